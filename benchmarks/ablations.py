@@ -13,13 +13,20 @@ def ablations(truth: Truth) -> Ways:
     shadowed, clean = maps.background, maps.clean
     assert shadowed is not None
     assert clean is not None
-    dull, flat = replace(scene.render, relight=False), replace(scene.render, shadows=False)
+    dull, flat = (
+        replace(scene.render, relight=False),
+        replace(scene.render, shadows=False),
+    )
     own = ways(truth)
     return {
         "ours": own["ours"],
         "ours, true maps": own["ours, true maps"],
-        "ours, true maps, no relighting": lambda: ours(truth, replace(scene, render=dull), maps),
-        "ours, true maps, no shadows": lambda: ours(truth, replace(scene, render=flat), maps),
+        "ours, true maps, no relighting": lambda: ours(
+            truth, replace(scene, render=dull), maps
+        ),
+        "ours, true maps, no shadows": lambda: ours(
+            truth, replace(scene, render=flat), maps
+        ),
         "paper": lambda: paper(truth, shadowed, None),
         "paper, relit": own["paper, relit"],
         "paper, relit, no old shadows": lambda: paper(truth, clean, true_light(truth)),

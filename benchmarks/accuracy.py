@@ -102,7 +102,11 @@ def frames(rows: Any) -> list[Row]:
     ahead = fidelity.ahead(fidelity.means(rows))
     assert ahead is not None
     scenes = {row["scene"] for row in rows if row["half"] == "test"}
-    state = "met" if ahead.reached else f"missed: {fidelity.BAR:g} dB on shadows were asked for"
+    state = (
+        "met"
+        if ahead.reached
+        else f"missed: {fidelity.BAR:g} dB on shadows were asked for"
+    )
     found = (
         f"{ahead} nearer to path-traced frames than the paper's way, relit, on "
         f"{len(scenes)} scenes held out (our own bar is {state})"
@@ -123,7 +127,10 @@ def segmentation(rows: Any) -> list[Row]:
     told = []
     for key, words in names.items():
         if key in every:
-            row, photos = every[key], sum(one["set"] == key and bool(one["photo"]) for one in rows)
+            row, photos = (
+                every[key],
+                sum(one["set"] == key and bool(one["photo"]) for one in rows),
+            )
             figures = f"{row['precision']:.2f}, {row['recall']:.2f}"
             told.append(f"{words} ({photos}, {row['true']} objects): {figures}")
     said = "0.93, 0.82 (10 photos, 118 objects)"
@@ -136,17 +143,28 @@ def properties(rows: Any) -> list[Row]:
     asked = ("Mass", "Order of friction", "Order of elasticity")
     command = "`python benchmarks/properties.py`"
     found = [sentence.split(" The paper: ") for sentence in told]
-    found[0][0] += " Label and size are given; the material table was written with these objects known."
+    found[0][0] += (
+        " Label and size are given; the material table was written with these objects known."
+    )
     return [
-        (what, here.removeprefix("Friction: ").removeprefix("Elasticity: "), there.rstrip("."), command)
+        (
+            what,
+            here.removeprefix("Friction: ").removeprefix("Elasticity: "),
+            there.rstrip("."),
+            command,
+        )
         for what, (here, there) in zip(asked, found, strict=True)
     ]
 
 
 def controllability(rows: Any) -> list[Row]:
     found = [row["found"] for row in rows]
-    rising, steps = (sum(one["meeting_nobody"][key] for one in found) for key in ("rising", "steps"))
-    same, pushes = (sum(one["sideways"][key] for one in found) for key in ("same", "of"))
+    rising, steps = (
+        sum(one["meeting_nobody"][key] for one in found) for key in ("rising", "steps")
+    )
+    same, pushes = (
+        sum(one["sideways"][key] for one in found) for key in ("same", "of")
+    )
     told = (
         f"in {len(found)} scenes a harder push takes an object farther in {rising} of {steps} steps where it meets no "
         f"other, and to the side it is pushed to in {same} of {pushes}"
@@ -157,19 +175,28 @@ def controllability(rows: Any) -> list[Row]:
 
 def runtime(rows: Any) -> list[Row]:
     here, there = tenths(rows[0]["sentences"][0]).split(" The paper: ")
-    return [("Runtime, photo to video", here, there, "`python benchmarks/run.py runtime`")]
+    return [
+        ("Runtime, photo to video", here, there, "`python benchmarks/run.py runtime`")
+    ]
 
 
 def fid(rows: Any) -> list[Row]:
     sets = {row["method"]: row for row in rows if "image_fid" in row}
-    drawn = [row for name, row in sets.items() if name.startswith("random ") and name.endswith(", impulse")]
+    drawn = [
+        row
+        for name, row in sets.items()
+        if name.startswith("random ") and name.endswith(", impulse")
+    ]
     drawn = [row for row in drawn if row["method"].split(",")[0].split()[-1].isdigit()]
 
     def told(name: str) -> str:
         row = sets[f"{name}, impulse"]
         return f"{row['image_fid']:.3f} and {row['motion_fid']:.2f}"
 
-    low, high = ((f(r["image_fid"] for r in drawn), f(r["motion_fid"] for r in drawn)) for f in (min, max))
+    low, high = (
+        (f(r["image_fid"] for r in drawn), f(r["motion_fid"] for r in drawn))
+        for f in (min, max)
+    )
     found = (
         f"Image-FID and Motion-FID by an extractor of our own, on one scene: {told('estimated')} as estimated; "
         f"{low[0]:.3f} to {high[0]:.3f} and {low[1]:.2f} to {high[1]:.2f} with random physics: **nearer, so "
@@ -185,7 +212,9 @@ def plausibility(rows: Any) -> list[Row]:
     said = [row for row in rows if "fault" in row]
 
     def told(tracker: str, source: str) -> str:
-        mine = [row for row in said if (row["tracker"], row["source"]) == (tracker, source)]
+        mine = [
+            row for row in said if (row["tracker"], row["source"]) == (tracker, source)
+        ]
         share, reach = balanced(mine), interval(mine)
         assert share is not None
         assert reach is not None
@@ -220,15 +249,41 @@ def headline(rows: Any) -> list[str]:
     """Photos from elsewhere, all the way to a video."""
     body = []
     for row in rows:
-        masks = f"{row['met']} of {row['true']}, IoU {row['iou']:.2f}" if row.get("true") else "-"
+        masks = (
+            f"{row['met']} of {row['true']}, IoU {row['iou']:.2f}"
+            if row.get("true")
+            else "-"
+        )
         still = f"{row['standing']} of {row['loose']}" if "standing" in row else "-"
-        body.append([row["photo"], row.get("objects", 0), masks, still, SEEN.get(row["photo"], "")])
-    return table(["photo", "objects", "true masks found", "at rest", "seen by eye, one object pushed"], body)
+        body.append(
+            [
+                row["photo"],
+                row.get("objects", 0),
+                masks,
+                still,
+                SEEN.get(row["photo"], ""),
+            ]
+        )
+    return table(
+        [
+            "photo",
+            "objects",
+            "true masks found",
+            "at rest",
+            "seen by eye, one object pushed",
+        ],
+        body,
+    )
 
 
 def page() -> str:
     """docs/accuracy.md."""
-    rows = [row for name, told in SUMMED.items() if (found := result(name)) for row in told(found)]
+    rows = [
+        row
+        for name, told in SUMMED.items()
+        if (found := result(name))
+        for row in told(found)
+    ]
     return "\n".join(
         [
             HEAD,

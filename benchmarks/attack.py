@@ -63,7 +63,16 @@ LONGEST = 2_000
 MESSAGE = re.compile(r"^(?P<place>[^\n]*?): (?P<what>.+); (?P<fix>.+)$")
 NOT_MESSAGES = re.compile(r"was there already and differed; kept as|^interrupted$")
 NOISE = re.compile(r"Traceback|Warning:|Segmentation|^\s+File \"")
-FRAMES = ("--set", "world.duration=0.1", "--set", "render.fps=10", "--report", "none", "--jobs", "1")
+FRAMES = (
+    "--set",
+    "world.duration=0.1",
+    "--set",
+    "render.fps=10",
+    "--report",
+    "none",
+    "--jobs",
+    "1",
+)
 """What makes a render of any scene short."""
 
 
@@ -80,7 +89,9 @@ class Result:
     err: str
 
 
-def run(folder: Path, *arguments: str, prepare: Callable[[], None] | None = None) -> Result:
+def run(
+    folder: Path, *arguments: str, prepare: Callable[[], None] | None = None
+) -> Result:
     """A command in a child of this process, in `folder`."""
     streams = [tempfile.TemporaryFile() for _ in range(2)]  # noqa: SIM115
     pid = os.fork()
@@ -139,7 +150,11 @@ def judge(result: Result, base: int, codes: tuple[int, ...] = (0, 2)) -> list[st
     for line in lines:
         if len(line) > LONGEST:
             faults.append("too long a message")
-        elif result.code == 2 and not MESSAGE.match(line) and not NOT_MESSAGES.search(line):
+        elif (
+            result.code == 2
+            and not MESSAGE.match(line)
+            and not NOT_MESSAGES.search(line)
+        ):
             faults.append("a message without place and remedy")
         elif str(ROOT) in line or tempfile.gettempdir() in line:
             faults.append("a path that the user did not write")
@@ -151,7 +166,19 @@ def judge(result: Result, base: int, codes: tuple[int, ...] = (0, 2)) -> list[st
 NUMBERS = (0, -1, 1, 0.5, 1e9, -1e9, 1e-12, 1e300, 3.14, 2**31, 2**63, 10**30, 170, 90)
 TEXTS = ("", "x", "auto", "none", "true", "../..", "/etc/passwd", "a/b", "é", "𝛑", "\ud800", "%s", "{}", "a" * 3000,
          "\0", "\u202e")  # fmt: skip
-ARGUMENTS = (*TEXTS[:10], "a" * 300, "é\udcff", "-x", "x\ny", "scene.yaml", "0", "-1", "1e9", "nan", "9" * 21)
+ARGUMENTS = (
+    *TEXTS[:10],
+    "a" * 300,
+    "é\udcff",
+    "-x",
+    "x\ny",
+    "scene.yaml",
+    "0",
+    "-1",
+    "1e9",
+    "nan",
+    "9" * 21,
+)
 """Names and numbers of the command line, which holds no zero byte."""
 KEYS = ("objects", "ball", "block", "forces", "world", "gravity", "velocity", "variants", "shape", "*", "a.b", "mass",
         "0")  # fmt: skip
@@ -185,7 +212,11 @@ RAW = ("&a", "*a", "!!python/name:os.system", "? ", "- ", "{", "}", "[", "]", ":
 def seed_of(chance: random.Random) -> Path:
     """A scene that is right, bundled or of the physics scorecard, or one of the wrong ones of the tests."""
     right = chance.choice(("scenes/*/scene.yaml", "scenes/physics/*.yaml"))
-    return chance.choice(sorted(ROOT.glob("tests/refused/cases/*.yaml" if chance.random() < 0.2 else right)))
+    return chance.choice(
+        sorted(
+            ROOT.glob("tests/refused/cases/*.yaml" if chance.random() < 0.2 else right)
+        )
+    )
 
 
 def value(chance: random.Random, depth: int = 0) -> object:
@@ -201,7 +232,9 @@ def value(chance: random.Random, depth: int = 0) -> object:
     if kind == 6:
         return [value(chance, depth + 1) for _ in range(chance.randrange(5))]
     return {
-        chance.choice((*TEXTS[:8], "center", "radius", "mask", "mass")): value(chance, depth + 1)
+        chance.choice((*TEXTS[:8], "center", "radius", "mask", "mass")): value(
+            chance, depth + 1
+        )
         for _ in range(3)
     }
 
@@ -213,7 +246,13 @@ def quantity(chance: random.Random) -> str:
 
 def places(node: object, path: tuple = ()) -> Iterator[tuple]:
     """Paths of all values below a node."""
-    below = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    below = (
+        node.items()
+        if isinstance(node, dict)
+        else enumerate(node)
+        if isinstance(node, list)
+        else ()
+    )
     for key, child in below:
         yield (*path, key)
         yield from places(child, (*path, key))
@@ -241,7 +280,9 @@ def mutate_tree(data: dict, chance: random.Random) -> str:
         elif what == 2 and isinstance(old, list) and old:
             holder[path[-1]] = old * chance.choice((0, 2, 50, 2000))
         elif what == 3 and isinstance(old, dict):
-            old.update({f"n{k}": value(chance) for k in range(chance.choice((1, 3, 300)))})
+            old.update(
+                {f"n{k}": value(chance) for k in range(chance.choice((1, 3, 300)))}
+            )
         elif what == 4:
             other = data
             for key in chance.choice(paths):
@@ -250,14 +291,22 @@ def mutate_tree(data: dict, chance: random.Random) -> str:
         elif what == 5 and isinstance(holder, dict):
             holder[chance.choice(TEXTS[:10]) or str(path[-1]).upper()] = old
         elif what == 6 and isinstance(old, str):
-            holder[path[-1]] = chance.choice((old[::-1], old + "x", old * 400, old[:1], chance.choice(TEXTS)))
+            holder[path[-1]] = chance.choice(
+                (old[::-1], old + "x", old * 400, old[:1], chance.choice(TEXTS))
+            )
         elif what == 7 and isinstance(old, int | float):
-            holder[path[-1]] = f"{old} {chance.choice(UNITS)}" if chance.random() < 0.7 else quantity(chance)
+            holder[path[-1]] = (
+                f"{old} {chance.choice(UNITS)}"
+                if chance.random() < 0.7
+                else quantity(chance)
+            )
         else:
             holder[path[-1]] = value(chance)
         if not data:
             break
-    return yaml.dump(json.loads(json.dumps(data, default=str)), allow_unicode=True, sort_keys=False)
+    return yaml.dump(
+        json.loads(json.dumps(data, default=str)), allow_unicode=True, sort_keys=False
+    )
 
 
 def mutate_text(text: str, chance: random.Random) -> bytes:
@@ -268,18 +317,29 @@ def mutate_text(text: str, chance: random.Random) -> bytes:
         if what == 0:
             lines.insert(chance.randrange(len(lines)), lines[at])
         elif what == 1:
-            lines[at] = lines[at].replace("  ", chance.choice((" ", "   ", "\t", "")), 1)
+            lines[at] = lines[at].replace(
+                "  ", chance.choice((" ", "   ", "\t", "")), 1
+            )
         elif what == 2 and len(lines) > 2:
             del lines[at]
         else:
             cut = chance.randrange(len(lines[at]) + 1)
             insert = chance.choice(
-                (*RAW, *TEXTS, str(chance.choice(NUMBERS)), chance.choice(string.printable))
+                (
+                    *RAW,
+                    *TEXTS,
+                    str(chance.choice(NUMBERS)),
+                    chance.choice(string.printable),
+                )
             )
-            lines[at] = lines[at][:cut] + insert + lines[at][cut + chance.randrange(2) :]
+            lines[at] = (
+                lines[at][:cut] + insert + lines[at][cut + chance.randrange(2) :]
+            )
     whole = "".join(lines)
     if chance.random() < 0.03:
-        return whole.encode(chance.choice(("utf-16", "latin-1", "utf-32", "cp1252")), "replace")
+        return whole.encode(
+            chance.choice(("utf-16", "latin-1", "utf-32", "cp1252")), "replace"
+        )
     data = whole.encode("utf-8", "surrogatepass")
     if chance.random() < 0.05:
         data = data[: chance.randrange(len(data))]
@@ -290,7 +350,12 @@ def scenes(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     """One mutated scene, checked, simulated for a tenth of a second and now and then rendered."""
     seed = seed_of(chance)
     if seed.name == "scene.yaml":
-        shutil.copytree(seed.parent, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.md"))
+        shutil.copytree(
+            seed.parent,
+            folder,
+            dirs_exist_ok=True,
+            ignore=shutil.ignore_patterns("*.md"),
+        )
     text = seed.read_text(encoding="utf-8")
     data = None
     if chance.random() < 0.6:
@@ -343,10 +408,20 @@ def perceived() -> Path:
     home = tempfile.TemporaryDirectory(prefix="attack-")
     atexit.register(home.cleanup)
     for name in ("photo.png", "photo.assets/masks.png"):
-        picture = cv2.imread(str(ROOT / "scenes" / "kitchen" / name), cv2.IMREAD_UNCHANGED)
+        picture = cv2.imread(
+            str(ROOT / "scenes" / "kitchen" / name), cv2.IMREAD_UNCHANGED
+        )
         small = cv2.resize(picture, (160, 160), interpolation=cv2.INTER_NEAREST)
         cv2.imwrite(str(Path(home.name) / Path(name).name), small)
-    made = run(Path(home.name), "perceive", "photo.png", "--masks", "masks.png", "-o", "scene.yaml")
+    made = run(
+        Path(home.name),
+        "perceive",
+        "photo.png",
+        "--masks",
+        "masks.png",
+        "-o",
+        "scene.yaml",
+    )
     assert made.code == 0, made.err
     return Path(home.name)
 
@@ -354,25 +429,37 @@ def perceived() -> Path:
 def assets(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     """A perceived scene whose outlines, record or label map are odd or damaged: edited, pushed, perceived again."""
     shutil.copytree(perceived(), folder, dirs_exist_ok=True)
-    target = folder / "scene.assets" / chance.choice(("perceived.json", "outlines.json", "masks.png"))
+    target = (
+        folder
+        / "scene.assets"
+        / chance.choice(("perceived.json", "outlines.json", "masks.png"))
+    )
     data, what = target.read_bytes(), chance.randrange(8)
     if what == 0:
         target.unlink()
-        chance.choice((target.mkdir, lambda: os.mkfifo(target), lambda: target.symlink_to(target)))()
+        chance.choice(
+            (target.mkdir, lambda: os.mkfifo(target), lambda: target.symlink_to(target))
+        )()
     elif what < 3:
         target.write_bytes(damaged(data, chance))
     elif target.suffix == ".json" and what < 5:
         target.write_bytes(mutate_text(data.decode().replace(", ", ",\n"), chance))
     elif target.suffix == ".json":
         tree = json.loads(data)
-        target.write_text(json.dumps(yaml.safe_load(mutate_tree(tree, chance))), "utf-8", "surrogatepass")
+        target.write_text(
+            json.dumps(yaml.safe_load(mutate_tree(tree, chance))),
+            "utf-8",
+            "surrogatepass",
+        )
     elif what < 5:
         target.write_bytes(odd_picture(chance))
     else:
         labels = cv2.imread(str(target), cv2.IMREAD_UNCHANGED)
         old, new = chance.randrange(8), chance.choice((0, 1, 2, 300, 65535))
         labels[labels == old] = new
-        labels[chance.randrange(160) :, chance.randrange(160) :] = chance.choice((0, 1, 9, 65535))
+        labels[chance.randrange(160) :, chance.randrange(160) :] = chance.choice(
+            (0, 1, 9, 65535)
+        )
         cv2.imwrite(str(target), labels.astype(np.uint16))
     names = list(yaml.safe_load((folder / "scene.yaml").read_text())["objects"])
     yield chance.choice((
@@ -392,7 +479,9 @@ def damaged(data: bytes, chance: random.Random) -> bytes:
         return chance.randbytes(chance.choice((0, 1, 100, 10_000)))
     changed = bytearray(data)
     for _ in range(chance.choice((1, 10, 300))):
-        changed[chance.randrange(chance.choice((40, len(changed))))] = chance.randrange(256)
+        changed[chance.randrange(chance.choice((40, len(changed))))] = chance.randrange(
+            256
+        )
     return bytes(changed) if what < 5 else bytes(changed) + data
 
 
@@ -411,7 +500,9 @@ def pictures(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     """One picture of a scene damaged, or exchanged for another."""
     seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml"))).parent
     shutil.copytree(seed, folder, dirs_exist_ok=True)
-    files = sorted(path for path in folder.rglob("*") if path.suffix in (".png", ".jpg", ".webp"))
+    files = sorted(
+        path for path in folder.rglob("*") if path.suffix in (".png", ".jpg", ".webp")
+    )
     if not files:
         return
     target = chance.choice(files)
@@ -429,7 +520,9 @@ def pictures(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
 def photos(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     """One odd or damaged picture, perceived."""
     seed = chance.choice(sorted(ROOT.glob("scenes/*/photo.png")))
-    small = cv2.imencode(".png", cv2.resize(cv2.imread(str(seed)), (160, 120)))[1].tobytes()
+    small = cv2.imencode(".png", cv2.resize(cv2.imread(str(seed)), (160, 120)))[
+        1
+    ].tobytes()
     data = odd_picture(chance) if chance.random() < 0.4 else damaged(small, chance)
     (folder / "photo.png").write_bytes(data)
     yield ("perceive", "photo.png", "-o", "made.yaml")
@@ -442,9 +535,20 @@ def arguments(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     """Odd names of files and values of flags."""
     seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml"))).parent
     shutil.copytree(seed, folder, dirs_exist_ok=True)
-    odd = (*ARGUMENTS, " ", ".", "..", "/dev/null", "/proc/self/mem", "nowhere/at/all", "photo.png")
+    odd = (
+        *ARGUMENTS,
+        " ",
+        ".",
+        "..",
+        "/dev/null",
+        "/proc/self/mem",
+        "nowhere/at/all",
+        "photo.png",
+    )
     name = chance.choice(odd)
-    number = chance.choice(("0", "-1", "1e9", "nan", "inf", "", "x", "999999999999999999999"))
+    number = chance.choice(
+        ("0", "-1", "1e9", "nan", "inf", "", "x", "999999999999999999999")
+    )
     with (seed / "scene.yaml").open() as stream:
         objects = list(yaml.safe_load(stream)["objects"])
     flags = (("--box", f"{name},1,9,9"), ("--point", chance.choice(POINTS)), ("--side", number), ("--label", name),
@@ -469,7 +573,14 @@ def arguments(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     if chance.random() < 0.1:
         small = cv2.resize(cv2.imread(str(seed / "photo.png")), (160, 120))
         cv2.imwrite(str(folder / "photo.png"), small)
-        yield ("perceive", "photo.png", *chance.choice(flags), "--still", "-o", "made.yaml")
+        yield (
+            "perceive",
+            "photo.png",
+            *chance.choice(flags),
+            "--still",
+            "-o",
+            "made.yaml",
+        )
     else:
         yield chance.choice(lines)
 
@@ -486,7 +597,9 @@ def full_disk(chance: random.Random) -> Callable[[], None]:
     room = chance.choice((3000, 20_000, 100_000))  # the message goes to a file, too
 
     def prepare() -> None:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a write beyond the room fails, as on a full disk
+        signal.signal(
+            signal.SIGXFSZ, signal.SIG_IGN
+        )  # a write beyond the room fails, as on a full disk
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
 
     return prepare
@@ -525,7 +638,11 @@ def interrupted(folder: Path, chance: random.Random) -> list[str]:
     time.sleep(chance.uniform(0, 2.5))
     process.send_signal(sent)
     _, err = process.communicate(timeout=HANG)
-    faults = ["traceback or a library's warning"] if NOISE.search(err) and process.returncode != 1 else []
+    faults = (
+        ["traceback or a library's warning"]
+        if NOISE.search(err) and process.returncode != 1
+        else []
+    )
     if sent != signal.SIGKILL:
         faults += [f"left over after {sent.name}: {name}" for name in leftovers(folder)]
     faults += [f"left over after {sent.name}: {path}" for path in temporary.iterdir()]
@@ -535,7 +652,10 @@ def interrupted(folder: Path, chance: random.Random) -> list[str]:
         if again.returncode == 0
         else [f"exit code {again.returncode} after {sent.name}: {again.stderr[-300:]}"]
     )
-    faults += [f"left over after the run that followed {sent.name}: {name}" for name in leftovers(folder)]
+    faults += [
+        f"left over after the run that followed {sent.name}: {name}"
+        for name in leftovers(folder)
+    ]
     return faults
 
 
@@ -543,7 +663,10 @@ def concurrent(folder: Path, chance: random.Random) -> list[str]:
     """Two runs of the same scene into the same folder."""
     command = render_command(folder / "clips")
     both = [
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
     ]
     said = [process.communicate(timeout=HANG) for process in both]
     faults = [
@@ -560,41 +683,73 @@ def editor(folder: Path, chance: random.Random) -> list[str]:
     """Requests made from the editor's own OpenAPI: each is answered in time, and none with an error of the server."""
     seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml")))
     shutil.copytree(seed.parent, folder, dirs_exist_ok=True)
-    command = [sys.executable, "-m", "physgen", "edit", str(folder / "scene.yaml"), "--no-browser", "--json"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [
+        sys.executable,
+        "-m",
+        "physgen",
+        "edit",
+        str(folder / "scene.yaml"),
+        "--no-browser",
+        "--json",
+    ]
+    server = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     faults = []
     try:
         address = json.loads(server.stdout.readline())["address"]
-        client = httpx.Client(base_url=address.split("?")[0].split("#")[0], timeout=SECONDS)
+        client = httpx.Client(
+            base_url=address.split("?")[0].split("#")[0], timeout=SECONDS
+        )
         token = re.search(r"token=([\w-]+)", address)
         client.headers["X-Physgen-Token"] = token[1] if token else ""
         interface = client.get("/api/openapi.json").json()
-        paths, parts = interface["paths"], interface.get("components", {}).get("schemas", {})
+        paths, parts = (
+            interface["paths"],
+            interface.get("components", {}).get("schemas", {}),
+        )
         for _ in range(REQUESTS):
             path = chance.choice(sorted(paths))
             method = chance.choice(sorted(paths[path]))
             wanted = paths[path][method]
             names = {
-                item["name"]: str(filled(item["schema"], parts, chance)).encode("utf-8", "replace")
+                item["name"]: str(filled(item["schema"], parts, chance)).encode(
+                    "utf-8", "replace"
+                )
                 for item in wanted.get("parameters", ())
                 if item["in"] == "query"
             }
             address = re.sub(
-                r"{\w+}", lambda _: quote(chance.choice(("0", "x", "..", "é", "a" * 300)), safe=""), path
+                r"{\w+}",
+                lambda _: quote(
+                    chance.choice(("0", "x", "..", "é", "a" * 300)), safe=""
+                ),
+                path,
             )
-            body = wanted.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema")
-            sent = json.dumps(filled(body, parts, chance) if body else value(chance)).encode(
-                "utf-8", "surrogatepass"
+            body = (
+                wanted.get("requestBody", {})
+                .get("content", {})
+                .get("application/json", {})
+                .get("schema")
             )
+            sent = json.dumps(
+                filled(body, parts, chance) if body else value(chance)
+            ).encode("utf-8", "surrogatepass")
             try:
                 answer = client.request(
-                    method, address, params=names, content=sent, headers={"Content-Type": "application/json"}
+                    method,
+                    address,
+                    params=names,
+                    content=sent,
+                    headers={"Content-Type": "application/json"},
                 )
             except httpx.HTTPError as error:
                 faults.append(f"{type(error).__name__} for {method} {path}")
                 continue
             if answer.status_code >= 500:
-                faults.append(f"{answer.status_code} for {method} {path}: {sent[:300]!r}")
+                faults.append(
+                    f"{answer.status_code} for {method} {path}: {sent[:300]!r}"
+                )
     finally:
         server.send_signal(signal.SIGINT)
         try:
@@ -623,10 +778,15 @@ def filled(schema: dict, parts: dict, chance: random.Random, depth: int = 0) -> 
     if kind == "object":
         keys = schema.get("properties", {})
         return {
-            key: filled(part, parts, chance, depth + 1) for key, part in keys.items() if chance.random() < 0.9
+            key: filled(part, parts, chance, depth + 1)
+            for key, part in keys.items()
+            if chance.random() < 0.9
         }
     if kind == "array":
-        return [filled(schema.get("items", {}), parts, chance, depth + 1) for _ in range(chance.randrange(4))]
+        return [
+            filled(schema.get("items", {}), parts, chance, depth + 1)
+            for _ in range(chance.randrange(4))
+        ]
     if kind == "integer":
         return chance.choice((0, 0, 1, 2, -1, 2**40))
     if kind == "number":
@@ -635,7 +795,11 @@ def filled(schema: dict, parts: dict, chance: random.Random, depth: int = 0) -> 
         return chance.random() < 0.5
     if kind == "null":
         return None
-    return chance.choice((*TEXTS, *KEYS)) if kind == "string" else chance.choice((*KEYS, value(chance)))
+    return (
+        chance.choice((*TEXTS, *KEYS))
+        if kind == "string"
+        else chance.choice((*KEYS, value(chance)))
+    )
 
 
 # The campaign
@@ -664,24 +828,37 @@ def attack(
         return RUNS[kind](folder, chance), [], []
     faults, shown, results = [], [], []
     for command in COMMANDS[kind](folder, chance):
-        before = {path: file_stamp(path) for path in folder.rglob("*") if path.is_file()}
+        before = {
+            path: file_stamp(path) for path in folder.rglob("*") if path.is_file()
+        }
         prepare = full_disk(chance) if kind == "disks" else None
         results.append(result := run(folder, *command, prepare=prepare))
         found = judge(result, base, (0, 1, 2) if kind == "disks" else (0, 2))
-        found += [f"left over: {re.sub(r'[0-9a-f]{6,}|[0-9]+', 'N', name)}" for name in leftovers(folder)]
+        found += [
+            f"left over: {re.sub(r'[0-9a-f]{6,}|[0-9]+', 'N', name)}"
+            for name in leftovers(folder)
+        ]
         after = {path: file_stamp(path) for path in folder.rglob("*") if path.is_file()}
         if result.code == 2 and before != after:
             found.append("refused, and wrote a file")
         if found:
             faults += found
             shown.append(command)
-            (folder / "stderr.txt").write_text(result.err, encoding="utf-8", errors="backslashreplace")
+            (folder / "stderr.txt").write_text(
+                result.err, encoding="utf-8", errors="backslashreplace"
+            )
         if result.code != 0:
             break
     return list(dict.fromkeys(faults)), shown, results
 
 
-def minimal(folder: Path, command: tuple[str, ...], faults: list[str], base: int, tries: int = 60) -> None:
+def minimal(
+    folder: Path,
+    command: tuple[str, ...],
+    faults: list[str],
+    base: int,
+    tries: int = 60,
+) -> None:
     """Takes lines out of a scene while the same command shows the same fault, for a minute at most."""
     scene, end = folder / "scene.yaml", time.monotonic() + 60
     if not scene.is_file():
@@ -705,7 +882,9 @@ def minimal(folder: Path, command: tuple[str, ...], faults: list[str], base: int
     scene.write_bytes(b"".join(lines))
 
 
-def campaign(minutes: float, seed: int, kinds: list[str], numbers: range | None, out: Path) -> list[dict]:
+def campaign(
+    minutes: float, seed: int, kinds: list[str], numbers: range | None, out: Path
+) -> list[dict]:
     """Attacks until the time is over, or those of `numbers`; a row of what was found for each kind."""
     end = time.monotonic() + 60 * minutes
     base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
@@ -718,7 +897,9 @@ def campaign(minutes: float, seed: int, kinds: list[str], numbers: range | None,
         chance = random.Random(f"{seed} {number}")
         (kind,) = chance.choices(kinds, [SHARE[kind] for kind in kinds])
         with tempfile.TemporaryDirectory(prefix="attack-") as name:
-            folder = Path(name) / "a" / "b" / "home"  # so deep that ../.. does not lead out
+            folder = (
+                Path(name) / "a" / "b" / "home"
+            )  # so deep that ../.. does not lead out
             folder.mkdir(parents=True)
             begun = time.monotonic()
             found, shown, results = attack(kind, folder, chance, base)
@@ -732,7 +913,10 @@ def campaign(minutes: float, seed: int, kinds: list[str], numbers: range | None,
             most = {
                 "slowest": max((r.seconds for r in results), default=0),
                 "peak_mib": max((r.memory for r in results), default=0) >> 20,
-                "refused_mib": max((r.memory for r in results if r.code == 2), default=0) >> 20,
+                "refused_mib": max(
+                    (r.memory for r in results if r.code == 2), default=0
+                )
+                >> 20,
             }
             row = {"seed": seed, "kind": kind, **dict.fromkeys((*added, *most), 0)}
             rows[kind] = joined(rows.get(kind, row), {**added, **most})
@@ -742,11 +926,23 @@ def campaign(minutes: float, seed: int, kinds: list[str], numbers: range | None,
                 if shown:
                     minimal(folder, shown[-1], found, base)
                 kept = out / f"{kind}-{number}"
-                shutil.copytree(folder, kept, dirs_exist_ok=True, symlinks=True, ignore=_no_pipes)
-                (kept / "attack.json").write_text(
-                    json.dumps({"seed": seed, "number": number, "faults": found, "commands": shown}, indent=1)
+                shutil.copytree(
+                    folder, kept, dirs_exist_ok=True, symlinks=True, ignore=_no_pipes
                 )
-                print(f"{kind} {number}: {', '.join(found)}", file=sys.stderr, flush=True)
+                (kept / "attack.json").write_text(
+                    json.dumps(
+                        {
+                            "seed": seed,
+                            "number": number,
+                            "faults": found,
+                            "commands": shown,
+                        },
+                        indent=1,
+                    )
+                )
+                print(
+                    f"{kind} {number}: {', '.join(found)}", file=sys.stderr, flush=True
+                )
     return list(rows.values())
 
 
@@ -756,8 +952,14 @@ def _no_pipes(folder: str, names: list[str]) -> list[str]:
 
 def joined(old: dict, new: dict) -> dict:
     """Two rows of a kind as one: counts and wall seconds added, the slowest and the largest kept."""
-    added = {key: round(old[key] + new[key], 1) for key in ("inputs", "refused", "faulty", "wall")}
-    most = {key: round(max(old[key], new[key]), 1) for key in ("slowest", "peak_mib", "refused_mib")}
+    added = {
+        key: round(old[key] + new[key], 1)
+        for key in ("inputs", "refused", "faulty", "wall")
+    }
+    most = {
+        key: round(max(old[key], new[key]), 1)
+        for key in ("slowest", "peak_mib", "refused_mib")
+    }
     return {**old, **added, **most}
 
 
@@ -775,7 +977,10 @@ def keep(rows: list[dict]) -> None:
     """Adds rows to those of benchmarks/results/attack.json."""
     file = ROOT / "benchmarks" / "results" / "attack.json"
     known = (
-        {(row["seed"], row["kind"]): row for row in json.loads(file.read_text())["rows"]}
+        {
+            (row["seed"], row["kind"]): row
+            for row in json.loads(file.read_text())["rows"]
+        }
         if file.exists()
         else {}
     )
@@ -783,7 +988,9 @@ def keep(rows: list[dict]) -> None:
         key = row["seed"], row["kind"]
         known[key] = joined(known[key], row) if key in known else row
     machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
-    file.write_text(json.dumps({"machine": machine, "rows": list(known.values())}, indent=1) + "\n")
+    file.write_text(
+        json.dumps({"machine": machine, "rows": list(known.values())}, indent=1) + "\n"
+    )
 
 
 def main() -> int:
@@ -794,19 +1001,33 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="*", choices=list(SHARE), default=list(SHARE))
     parser.add_argument("--count", type=int, help="inputs, instead of minutes")
-    parser.add_argument("--first", type=int, default=0, help="number of the first input, with --count")
     parser.add_argument(
-        "--keep", action="store_true", help="add the counts to benchmarks/results/attack.json"
+        "--first", type=int, default=0, help="number of the first input, with --count"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, default=ROOT / "out/attack", help="folder of what failed"
+        "--keep",
+        action="store_true",
+        help="add the counts to benchmarks/results/attack.json",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=ROOT / "out/attack",
+        help="folder of what failed",
     )
     options = parser.parse_args()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # folders under way are removed
+    signal.signal(
+        signal.SIGTERM, lambda *_: sys.exit(143)
+    )  # folders under way are removed
     cv2.setNumThreads(1)
     assert pipeline
-    numbers = range(options.first, options.first + options.count) if options.count else None
-    rows = campaign(options.minutes, options.seed, options.only, numbers, options.output)
+    numbers = (
+        range(options.first, options.first + options.count) if options.count else None
+    )
+    rows = campaign(
+        options.minutes, options.seed, options.only, numbers, options.output
+    )
     if options.keep:
         keep(rows)
     print(json.dumps(rows, indent=1))

@@ -64,9 +64,15 @@ def timed(command: list[str], home: Path) -> tuple[float, float]:
     """Wall and CPU seconds of a command and all its processes."""
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run(
-        command, check=True, stdout=subprocess.DEVNULL, env={**os.environ, "XDG_CACHE_HOME": str(home)}
+        command,
+        check=True,
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, "XDG_CACHE_HOME": str(home)},
     )
-    wall, after = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+    wall, after = (
+        time.perf_counter() - begun,
+        resource.getrusage(resource.RUSAGE_CHILDREN),
+    )
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
@@ -95,16 +101,29 @@ def throughput(clips: int = CLIPS) -> list[dict]:
                     *sets(*SMALL),
                 ]
                 taken[jobs].append(
-                    timed(physgen("render", str(scene), "-o", str(out), *flags), folder / "cache")
+                    timed(
+                        physgen("render", str(scene), "-o", str(out), *flags),
+                        folder / "cache",
+                    )
                 )
                 shutil.rmtree(out)
     made = TURNS * (share + 1)
     rows = []
     for jobs, turns in taken.items():
         wall, cpu = sum(w for w, _ in turns), sum(c for _, c in turns)
-        rows.append({"jobs": jobs, "clips": made, "rate": round(made / wall, 3), "cpu": round(cpu / made, 4)})
+        rows.append(
+            {
+                "jobs": jobs,
+                "clips": made,
+                "rate": round(made / wall, 3),
+                "cpu": round(cpu / made, 4),
+            }
+        )
     one, two = rows
-    rates = [round(alone / both, 2) for (alone, _), (both, _) in zip(taken[1], taken[2], strict=True)]
+    rates = [
+        round(alone / both, 2)
+        for (alone, _), (both, _) in zip(taken[1], taken[2], strict=True)
+    ]
     ratio, more = two["rate"] / one["rate"], two["cpu"] / one["cpu"]
     return [*rows, {"ratio": round(ratio, 3), "turns": rates, "more": round(more, 3)}]
 
@@ -134,7 +153,9 @@ def beside(clips: int = 60) -> dict:
         whole = (time.process_time() - begun) / clips
         stages: dict[str, float] = {}
         for job in jobs[1:]:
-            for stage, took in json.loads((job.folder / "timing.json").read_text())["stages"].items():
+            for stage, took in json.loads((job.folder / "timing.json").read_text())[
+                "stages"
+            ].items():
                 stages[stage] = stages.get(stage, 0.0) + took["cpu"] / clips
     return {
         "whole": round(1000 * whole, 2),
@@ -148,7 +169,15 @@ def again(clips: int = CLIPS) -> dict:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         scene = variants(folder, clips)
-        flags = ["--variant", "all", "--report", "none", "--jobs", "2", *sets(*SMALL[:1], "render.frames=2")]
+        flags = [
+            "--variant",
+            "all",
+            "--report",
+            "none",
+            "--jobs",
+            "2",
+            *sets(*SMALL[:1], "render.frames=2"),
+        ]
         command = physgen("render", str(scene), "-o", str(folder / "out"), *flags)
         timed(command, folder / "cache")
         walls = [timed(command, folder / "cache") for _ in range(3)]
@@ -175,8 +204,16 @@ def parent(counts: tuple[int, ...] = (100, 1000, 10000)) -> list[dict]:
                 f"objects.ball.mass=1:100:{count}",
             ]
             flags = ["-o", str(folder / "out"), "--report", "none", "--jobs", "2"]
-            done = subprocess.run([*command, *flags], check=True, capture_output=True, text=True, cwd=folder)
-            rows.append({"clips": count, "mib": round(int(done.stderr.split()[-1]) / 1024, 1)})
+            done = subprocess.run(
+                [*command, *flags],
+                check=True,
+                capture_output=True,
+                text=True,
+                cwd=folder,
+            )
+            rows.append(
+                {"clips": count, "mib": round(int(done.stderr.split()[-1]) / 1024, 1)}
+            )
     return rows
 
 
@@ -191,10 +228,21 @@ def sizes(clips: int = 8) -> list[dict]:
             return round(sum(path.stat().st_size for path in found) / clips)
 
         for report in ("none", "full"):
-            command = physgen("sweep", str(SCENE), *flags, "-o", str(folder / report), "--report", report)
+            command = physgen(
+                "sweep",
+                str(SCENE),
+                *flags,
+                "-o",
+                str(folder / report),
+                "--report",
+                report,
+            )
             timed(command, folder / "cache")
         lines = (folder / "none" / "sweep.csv").read_bytes().splitlines(keepends=True)
-        told = {name: mean("none", f"*/{name}") for name in ("video.mp4", "trajectory.npz", "manifest.json")}
+        told = {
+            name: mean("none", f"*/{name}")
+            for name in ("video.mp4", "trajectory.npz", "manifest.json")
+        }
         told |= {
             "a row of sweep.csv": round(sum(map(len, lines[1:])) / clips),
             "report.html": mean("full", "*/report.html"),
@@ -212,7 +260,15 @@ def stopped(times: int = 10) -> dict:
         scene = variants(folder, 50)
         for number in range(times):
             out = folder / str(number)
-            flags = ["--variant", "all", "--report", "none", "--jobs", "2", "--no-cache"]
+            flags = [
+                "--variant",
+                "all",
+                "--report",
+                "none",
+                "--jobs",
+                "2",
+                "--no-cache",
+            ]
             process = subprocess.Popen(
                 physgen("render", str(scene), "-o", str(out), *flags),
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
@@ -225,7 +281,11 @@ def stopped(times: int = 10) -> dict:
             assert process.wait() == 130
             took.append(time.perf_counter() - begun)
             assert not list(out.glob(".*.part"))
-    return {"times": times, "median": round(median(took), 2), "most": round(max(took), 2)}
+    return {
+        "times": times,
+        "median": round(median(took), 2),
+        "most": round(max(took), 2),
+    }
 
 
 def batch(folder: Path) -> list[dict]:
@@ -244,7 +304,9 @@ def kept(name: str) -> None:
     path = ROOT / "benchmarks" / "results" / "batch.json"
     result = json.loads(path.read_text()) if path.exists() else {"rows": []}
     machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
-    rows = [row for row in result["rows"] if name not in row] + [{name: globals()[name]()}]
+    rows = [row for row in result["rows"] if name not in row] + [
+        {name: globals()[name]()}
+    ]
     path.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
 
 

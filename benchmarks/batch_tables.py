@@ -15,7 +15,9 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
     found = {name: part for row in rows for name, part in row.items()}
     one, two, ratio = found["throughput"]
     beside, stopped = found["beside"], found["stopped"]
-    ways = [[row["jobs"], f"{row['rate']:.1f}", f"{row['cpu']:.2f}"] for row in (one, two)]
+    ways = [
+        [row["jobs"], f"{row['rate']:.1f}", f"{row['cpu']:.2f}"] for row in (one, two)
+    ]
     again, parent = [], []
     if "again" in found:  # parts that have not been run are left out
         again = prose(
@@ -25,7 +27,11 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
     if "parent" in found:
         parent = prose(
             "Peak memory of the process that hands out the work:",
-            ", ".join(f"{row['mib']:.0f} MiB for {row['clips']:,} clips" for row in found["parent"]) + ".",
+            ", ".join(
+                f"{row['mib']:.0f} MiB for {row['clips']:,} clips"
+                for row in found["parent"]
+            )
+            + ".",
         )
     return [
         *prose(

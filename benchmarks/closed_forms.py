@@ -22,17 +22,37 @@ from physgen.problems import InputError
 def main(arguments: list[str] | None = None) -> int:
     """The exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--rows", default="", help="some rows, e.g. 1,5,12; default: all")
-    parser.add_argument("--draws", type=int, default=DRAWS, help="seeded draws of a row's parameters")
-    parser.add_argument("--no-convergence", action="store_true", help="only at default settings")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="draws run at a time")
-    parser.add_argument("-o", "--output", type=Path, help="keep every scene file that is run in this folder")
+    parser.add_argument(
+        "--rows", default="", help="some rows, e.g. 1,5,12; default: all"
+    )
+    parser.add_argument(
+        "--draws", type=int, default=DRAWS, help="seeded draws of a row's parameters"
+    )
+    parser.add_argument(
+        "--no-convergence", action="store_true", help="only at default settings"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="draws run at a time"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        help="keep every scene file that is run in this folder",
+    )
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     steps = () if options.no_convergence else STEPS
     try:
-        rows = choose(ROWS, [int(number) for number in options.rows.split(",") if number])
-        return show(findings(evaluate(rows, options.draws, steps, options.jobs, options.output)), options)
+        rows = choose(
+            ROWS, [int(number) for number in options.rows.split(",") if number]
+        )
+        return show(
+            findings(
+                evaluate(rows, options.draws, steps, options.jobs, options.output)
+            ),
+            options,
+        )
     except InputError as error:
         parser.error(str(error))
 

@@ -74,7 +74,9 @@ class Course:
 def course_of(trajectory: Trajectory, name: str) -> Course:
     """Raises ValueError where the trajectory has no such object."""
     body = trajectory.names.index(name)
-    mine = new_touches(trajectory) & (trajectory.contacts.touch_pairs == body).any(axis=1)
+    mine = new_touches(trajectory) & (trajectory.contacts.touch_pairs == body).any(
+        axis=1
+    )
     first = float(trajectory.contacts.touch_times[mine, 0].min(initial=np.inf))
     free = int(np.searchsorted(trajectory.times, first, side="right"))
     return Course(trajectory.poses[:, body, :2], free)
@@ -147,7 +149,13 @@ class Swept:
     """(H, W, 3) sRGB."""
 
 
-def sweep(scene: Scene, name: str | None, angles: int, sizes: Sequence[float], progress: Progress) -> Swept:
+def sweep(
+    scene: Scene,
+    name: str | None,
+    angles: int,
+    sizes: Sequence[float],
+    progress: Progress,
+) -> Swept:
     """`sizes` are px/s, none: chosen by the scene. Raises InputError where no such object can be pushed."""
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
@@ -156,7 +164,9 @@ def sweep(scene: Scene, name: str | None, angles: int, sizes: Sequence[float], p
     body = world.bodies[index]
     sizes = list(sizes) or usual(world, body)
     turns = directions(angles, world.view)
-    pushes = [Push(size * cos(turn), size * sin(turn)) for turn in turns for size in sizes]
+    pushes = [
+        Push(size * cos(turn), size * sin(turn)) for turn in turns for size in sizes
+    ]
     progress("no push", 0, len(pushes) + 1)
     still = course_of(pipeline.simulate(world), body.name)
     outcomes = []
@@ -175,7 +185,9 @@ def pushed(scene: Scene, world: World, name: str | None) -> int:
     free = [body.name for body in world.bodies if body.motion is Motion.DYNAMIC]
     if not free:
         place = str(scene.place("objects").file)
-        raise InputError.of(place, "", "has no object that can be pushed", "give it a dynamic object")
+        raise InputError.of(
+            place, "", "has no object that can be pushed", "give it a dynamic object"
+        )
     if name is None:
         forced = [world.bodies[push.body].name for push in world.pushes]
         moving = [body.name for body in world.bodies if np.hypot(*body.velocity) > 0]
@@ -183,16 +195,31 @@ def pushed(scene: Scene, world: World, name: str | None) -> int:
     names = [body.name for body in world.bodies]
     if name not in free:
         known = name in names
-        expected = "cannot be pushed: it is not dynamic" if known else "is no object of the scene"
-        raise InputError.of("--object", f'"{name}"', expected, suggestion(name, free if known else names))
+        expected = (
+            "cannot be pushed: it is not dynamic"
+            if known
+            else "is no object of the scene"
+        )
+        raise InputError.of(
+            "--object",
+            f'"{name}"',
+            expected,
+            suggestion(name, free if known else names),
+        )
     return names.index(name)
 
 
 def quiet(world: World, index: int) -> World:
     """The world with that body at rest and without pushes of it; all others move as they do."""
-    rest = replace(world.bodies[index], velocity=np.zeros(2), spin=0.0, roll=np.zeros(2))
+    rest = replace(
+        world.bodies[index], velocity=np.zeros(2), spin=0.0, roll=np.zeros(2)
+    )
     bodies = (*world.bodies[:index], rest, *world.bodies[index + 1 :])
-    return replace(world, bodies=bodies, pushes=tuple(push for push in world.pushes if push.body != index))
+    return replace(
+        world,
+        bodies=bodies,
+        pushes=tuple(push for push in world.pushes if push.body != index),
+    )
 
 
 def directions(count: int, view: View) -> list[float]:
@@ -213,7 +240,11 @@ def usual(world: World, body: Body) -> list[float]:
     else:
         ground = max((wall.surface.friction for wall in world.walls), default=0.0)
         slides = body.radius is None
-        brake = body.surface.friction * ground * float(np.hypot(*world.gravity)) if slides else 0.0
+        brake = (
+            body.surface.friction * ground * float(np.hypot(*world.gravity))
+            if slides
+            else 0.0
+        )
     reach = CONSTANTS.reach * min(world.size)
     most = sqrt(2 * brake * reach)  # it stops there
     if most >= brake * world.duration:  # it does not stop within the clip
@@ -263,7 +294,8 @@ class Along:
             one.push.x * float(one.at_first[0])
             > 0  # gravity brings down what is pushed up, and leaves x alone
             for one in self.outcomes
-            if abs(one.push.x) > 1e-6 * one.push.size and abs(one.at_first[0]) >= CONSTANTS.seen
+            if abs(one.push.x) > 1e-6 * one.push.size
+            and abs(one.at_first[0]) >= CONSTANTS.seen
         ]
         return sum(sides), len(sides)
 
@@ -317,13 +349,25 @@ def findings(swept: Swept) -> Findings:
         "meeting_nobody": {"steps": found.free[1], "rising": found.free[0]},
         "spearman_mean": found.spearman,
         "spearman_least": least,
-        "off_until_met": {"median": median, "worst": max(found.off, default=None), "of": len(found.off)},
+        "off_until_met": {
+            "median": median,
+            "worst": max(found.off, default=None),
+            "of": len(found.off),
+        },
         "sideways": {"same": found.sideways[0], "of": found.sideways[1]},
         "still_px": still,
     }
     title = f"Controllability: {swept.object} of {swept.scene}"
     rows = [_row(one) for one in found.outcomes]
-    return Findings("controllability", title, sentences, (_direction_section(along),), rows, (), more)
+    return Findings(
+        "controllability",
+        title,
+        sentences,
+        (_direction_section(along),),
+        rows,
+        (),
+        more,
+    )
 
 
 def _sentences(found: Along, swept: Swept, least: float, still: float) -> Iterator[str]:
@@ -351,7 +395,13 @@ def _of(share: Share) -> str:
 
 
 def _degrees(angle: float) -> str:
-    return "under 0.01°" if angle < 0.01 else f"{angle:.2g}°" if angle < 10 else f"{angle:.0f}°"
+    return (
+        "under 0.01°"
+        if angle < 0.01
+        else f"{angle:.2g}°"
+        if angle < 10
+        else f"{angle:.0f}°"
+    )
 
 
 def _direction_section(along: Sequence[Along]) -> Section:
@@ -360,8 +410,21 @@ def _direction_section(along: Sequence[Along]) -> Section:
         longest = f"{max(each.length for each in one.outcomes):.1f}"
         off = _degrees(max(one.off)) if one.off else "-"
         met = str(sum(each.met for each in one.outcomes))
-        angle, count = f"{round(one.outcomes[0].push.angle) % 360}", str(len(one.outcomes))
-        rows.append((angle, count, number(one.spearman, ".3f"), _of(one.steps), longest, off, met))
+        angle, count = (
+            f"{round(one.outcomes[0].push.angle) % 360}",
+            str(len(one.outcomes)),
+        )
+        rows.append(
+            (
+                angle,
+                count,
+                number(one.spearman, ".3f"),
+                _of(one.steps),
+                longest,
+                off,
+                met,
+            )
+        )
     heads = (
         "direction, degrees",
         "pushes",
@@ -398,22 +461,41 @@ def plot(swept: Swept, path: Path) -> None:
     width, height = high - low
     tall = float(np.clip(120 * height / width, 60, 150))
     wheel = matplotlib.colormaps["hsv"]
-    with matplotlib.rc_context({"svg.hashsalt": "physgen", "font.size": 7.5, "axes.linewidth": 0.6}):
+    with matplotlib.rc_context(
+        {"svg.hashsalt": "physgen", "font.size": 7.5, "axes.linewidth": 0.6}
+    ):
         figure = Figure(figsize=(120 / 25.4, tall / 25.4), layout="constrained")
         axes = figure.subplots()
         if swept.photo is not None:
             step = max(1, -(-max(swept.photo.shape[:2]) // CONSTANTS.short))
             small = swept.photo[::step, ::step].astype(np.float32) / 255
             pale = 1 - CONSTANTS.pale * (1 - small)
-            axes.imshow(pale, extent=(-0.5, size[0] - 0.5, size[1] - 0.5, -0.5), zorder=0)
+            axes.imshow(
+                pale, extent=(-0.5, size[0] - 0.5, size[1] - 0.5, -0.5), zorder=0
+            )
         for one in by_direction(swept):
             colour = tuple(0.8 * c for c in wheel(one.outcomes[0].push.angle / 360)[:3])
             for k, each in enumerate(one.outcomes):
                 strong = (k + 1) / len(one.outcomes)
-                axes.plot(*each.path.places.T, color=colour, linewidth=0.6 + 0.7 * strong, zorder=2)
-                axes.plot(*each.path.places[-1], "o", color=colour, markersize=2 + 1.6 * strong, zorder=3)
+                axes.plot(
+                    *each.path.places.T,
+                    color=colour,
+                    linewidth=0.6 + 0.7 * strong,
+                    zorder=2,
+                )
+                axes.plot(
+                    *each.path.places[-1],
+                    "o",
+                    color=colour,
+                    markersize=2 + 1.6 * strong,
+                    zorder=3,
+                )
         axes.set(
-            xlim=(low[0], high[0]), ylim=(high[1], low[1]), xlabel="x (px)", ylabel="y (px)", aspect="equal"
+            xlim=(low[0], high[0]),
+            ylim=(high[1], low[1]),
+            xlabel="x (px)",
+            ylabel="y (px)",
+            aspect="equal",
         )
         about = f"Paths of {swept.object} after each push; a dot is where it ends"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -434,7 +516,9 @@ def speeds(text: str) -> list[float]:
     """`50,100,200` -> px/s above 0, each once, in order."""
     found = sorted({positive(part.strip()) for part in text.split(",")})
     if not 2 <= len(found) <= 100:
-        raise argparse.ArgumentTypeError(f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200")
+        raise argparse.ArgumentTypeError(
+            f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200"
+        )
     return found
 
 
@@ -452,8 +536,12 @@ def main(arguments: list[str] | None = None) -> int:
 
     def find(options: argparse.Namespace, progress: Progress) -> Findings:
         if options.variant == "all":
-            raise InputError.of("--variant", "all", "names more than one", "write one name")
-        scene = pipeline.load(options.scene, options.set, options.variant, options.allow_outside)
+            raise InputError.of(
+                "--variant", "all", "names more than one", "write one name"
+            )
+        scene = pipeline.load(
+            options.scene, options.set, options.variant, options.allow_outside
+        )
         swept = sweep(scene, options.object, options.angles, options.sizes, progress)
         if options.output:
             plot(swept, options.output / "paths.svg")

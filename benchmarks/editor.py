@@ -36,7 +36,12 @@ def pyramid(count: int) -> str:
     """Boxes of one size in courses on a floor, each course one box shorter; the last may be cut short."""
     wide = next(n for n in range(1, count + 1) if n * (n + 1) // 2 >= count)
     middle, floor = 60 + wide * (SIDE + GAP) / 2, 60 + SIDE * wide
-    lines = ["physgen: 1", f"size: [{round(2 * middle)}, {floor + 40}]", "world: {duration: 2.0}", "objects:"]
+    lines = [
+        "physgen: 1",
+        f"size: [{round(2 * middle)}, {floor + 40}]",
+        "world: {duration: 2.0}",
+        "objects:",
+    ]
     made = 0
     for course in range(wide):
         beside = min(wide - course, count - made)
@@ -45,8 +50,13 @@ def pyramid(count: int) -> str:
             y = floor - SIDE / 2 - course * SIDE
             made += 1
             shape = f"{{box: {{center: [{x:g}, {y:g}], size: [{SIDE}, {SIDE}]}}}}"
-            lines.append(f"  box-{made:03d}: {{shape: {shape}, mass: 100, friction: 0.6, elasticity: 0.1}}")
-    lines += ["boundaries:", f"  floor: {{segment: [[-2000, {floor}], [3000, {floor}]], friction: 0.8}}"]
+            lines.append(
+                f"  box-{made:03d}: {{shape: {shape}, mass: 100, friction: 0.6, elasticity: 0.1}}"
+            )
+    lines += [
+        "boundaries:",
+        f"  floor: {{segment: [[-2000, {floor}], [3000, {floor}]], friction: 0.8}}",
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -80,12 +90,18 @@ def cpu(process: int) -> float:
 def measured(path: Path, edits: int = EDITS) -> dict[str, Any]:
     """Times in ms of one scene: median and worst."""
     command = [sys.executable, "-m", "physgen", "edit", str(path), "--no-browser"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    server = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
     try:
         assert server.stdout is not None
         client = Client(server.stdout.readline().strip())
         state, opened = client.ask("GET", "/api/state")
-        names = [body["name"] for body in state["motion"]["bodies"] if body["motion"] == "dynamic"]
+        names = [
+            body["name"]
+            for body in state["motion"]["bodies"]
+            if body["motion"] == "dynamic"
+        ]
         pushed = names[len(names) // 2]
         random = np.random.default_rng(7)
         rows: dict[str, list[float]] = {"edit": [], "preview": [], "whole": []}
@@ -99,21 +115,31 @@ def measured(path: Path, edits: int = EDITS) -> dict[str, Any]:
             # another value than the preview's: its motion would be at hand
             op["value"] = [velocity[0] + 1, velocity[1]]
             before = cpu(server.pid)
-            state, took = client.ask("POST", "/api/edit", {**body, "what": f"edit {k}", "tag": None})
+            state, took = client.ask(
+                "POST", "/api/edit", {**body, "what": f"edit {k}", "tag": None}
+            )
             worked += cpu(server.pid) - before
             rows["edit"].append(took)
             part = state["motion"]
             first.append(part["upto"] / part["total"])
             if k % WHOLE == 0:
                 while not part["done"]:
-                    part, more = client.ask("GET", f"/api/motion/{part['key']}?from={part['upto']}")
+                    part, more = client.ask(
+                        "GET", f"/api/motion/{part['key']}?from={part['upto']}"
+                    )
                     took += more
                 rows["whole"].append(took)
     finally:
         server.send_signal(signal.SIGINT)
         server.wait(20)
-    found = {name: [_ms(median(times)), _ms(max(times))] for name, times in rows.items()}
-    return {"bodies": len(state["motion"]["bodies"]), "opened": _ms(opened), **found} | {
+    found = {
+        name: [_ms(median(times)), _ms(max(times))] for name, times in rows.items()
+    }
+    return {
+        "bodies": len(state["motion"]["bodies"]),
+        "opened": _ms(opened),
+        **found,
+    } | {
         "first": round(median(first), 2),
         "cpu": _ms(worked / edits),
         "load": round(os.getloadavg()[0], 1),
@@ -131,7 +157,12 @@ def editor(folder: Path) -> list[dict]:
         home = folder / f"pyramid-{count}"
         home.mkdir()
         (home / "scene.yaml").write_text(pyramid(count))
-        rows.append({"scene": f"{count} box{'es' * (count > 1)}", **measured(home / "scene.yaml")})
+        rows.append(
+            {
+                "scene": f"{count} box{'es' * (count > 1)}",
+                **measured(home / "scene.yaml"),
+            }
+        )
     for path in sorted((ROOT / "scenes").glob("*/scene.yaml")):
         home = folder / path.parent.name
         shutil.copytree(path.parent, home)
@@ -145,7 +176,13 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
     heaps = [row for row in rows if not row["scene"][0].isalpha()]
     slowest = max(bundled, key=lambda row: row["edit"][0])
     body = [
-        [row["scene"], row["bodies"], _pair(row["preview"]), _pair(row["edit"]), _pair(row["whole"])]
+        [
+            row["scene"],
+            row["bodies"],
+            _pair(row["preview"]),
+            _pair(row["edit"]),
+            _pair(row["whole"]),
+        ]
         for row in (*heaps, slowest)
     ]
     return [

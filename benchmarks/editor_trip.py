@@ -48,7 +48,17 @@ def silent(words: str, ms: int) -> None:
 def edited(photo: Path) -> Iterator[str]:
     """`physgen edit` of a photo in a process of its own; its address."""
     out = str(photo.parent / "out")
-    command = [sys.executable, "-m", "physgen", "edit", str(photo), "--no-browser", "--json", "-o", out]
+    command = [
+        sys.executable,
+        "-m",
+        "physgen",
+        "edit",
+        str(photo),
+        "--no-browser",
+        "--json",
+        "-o",
+        out,
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
@@ -65,7 +75,9 @@ def trip(desk: Desk, film: Film = silent, scale: float = 1.0) -> None:
         return [((x + 0.5) * scale - 0.5, (y + 0.5) * scale - 0.5) for x, y in points]
 
     car, block = thing_at(desk, *px((60, 410))), thing_at(desk, *px((362, 400)))
-    film("physgen edit photo.png: objects found, masses estimated; edit any of it", 2200)
+    film(
+        "physgen edit photo.png: objects found, masses estimated; edit any of it", 2200
+    )
     desk.panel("todo")
     film("To do: what the photo left in doubt", 1800)
 
@@ -113,7 +125,9 @@ def trip(desk: Desk, film: Film = silent, scale: float = 1.0) -> None:
     film("The same as text, edited either way", 1600)
     page.keyboard.press("Control+s")
     page.wait_for_function("() => window.editor.state.file.saved")
-    page.wait_for_function("() => document.querySelector('[data-part=saved]').textContent === 'saved'")
+    page.wait_for_function(
+        "() => document.querySelector('[data-part=saved]').textContent === 'saved'"
+    )
     film("Saved: a YAML file that a person could have written", 2400)
 
 
@@ -134,7 +148,9 @@ def pushed(desk: Desk, way: Sequence[Sequence[float]], film: Film) -> None:
     film("Push: drag from an object", 900)
     mouse.down()
     for part in (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0):
-        mouse.move(*desk.at([p + part * (q - p) for p, q in zip(a, b, strict=True)]), steps=2)
+        mouse.move(
+            *desk.at([p + part * (q - p) for p, q in zip(a, b, strict=True)]), steps=2
+        )
         if film is not silent:
             desk.page.wait_for_timeout(220)
         film("Push: the arrow is the velocity; the path shows at once", 140)
@@ -147,9 +163,14 @@ def played(desk: Desk, film: Film, words: str) -> None:
     if film is silent:
         return
     desk.page.wait_for_timeout(600)
-    desk.page.evaluate("() => { document.querySelector('[data-part=status]').textContent = ''; }")
+    desk.page.evaluate(
+        "() => { document.querySelector('[data-part=status]').textContent = ''; }"
+    )
     for k in range(16):
-        desk.page.evaluate("t => { window.editor.player.pause(); window.editor.player.seek(t); }", k / 10)
+        desk.page.evaluate(
+            "t => { window.editor.player.pause(); window.editor.player.seek(t); }",
+            k / 10,
+        )
         desk.drawn()
         film(words, 100)
     film(words, 700)
@@ -172,10 +193,14 @@ class Reel:
     def __call__(self, words: str, ms: int) -> None:
         """A picture with words below it, shown for so long."""
         shot = Image.open(io.BytesIO(self.desk.page.screenshot())).convert("RGB")
-        shot = shot.resize((WIDTH, round(shot.height * WIDTH / shot.width)), Image.Resampling.LANCZOS)
+        shot = shot.resize(
+            (WIDTH, round(shot.height * WIDTH / shot.width)), Image.Resampling.LANCZOS
+        )
         frame = Image.new("RGB", (WIDTH, shot.height + STRIP), (22, 26, 32))
         frame.paste(shot, (0, 0))
-        ImageDraw.Draw(frame).text((16, shot.height + STRIP / 2), words, "#f2f4f6", self.font, "lm")
+        ImageDraw.Draw(frame).text(
+            (16, shot.height + STRIP / 2), words, "#f2f4f6", self.font, "lm"
+        )
         if self.frames and frame.tobytes() == self.frames[-1].tobytes():
             self.times[-1] += ms
             return
@@ -185,22 +210,36 @@ class Reel:
     def write(self, path: Path) -> None:
         """One palette for all, no dither: flat colours pack well, and nothing shimmers."""
         palette = palette_of(self.frames)
-        small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self.frames]
+        small = [
+            frame.quantize(palette=palette, dither=Image.Dither.NONE)
+            for frame in self.frames
+        ]
         small[0].save(
-            path, save_all=True, append_images=small[1:], duration=self.times, loop=0, optimize=False
+            path,
+            save_all=True,
+            append_images=small[1:],
+            duration=self.times,
+            loop=0,
+            optimize=False,
         )
 
 
 def palette_of(frames: Sequence[Image.Image]) -> Image.Image:
     """The page's own colours, and others by the root of how common they are: a small car has its reds."""
-    seen = np.concatenate([np.asarray(frame)[::2, ::2].reshape(-1, 3) for frame in frames[::3]])
+    seen = np.concatenate(
+        [np.asarray(frame)[::2, ::2].reshape(-1, 3) for frame in frames[::3]]
+    )
     colours, counts = np.unique(seen, axis=0, return_counts=True)
     flat = colours[np.argsort(counts)[-FLAT:]]
     pixels = np.repeat(colours, np.ceil(np.sqrt(counts)).astype(int), axis=0)
     wide = 1024
     pixels = pixels[: len(pixels) // wide * wide].reshape(-1, wide, 3)
-    palette = Image.fromarray(pixels).quantize(COLOURS - FLAT, Image.Quantize.MEDIANCUT, kmeans=4)
-    palette.putpalette([*palette.getpalette()[: 3 * (COLOURS - FLAT)], *flat.ravel().tolist()])
+    palette = Image.fromarray(pixels).quantize(
+        COLOURS - FLAT, Image.Quantize.MEDIANCUT, kmeans=4
+    )
+    palette.putpalette(
+        [*palette.getpalette()[: 3 * (COLOURS - FLAT)], *flat.ravel().tolist()]
+    )
     return palette
 
 
@@ -235,7 +274,9 @@ def picture(desk: Desk, path: Path) -> None:
 def taken(desk: Desk, path: Path) -> None:
     """The page as a WebP."""
     desk.page.mouse.move(560, 560)
-    desk.page.evaluate("() => { document.querySelector('[data-part=status]').textContent = ''; }")
+    desk.page.evaluate(
+        "() => { document.querySelector('[data-part=status]').textContent = ''; }"
+    )
     desk.page.wait_for_timeout(600)
     shot = Image.open(io.BytesIO(desk.page.screenshot())).convert("RGB")
     shot.save(path, quality=88, method=6)
@@ -266,7 +307,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             assert desk.errors == [], desk.errors
     reel.write(options.output)
     size = options.output.stat().st_size
-    print(f"{options.output}: {len(reel.frames)} frames, {sum(reel.times) / 1000:.1f} s, {size:,} bytes")
+    print(
+        f"{options.output}: {len(reel.frames)} frames, {sum(reel.times) / 1000:.1f} s, {size:,} bytes"
+    )
     return int(size > LARGEST)
 
 

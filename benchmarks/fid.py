@@ -71,7 +71,10 @@ def push(seed: int) -> tuple[float, np.ndarray]:
 def pushed(take_ball: str, way: str, seed: int, mass: float, scale: float) -> list[str]:
     """As an impulse (g px/s) on a ball of the true mass, or as its speed (px/s)."""
     speed, way_to = push(seed)
-    x, y = (round(float(v), 3) for v in speed * scale * way_to * (mass if way == "impulse" else 1))
+    x, y = (
+        round(float(v), 3)
+        for v in speed * scale * way_to * (mass if way == "impulse" else 1)
+    )
     if way == "impulse":
         return [f"forces=[{{object: {take_ball}, impulse: [{x}, {y}]}}]"]
     return ["forces=[]", f"objects.{take_ball}.velocity=[{x}, {y}]"]
@@ -84,7 +87,9 @@ def drawn(names: list[str], seed: int) -> list[str]:
     for name in names:
         for key, (low, high) in RANGES.items():
             value = (
-                np.exp(rng.uniform(np.log(low), np.log(high))) if key == "mass" else rng.uniform(low, high)
+                np.exp(rng.uniform(np.log(low), np.log(high)))
+                if key == "mass"
+                else rng.uniform(low, high)
             )
             edits.append(f"objects.{name}.{key}={value:.4g}")
     return edits
@@ -97,7 +102,10 @@ def perceived(folder: Path) -> Path:
     labels = read_labels(TRUTH.parent / "photo.assets/masks.png")
     renames = [f"{one['id']}={one['label']}" for one in true["objects"]]
     found = perceive(
-        read_image(photo), from_masks(labels), renames=renames, pixels_per_meter=true["pixels_per_meter"]
+        read_image(photo),
+        from_masks(labels),
+        renames=renames,
+        pixels_per_meter=true["pixels_per_meter"],
     )
     write_scene(found, photo, "photo", folder / "scene.yaml")
     return folder / "scene.yaml"
@@ -112,7 +120,10 @@ def takes(folder: Path) -> Iterator[tuple[str, Take]]:
     true_ball = next(one for one in true.objects if one.mask.id == BALL)
     mass, scale = true_ball.mass, true.world.pixels_per_meter
     known = {
-        key: [f"objects.{by_mask[one.mask.id]}.{key}={getattr(one, key)}" for one in true.objects]
+        key: [
+            f"objects.{by_mask[one.mask.id]}.{key}={getattr(one, key)}"
+            for one in true.objects
+        ]
         for key in (*RANGES, "rolling")
     }
     edits_of = ([], known["mass"], [edit for one in known.values() for edit in one])
@@ -122,18 +133,29 @@ def takes(folder: Path) -> Iterator[tuple[str, Take]]:
             return pushed(ball, way, OURS + k, mass, scale)
 
         for name, edits in zip(TOLD, edits_of, strict=True):
-            yield f"{name}, {way}", Take(path, lambda k, at=at, edits=edits: [*at(k), *edits])
+            yield (
+                f"{name}, {way}",
+                Take(path, lambda k, at=at, edits=edits: [*at(k), *edits]),
+            )
         for seed in range(1, SEEDS + 1):
             first = 10_000 * seed
             yield (
                 f"random {seed}, {way}",
-                Take(path, lambda k, at=at, first=first: [*at(k), *drawn(names, first + k)]),
+                Take(
+                    path,
+                    lambda k, at=at, first=first: [*at(k), *drawn(names, first + k)],
+                ),
             )
             yield (
                 f"random {seed} held, {way}",
-                Take(path, lambda k, at=at, first=first: [*at(k), *drawn(names, first)]),
+                Take(
+                    path, lambda k, at=at, first=first: [*at(k), *drawn(names, first)]
+                ),
             )
-    yield "true scene", Take(TRUTH, lambda k: pushed(true_ball.name, "impulse", OURS + k, mass, scale))
+    yield (
+        "true scene",
+        Take(TRUTH, lambda k: pushed(true_ball.name, "impulse", OURS + k, mass, scale)),
+    )
 
 
 class Filmed:
@@ -156,13 +178,20 @@ class Filmed:
         size = self._side, self._side
         drawn = pipeline.render(self._stage, motion)
         next(drawn)  # the studio's clips have no frame of the photo itself
-        return np.hstack([cv2.resize(frame.rgb, size, interpolation=cv2.INTER_AREA) for frame in drawn])
+        return np.hstack(
+            [
+                cv2.resize(frame.rgb, size, interpolation=cv2.INTER_AREA)
+                for frame in drawn
+            ]
+        )
 
 
 def write(folder: Path, k: int, strip: np.ndarray, side: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "clips.json").write_text(json.dumps({"frame": [side, side]}))
-    _, data = cv2.imencode(".webp", strip[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    _, data = cv2.imencode(
+        ".webp", strip[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY]
+    )
     (folder / f"{k:02}.webp").write_bytes(data)
 
 
@@ -193,10 +222,16 @@ def fid(folder: Path) -> list[dict]:
             write(folder / name, k, film.clip(take.edit(k)), side)
         methods[name] = sources([unrolled(folder / name, folder / "frames" / name)])
         print(name, file=sys.stderr, flush=True)
-    photo = cv2.resize(read_image(TRUTH.with_name("photo.png")), (side, side), interpolation=cv2.INTER_AREA)
+    photo = cv2.resize(
+        read_image(TRUTH.with_name("photo.png")),
+        (side, side),
+        interpolation=cv2.INTER_AREA,
+    )
     for k in range(len(filmed["clips"])):
         write(folder / "still", k, np.hstack([photo] * len(times)), side)
-    methods["still"] = sources([unrolled(folder / "still", folder / "frames" / "still")])
+    methods["still"] = sources(
+        [unrolled(folder / "still", folder / "frames" / "still")]
+    )
     truth = sources([unrolled(CLIPS, folder / "frames" / "filmed")])
     found = told.measure(truth, methods, Bank(), told.Settings())
     rows = told.rows(found)
@@ -210,10 +245,15 @@ def fid(folder: Path) -> list[dict]:
                 }
                 for other in TOLD
             }
-    halved = {f"{kind}_fid": halves(features) for kind, features in found.reference.features.items()}
+    halved = {
+        f"{kind}_fid": halves(features)
+        for kind, features in found.reference.features.items()
+    }
     return [
         *map(rounded, rows),
-        rounded({"method": "halves", **halved, "settings": told.settings_record(found)}),
+        rounded(
+            {"method": "halves", **halved, "settings": told.settings_record(found)}
+        ),
         guesses(),
     ]
 
@@ -247,7 +287,11 @@ def guesses() -> dict:
     for one in true.objects:
         guess = next(o for o in scene.objects if o.mask.id == one.mask.id)
         found[one.name] = {
-            key: [round(float(getattr(one, key)), 4), round(float(getattr(guess, key)), 4)] for key in RANGES
+            key: [
+                round(float(getattr(one, key)), 4),
+                round(float(getattr(guess, key)), 4),
+            ]
+            for key in RANGES
         }
     return {"method": "guesses", "true_and_estimated": found}
 

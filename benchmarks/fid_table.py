@@ -47,8 +47,13 @@ def _order(rows: dict) -> list[str]:
     told = []
     for other in GIVEN:
         group = _random(rows)["anew"]
-        counts = [sum(row["farther_than"][other][kind]["by"] > 0 for row in group) for kind in KINDS]
-        told.append(f"{counts[0]} and {counts[1]} of {len(group)} seeds against {NAMES[other]}")
+        counts = [
+            sum(row["farther_than"][other][kind]["by"] > 0 for row in group)
+            for kind in KINDS
+        ]
+        told.append(
+            f"{counts[0]} and {counts[1]} of {len(group)} seeds against {NAMES[other]}"
+        )
     return prose(
         "Pushed by impulses, random physics (anew for every clip) is farther from the filmed clips, by Image-FID and",
         f"Motion-FID, in {'; in '.join(told)}. The paper's order (estimated is nearer) appears once the true masses",
@@ -81,7 +86,10 @@ def _many(rows: list[dict]) -> list[str]:
     cells = []
     for kind in KINDS:
         values = [row[f"{kind}_fid"] for row in rows]
-        cells += [middle(f"{kind}_fid"), f"seeds: {_number(min(values))} to {_number(max(values))}"]
+        cells += [
+            middle(f"{kind}_fid"),
+            f"seeds: {_number(min(values))} to {_number(max(values))}",
+        ]
     return cells
 
 

@@ -65,7 +65,10 @@ class Truth:
     def frames(self) -> Iterator[tuple[U8, Mask]]:
         """(H, W, 3) sRGB and where objects are (H, W), a frame after the other."""
         for k in range(1, len(self.film["times_s"]) + 1):
-            yield read_image(self.folder / f"{k:02}.webp"), read_ids(self.folder / f"ids-{k:02}.png") > 0
+            yield (
+                read_image(self.folder / f"{k:02}.webp"),
+                read_ids(self.folder / f"ids-{k:02}.png") > 0,
+            )
 
 
 def read_ids(path: Path) -> U8:
@@ -75,19 +78,27 @@ def read_ids(path: Path) -> U8:
 
 def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
     """Truth videos below `folder`, by name; raises InputError where there are none, or none of that name."""
-    found = {path.parent.parent.name: path for path in sorted(folder.glob("*/film/film.json"))}
+    found = {
+        path.parent.parent.name: path
+        for path in sorted(folder.glob("*/film/film.json"))
+    }
     if not found:
         fix = "name the folder of the studio's truth, studio/truth in physgen's repository"
         raise InputError.of("--truth", str(folder), "holds no truth videos", fix)
     wrong = [name for name in names if name not in found]
     if wrong:
         raise InputError.of(
-            "--scenes", ", ".join(wrong), "has no truth video", f"choose from {', '.join(found)}"
+            "--scenes",
+            ", ".join(wrong),
+            "has no truth video",
+            f"choose from {', '.join(found)}",
         )
     result = []
     for name in names or found:
         film = json.loads(found[name].read_text())
-        scene = pipeline.load(folder.resolve().parents[1] / film["scene"], variant=film["variant"])
+        scene = pipeline.load(
+            folder.resolve().parents[1] / film["scene"], variant=film["variant"]
+        )
         maps = pipeline.percepts(scene)
         assert maps is not None
         normals = found[name].parent.parent / "normals.webp"
@@ -112,7 +123,9 @@ def replayed(truth: Truth, compiled: Compiled) -> Trajectory:
 def ours(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
     """physgen's frames, after the photo itself."""
     compiled = pipeline.compile(scene, maps)
-    frames = pipeline.render(pipeline.stage(scene, compiled, maps), replayed(truth, compiled))
+    frames = pipeline.render(
+        pipeline.stage(scene, compiled, maps), replayed(truth, compiled)
+    )
     next(frames)
     for frame in frames:
         yield frame.rgb
@@ -121,12 +134,20 @@ def ours(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
 def seen(truth: Truth) -> tuple[Scene, Percepts]:
     """Scene and maps with what `perceive` makes of the photo, given the true masks; shapes and motion stay true."""
     world = truth.scene.world
-    found = perceive(truth.maps.rgb, from_masks(truth.maps.labels), view=BoundaryGuess(world.view, 1.0, "as given", ()))
+    found = perceive(
+        truth.maps.rgb,
+        from_masks(truth.maps.labels),
+        view=BoundaryGuess(world.view, 1.0, "as given", ()),
+    )
     light, around = found.document["light"], found.document["world"]
     direction = np.array(light["direction"], float)
     x, y, z = (direction / np.linalg.norm(direction)).tolist()
-    sun = Light((x, y, z), light["intensity"], light["ambient"], light.get("softness", 4.0))
-    settings: Settings = replace(world, tilt=around.get("tilt", 4.0), backdrop=around.get("backdrop"))
+    sun = Light(
+        (x, y, z), light["intensity"], light["ambient"], light.get("softness", 4.0)
+    )
+    settings: Settings = replace(
+        world, tilt=around.get("tilt", 4.0), backdrop=around.get("backdrop")
+    )
     return replace(truth.scene, light=sun, world=settings), found.percepts
 
 
@@ -140,24 +161,39 @@ def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[
     run = replayed(truth, compiled)
     height, width = compiled.labels.shape
     linear = decode(truth.maps.rgb)
-    order = sorted(range(len(truth.scene.objects)), key=lambda k: truth.scene.objects[k].layer)
+    order = sorted(
+        range(len(truth.scene.objects)), key=lambda k: truth.scene.objects[k].layer
+    )
     for sample in range(1, len(run.times)):
         canvas = background.copy()
         for k in order:
             body = compiled.world.bodies[k]
             x, y, angle = run.poses[sample, k]
             turn = rotation(angle)
-            matrix = np.concatenate([turn, (np.array([[x], [y]]) - turn @ body.center[:, None])], axis=1)
+            matrix = np.concatenate(
+                [turn, (np.array([[x], [y]]) - turn @ body.center[:, None])], axis=1
+            )
             mask = (compiled.labels == k + 1).astype(np.uint8)
-            there = cv2.warpAffine(mask, matrix, (width, height), flags=cv2.INTER_NEAREST) > 0
+            there = (
+                cv2.warpAffine(mask, matrix, (width, height), flags=cv2.INTER_NEAREST)
+                > 0
+            )
             look: F32 = linear
-            if light is not None and body.solid is Solid.SPHERE and body.radius is not None:
-                normals, _ = sphere_normals(height, width, tuple(body.center.tolist()), body.radius)
+            if (
+                light is not None
+                and body.solid is Solid.SPHERE
+                and body.radius is not None
+            ):
+                normals, _ = sphere_normals(
+                    height, width, tuple(body.center.tolist()), body.radius
+                )
                 turned = normals.copy()
                 turned[..., :2] = normals[..., :2] @ turn.T.astype(np.float32)
                 ratio = light.shade(turned) / np.maximum(light.shade(normals), 0.05)
                 look = np.asarray(linear * ratio[..., None], np.float32)
-            moved = cv2.warpAffine(look, matrix, (width, height), flags=cv2.INTER_LINEAR)
+            moved = cv2.warpAffine(
+                look, matrix, (width, height), flags=cv2.INTER_LINEAR
+            )
             canvas[there] = encode_u8(np.asarray(moved, np.float32)[there])
         yield canvas
 
@@ -202,7 +238,9 @@ def ssim(a: U8, b: U8) -> F32:
     vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
     c1, c2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
     return np.asarray(
-        ((2 * mx * my + c1) * (2 * vxy + c2)) / ((mx * mx + my * my + c1) * (vx + vy + c2)), np.float32
+        ((2 * mx * my + c1) * (2 * vxy + c2))
+        / ((mx * mx + my * my + c1) * (vx + vy + c2)),
+        np.float32,
     )
 
 
@@ -210,7 +248,9 @@ def compared(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
     """PSNR (dB) and SSIM over objects, shadow regions and the rest; flicker: grey levels by which the error changes."""
     assert truth.maps.clean is not None
     empty = truth.maps.clean.astype(np.int16)
-    sums: dict[str, list[float]] = {f"{m}_{r}": [] for m in ("psnr", "ssim") for r in REGIONS}
+    sums: dict[str, list[float]] = {
+        f"{m}_{r}": [] for m in ("psnr", "ssim") for r in REGIONS
+    }
     flicker: list[float] = []
     before: NDArray[np.float64] | None = None
     for (true, objects), drawn in zip(truth.frames(), frames, strict=True):
@@ -218,7 +258,9 @@ def compared(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
         off = (drawn.astype(np.float64) - true) / 255
         square, alike = (off**2).mean(-1), ssim(drawn, true)
         for region, where in zip(
-            REGIONS, (objects, shaded, objects | shaded, ~objects & ~shaded), strict=True
+            REGIONS,
+            (objects, shaded, objects | shaded, ~objects & ~shaded),
+            strict=True,
         ):
             if (decibels := psnr(square, where)) is not None:
                 sums[f"psnr_{region}"].append(decibels)
@@ -226,7 +268,9 @@ def compared(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
         if before is not None:
             flicker.append(float(np.abs(off - before)[objects | shaded].mean() * 255))
         before = off
-    result: dict[str, float | None] = {key: float(np.mean(v)) if v else None for key, v in sums.items()}
+    result: dict[str, float | None] = {
+        key: float(np.mean(v)) if v else None for key, v in sums.items()
+    }
     result["flicker"] = float(np.mean(flicker)) if flicker else None
     return result
 
@@ -243,10 +287,19 @@ def evaluate(
     split = json.loads(file.read_text()) if file.exists() else {}
     rows: list[dict[str, Any]] = []
     for k, truth in enumerate(films):
-        half = next((half for half in ("tune", "test") if truth.name in split.get(half, ())), "")
+        half = next(
+            (half for half in ("tune", "test") if truth.name in split.get(half, ())), ""
+        )
         for name, draw in ways(truth).items():
             progress(f"{truth.name}: {name}", k, len(films))
-            rows.append({"scene": truth.name, "half": half, "way": name, **compared(truth, draw())})
+            rows.append(
+                {
+                    "scene": truth.name,
+                    "half": half,
+                    "way": name,
+                    **compared(truth, draw()),
+                }
+            )
     found = means(rows)
     return {"rows": rows, "means": found, "ahead": ahead(found)}
 
@@ -273,7 +326,9 @@ def ahead(found: Sequence[Mapping[str, Any]]) -> Ahead | None:
     if "ours" not in mine or "paper, relit" not in mine:
         return None
     own, other = mine["ours"], mine["paper, relit"]
-    shadows, objects = (float(own[key] - other[key]) for key in ("psnr_shadows", "psnr_objects"))
+    shadows, objects = (
+        float(own[key] - other[key]) for key in ("psnr_shadows", "psnr_objects")
+    )
     return Ahead(shadows, objects)
 
 
@@ -285,8 +340,13 @@ def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             mine = [row for row in rows if row["way"] == way and row["half"] == half]
             if mine:
                 keys = [key for key in mine[0] if key not in ("scene", "half", "way")]
-                values = {key: [float(row[key]) for row in mine if row[key] is not None] for key in keys}
-                average = {key: float(np.mean(some)) for key, some in values.items() if some}
+                values = {
+                    key: [float(row[key]) for row in mine if row[key] is not None]
+                    for key in keys
+                }
+                average = {
+                    key: float(np.mean(some)) for key, some in values.items() if some
+                }
                 found.append({"half": half, "way": way, **average})
     return found
 
@@ -302,22 +362,44 @@ STRIP_WAYS, COLUMNS = ("paper, relit", "ours"), 4
 def findings(result: Mapping[str, Any]) -> Findings:
     """Of the result of `evaluate`; no bar where no scene is of the test half."""
     ahead = result["ahead"]
-    sentence, bars = "None of these scenes is of the test half: there is no bar.", tuple[Bar, ...]()
+    sentence, bars = (
+        "None of these scenes is of the test half: there is no bar.",
+        tuple[Bar, ...](),
+    )
     if ahead is not None:
         better = "ours over the paper's way, relit, on the test half"
-        bars = (Bar(better, str(ahead), f"{BAR:g} dB on shadows, 0 on objects", ahead.reached),)
+        bars = (
+            Bar(
+                better,
+                str(ahead),
+                f"{BAR:g} dB on shadows, 0 on objects",
+                ahead.reached,
+            ),
+        )
         sentence = (
             f"On the test half, ours is nearer to the truth than the paper's way, relit, by {ahead}. "
             "The bar is this project's own."
         )
-    heads = ("half", "way", *(f"{r}, dB" for r in REGIONS), *(f"{r}, SSIM" for r in REGIONS), "flicker")
+    heads = (
+        "half",
+        "way",
+        *(f"{r}, dB" for r in REGIONS),
+        *(f"{r}, SSIM" for r in REGIONS),
+        "flicker",
+    )
     keys = [*(f"psnr_{r}" for r in REGIONS), *(f"ssim_{r}" for r in REGIONS), "flicker"]
-    rows = tuple((row["half"], row["way"], *(_cell(row, key) for key in keys)) for row in result["means"])
+    rows = tuple(
+        (row["half"], row["way"], *(_cell(row, key) for key in keys))
+        for row in result["means"]
+    )
     by_scene = _by_scene(result["rows"])
     ways = [way for way in SHOWN_WAYS if any(way in mine for mine in by_scene.values())]
     lines = []
     for name, mine in by_scene.items():
-        cells = (f"{_cell(mine[way], 'psnr_objects')} / {_cell(mine[way], 'psnr_shadows')}" for way in ways)
+        cells = (
+            f"{_cell(mine[way], 'psnr_objects')} / {_cell(mine[way], 'psnr_shadows')}"
+            for way in ways
+        )
         lines.append((name, next(iter(mine.values()))["half"], *cells))
     scene_heads = ("scene", "half", *(f"{way}: objects / shadows, dB" for way in ways))
     sections = (
@@ -325,12 +407,25 @@ def findings(result: Mapping[str, Any]) -> Findings:
         Section("Scene by scene", (), (Table(scene_heads, tuple(lines)),)),
     )
     more = {"means": result["means"], "ahead": None if ahead is None else asdict(ahead)}
-    return Findings("fidelity", "Frames against the truth", (sentence,), sections, result["rows"], bars, more)
+    return Findings(
+        "fidelity",
+        "Frames against the truth",
+        (sentence,),
+        sections,
+        result["rows"],
+        bars,
+        more,
+    )
 
 
-def _by_scene(found: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Mapping[str, Any]]]:
+def _by_scene(
+    found: Sequence[Mapping[str, Any]],
+) -> dict[str, dict[str, Mapping[str, Any]]]:
     names = dict.fromkeys(row["scene"] for row in found)
-    return {name: {row["way"]: row for row in found if row["scene"] == name} for name in names}
+    return {
+        name: {row["way"]: row for row in found if row["scene"] == name}
+        for name in names
+    }
 
 
 def _cell(row: Mapping[str, Any], key: str) -> str:
@@ -343,14 +438,19 @@ def write_strips(truth: Truth, path: Path) -> None:
     chosen = {round((k + 1) * count / COLUMNS) - 1 for k in range(min(COLUMNS, count))}
     draw = ways(truth)
     rows = [*(draw[name]() for name in STRIP_WAYS), (rgb for rgb, _ in truth.frames())]
-    strips = [np.hstack([frame for k, frame in enumerate(frames) if k in chosen]) for frames in rows]
+    strips = [
+        np.hstack([frame for k, frame in enumerate(frames) if k in chosen])
+        for frames in rows
+    ]
     cv2.imwrite(str(path), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; strips of frames are `SCENE.jpg` beside the page."""
     parser = Parser(description=(__doc__ or "").partition("\n")[0])
-    parser.option("--truth", "DIR", Path, "the studio's truth; default: studio/truth", TRUTH)
+    parser.option(
+        "--truth", "DIR", Path, "the studio's truth; default: studio/truth", TRUTH
+    )
     parser.option("--scenes", "LIST", names, "some scenes, e.g. curling,shelf", [])
 
     def find(options: argparse.Namespace, progress: Progress) -> Findings:

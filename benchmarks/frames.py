@@ -40,12 +40,17 @@ PAPER = {"pool": 23.3, "domino": 12.7, "pig_ball": 10.3}
 REPEAT = 3
 
 
-def table(folder: Path, size: tuple[int, int], spots: Sequence[tuple[float, float, float]]) -> Path:
+def table(
+    folder: Path, size: tuple[int, int], spots: Sequence[tuple[float, float, float]]
+) -> Path:
     """A scene of balls at (x, y, radius) px on green cloth, with its maps; they all set off in different directions."""
     width, height = size
     noise = np.random.default_rng(1).normal(0, 0.02, (height, width, 1))
     cloth = np.clip(
-        np.array([0.03, 0.2, 0.08]) * (1 + cv2.GaussianBlur(noise, (0, 0), 1.0)[..., None] * 3), 0, 1
+        np.array([0.03, 0.2, 0.08])
+        * (1 + cv2.GaussianBlur(noise, (0, 0), 1.0)[..., None] * 3),
+        0,
+        1,
     )
     light, labels = cloth.copy(), np.zeros((height, width), np.uint16)
     setting = ShadowSetting(LIGHT, 3.0, True, 0.07, np.inf, size)
@@ -58,7 +63,9 @@ def table(folder: Path, size: tuple[int, int], spots: Sequence[tuple[float, floa
     ]  # fmt: skip
     for x, y, r in spots:
         cover = np.clip(r + 0.5 - np.hypot(xx - x, yy - y), 0, 1).astype(np.float32)
-        found = shadow_darkness(Silhouette(cover, (0, 0), (x, y), r, 2 * r, None), setting)
+        found = shadow_darkness(
+            Silhouette(cover, (0, 0), (x, y), r, 2 * r, None), setting
+        )
         assert found is not None
         (x0, y0, x1, y1), dark = found
         light[y0:y1, x0:x1] *= np.exp(-dark)[..., None]
@@ -72,7 +79,10 @@ def table(folder: Path, size: tuple[int, int], spots: Sequence[tuple[float, floa
         light = light * (1 - cover) + cover * paint * LIGHT.shade(normals)[..., None]
         labels[cover[..., 0] >= 0.5] = k + 1
         angle = 2.4 * k
-        speed = [round(float(90 * np.cos(angle)), 1), round(float(90 * np.sin(angle)), 1)]
+        speed = [
+            round(float(90 * np.cos(angle)), 1),
+            round(float(90 * np.sin(angle)), 1),
+        ]
         shape = f"circle: {{center: [{x}, {y}], radius: {r}}}"
         lines.append(
             f"  ball-{k}: {{mask: {k + 1}, shape: {{{shape}}}, solid: sphere, mass: 100, velocity: {speed}}}"
@@ -92,7 +102,9 @@ def table(folder: Path, size: tuple[int, int], spots: Sequence[tuple[float, floa
     return path
 
 
-def grid(size: tuple[int, int], count: int, radius: float) -> list[tuple[float, float, float]]:
+def grid(
+    size: tuple[int, int], count: int, radius: float
+) -> list[tuple[float, float, float]]:
     """So many balls, evenly apart."""
     columns = int(np.ceil(np.sqrt(count * size[0] / size[1])))
     rows = -(-count // columns)
@@ -113,7 +125,8 @@ def staged(path: Path, frames: int) -> tuple[Stage, Trajectory, int]:
     compiled = pipeline.compile(scene, maps)
     stage = pipeline.stage(scene, compiled, maps)
     boxes = sum(
-        int(np.prod(np.ptp(np.argwhere(sprite.coverage >= 0.5), axis=0) + 1)) for sprite in stage.sprites
+        int(np.prod(np.ptp(np.argwhere(sprite.coverage >= 0.5), axis=0) + 1))
+        for sprite in stage.sprites
     )
     return stage, pipeline.simulate(compiled.world), boxes
 
@@ -129,7 +142,9 @@ def drawing(stage: Stage, trajectory: Trajectory) -> float:
     return 1000 * least / len(trajectory.times)
 
 
-def beside(stage: Stage, trajectory: Trajectory, size: tuple[int, int]) -> tuple[float, float]:
+def beside(
+    stage: Stage, trajectory: Trajectory, size: tuple[int, int]
+) -> tuple[float, float]:
     """Wall s of encoding frames that are there, and of drawing them meanwhile; each the least of some runs."""
     frames = [frame.rgb for frame in pipeline.render(stage, trajectory)]
     alone = both = np.inf
@@ -157,14 +172,35 @@ def cold(path: Path, frames: int, folder: Path) -> tuple[float, float]:
     Python keeps compiled files beside the sources, as it does unless told otherwise.
     """
     least = np.inf
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if key != "PYTHONDONTWRITEBYTECODE"
+    }
     bundled = path.name == "scene.yaml"
     for _ in range(REPEAT):
-        command = [sys.executable, "-m", "physgen", "render", str(path), "-o", str(folder / "out")]
-        command += ["--set", "world.duration=2"] if bundled else []  # its story may be longer
+        command = [
+            sys.executable,
+            "-m",
+            "physgen",
+            "render",
+            str(path),
+            "-o",
+            str(folder / "out"),
+        ]
+        command += (
+            ["--set", "world.duration=2"] if bundled else []
+        )  # its story may be longer
         before = time.perf_counter()
         subprocess.run(
-            [*command, "--no-cache", "--format", "mp4", "--set", f"render.frames={frames}"],
+            [
+                *command,
+                "--no-cache",
+                "--format",
+                "mp4",
+                "--set",
+                f"render.frames={frames}",
+            ],
             check=True,
             capture_output=True,
             env=environment,
@@ -191,7 +227,9 @@ class TimedSolver:
 
 
 READERS = SimpleNamespace(
-    new=CFFI.new, buffer=CFFI.buffer, addressof=lambda _, name: CFFI.addressof(CHIPMUNK, name)
+    new=CFFI.new,
+    buffer=CFFI.buffer,
+    addressof=lambda _, name: CFFI.addressof(CHIPMUNK, name),
 )
 """CFFI, which takes addresses from Chipmunk itself alone."""
 
@@ -205,7 +243,10 @@ def beside_solver(path: Path) -> float:
         begun = time.thread_time()
         pipeline.simulate(world)
         whole, timed = min(whole, time.thread_time() - begun), TimedSolver()
-        with patch("physgen.simulate.space.lib", timed), patch("physgen.simulate.space.ffi", READERS):
+        with (
+            patch("physgen.simulate.space.lib", timed),
+            patch("physgen.simulate.space.ffi", READERS),
+        ):
             pipeline.simulate(world)
         solver = min(solver, timed.seconds)
     return whole / solver
@@ -218,46 +259,83 @@ def workload() -> float:
     for _ in range(REPEAT):
         begun = time.perf_counter()
         for _ in range(10):
-            cv2.remap(picture, picture[..., 0] * 1000, picture[..., 1] * 1000, cv2.INTER_LINEAR)
+            cv2.remap(
+                picture,
+                picture[..., 0] * 1000,
+                picture[..., 1] * 1000,
+                cv2.INTER_LINEAR,
+            )
             np.sqrt(cv2.GaussianBlur(picture, (0, 0), 3)).sum()
             np.linalg.svd(picture[:200, :200, 0])
         least = min(least, time.perf_counter() - begun)
     return least
 
 
-def frames(scenes: dict[str, Path], bundled: Sequence[Path], folder: Path) -> list[dict]:
+def frames(
+    scenes: dict[str, Path], bundled: Sequence[Path], folder: Path
+) -> list[dict]:
     """Rows of measure, scene, figure and bar; `scenes` are measured too, as they are."""
     rows: list[dict] = []
 
     def row(measure: str, scene: str, found: float, bar: str = "") -> None:
-        rows.append({"measure": measure, "scene": scene, "found": round(found, 3), "bar": BARS.get(bar)})
+        rows.append(
+            {
+                "measure": measure,
+                "scene": scene,
+                "found": round(found, 3),
+                "bar": BARS.get(bar),
+            }
+        )
 
     sixteen = table(folder / "sixteen", (512, 512), grid((512, 512), 16, 30.5))
     for name, path in {"16 balls": sixteen, **scenes}.items():
         stage, trajectory, boxes = staged(path, 120)
         bar = "frame" if 50_000 < boxes < 70_000 else ""
-        row("drawing, CPU ms a frame", f"{name}, {boxes:,} px of boxes", drawing(stage, trajectory), bar)
+        row(
+            "drawing, CPU ms a frame",
+            f"{name}, {boxes:,} px of boxes",
+            drawing(stage, trajectory),
+            bar,
+        )
         size = (stage.background.shape[1], stage.background.shape[0])
         alone, both = beside(stage, trajectory, size)
-        row("encoding alone, wall ms a frame", name, 1000 * alone / len(trajectory.times))
+        row(
+            "encoding alone, wall ms a frame",
+            name,
+            1000 * alone / len(trajectory.times),
+        )
         row("drawing while encoding, times as long", name, both / alone, "beside")
     costs = []
     counts = (1, 25, 50, 100, 200)
     for count in counts:
-        path = table(folder / f"small-{count}", (512, 512), grid((512, 512), count, 8.0))
+        path = table(
+            folder / f"small-{count}", (512, 512), grid((512, 512), count, 8.0)
+        )
         stage, trajectory, _ = staged(path, 40)
         costs.append(drawing(stage, trajectory))
         row("drawing, CPU ms a frame", f"{count} small balls", costs[-1])
-    row("each further small object, CPU ms", "1 to 200", float(np.polyfit(counts, costs, 1)[0]), "object")
+    row(
+        "each further small object, CPU ms",
+        "1 to 200",
+        float(np.polyfit(counts, costs, 1)[0]),
+        "object",
+    )
     for name, path in {"16 balls": sixteen, **scenes}.items():
         wall, _ = cold(path, 16, folder)
         row("cold render, 16 frames, wall s", name, wall, "cold")
         if name in PAPER:
-            row("cold render, times as fast as the paper's code", name, PAPER[name] / wall, "paper")
+            row(
+                "cold render, times as fast as the paper's code",
+                name,
+                PAPER[name] / wall,
+                "paper",
+            )
     row("fixed NumPy and OpenCV work, wall s", "", workload())
     for path in [*bundled, *(scenes[name] for name in PAPER if name in scenes)]:
         name = path.parent.name if path.name == "scene.yaml" else path.stem
-        row("simulate, times the solver's own time", name, beside_solver(path), "solver")
+        row(
+            "simulate, times the solver's own time", name, beside_solver(path), "solver"
+        )
     large = table(folder / "large", (1920, 1080), grid((1920, 1080), 12, 90.0))
     for count in (30, 120):
         _, memory = cold(large, count, folder)

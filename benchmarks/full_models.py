@@ -55,13 +55,19 @@ def made(build: Callable[[], Any], folder: Path, setup: Setup) -> animatediff.Sa
     index["unet"] = ["diffusers", "UNet2DConditionModel"]
     (folder / "model_index.json").write_text(json.dumps(index))
     animatediff.load = lambda *_: animatediff.AnimateDiff(pipe, device, dtype)
-    return animatediff.Sampler(replace(setup, weights=f"{folder}/motion_adapter,{folder}", device=device))
+    return animatediff.Sampler(
+        replace(setup, weights=f"{folder}/motion_adapter,{folder}", device=device)
+    )
 
 
 @contextmanager
 def unfilled() -> Iterator[None]:
     """Weights are left as they are found: the libraries would draw them with care, twice."""
-    names = [name for name in dir(torch.nn.init) if name.endswith("_") and not name.startswith("_")]
+    names = [
+        name
+        for name in dir(torch.nn.init)
+        if name.endswith("_") and not name.startswith("_")
+    ]
     kept = {name: getattr(torch.nn.init, name) for name in names}
     for name in names:
         setattr(torch.nn.init, name, lambda tensor, *_, **__: tensor)
@@ -73,11 +79,20 @@ def unfilled() -> Iterator[None]:
 
 
 def _clip_text(folder: Path) -> dict[str, Any]:
-    words = ["<|startoftext|>", "<|endoftext|>", *LETTERS, *(f"{letter}</w>" for letter in LETTERS)]
-    (folder / "vocab.json").write_text(json.dumps({word: k for k, word in enumerate(words)}))
+    words = [
+        "<|startoftext|>",
+        "<|endoftext|>",
+        *LETTERS,
+        *(f"{letter}</w>" for letter in LETTERS),
+    ]
+    (folder / "vocab.json").write_text(
+        json.dumps({word: k for k, word in enumerate(words)})
+    )
     (folder / "merges.txt").write_text("#version: 0.2\n")
     tokens = CLIPTokenizer(
-        vocab=str(folder / "vocab.json"), merges=str(folder / "merges.txt"), model_max_length=77
+        vocab=str(folder / "vocab.json"),
+        merges=str(folder / "merges.txt"),
+        model_max_length=77,
     )
     config = CLIPTextConfig(
         hidden_size=768, intermediate_size=3072, num_attention_heads=12, num_hidden_layers=12,
@@ -90,7 +105,9 @@ def stable_diffusion(folder: Path, setup: Setup) -> animatediff.Sampler:
     """Stable Diffusion 1.5 with a motion adapter v1-5-3."""
 
     def build() -> Any:
-        unet = UNet2DConditionModel(sample_size=64, cross_attention_dim=768, attention_head_dim=8)
+        unet = UNet2DConditionModel(
+            sample_size=64, cross_attention_dim=768, attention_head_dim=8
+        )
         unet.save_config(folder / "unet")
         vae = AutoencoderKL(
             block_out_channels=[128, 256, 512, 512], latent_channels=4, sample_size=512,

@@ -25,7 +25,9 @@ Array = NDArray[np.float64]
 
 def ddim() -> tuple[Array, Array]:
     """Signal and noise of each level, none at the end: AnimateDiff's linear betas."""
-    kept = np.cumprod(1 - np.linspace(0.00085, 0.012, 1000))[np.linspace(999, 0, STEPS).round().astype(int)]
+    kept = np.cumprod(1 - np.linspace(0.00085, 0.012, 1000))[
+        np.linspace(999, 0, STEPS).round().astype(int)
+    ]
     kept = np.append(kept, 1.0)
     return np.sqrt(kept), np.sqrt(1 - kept)
 
@@ -60,7 +62,9 @@ def main() -> None:
         a, b = (level[-count - 1 :] for level in levels)
         for spread in SPREADS:
             for mask in MASKS:
-                same, fresh = (refined(a, b, spread, mask, way) for way in (False, True))
+                same, fresh = (
+                    refined(a, b, spread, mask, way) for way in (False, True)
+                )
                 rows.append(
                     {
                         "schedule": name,

@@ -45,7 +45,9 @@ def film(path: Path, seed: int) -> None:
     with open_video(path.parent, Format.MP4, SIZE, FPS) as write:
         for k in range(FRAMES):
             frame = np.ascontiguousarray(photo)
-            cv2.circle(frame, (20 + 7 * k, 60 + (k - 30) ** 2 // 5), 18, (240, 200, 60), -1)
+            cv2.circle(
+                frame, (20 + 7 * k, 60 + (k - 30) ** 2 // 5), 18, (240, 200, 60), -1
+            )
             write(frame)
 
 
@@ -76,12 +78,16 @@ def folders(home: Path, count: int, films: list[Path]) -> None:
             "variant": None,
             "overrides": [f"objects.*.mass={mass}", f"objects.*.friction={friction}"],
             "inputs": {},
-            "warnings": [{"text": "scene.yaml:3:1: warning: rests on nothing"}] * (k % 50 == 0),
+            "warnings": [{"text": "scene.yaml:3:1: warning: rests on nothing"}]
+            * (k % 50 == 0),
             "video": {"size": SIZE, "fps": FPS},
             "files": {"video.mp4": seal, "report.html": ""},
             "samples": [seal] * FRAMES,
             "frames": [seal] * FRAMES,
-            "document": {"world": {"duration": 2, "gravity": [0, 980]}, "objects": objects},
+            "document": {
+                "world": {"duration": 2, "gravity": [0, 980]},
+                "objects": objects,
+            },
         }
         (folder / "manifest.json").write_text(json.dumps(manifest))
         (beside / f"{seal[:20]}.poster.webp").write_bytes(made[k % len(made)])
@@ -92,7 +98,8 @@ def inside(home: Path) -> None:
     clips = clips_in([home])
     beside = home / "index.files"
     held = [
-        "data:image/webp;base64," + base64.b64encode((beside / f"{c.seal}.poster.webp").read_bytes()).decode()
+        "data:image/webp;base64,"
+        + base64.b64encode((beside / f"{c.seal}.poster.webp").read_bytes()).decode()
         for c in clips
     ]
     (home / "inside.html").write_text(gallery_page(clips, held, home, "inside"))

@@ -116,10 +116,25 @@ INTENDED: dict[str, str] = {
     "export/cans/messages": "export does not report how long the frames play",
 }
 """Patterns of entries (`group/name/item`, as fnmatch reads them) that may differ, with the reason."""
-STORIES = ("bottle-book", "cans", "dominoes", "kitchen", "pyramid", "ramp", "seesaw", "shelf", "wall-ball")
+STORIES = (
+    "bottle-book",
+    "cans",
+    "dominoes",
+    "kitchen",
+    "pyramid",
+    "ramp",
+    "seesaw",
+    "shelf",
+    "wall-ball",
+)
 SHADED = ("cups", "curling", "marbles", "pendulum", "toy-car")
-INTENDED |= {f"scenes/{name}/*": "its story was edited: pushes, duration, pace" for name in STORIES}
-INTENDED |= {f"scenes/{name}/clip/*": "shadows end where their floor ends" for name in SHADED}
+INTENDED |= {
+    f"scenes/{name}/*": "its story was edited: pushes, duration, pace"
+    for name in STORIES
+}
+INTENDED |= {
+    f"scenes/{name}/clip/*": "shadows end where their floor ends" for name in SHADED
+}
 
 VARIABLE_KEYS = re.compile(
     r"(^|_)(cpu|wall|elapsed|started|finished|date|date_created|memory|host|machine|platform|python|versions?|"
@@ -132,7 +147,17 @@ Values = dict[str, Any]
 FORMATS = "frames,flo,coco,davis,events,trajectory,physics"
 MAP_FORMATS = "depth,normals"
 COMMANDS = (
-    *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset"),
+    *(
+        "perceive",
+        "import",
+        "edit",
+        "check",
+        "simulate",
+        "render",
+        "sweep",
+        "export",
+        "dataset",
+    ),
     *("gallery", "verify", "backends", "schema", "evaluate"),
 )
 MEASURES = ("physics", "segmentation", "fid", "study")
@@ -158,7 +183,11 @@ class Runner:
             (folder / "benchmarks").symlink_to(checkout / "benchmarks")
         if (truth := checkout / "studio" / "truth").is_dir():
             (folder / "truth").symlink_to(truth)
-        self.peers = sorted(path.parent.name for path in Path(peers).glob("*/sim.yaml")) if peers else []
+        self.peers = (
+            sorted(path.parent.name for path in Path(peers).glob("*/sim.yaml"))
+            if peers
+            else []
+        )
         for name in self.peers:
             shutil.copytree(Path(peers or "", name), folder / "peers" / name)
 
@@ -194,7 +223,11 @@ def array_value(array: np.ndarray) -> Values:
     value["hash"] = digest(np.ascontiguousarray(array).tobytes())
     if array.size:
         number = array.astype(np.float64)
-        value |= {"min": float(number.min()), "max": float(number.max()), "mean": float(number.mean())}
+        value |= {
+            "min": float(number.min()),
+            "max": float(number.max()),
+            "mean": float(number.mean()),
+        }
     return value
 
 
@@ -222,19 +255,30 @@ def file_value(path: Path) -> Any:
 
 def text_value(text: str) -> Any:
     """The text itself, or a hash where it is long."""
-    return text if len(text) <= MAX_TEXT else {"characters": len(text), "hash": digest(text.encode())}
+    return (
+        text
+        if len(text) <= MAX_TEXT
+        else {"characters": len(text), "hash": digest(text.encode())}
+    )
 
 
 def without_comments(text: str) -> str:
     """YAML without its comments and empty lines."""
-    lines = (re.sub(r"(^|\s)#(?=\s|$|\S).*$", "", line).rstrip() for line in text.splitlines())
+    lines = (
+        re.sub(r"(^|\s)#(?=\s|$|\S).*$", "", line).rstrip()
+        for line in text.splitlines()
+    )
     return "\n".join(line for line in lines if line)
 
 
 def steady(value: Any) -> Any:
     """Plain data without the keys that differ from run to run."""
     if isinstance(value, dict):
-        return {key: steady(child) for key, child in value.items() if not VARIABLE_KEYS.search(str(key))}
+        return {
+            key: steady(child)
+            for key, child in value.items()
+            if not VARIABLE_KEYS.search(str(key))
+        }
     if isinstance(value, list):
         return [steady(child) for child in value]
     return value
@@ -253,7 +297,9 @@ def key_paths(value: Any, path: str = "") -> Iterator[str]:
 
 def listing(folder: Path) -> list[str]:
     """Names of the files under a folder."""
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    return sorted(
+        str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()
+    )
 
 
 def folder_values(folder: Path, skip: tuple[str, ...] = ()) -> Values:
@@ -274,25 +320,43 @@ RENDER_SKIP = ("*.html", "*.mp4", "manifest.json", "*.js", "*.css", "*.gif", "*.
 """Files whose bytes hold times or versions; their presence is recorded."""
 
 
-def scene_values(runner: Runner, scene: str, frames: int, flags: tuple[str, ...] = ()) -> Values:
+def scene_values(
+    runner: Runner, scene: str, frames: int, flags: tuple[str, ...] = ()
+) -> Values:
     """What becomes of one scene."""
-    name = scene.replace("/", "-").removesuffix(".yaml") + "".join(flags).replace("/", "-")
+    name = scene.replace("/", "-").removesuffix(".yaml") + "".join(flags).replace(
+        "/", "-"
+    )
     values: Values = {"check": outcome(runner.run("check", scene))}
     output = runner.made(f"trajectory/{name}.npz")
-    values["simulate"] = outcome(runner.run("simulate", scene, "-o", str(output), *flags))
+    values["simulate"] = outcome(
+        runner.run("simulate", scene, "-o", str(output), *flags)
+    )
     if output.exists():
         values["trajectory"] = file_value(output)
     if frames:
         clips = runner.made(f"clips/{name}")
         done = runner.run(
-            *("render", scene, "-o", str(clips), "--format", "png", "--report", "none", "--no-cache"),
+            *(
+                "render",
+                scene,
+                "-o",
+                str(clips),
+                "--format",
+                "png",
+                "--report",
+                "none",
+                "--no-cache",
+            ),
             *("--set", f"render.frames={frames}", *flags),
         )
         values["render"] = outcome(done)
         values["clip"] = folder_values(clips, RENDER_SKIP)
         for manifest in clips.rglob("manifest.json"):
             values["resolved"] = json.loads(manifest.read_text())["document"]
-            values["manifest keys"] = sorted(set(key_paths(json.loads(manifest.read_text()))))
+            values["manifest keys"] = sorted(
+                set(key_paths(json.loads(manifest.read_text())))
+            )
     return values
 
 
@@ -307,7 +371,17 @@ def export_values(runner: Runner, name: str, scene: str, formats: str) -> Values
     """All formats of ground truth of a scene."""
     folder = runner.made(f"exports/{name}")
     done = runner.run(
-        *("export", scene, "--format", formats, "--set", "render.frames=5", "-o", str(folder), "--no-cache")
+        *(
+            "export",
+            scene,
+            "--format",
+            formats,
+            "--set",
+            "render.frames=5",
+            "-o",
+            str(folder),
+            "--no-cache",
+        )
     )
     return outcome(done) | folder_values(folder, ("*manifest.json",))
 
@@ -327,13 +401,20 @@ def flag_values(runner: Runner, *command: str) -> Values:
     """Flags and exit code of a command's help."""
     done = runner.run(*command, "--help")
     usage = done.stdout.partition("\n\n")[0]
-    return {"exit": done.returncode, "flags": sorted(set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", usage)))}
+    return {
+        "exit": done.returncode,
+        "flags": sorted(set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", usage))),
+    }
 
 
 def refused_values(runner: Runner, case: str) -> Values:
     """Messages about a wrong file."""
-    first = (runner.folder / "cases" / case).read_text(encoding="utf-8").partition("\n")[0]
-    flags = first.removeprefix("# flags: ").split() if first.startswith("# flags: ") else []
+    first = (
+        (runner.folder / "cases" / case).read_text(encoding="utf-8").partition("\n")[0]
+    )
+    flags = (
+        first.removeprefix("# flags: ").split() if first.startswith("# flags: ") else []
+    )
     done = runner.run("check", case, *flags, cwd="cases")
     return outcome(done) | {"output": done.stdout.splitlines()}
 
@@ -354,7 +435,14 @@ def verify_values(runner: Runner) -> Values:
     """A clip verified, and its video."""
     clips, scene = runner.made("verified"), "scenes/pendulum/scene.yaml"
     made = runner.run(
-        "render", scene, "-o", str(clips), "--format", "mp4,gif,webp", "--set", "render.frames=4"
+        "render",
+        scene,
+        "-o",
+        str(clips),
+        "--format",
+        "mp4,gif,webp",
+        "--set",
+        "render.frames=4",
     )
     values: Values = {"render": outcome(made), "files": listing(clips)}
     for still in (*clips.rglob("*.gif"), *clips.rglob("*.webp")):
@@ -369,13 +457,18 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
     """Everything that is recorded, as names and functions; the slowest come first."""
     folder = runner.folder
     photos = sorted(path.parent.name for path in folder.glob("scenes/*/photo.png"))
-    tests = sorted(str(path.relative_to(folder)) for path in folder.glob("scenes/physics/*.yaml"))
+    tests = sorted(
+        str(path.relative_to(folder)) for path in folder.glob("scenes/physics/*.yaml")
+    )
     for name in runner.peers:
         yield f"perceive/import-{name}", lambda n=name: perceived_peer(runner, n, quick)
     if not quick:
         for name in photos:
             photo = f"scenes/{name}/photo.png"
-            yield f"perceive/{name}", lambda n=name, p=photo: perceived_values(runner, n, "perceive", p)
+            yield (
+                f"perceive/{name}",
+                lambda n=name, p=photo: perceived_values(runner, n, "perceive", p),
+            )
         for name in ("shelf", "curling"):
             given = (
                 "perceive",
@@ -383,22 +476,42 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
                 "--masks",
                 f"scenes/{name}/photo.assets/masks.png",
             )
-            yield f"perceive/{name}-masks", lambda n=name, g=given: perceived_values(runner, f"{n}-masks", *g)
-        asked = ("--box", "60,60,200,200", "--point", "300,300", "--label", "block-1=wooden block")
+            yield (
+                f"perceive/{name}-masks",
+                lambda n=name, g=given: perceived_values(runner, f"{n}-masks", *g),
+            )
+        asked = (
+            "--box",
+            "60,60,200,200",
+            "--point",
+            "300,300",
+            "--label",
+            "block-1=wooden block",
+        )
         yield (
             "perceive/kitchen-asked",
-            lambda: perceived_values(runner, "asked", "perceive", "scenes/kitchen/photo.png", *asked),
+            lambda: perceived_values(
+                runner, "asked", "perceive", "scenes/kitchen/photo.png", *asked
+            ),
         )
-        yield "export/cans", lambda: export_values(runner, "cans", "scenes/cans/scene.yaml", FORMATS)
+        yield (
+            "export/cans",
+            lambda: export_values(runner, "cans", "scenes/cans/scene.yaml", FORMATS),
+        )
     for name in photos:
         scene, frames = f"scenes/{name}/scene.yaml", 4 if quick else 12
         yield f"scenes/{name}", lambda s=scene, f=frames: scene_values(runner, s, f)
     for scene in tests:
-        yield f"scenes/{Path(scene).stem}", lambda s=scene: scene_values(runner, s, 0 if quick else 3)
+        yield (
+            f"scenes/{Path(scene).stem}",
+            lambda s=scene: scene_values(runner, s, 0 if quick else 3),
+        )
     cans = "scenes/cans/scene.yaml"
     yield (
         "commands/variants",
-        lambda: scene_values(runner, "scenes/billiards/scene.yaml", 2, ("--variant", "no-nine")),
+        lambda: scene_values(
+            runner, "scenes/billiards/scene.yaml", 2, ("--variant", "no-nine")
+        ),
     )
     yield "commands/simulate", lambda: json_values(runner, "simulate", cans, "--json")
     yield "commands/fan", lambda: fan_values(runner)
@@ -408,7 +521,10 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
     for command in COMMANDS:
         yield f"commands/{command} --help", lambda c=command: flag_values(runner, c)
     for measure in MEASURES:
-        yield f"commands/evaluate {measure} --help", lambda m=measure: flag_values(runner, "evaluate", m)
+        yield (
+            f"commands/evaluate {measure} --help",
+            lambda m=measure: flag_values(runner, "evaluate", m),
+        )
     forms = (
         runner.checkout / "benchmarks" / "physics"
     )  # where closed forms are part of the package, there is none
@@ -428,23 +544,45 @@ def fan_values(runner: Runner) -> Values:
     scene = runner.made("fan-scene/scene.yaml")
     values = outcome(runner.run("perceive", "scenes/shelf/photo.png", "-o", str(scene)))
     done = runner.run(
-        *("render", str(scene), "-o", str(runner.made("fan")), "--fan", "4", "--preview", "--format", "png")
+        *(
+            "render",
+            str(scene),
+            "-o",
+            str(runner.made("fan")),
+            "--fan",
+            "4",
+            "--preview",
+            "--format",
+            "png",
+        )
     )
-    return values | {"render": outcome(done)} | folder_values(runner.made("fan"), RENDER_SKIP)
+    return (
+        values
+        | {"render": outcome(done)}
+        | folder_values(runner.made("fan"), RENDER_SKIP)
+    )
 
 
 def perceived_peer(runner: Runner, name: str, quick: bool) -> Values:
     """A peer scene imported, drawn and exported; its photo perceived."""
     values: Values = {
-        "import": perceived_values(runner, f"peer-{name}", "import", "physgen", f"peers/{name}")
+        "import": perceived_values(
+            runner, f"peer-{name}", "import", "physgen", f"peers/{name}"
+        )
     }
-    scene = str(runner.made(f"perceived/peer-{name}/scene.yaml").relative_to(runner.folder))
+    scene = str(
+        runner.made(f"perceived/peer-{name}/scene.yaml").relative_to(runner.folder)
+    )
     values |= scene_values(runner, scene, 4 if quick else 12)
     if name == runner.peers[-1]:
-        values["export"] = export_values(runner, name, scene, f"{FORMATS},{MAP_FORMATS}")
+        values["export"] = export_values(
+            runner, name, scene, f"{FORMATS},{MAP_FORMATS}"
+        )
     if not quick:
         photo = f"peers/{name}/original.png"
-        values["perceive"] = perceived_values(runner, f"photo-{name}", "perceive", photo)
+        values["perceive"] = perceived_values(
+            runner, f"photo-{name}", "perceive", photo
+        )
     return values
 
 
@@ -454,7 +592,9 @@ def segmentation_values(runner: Runner) -> Values:
         target = runner.made(f"labelled/{name}/photo.png").parent
         for file in ("photo.png", "photo.assets/masks.png"):
             shutil.copy(runner.folder / "scenes" / name / file, target)
-    return json_values(runner, "evaluate", "segmentation", str(runner.made("labelled")), "--json")
+    return json_values(
+        runner, "evaluate", "segmentation", str(runner.made("labelled")), "--json"
+    )
 
 
 def record(output: Path, checkout: Path, quick: bool) -> None:
@@ -467,14 +607,25 @@ def record(output: Path, checkout: Path, quick: bool) -> None:
             values = {}
             for count, ((name, _), value) in enumerate(zip(work, made, strict=True), 1):
                 values[name] = value
-                print(f"\r{count} of {len(work)}: {name:<60}", end="", file=sys.stderr, flush=True)
+                print(
+                    f"\r{count} of {len(work)}: {name:<60}",
+                    end="",
+                    file=sys.stderr,
+                    flush=True,
+                )
     print(file=sys.stderr)
-    output.write_text(json.dumps(values, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
+    output.write_text(
+        json.dumps(values, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+    )
 
 
 def relative(value: Any, scratch: str) -> Any:
     """Plain data without the name of the scratch folder."""
-    text = json.dumps(value, ensure_ascii=False).replace(scratch + "/", "").replace(scratch, ".")
+    text = (
+        json.dumps(value, ensure_ascii=False)
+        .replace(scratch + "/", "")
+        .replace(scratch, ".")
+    )
     return json.loads(text)
 
 
@@ -484,22 +635,31 @@ def compare(before: Values, after: Values) -> int:
     intended: dict[str, list[str]] = defaultdict(list)
     found: dict[str, list[str]] = defaultdict(list)
     for name in sorted(before.keys() | after.keys()):
-        for path, old, new in differences(before.get(name, MISSING), after.get(name, MISSING), name):
+        for path, old, new in differences(
+            before.get(name, MISSING), after.get(name, MISSING), name
+        ):
             line = f"{path}\n    before: {shown(old)}\n    after:  {shown(new)}"
-            reason = next((why for glob, why in INTENDED.items() if fnmatch.fnmatch(path, glob)), None)
+            reason = next(
+                (why for glob, why in INTENDED.items() if fnmatch.fnmatch(path, glob)),
+                None,
+            )
             if reason:
                 intended[reason].append(path)
             elif is_reworded(path, old, new):
                 reworded.append(line)
             else:
                 found[name.partition("/")[0]].append(line)
-    notes = [f"{reason}: {len(paths)}, e.g. {paths[0]}" for reason, paths in intended.items()]
+    notes = [
+        f"{reason}: {len(paths)}, e.g. {paths[0]}" for reason, paths in intended.items()
+    ]
     for title, lines in (("reworded", reworded), ("intended", notes), *found.items()):
         if lines:
             print(f"== {title}: {len(lines)}", *lines, sep="\n")
     count = sum(map(len, found.values()))
     allowed = sum(map(len, intended.values()))
-    print(f"{len(after)} entries; {count} differences, {allowed} intended, {len(reworded)} reworded")
+    print(
+        f"{len(after)} entries; {count} differences, {allowed} intended, {len(reworded)} reworded"
+    )
     return count
 
 
@@ -511,7 +671,11 @@ def is_reworded(path: str, old: Any, new: Any) -> bool:
     """Whether messages speak of the same places, in other words; or a sentence within JSON is another."""
     if isinstance(old, str) and isinstance(new, str) and "/json/" in path:
         return min(old.count(" "), new.count(" ")) >= 2
-    if not path.endswith(("/messages", "/output")) or not isinstance(old, list) or not isinstance(new, list):
+    if (
+        not path.endswith(("/messages", "/output"))
+        or not isinstance(old, list)
+        or not isinstance(new, list)
+    ):
         return False
     return len(old) == len(new) and places(old) == places(new)
 
@@ -530,7 +694,9 @@ def differences(old: Any, new: Any, path: str) -> Iterator[tuple[str, Any, Any]]
         for key in sorted(old.keys() | new.keys()):
             if ".json" in path and VARIABLE_KEYS.search(key):
                 continue
-            yield from differences(old.get(key, MISSING), new.get(key, MISSING), f"{path}/{key}")
+            yield from differences(
+                old.get(key, MISSING), new.get(key, MISSING), f"{path}/{key}"
+            )
     elif (
         path.endswith(("/files", "/manifest keys", "/flags"))
         and isinstance(old, list)
@@ -554,7 +720,9 @@ def differences(old: Any, new: Any, path: str) -> Iterator[tuple[str, Any, Any]]
 def text_difference(old: str, new: str) -> tuple[list[str], list[str]]:
     """Lines that only one of two texts has."""
     lines = list(difflib.ndiff(old.splitlines(), new.splitlines()))
-    return [line[2:] for line in lines if line[0] == "-"], [line[2:] for line in lines if line[0] == "+"]
+    return [line[2:] for line in lines if line[0] == "-"], [
+        line[2:] for line in lines if line[0] == "+"
+    ]
 
 
 def shown(value: Any) -> str:
@@ -578,7 +746,9 @@ def main() -> int:
     if arguments.command == "record":
         record(arguments.output, arguments.physgen, arguments.quick)
         return 0
-    records = [json.loads(path.read_text()) for path in (arguments.before, arguments.after)]
+    records = [
+        json.loads(path.read_text()) for path in (arguments.before, arguments.after)
+    ]
     return 1 if compare(*records) else 0
 
 

@@ -52,7 +52,9 @@ FEWEST = 60
 """px of an outline that must be in sight."""
 
 
-def scene_files(folder: Path, names: list[str] | None = None) -> Iterator[tuple[str, Path, list[str]]]:
+def scene_files(
+    folder: Path, names: list[str] | None = None
+) -> Iterator[tuple[str, Path, list[str]]]:
     """Name, scene file and overrides of each clip; scenes of photos and peers are made in `folder`."""
     for path in sorted((ROOT / "scenes").glob("*/scene.yaml")):
         if not names or path.parent.name in names:
@@ -60,13 +62,26 @@ def scene_files(folder: Path, names: list[str] | None = None) -> Iterator[tuple[
     for name in PERCEIVED:
         if not names or f"{name}-perceived" in names:
             path = folder / f"{name}-perceived.yaml"
-            assert physgen(["perceive", str(ROOT / "scenes" / name / "photo.png"), "-o", str(path)]) == 0
+            assert (
+                physgen(
+                    [
+                        "perceive",
+                        str(ROOT / "scenes" / name / "photo.png"),
+                        "-o",
+                        str(path),
+                    ]
+                )
+                == 0
+            )
             yield path.stem, path, PUSHES[name]
     peers = os.environ.get("PHYSGEN_PEER_SCENES")
     for name in PEERS if peers else ():
         if not names or name in names:
             path = folder / f"{name}.yaml"
-            assert physgen(["import", "physgen", str(Path(peers, name)), "-o", str(path)]) == 0
+            assert (
+                physgen(["import", "physgen", str(Path(peers, name)), "-o", str(path)])
+                == 0
+            )
             yield name, path, []
 
 
@@ -81,7 +96,9 @@ def ghosts(folder: Path, names: list[str] | None = None) -> list[dict]:
         compiled = pipeline.compile(scene, maps)
         drawn = pipeline.stage(scene, compiled, maps)
         track = simulate(compiled.world, np.array([0.0, compiled.world.duration]))
-        away = replace(track, poses=track.poses + np.array([[[0.0, 0, 0]], [[1e5, 1e5, 0]]]))
+        away = replace(
+            track, poses=track.poses + np.array([[[0.0, 0, 0]], [[1e5, 1e5, 0]]])
+        )
         last, empty = (list(pipeline.render(drawn, one))[-1] for one in (track, away))
         open_ = _open(last, empty)
         gone = np.zeros(maps.labels.shape, bool)
@@ -91,16 +108,26 @@ def ghosts(folder: Path, names: list[str] | None = None) -> list[dict]:
         shadow = np.zeros_like(gone)
         if maps.clean is not None:
             dark = _log(maps.clean) - _log(maps.background)
-            shadow = (cv2.GaussianBlur(dark, (0, 0), 2.0) > DARK) & (cv2.blur(gone * 1.0, (9, 9)) == 0)
+            shadow = (cv2.GaussianBlur(dark, (0, 0), 2.0) > DARK) & (
+                cv2.blur(gone * 1.0, (9, 9)) == 0
+            )
         true = None
-        truth = ROOT / "scenes" / name.removesuffix("-perceived") / "photo.assets" / "clean.png"
+        truth = (
+            ROOT
+            / "scenes"
+            / name.removesuffix("-perceived")
+            / "photo.assets"
+            / "clean.png"
+        )
         if truth.exists():
             true = cv2.imread(str(truth))[..., ::-1]
         outlines = {"outline": gone, "shadow": shadow & ~(compiled.labels > 0)}
         row: dict = {"scene": name}
         for kind, mask in outlines.items():
             row[kind] = ghost_index(last.rgb, mask, open_)
-            row[f"{kind}_true"] = None if true is None else ghost_index(true, mask, open_)
+            row[f"{kind}_true"] = (
+                None if true is None else ghost_index(true, mask, open_)
+            )
         rows.append(row)
         print(row, file=sys.stderr, flush=True)
         if names is not None:
@@ -109,16 +136,23 @@ def ghosts(folder: Path, names: list[str] | None = None) -> list[dict]:
     return rows
 
 
-def ghost_index(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], open_: NDArray[np.bool_]) -> float | None:
+def ghost_index(
+    rgb: NDArray[np.uint8], mask: NDArray[np.bool_], open_: NDArray[np.bool_]
+) -> float | None:
     """Slope across the border of `mask` over that across lines beside it, where `open_`; None where little is seen."""
     if not mask.any():
         return None
-    inside, outside = (cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, 5) for part in (mask, ~mask))
+    inside, outside = (
+        cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, 5)
+        for part in (mask, ~mask)
+    )
     signed = cv2.GaussianBlur(np.where(mask, inside - 0.5, 0.5 - outside), (0, 0), 1.0)
     down, right = np.gradient(signed)
     picture = cv2.GaussianBlur(rgb.astype(np.float32).mean(axis=2), (0, 0), 0.7)
     dy, dx = np.gradient(picture)
-    slope = ((dx * right + dy * down) / np.maximum(np.hypot(right, down), 0.3)).astype(np.float32)
+    slope = ((dx * right + dy * down) / np.maximum(np.hypot(right, down), 0.3)).astype(
+        np.float32
+    )
     found = []
     for far in (0.0, float(RING)):
         line = ((np.abs(np.abs(signed) - far) <= BAND) & open_).astype(np.float32)
@@ -135,7 +169,10 @@ def _open(last: Frame, empty: Frame) -> NDArray[np.bool_]:
     """Where the last frame shows what is left when all objects have gone."""
     off = np.abs(last.rgb.astype(np.float32) - empty.rgb).max(axis=2)
     covered = (last.ids > 0) | (cv2.GaussianBlur(off, (0, 0), 1.0) > 2)
-    return cv2.dilate(covered.astype(np.uint8), np.ones((2 * APART + 1,) * 2, np.uint8)) == 0
+    return (
+        cv2.dilate(covered.astype(np.uint8), np.ones((2 * APART + 1,) * 2, np.uint8))
+        == 0
+    )
 
 
 def _log(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:

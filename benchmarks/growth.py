@@ -36,15 +36,24 @@ def scene(kind: str, count: int) -> dict:
     for k in range(count):
         i, j = k % columns, k // columns
         if kind == "stacks":
-            shape = {"box": {"center": [20.5 + 21 * i, -10.0 - 20 * j], "size": [20, 20]}}
+            shape = {
+                "box": {"center": [20.5 + 21 * i, -10.0 - 20 * j], "size": [20, 20]}
+            }
             objects[f"b{k}"] = {"shape": shape, "mass": 50}
             continue
         x, y = round(30 + 24 * i + rng.uniform(-2, 2), 2), -12.0 - 24 * j
         if (i + j) % 2:
             shape = {"box": {"center": [x, y], "size": [18, 18]}}
-            objects[f"b{k}"] = {"shape": shape, "mass": 50, "spin": round(rng.uniform(-60, 60), 1)}
+            objects[f"b{k}"] = {
+                "shape": shape,
+                "mass": 50,
+                "spin": round(rng.uniform(-60, 60), 1),
+            }
         else:
-            objects[f"b{k}"] = {"shape": {"circle": {"center": [x, y], "radius": 9}}, "mass": 40}
+            objects[f"b{k}"] = {
+                "shape": {"circle": {"center": [x, y], "radius": 9}},
+                "mass": 40,
+            }
     wide, high = 24 * columns + 40, 60.0 * columns
     walls = [[0, -high], [0, 0], [wide, 0], [wide, -high]]
     return {
@@ -66,10 +75,15 @@ def growth(folder: Path) -> list[dict]:
             runs = []
             for _ in range(3 if count < 300 else 2):
                 run = subprocess.run(
-                    [sys.executable, "-c", CODE, str(path)], check=True, capture_output=True, text=True
+                    [sys.executable, "-c", CODE, str(path)],
+                    check=True,
+                    capture_output=True,
+                    text=True,
                 )
                 runs.append(json.loads(run.stdout))
-            rows.append({"kind": kind, "bodies": count, **min(runs, key=lambda row: row["cpu"])})
+            rows.append(
+                {"kind": kind, "bodies": count, **min(runs, key=lambda row: row["cpu"])}
+            )
     return rows
 
 
@@ -97,27 +111,43 @@ def plot(rows: list[dict]) -> str:
     for bodies in (10, 20, 50, 100, 200, 500, 1000):
         x, bottom = at(bodies, 10**low_y)
         parts.append(f'<path d="M{x} {top}V{bottom}" stroke="#e4e4e4"/>')
-        parts.append(f'<text x="{x}" y="{bottom + 18}" text-anchor="middle" fill="#444">{bodies:,}</text>')
+        parts.append(
+            f'<text x="{x}" y="{bottom + 18}" text-anchor="middle" fill="#444">{bodies:,}</text>'
+        )
     for cpu in (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20):
         x, y = at(10, cpu)
         parts.append(f'<path d="M{left} {y}H{left + width}" stroke="#e4e4e4"/>')
-        parts.append(f'<text x="{left - 8}" y="{y + 4}" text-anchor="end" fill="#444">{cpu:g}</text>')
+        parts.append(
+            f'<text x="{left - 8}" y="{y + 4}" text-anchor="end" fill="#444">{cpu:g}</text>'
+        )
     for kind, colour in zip(KINDS, ("#c2410c", "#1d4ed8"), strict=True):
         mine = [row for row in rows if row["kind"] == kind]
         points = [at(row["bodies"], row["cpu"]) for row in mine]
         line = "M" + "L".join(f"{x} {y}" for x, y in points)
-        parts.append(f'<path d="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        parts += [f'<circle cx="{x}" cy="{y}" r="4" fill="{colour}"/>' for x, y in points]
+        parts.append(
+            f'<path d="{line}" fill="none" stroke="{colour}" stroke-width="2"/>'
+        )
+        parts += [
+            f'<circle cx="{x}" cy="{y}" r="4" fill="{colour}"/>' for x, y in points
+        ]
         y = top + 250 + 24 * KINDS.index(kind)
         label = f"{kind}: bodies^{exponent(mine):.2f}"
         parts.append(f'<text x="{left + 380}" y="{y}" fill="{colour}">{label}</text>')
     first = next(row for row in rows if row["kind"] == KINDS[0])
-    last = 10 * (10**high_y / first["cpu"]) ** (1 / 1.2)  # where the line leaves the plot
+    last = 10 * (10**high_y / first["cpu"]) ** (
+        1 / 1.2
+    )  # where the line leaves the plot
     (x0, y0), (x1, y1) = at(10, first["cpu"]), at(last, 10**high_y)
-    parts.append(f'<path d="M{x0} {y0}L{x1} {y1}" stroke="#888" stroke-dasharray="5 5"/>')
-    parts.append(f'<text x="{x1 - 34}" y="{y1 + 14}" text-anchor="end" fill="#666">bodies^1.2</text>')
+    parts.append(
+        f'<path d="M{x0} {y0}L{x1} {y1}" stroke="#888" stroke-dasharray="5 5"/>'
+    )
+    parts.append(
+        f'<text x="{x1 - 34}" y="{y1 + 14}" text-anchor="end" fill="#666">bodies^1.2</text>'
+    )
     middle = left + width / 2
-    parts.append(f'<text x="{middle}" y="{top + height + 46}" text-anchor="middle">bodies</text>')
+    parts.append(
+        f'<text x="{middle}" y="{top + height + 46}" text-anchor="middle">bodies</text>'
+    )
     parts.append(
         f'<text transform="translate(18 {top + height / 2}) rotate(-90)" text-anchor="middle">CPU s for 2 s</text>'
     )

@@ -30,7 +30,13 @@ from physgen.evaluate.segmentation import Photo, match, runs
 from physgen.problems import InputError
 from physgen.scene.scene import Motion, View
 
-SKIMAGE = {"coins": "png", "coffee": "png", "clock_motion": "png", "rocket": "jpg", "chelsea": "png"}
+SKIMAGE = {
+    "coins": "png",
+    "coffee": "png",
+    "clock_motion": "png",
+    "rocket": "jpg",
+    "chelsea": "png",
+}
 """Things on a table, a cup, a clock, a rocket, and a cat, in whom nothing stands loose."""
 SPEED = 350.0
 """px/s that the push gives, in a photo of 512 px; in proportion in others."""
@@ -73,10 +79,14 @@ def whole_way(name: str, photo: Path, truth: Path | None, folder: Path) -> dict:
         long = (f"world.duration={DURATION}",)
         begun = time.perf_counter()
         row["standing"], row["loose"] = standing(path, long)
-        pipeline.render_scene(path, folder / "clips", overrides=long, name=name + "-as-it-stands")
+        pipeline.render_scene(
+            path, folder / "clips", overrides=long, name=name + "-as-it-stands"
+        )
         thing, push = pushed(path)
         row["pushed"] = thing
-        pipeline.render_scene(path, folder / "clips", overrides=(*long, push), name=name + "-pushed")
+        pipeline.render_scene(
+            path, folder / "clips", overrides=(*long, push), name=name + "-pushed"
+        )
         row["render_s"] = round((time.perf_counter() - begun) / 2, 1)
     except InputError as error:
         row["failed"] = str(error.problems[0])
@@ -90,12 +100,17 @@ def found(path: Path, truth: Path) -> dict:
     maps = pipeline.percepts(pipeline.load(path))
     assert maps is not None
     said, known = (
-        [runs(ids == i) for i in np.unique(ids[ids > 0])] for ids in (maps.labels, true.astype(np.uint16))
+        [runs(ids == i) for i in np.unique(ids[ids > 0])]
+        for ids in (maps.labels, true.astype(np.uint16))
     )
     size = maps.labels.shape[1], maps.labels.shape[0]
     (judged,) = match([Photo("", size, known, (), said, np.ones(len(said)))]).photos
     hits = judged.overlap[judged.right]
-    return {"true": len(known), "met": len(hits), "iou": round(float(hits.mean()), 3) if len(hits) else None}
+    return {
+        "true": len(known),
+        "met": len(hits),
+        "iou": round(float(hits.mean()), 3) if len(hits) else None,
+    }
 
 
 def standing(path: Path, overrides: tuple[str, ...]) -> tuple[int, int]:
@@ -104,7 +119,9 @@ def standing(path: Path, overrides: tuple[str, ...]) -> tuple[int, int]:
     compiled = pipeline.compile(scene, pipeline.percepts(scene))
     trajectory = pipeline.simulate(compiled.world)
     free = [k for k, item in enumerate(scene.objects) if item.motion is Motion.DYNAMIC]
-    far = np.linalg.norm(trajectory.poses[:, free, :2] - trajectory.poses[:1, free, :2], axis=2).max(axis=0)
+    far = np.linalg.norm(
+        trajectory.poses[:, free, :2] - trajectory.poses[:1, free, :2], axis=2
+    ).max(axis=0)
     return int((far <= max(STILL, 0.005 * max(scene.size))).sum()), len(free)
 
 
@@ -113,15 +130,23 @@ def pushed(path: Path) -> tuple[str, str]:
     scene = pipeline.load(path)
     compiled = pipeline.compile(scene, pipeline.percepts(scene))
     free = [k for k, item in enumerate(scene.objects) if item.motion is Motion.DYNAMIC]
-    k = max(free, key=lambda k: cv2.contourArea(compiled.world.bodies[k].rings[0].astype(np.float32)))
+    k = max(
+        free,
+        key=lambda k: cv2.contourArea(
+            compiled.world.bodies[k].rings[0].astype(np.float32)
+        ),
+    )
     body = compiled.world.bodies[k]
     way = np.array(scene.size) / 2 - body.center
     if scene.world.view is View.SIDE:
         way = np.array([np.sign(way[0]) or 1.0, -0.4])
-    way = way / max(np.linalg.norm(way), 1e-9) * SPEED * max(scene.size) / 512 * body.mass
-    return scene.objects[
-        k
-    ].name, f"forces=[{{object: {scene.objects[k].name}, impulse: {way.round(1).tolist()}}}]"
+    way = (
+        way / max(np.linalg.norm(way), 1e-9) * SPEED * max(scene.size) / 512 * body.mass
+    )
+    return (
+        scene.objects[k].name,
+        f"forces=[{{object: {scene.objects[k].name}, impulse: {way.round(1).tolist()}}}]",
+    )
 
 
 def headline(folder: Path) -> list[dict]:
@@ -144,7 +169,19 @@ def headline(folder: Path) -> list[dict]:
 
 
 LIVING = frozenset(
-    ["person", "bird", "cat", "dog", "horse", "sheep", "cow", "elephant", "bear", "zebra", "giraffe"]
+    [
+        "person",
+        "bird",
+        "cat",
+        "dog",
+        "horse",
+        "sheep",
+        "cow",
+        "elephant",
+        "bear",
+        "zebra",
+        "giraffe",
+    ]
 )
 STREET = frozenset(
     ("car", "truck", "bus", "train", "airplane", "boat", "motorcycle", "bicycle", "traffic light", "stop sign",
@@ -161,10 +198,24 @@ def sorted_photos(material: Path) -> Iterator[tuple[str, str, Path]]:
     labels = json.loads((material / "coco" / "labels.json").read_text())
     for k, name in enumerate(sorted(labels, key=int)):
         mask = cv2.imread(str(material / "coco" / f"{name}.png"), cv2.IMREAD_GRAYSCALE)
-        living = sum(float((mask == int(i)).mean()) for i, what in labels[name].items() if what in LIVING)
+        living = sum(
+            float((mask == int(i)).mean())
+            for i, what in labels[name].items()
+            if what in LIVING
+        )
         outdoors = not STREET.isdisjoint(labels[name].values())
-        kind = "people or animals, 10 % or more" if living >= 0.1 else "outdoors" if outdoors else "other"
-        yield kind, "validation" if k % 5 == 0 else "tune", material / "coco" / f"{name}.jpg"
+        kind = (
+            "people or animals, 10 % or more"
+            if living >= 0.1
+            else "outdoors"
+            if outdoors
+            else "other"
+        )
+        yield (
+            kind,
+            "validation" if k % 5 == 0 else "tune",
+            material / "coco" / f"{name}.jpg",
+        )
 
 
 def suitability(material: Path) -> str:
@@ -176,23 +227,40 @@ def suitability(material: Path) -> str:
     from physgen.photos import read_photo
     from physgen.registry import Backends
 
-    crew, counts, why = Backends(), Counter[tuple[str, str, str]](), Counter[tuple[str, str]]()
+    crew, counts, why = (
+        Backends(),
+        Counter[tuple[str, str, str]](),
+        Counter[tuple[str, str]](),
+    )
     for kind, half, photo in sorted_photos(material):
         rgb = read_photo(photo).rgb
         segments = Segmenter(crew)(rgb)
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
-        found = Detections(segments.labels, "learned", sure, segments.names, doubtful=segments.doubtful)
+        found = Detections(
+            segments.labels, "learned", sure, segments.names, doubtful=segments.doubtful
+        )
         objects, _ = fit_objects(rgb, found)
         walls = crew.call("boundary", rgb, found.labels, objects, None)
         verdict = judge_suitability(rgb, found, objects, walls)
         print(photo, verdict, file=sys.stderr, flush=True)
         counts[kind, half, verdict.verdict] += 1
-        why.update((kind, re.sub(r"\d+ %", "N %", reason)) for reason in verdict.reasons)
+        why.update(
+            (kind, re.sub(r"\d+ %", "N %", reason)) for reason in verdict.reasons
+        )
     lines = ["| photos | half | good | doubtful |", "|---|---|---|---|"]
     for kind, half in sorted({(kind, half) for kind, half, _ in counts}):
-        lines.append(f"| {kind} | {half} | {counts[kind, half, 'good']} | {counts[kind, half, 'doubtful']} |")
+        lines.append(
+            f"| {kind} | {half} | {counts[kind, half, 'good']} | {counts[kind, half, 'doubtful']} |"
+        )
     return "\n".join(
-        [*lines, "", *(f"{count} x {kind}: {reason}" for (kind, reason), count in why.most_common())]
+        [
+            *lines,
+            "",
+            *(
+                f"{count} x {kind}: {reason}"
+                for (kind, reason), count in why.most_common()
+            ),
+        ]
     )
 
 
@@ -201,4 +269,6 @@ if __name__ == "__main__":
         print(suitability(Path(os.environ["PHYSGEN_MATERIAL"])))
         sys.exit()
     kept = {"machine": str(this_machine()), "rows": headline(Path(sys.argv[1]))}
-    (Path(__file__).parent / "results" / "headline.json").write_text(json.dumps(kept, indent=1) + "\n")
+    (Path(__file__).parent / "results" / "headline.json").write_text(
+        json.dumps(kept, indent=1) + "\n"
+    )

@@ -29,14 +29,27 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("clips", metavar="CLIP", nargs="+", type=Path)
     parser.option("--fps", "N", positive, "of tracks that do not say it; default: 30")
-    parser.add_argument("--view", choices=("side", "top"), default="side", help="of tracks; default: side")
+    parser.add_argument(
+        "--view",
+        choices=("side", "top"),
+        default="side",
+        help="of tracks; default: side",
+    )
     about = "a body on a rope or in a hand: only jumps and overlap are asked"
     parser.option("--held", "NAME", str, about, [], action="append")
-    parser.add_argument("--skip", metavar="QUESTION", action="append", default=[], choices=QUESTIONS)
+    parser.add_argument(
+        "--skip", metavar="QUESTION", action="append", default=[], choices=QUESTIONS
+    )
 
     def find(options: argparse.Namespace, progress: Progress) -> Findings:
-        clips = [tracks for path in options.clips for tracks in read(path, options.fps, View(options.view))]
-        return findings([judge(tracks.holding(options.held), options.skip) for tracks in clips])
+        clips = [
+            tracks
+            for path in options.clips
+            for tracks in read(path, options.fps, View(options.view))
+        ]
+        return findings(
+            [judge(tracks.holding(options.held), options.skip) for tracks in clips]
+        )
 
     return run(parser, find, arguments)
 

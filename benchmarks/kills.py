@@ -70,7 +70,9 @@ def sums(out: Path) -> dict[str, str]:
 
 def workers(parent: int) -> list[int]:
     try:
-        return list(map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split()))
+        return list(
+            map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
+        )
     except OSError:
         return []
 
@@ -111,7 +113,9 @@ def kills(home: Path, times: int = KILLS) -> list[dict]:
                 }
             )
             if count > CLIPS * 0.9:  # begin anew: every kill shall meet work under way
-                for manifest in chance.sample(sorted(out.glob("*/manifest.json")), CLIPS * 3 // 4):
+                for manifest in chance.sample(
+                    sorted(out.glob("*/manifest.json")), CLIPS * 3 // 4
+                ):
                     for file in manifest.parent.iterdir():
                         file.unlink()
                     manifest.parent.rmdir()
@@ -128,4 +132,8 @@ def kills(home: Path, times: int = KILLS) -> list[dict]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(kills(Path(), int(sys.argv[1]) if len(sys.argv) > 1 else KILLS), indent=1))
+    print(
+        json.dumps(
+            kills(Path(), int(sys.argv[1]) if len(sys.argv) > 1 else KILLS), indent=1
+        )
+    )

@@ -25,7 +25,8 @@ LETTER, WIDE = 17, 640
 INKS = [
     tuple(int(c) for c in row)
     for row in cv2.cvtColor(
-        np.array([[[(k * 67) % 180, 190, 255] for k in range(64)]], np.uint8), cv2.COLOR_HSV2RGB
+        np.array([[[(k * 67) % 180, 190, 255] for k in range(64)]], np.uint8),
+        cv2.COLOR_HSV2RGB,
     )[0]
 ]
 
@@ -60,7 +61,9 @@ def ink(number: int) -> tuple[int, int, int]:
     return INKS[number % len(INKS)]
 
 
-def tinted(rgb: U8, mask: NDArray[np.bool_], colour: Sequence[int], share: float = 0.5) -> None:
+def tinted(
+    rgb: U8, mask: NDArray[np.bool_], colour: Sequence[int], share: float = 0.5
+) -> None:
     rgb[mask] = (rgb[mask] * (1 - share) + np.array(colour) * share).astype(np.uint8)
 
 
@@ -78,7 +81,10 @@ def pen(rgb: U8) -> tuple[Image.Image, ImageDraw.ImageDraw]:
 
 
 def said(
-    draw: ImageDraw.ImageDraw, at: tuple[float, float], text: str, colour: Sequence[int] = (255, 255, 255)
+    draw: ImageDraw.ImageDraw,
+    at: tuple[float, float],
+    text: str,
+    colour: Sequence[int] = (255, 255, 255),
 ) -> None:
     font = ImageFont.load_default(LETTER * draw.im.size[0] / WIDE)
     draw.text(at, text, tuple(colour), font, stroke_width=2, stroke_fill=(20, 20, 20))
@@ -95,21 +101,32 @@ def coco(clip: Shown) -> Iterator[tuple[str, U8]]:
     with redirect_stdout(StringIO()):
         told = COCO(str(clip.home / "coco/annotations.json"))
     rows = told.loadAnns(told.getAnnIds(imgIds=[clip.index + 1]))
-    hidden = [row for row in told.dataset["hidden_annotations"] if row["image_id"] == clip.index + 1]
+    hidden = [
+        row
+        for row in told.dataset["hidden_annotations"]
+        if row["image_id"] == clip.index + 1
+    ]
     shown, whole = clip.rgb.copy(), clip.rgb.copy()
     for row in rows:
         tinted(shown, rle.decode(row["segmentation"]) > 0, ink(row["track_id"]))
     for row in rows + hidden:
         all_of_it = rle.decode(row["amodal_segmentation"])
         edges, _ = cv2.findContours(all_of_it, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        seen = rle.decode(row["segmentation"]) if "segmentation" in row else 0 * all_of_it
+        seen = (
+            rle.decode(row["segmentation"]) if "segmentation" in row else 0 * all_of_it
+        )
         tinted(whole, (all_of_it > 0) & (seen == 0), ink(row["track_id"]), 0.75)
         cv2.drawContours(whole, edges, -1, ink(row["track_id"]), 1)
     yield "coco: masks", shown
     picture, draw = pen(whole)
     for row in rows + hidden:
         if row["visible_fraction"] < 0.995:
-            said(draw, tuple(row["amodal_bbox"][:2]), f"{row['visible_fraction']:.0%}", ink(row["track_id"]))
+            said(
+                draw,
+                tuple(row["amodal_bbox"][:2]),
+                f"{row['visible_fraction']:.0%}",
+                ink(row["track_id"]),
+            )
     yield "coco: whole masks, visible share", np.asarray(picture)
 
 
@@ -117,7 +134,12 @@ def palette(name: str, masks: str) -> Callable[[Shown], Iterator[tuple[str, U8]]
     def show(clip: Shown) -> Iterator[tuple[str, U8]]:
         (path,) = clip.home.glob(f"{name}/{masks}/*/{clip.index:05d}.png")
         picture = np.asarray(Image.open(path).convert("RGB"))
-        yield name, np.where(picture.any(axis=2)[..., None], picture // 2 + clip.rgb // 2, clip.rgb)
+        yield (
+            name,
+            np.where(
+                picture.any(axis=2)[..., None], picture // 2 + clip.rgb // 2, clip.rgb
+            ),
+        )
 
     return show
 
@@ -142,7 +164,10 @@ def depth(clip: Shown) -> Iterator[tuple[str, U8]]:
     codes = clip.read("depth/{:05d}.png").astype(np.float32)
     low, high = np.percentile(codes, (0.5, 99.5))
     near = (255 * np.clip((high - codes) / max(high - low, 1), 0, 1)).astype(np.uint8)
-    yield "depth: bright is near", cv2.applyColorMap(near, cv2.COLORMAP_MAGMA)[..., ::-1]
+    yield (
+        "depth: bright is near",
+        cv2.applyColorMap(near, cv2.COLORMAP_MAGMA)[..., ::-1],
+    )
 
 
 def normals(clip: Shown) -> Iterator[tuple[str, U8]]:
@@ -154,9 +179,15 @@ def events(clip: Shown) -> Iterator[tuple[str, U8]]:
     picture, draw = pen(clip.rgb)
     for event in told["events"]:
         place = event.get("place", {}).get("video")
-        if event["kind"] in ("collision", "push", "rest") and place and event["frame"] <= clip.index:
+        if (
+            event["kind"] in ("collision", "push", "rest")
+            and place
+            and event["frame"] <= clip.index
+        ):
             x, y = place
-            colour = {"collision": (255, 80, 60), "push": (90, 200, 255)}.get(event["kind"], (120, 255, 120))
+            colour = {"collision": (255, 80, 60), "push": (90, 200, 255)}.get(
+                event["kind"], (120, 255, 120)
+            )
             draw.ellipse((x - 5, y - 5, x + 5, y + 5), outline=colour, width=2)
     yield "events so far: red blows, blue pushes, green rests", np.asarray(picture)
 
@@ -165,7 +196,9 @@ def trajectory(clip: Shown) -> Iterator[tuple[str, U8]]:
     picture, draw = pen(clip.rgb)
     ways: dict[str, list[tuple[float, float]]] = {}
     for row in clip.table("trajectory/trajectory.csv"):
-        ways.setdefault(row["object"], []).append((float(row["video_x"]), float(row["video_y"])))
+        ways.setdefault(row["object"], []).append(
+            (float(row["video_x"]), float(row["video_y"]))
+        )
     for k, way in enumerate(ways.values(), 1):
         draw.line(way, ink(k), 2)
         x, y = way[clip.index]
@@ -181,8 +214,16 @@ def physics(clip: Shown) -> Iterator[tuple[str, U8]]:
     }
     picture, draw = pen(clip.rgb // 2)
     for k, item in enumerate(clip.json("physics/physics.json")["objects"], 1):
-        at = float(rows[item["name"]]["video_x"]) - 24, float(rows[item["name"]]["video_y"]) - 8
-        said(draw, at, "fixed" if item["mass"] is None else f"{item['mass']:.4g} g", ink(k))
+        at = (
+            float(rows[item["name"]]["video_x"]) - 24,
+            float(rows[item["name"]]["video_y"]) - 8,
+        )
+        said(
+            draw,
+            at,
+            "fixed" if item["mass"] is None else f"{item['mass']:.4g} g",
+            ink(k),
+        )
     yield "physics: masses", np.asarray(picture)
 
 

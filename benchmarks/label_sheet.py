@@ -33,7 +33,10 @@ def mapped(name: str, folder: Path) -> Path:
     """A bundled scene with the studio's depth and normals."""
     shutil.copytree(ROOT / "scenes" / name, folder / name)
     truth = ROOT / "studio/truth" / name
-    path, told = folder / name / "scene.yaml", json.loads((truth / "truth.json").read_text())
+    path, told = (
+        folder / name / "scene.yaml",
+        json.loads((truth / "truth.json").read_text()),
+    )
     maps = pipeline.percepts(pipeline.load(path))
     assert maps is not None
     near, far = told["depth"]["near"], told["depth"]["far"]
@@ -46,7 +49,11 @@ def mapped(name: str, folder: Path) -> Path:
     )
     ranges = write_assets(maps, folder / name / "photo.assets")
     text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace("\nobjects:", f"\nmaps: {{depth: {list(ranges['depth'])}}}\nobjects:", 1))
+    path.write_text(
+        text.replace(
+            "\nobjects:", f"\nmaps: {{depth: {list(ranges['depth'])}}}\nobjects:", 1
+        )
+    )
     return path
 
 
@@ -58,9 +65,15 @@ def sheet(home: Path, part: float) -> Image.Image:
     panels = [panel for show in PANELS.values() for panel in show(clip)]
     height = round(WIDE * clip.rgb.shape[0] / clip.rgb.shape[1])
     rows = -(-len(panels) // COLUMNS)
-    made = Image.new("RGB", (COLUMNS * (WIDE + GAP) - GAP, rows * (height + GAP) - GAP), (255, 255, 255))
+    made = Image.new(
+        "RGB",
+        (COLUMNS * (WIDE + GAP) - GAP, rows * (height + GAP) - GAP),
+        (255, 255, 255),
+    )
     for k, (title, rgb) in enumerate(panels):
-        picture = Image.fromarray(np.asarray(rgb, np.uint8)).resize((WIDE, height), Image.Resampling.LANCZOS)
+        picture = Image.fromarray(np.asarray(rgb, np.uint8)).resize(
+            (WIDE, height), Image.Resampling.LANCZOS
+        )
         said(ImageDraw.Draw(picture), (8, 5), title)
         made.paste(picture, (k % COLUMNS * (WIDE + GAP), k // COLUMNS * (height + GAP)))
     return made
@@ -68,7 +81,12 @@ def sheet(home: Path, part: float) -> Image.Image:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", nargs="?", default="kitchen", help="a folder of scenes/; default: kitchen")
+    parser.add_argument(
+        "scene",
+        nargs="?",
+        default="kitchen",
+        help="a folder of scenes/; default: kitchen",
+    )
     parser.add_argument("--at", type=float, default=0.45, help="part of the clip")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/labels.png"))

@@ -61,15 +61,28 @@ def compared(truth: Truth, folder: Path) -> Row:
     export(truth, folder)
     numbers = numbering(truth)
     count = len(truth.film["times_s"])
-    ours = [owners(path) for path in sorted(folder.glob("davis/Annotations/*/*/*.png"))][1:]
-    seen = [numbers[read_ids(truth.folder / f"ids-{k:02}.png")] for k in range(1, count + 1)]
+    ours = [
+        owners(path) for path in sorted(folder.glob("davis/Annotations/*/*/*.png"))
+    ][1:]
+    seen = [
+        numbers[read_ids(truth.folder / f"ids-{k:02}.png")] for k in range(1, count + 1)
+    ]
     rgb = [read_image(truth.folder / f"{k:02}.webp") for k in range(1, count + 1)]
     wrong = [one != other for one, other in zip(ours, seen, strict=True)]
-    near = [[differ & ~border(ids, px) for differ, ids in zip(wrong, seen, strict=True)] for px in (1, 2)]
+    near = [
+        [differ & ~border(ids, px) for differ, ids in zip(wrong, seen, strict=True)]
+        for px in (1, 2)
+    ]
     landed, off, moved, unmoved = [], [], [], []
     for k in range(count - 1):
         flow = cv2.readOpticalFlow(str(folder / f"flo/forward/{k + 1:05d}.flo"))
-        told = cv2.imread(str(folder / f"flo/visible/forward/{k + 1:05d}.png"), cv2.IMREAD_UNCHANGED) == SEEN
+        told = (
+            cv2.imread(
+                str(folder / f"flo/visible/forward/{k + 1:05d}.png"),
+                cv2.IMREAD_UNCHANGED,
+            )
+            == SEEN
+        )
         moves = told & (np.hypot(*np.moveaxis(flow, 2, 0)) > MOVES)
         apart = np.abs(warped(rgb[k + 1], flow).astype(int) - rgb[k]).mean(axis=2)
         off.append(apart[told].mean())
@@ -78,7 +91,8 @@ def compared(truth: Truth, folder: Path) -> Row:
         unmoved.append(np.abs(rgb[k + 1].astype(int) - rgb[k]).mean(axis=2)[inner])
         landed.append((warped(seen[k + 1], flow, cv2.INTER_NEAREST) == seen[k])[moves])
     overlaps = [
-        np.count_nonzero((one == k) & (other == k)) / np.count_nonzero((one == k) | (other == k))
+        np.count_nonzero((one == k) & (other == k))
+        / np.count_nonzero((one == k) | (other == k))
         for one, other in zip(ours, seen, strict=True)
         for k in np.unique(other[other > 0])
     ]
@@ -132,14 +146,25 @@ def warped(
 ) -> NDArray[np.generic]:
     """What `picture` shows at the places that pixels have moved to."""
     y, x = np.indices(flow.shape[:2], np.float32)
-    return cv2.remap(picture, x + flow[..., 0], y + flow[..., 1], how, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(
+        picture,
+        x + flow[..., 0],
+        y + flow[..., 1],
+        how,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
 
 
 def table(rows: Sequence[Row]) -> str:
     """Markdown."""
-    lines = ["| " + " | ".join(field.name for field in fields(Row)) + " |", "|" + "---|" * len(fields(Row))]
+    lines = [
+        "| " + " | ".join(field.name for field in fields(Row)) + " |",
+        "|" + "---|" * len(fields(Row)),
+    ]
     for row in rows:
-        shares = [f"{100 * part:.3f} %" for part in (row.differ, row.beyond_1, row.beyond_2)]
+        shares = [
+            f"{100 * part:.3f} %" for part in (row.differ, row.beyond_1, row.beyond_2)
+        ]
         levels = [f"{part:.2f}" for part in (row.grey, row.moved, row.unmoved)]
         cells = [
             row.scene,

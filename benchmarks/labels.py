@@ -79,9 +79,15 @@ class Clock:
                 took = time.thread_time() - begun
                 if not self._depth and self._format:
                     self.encoding[self._format] += took
-            if isinstance(made, tuple):  # `imencode`: the array is kept, so that no other has its id
+            if isinstance(
+                made, tuple
+            ):  # `imencode`: the array is kept, so that no other has its id
                 self._files[id(made[1])] = made[1], took
-            elif len(args) == 2 and isinstance(args[1], memoryview) and id(args[1].obj) in self._files:
+            elif (
+                len(args) == 2
+                and isinstance(args[1], memoryview)
+                and id(args[1].obj) in self._files
+            ):
                 here = id(args[1].obj)
                 self.again += self._files[here][1] if here in self._written else 0.0
                 self._written.add(here)
@@ -139,9 +145,15 @@ def mapped(folder: Path) -> Path:
         own, inside = sphere_normals(SIZE, SIZE, (x, y), r)
         normals[inside] = own[inside]
         depth[inside] -= r * own[inside][:, 2] / 100
-    ranges = write_assets(replace(maps, depth=depth, normals=normals), folder / "photo.assets")
+    ranges = write_assets(
+        replace(maps, depth=depth, normals=normals), folder / "photo.assets"
+    )
     text = path.read_text()
-    path.write_text(text.replace("objects:", f"maps: {{depth: {list(ranges['depth'])}}}\nobjects:", 1))
+    path.write_text(
+        text.replace(
+            "objects:", f"maps: {{depth: {list(ranges['depth'])}}}\nobjects:", 1
+        )
+    )
     return path
 
 
@@ -161,7 +173,9 @@ def run(scene: Path, out: Path) -> list[dict]:
     with ExitStack() as held:
         held.enter_context(patch.object(formats, "open_writers", on_the_clock))
         for home, name in ENCODERS:
-            held.enter_context(patch.object(home, name, clock.timed(getattr(home, name))))
+            held.enter_context(
+                patch.object(home, name, clock.timed(getattr(home, name)))
+            )
         done = pipeline.render_scene(
             scene,
             out,
@@ -175,9 +189,14 @@ def run(scene: Path, out: Path) -> list[dict]:
     for name in names:
         files = [path for path in (done / name).rglob("*") if path.is_file()]
         rows.append(_row(name, clock.whole[name], clock.encoding[name]))
-        rows[-1] |= {"files": len(files), "mb": round(sum(path.stat().st_size for path in files) / 1e6, 1)}
+        rows[-1] |= {
+            "files": len(files),
+            "mb": round(sum(path.stat().st_size for path in files) / 1e6, 1),
+        }
     whole = json.loads((done / "timing.json").read_text())["stages"]["export"]["cpu"]
-    made, encoding = (sum(times[name] for name in names) for times in (clock.whole, clock.encoding))
+    made, encoding = (
+        sum(times[name] for name in names) for times in (clock.whole, clock.encoding)
+    )
     encoding += clock.encoding[SHARED]
     rows.append(_row(SHARED, whole - made, clock.encoding[SHARED]))
     total = {
@@ -185,7 +204,11 @@ def run(scene: Path, out: Path) -> list[dict]:
         "mb": round(sum(r.get("mb", 0) for r in rows), 1),
     }
     alone = encoding + clock.again
-    total |= {"alone": round(1000 * alone / FRAMES, 2), "times_alone": round(whole / alone, 2), "bar": BAR}
+    total |= {
+        "alone": round(1000 * alone / FRAMES, 2),
+        "times_alone": round(whole / alone, 2),
+        "bar": BAR,
+    }
     return [*rows, _row("all", whole, encoding) | total]
 
 

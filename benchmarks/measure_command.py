@@ -13,7 +13,11 @@ from physgen.evaluate.measure import Findings, Progress, check_folder
 from physgen.problems import InputError
 
 
-def run(parser: Parser, find: Callable[[Namespace, Progress], Findings], arguments: list[str] | None) -> int:
+def run(
+    parser: Parser,
+    find: Callable[[Namespace, Progress], Findings],
+    arguments: list[str] | None,
+) -> int:
     """Print what is found, and write its page where `-o` is given; 1 where a bar is missed, 2 for wrong input."""
     parser.flag("--json", "print as JSON")
     add_output(parser)

@@ -25,7 +25,16 @@ from physgen.cli.perceive import add_backends
 from physgen.perceive.perceive import perceive
 from physgen.registry import Backends, load_plan
 
-MODELS = {"segment", "categories", "label", "physics", "depth", "normals", "intrinsic", "inpaint"}
+MODELS = {
+    "segment",
+    "categories",
+    "label",
+    "physics",
+    "depth",
+    "normals",
+    "intrinsic",
+    "inpaint",
+}
 """Roles that a models run gives away; the rest is ours, and has half a second."""
 
 
@@ -63,13 +72,19 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 
 def line(row: dict) -> str:
     """One row as text."""
-    steps = "  ".join(f"{role} {seconds:.2f}" for role, seconds in row["steps"].items() if seconds >= 0.005)
+    steps = "  ".join(
+        f"{role} {seconds:.2f}"
+        for role, seconds in row["steps"].items()
+        if seconds >= 0.005
+    )
     head = f"{row['photo']:<14} {row['seconds']:6.2f} s  P {row['precision']:.2f}  R {row['recall']:.2f}"
     return f"{head}  ours {row['ours']:.2f} s   {steps}"
 
 
 def main() -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*", help="photos; default: all")
     parser.add_argument("--out", type=Path, help="raw figures as JSON")
     add_backends(parser)
@@ -77,10 +92,15 @@ def main() -> None:
     told = load_plan(options.backend, profile=options.profile, config=options.config)
     rows = measure(Backends(replace(told, keep=True)), options.names)
     if rows:
-        mean = {key: float(np.mean([row[key] for row in rows])) for key in ("precision", "recall")}
+        mean = {
+            key: float(np.mean([row[key] for row in rows]))
+            for key in ("precision", "recall")
+        }
         later = [row["seconds"] for row in rows[1:]] or [rows[0]["seconds"]]
         print(f"first photo {rows[0]['seconds']:.2f} s, later {np.median(later):.2f} s")
-        print(f"precision {mean['precision']:.2f}, recall {mean['recall']:.2f} at IoU 0.5")
+        print(
+            f"precision {mean['precision']:.2f}, recall {mean['recall']:.2f} at IoU 0.5"
+        )
     if options.out:
         options.out.write_text(json.dumps({"rows": rows}, indent=1) + "\n")
 

@@ -44,9 +44,13 @@ def properties(folder: Path) -> list[dict]:
     asked, backends = read_table(SHIPPED), Backends()
     rows = []
     for sized in (True, False):
-        found = weighed(asked, ask(asked, backends, sized, _quiet), Asked("table", sized))
+        found = weighed(
+            asked, ask(asked, backends, sized, _quiet), Asked("table", sized)
+        )
         if sized:
-            found = with_studio(found, ask_photos(ROOT / "studio" / "truth", backends, _quiet))
+            found = with_studio(
+                found, ask_photos(ROOT / "studio" / "truth", backends, _quiet)
+            )
         rows.append(kept(found, "properties", not sized))
     return rows
 
@@ -56,14 +60,18 @@ def controllability(folder: Path) -> list[dict]:
     rows = []
     for name in PUSHED:
         scene = pipeline.load(ROOT / "scenes" / name / "scene.yaml")
-        rows.append(kept(answered(sweep(scene, None, 8, (), _quiet)), "controllability"))
+        rows.append(
+            kept(answered(sweep(scene, None, 8, (), _quiet)), "controllability")
+        )
         print(name, file=sys.stderr, flush=True)
     return rows
 
 
 def runtime(folder: Path) -> list[dict]:
     """Two bundled photos, perceived and rendered."""
-    runs = [run for name in PHOTOS for run in measure(_photo(name, folder), REPEAT, _quiet)]
+    runs = [
+        run for name in PHOTOS for run in measure(_photo(name, folder), REPEAT, _quiet)
+    ]
     return [kept(timed(runs, f"{this_machine()}, {gpu() or 'no GPU'}"), "runtime")]
 
 
@@ -90,9 +98,13 @@ def measure(photo: Path, repeat: int, progress: Progress) -> list[Run]:
         with TemporaryDirectory(prefix="physgen-runtime-") as folder:
             progress("perceive and render", k, repeat)
             stages = _timed_perceiving(photo, Path(folder) / "scene.yaml")
-            clip = pipeline.render_scene(Path(folder) / "scene.yaml", Path(folder) / "out", cached=False)
+            clip = pipeline.render_scene(
+                Path(folder) / "scene.yaml", Path(folder) / "out", cached=False
+            )
             record = json.loads((clip / TIMING).read_text(encoding="utf-8"))
-        stages |= {key: (one["wall"], one["cpu"]) for key, one in record["stages"].items()}
+        stages |= {
+            key: (one["wall"], one["cpu"]) for key, one in record["stages"].items()
+        }
         runs.append(Run(f"{photo.stem} {k + 1}", stages, str(this_machine())))
     return runs
 
@@ -107,7 +119,10 @@ def _timed_perceiving(photo: Path, scene: Path) -> dict[str, Time]:
         stage = f"perceive {step.role}"
         stages[stage] = total([stages.get(stage, (0.0, 0.0)), (step.seconds, cpu)])
     known = total(list(stages.values()))
-    stages["perceive files"] = max(spent[0] - known[0], 0.0), max(spent[1] - known[1], 0.0)
+    stages["perceive files"] = (
+        max(spent[0] - known[0], 0.0),
+        max(spent[1] - known[1], 0.0),
+    )
     return stages
 
 
@@ -129,7 +144,12 @@ def kept(found: Findings, measure: str, brief: bool = False) -> dict:
         {
             "title": section.title,
             "tables": [
-                {"heads": one.heads, "rows": one.rows, "title": one.title, "note": one.note}
+                {
+                    "heads": one.heads,
+                    "rows": one.rows,
+                    "title": one.title,
+                    "note": one.note,
+                }
                 for one in section.tables
             ],
         }

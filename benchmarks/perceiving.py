@@ -28,11 +28,18 @@ def perceiving(folder: Path) -> list[dict]:
         for size in SIZES:
             photo = folder / f"{name}-{size[0]}.png"
             rgb = cv2.imread(str(ROOT / "scenes" / name / "photo.png"))
-            cv2.imwrite(str(photo), cv2.resize(rgb, size, interpolation=cv2.INTER_CUBIC))
+            cv2.imwrite(
+                str(photo), cv2.resize(rgb, size, interpolation=cv2.INTER_CUBIC)
+            )
             out = run(
-                [sys.executable, __file__, str(photo)], check=True, capture_output=True, text=True
+                [sys.executable, __file__, str(photo)],
+                check=True,
+                capture_output=True,
+                text=True,
             ).stdout
-            rows.append({"photo": name, "width": size[0], "height": size[1], **json.loads(out)})
+            rows.append(
+                {"photo": name, "width": size[0], "height": size[1], **json.loads(out)}
+            )
     return rows
 
 
@@ -49,22 +56,35 @@ def timed(photo: Path) -> dict:
             photo,
             scene,
             side=4096,
-            progress=lambda stage, done, most: marks.append((stage, time.perf_counter())),
+            progress=lambda stage, done, most: marks.append(
+                (stage, time.perf_counter())
+            ),
         )
         end = time.perf_counter()
         objects = len(load(scene).objects)
     stages = {"read": round(marks[0][1] - start, 2)}
-    for (stage, at), after in zip(marks, [at for _, at in marks[1:]] + [end], strict=True):
+    for (stage, at), after in zip(
+        marks, [at for _, at in marks[1:]] + [end], strict=True
+    ):
         stages[stage] = round(stages.get(stage, 0.0) + after - at, 2)
     status = Path("/proc/self/status").read_text().split("VmHWM:")[1]
-    return {"objects": objects, "stages": stages, "memory": round(int(status.split()[0]) / 1024)}
+    return {
+        "objects": objects,
+        "stages": stages,
+        "memory": round(int(status.split()[0]) / 1024),
+    }
 
 
 def first_clips(folder: Path) -> list[dict]:
     """`perceive`, then `render`: what moves, also with `--still`, and how long the file is; bundled photos, peers'."""
-    photos = {path.parent.name: path for path in sorted((ROOT / "scenes").glob("*/photo.png"))}
+    photos = {
+        path.parent.name: path for path in sorted((ROOT / "scenes").glob("*/photo.png"))
+    }
     if peers := os.environ.get("PHYSGEN_PEER_SCENES"):
-        photos |= {f"peer-{path.parent.name}": path for path in sorted(Path(peers).glob("*/original.png"))}
+        photos |= {
+            f"peer-{path.parent.name}": path
+            for path in sorted(Path(peers).glob("*/original.png"))
+        }
     rows = []
     for name, photo in photos.items():
         row: dict = {"photo": name}
@@ -75,19 +95,32 @@ def first_clips(folder: Path) -> list[dict]:
                 ["perceive", str(photo), "-o", str(scene), *flags],
                 ["render", str(scene), "--preview", "-o", str(folder / key)],
             ):
-                run([sys.executable, "-m", "physgen", *command], check=True, capture_output=True)
+                run(
+                    [sys.executable, "-m", "physgen", *command],
+                    check=True,
+                    capture_output=True,
+                )
             loaded = read_trajectory(folder / key / name / "trajectory.npz")
-            off = np.hypot(*np.moveaxis(loaded.poses[..., :2] - loaded.poses[:1, :, :2], -1, 0))
+            off = np.hypot(
+                *np.moveaxis(loaded.poses[..., :2] - loaded.poses[:1, :, :2], -1, 0)
+            )
             row[key] = round(float(off.max(initial=0.0)), 2)
         document = yaml.safe_load((folder / "moved" / f"{name}.yaml").read_text())
-        first, last = (_line_of(folder / "moved" / f"{name}.yaml", key) for key in ("objects", "boundaries"))
+        first, last = (
+            _line_of(folder / "moved" / f"{name}.yaml", key)
+            for key in ("objects", "boundaries")
+        )
         row |= {"objects": len(document["objects"]), "lines": last - first - 1}
         rows.append(row)
     return rows
 
 
 def _line_of(scene: Path, key: str) -> int:
-    return next(k for k, line in enumerate(scene.read_text().splitlines()) if line.startswith(f"{key}:"))
+    return next(
+        k
+        for k, line in enumerate(scene.read_text().splitlines())
+        if line.startswith(f"{key}:")
+    )
 
 
 if __name__ == "__main__":

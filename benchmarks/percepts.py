@@ -65,7 +65,10 @@ def photos(names: list[str] | None = None) -> Iterator[Photo]:
             told = json.loads((folder / "truth.json").read_text())
             assets = ROOT / "scenes" / name
             floors = [np.array(b["points"], float) for b in told["boundaries"].values()]
-            rgb, labels = read_image(assets / "photo.png"), read_labels(assets / "photo.assets/masks.png")
+            rgb, labels = (
+                read_image(assets / "photo.png"),
+                read_labels(assets / "photo.assets/masks.png"),
+            )
             yield Photo(name, half, rgb, labels, told["view"], floors, told, folder)
     if peers := os.environ.get("PHYSGEN_PEER_SCENES"):
         for name, view in PEERS.items():
@@ -76,11 +79,16 @@ def photos(names: list[str] | None = None) -> Iterator[Photo]:
             if (folder / "sim.yaml").exists() and view == "side":
                 sim = yaml.safe_load((folder / "sim.yaml").read_text())
                 floors = [np.array(edge, float) for edge in sim["edge_list"]]
-            rgb, labels = read_image(folder / "original.png"), read_labels(folder / "mask.png")
+            rgb, labels = (
+                read_image(folder / "original.png"),
+                read_labels(folder / "mask.png"),
+            )
             yield Photo(name, "peers", rgb, labels, view, floors, None, None)
 
 
-def percepts(folder: Path, names: list[str] | None = None, given_alone: bool = False) -> list[dict]:
+def percepts(
+    folder: Path, names: list[str] | None = None, given_alone: bool = False
+) -> list[dict]:
     rows = []
     for photo in photos(names):
         given = perceive(photo.rgb, from_masks(photo.labels), renames=labels_of(photo))
@@ -105,7 +113,11 @@ def percepts(folder: Path, names: list[str] | None = None, given_alone: bool = F
 
 
 def labels_of(photo: Photo) -> list[str]:
-    return [] if photo.truth is None else [f"{one['id']}={one['label']}" for one in photo.truth["objects"]]
+    return (
+        []
+        if photo.truth is None
+        else [f"{one['id']}={one['label']}" for one in photo.truth["objects"]]
+    )
 
 
 def moved(photo: Photo, perceived: PerceivedScene) -> float:
@@ -137,12 +149,15 @@ def supports(photo: Photo, perceived: PerceivedScene) -> dict:
             continue
         foot = columns[rows >= rows.max() - 1]
         x, bottom = float(np.median(foot)), float(rows.max()) + 0.5
-        true = [y for floor in photo.floors if (y := _below(floor, x, bottom)) is not None]
+        true = [
+            y for floor in photo.floors if (y := _below(floor, x, bottom)) is not None
+        ]
         if not true:
             continue
         standing += 1
         supported += any(
-            (y := _below(wall, x, bottom)) is not None and abs(y - min(true)) <= 3 for wall in walls
+            (y := _below(wall, x, bottom)) is not None and abs(y - min(true)) <= 3
+            for wall in walls
         )
     return {"standing": standing, "supported": supported}
 
@@ -166,7 +181,12 @@ def light(photo: Photo, perceived: PerceivedScene) -> float | None:
         np.array(perceived.document["light"]["direction"]),
         np.array(photo.truth["light"]["direction"]),
     )
-    return round(float(np.degrees(np.arccos(np.clip(told @ true / np.linalg.norm(told), -1, 1)))), 1)
+    return round(
+        float(
+            np.degrees(np.arccos(np.clip(told @ true / np.linalg.norm(told), -1, 1)))
+        ),
+        1,
+    )
 
 
 def read_map(path: Path) -> np.ndarray:
@@ -179,7 +199,9 @@ def surfaces(photo: Photo, perceived: PerceivedScene) -> dict:
     true /= np.maximum(np.linalg.norm(true, axis=2, keepdims=True), 1e-6)
     said = perceived.percepts.normals
     off = np.degrees(np.arccos(np.clip((said * true).sum(-1), -1, 1)))
-    inner = cv2.erode((photo.labels > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    inner = (
+        cv2.erode((photo.labels > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    )
     every, balls = [], []
     for one in photo.truth["objects"]:
         own = inner & (photo.labels == one["id"])
@@ -215,8 +237,12 @@ def error(said: np.ndarray, true: np.ndarray) -> float:
 def shadows(photo: Photo, perceived: PerceivedScene) -> dict:
     """Intersection over union of shadows on what is not an object."""
     assets = ROOT / "scenes" / photo.name / "photo.assets"
-    dark = logs(read_image(assets / "clean.png")) - logs(read_image(assets / "background.png"))
-    open_ = cv2.dilate((photo.labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
+    dark = logs(read_image(assets / "clean.png")) - logs(
+        read_image(assets / "background.png")
+    )
+    open_ = (
+        cv2.dilate((photo.labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
+    )
     true = open_ & (cv2.GaussianBlur(dark, (0, 0), 1.0) > DARK)
     maps = perceived.percepts
     said = np.zeros_like(true)
@@ -240,21 +266,39 @@ def background(photo: Photo, perceived: PerceivedScene) -> dict:
     hole = photo.labels > 0
 
     def psnr(true: np.ndarray, said: np.ndarray) -> float:
-        low = [cv2.GaussianBlur(picture.astype(np.float32), (0, 0), COARSE) for picture in (true, said)]
-        return round(10 * np.log10(255**2 / max(float(((low[0] - low[1])[hole] ** 2).mean()), 1e-6)), 1)
+        low = [
+            cv2.GaussianBlur(picture.astype(np.float32), (0, 0), COARSE)
+            for picture in (true, said)
+        ]
+        return round(
+            10
+            * np.log10(
+                255**2 / max(float(((low[0] - low[1])[hole] ** 2).mean()), 1e-6)
+            ),
+            1,
+        )
 
     true, said = read_image(assets / "background.png"), maps.background
     clean = maps.background if maps.clean is None else maps.clean
     bare = read_image(assets / "clean.png")
     filled = registry.make("inpaint")(bare, hole)
-    decibels = {"psnr": psnr(true, said), "psnr_clean": psnr(bare, clean), "psnr_fill": psnr(bare, filled)}
+    decibels = {
+        "psnr": psnr(true, said),
+        "psnr_clean": psnr(bare, clean),
+        "psnr_fill": psnr(bare, filled),
+    }
     true, said = true.astype(np.float32), said.astype(np.float32)
-    fine = [((p - cv2.GaussianBlur(p, (0, 0), FINE)) ** 2).mean(-1) for p in (true, said)]
+    fine = [
+        ((p - cv2.GaussianBlur(p, (0, 0), FINE)) ** 2).mean(-1) for p in (true, said)
+    ]
     wide = cv2.dilate(hole.astype(np.uint8), np.ones((31, 31), np.uint8)) > 0
     near = cv2.dilate(hole.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     around = wide & ~near
     inside = cv2.erode(hole.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    spread = [float(np.sqrt(np.median(part))) for part in (fine[1][inside], fine[1][around], fine[0][inside])]
+    spread = [
+        float(np.sqrt(np.median(part)))
+        for part in (fine[1][inside], fine[1][around], fine[0][inside])
+    ]
     return {
         **decibels,
         "texture": round(spread[0] / max(spread[1], 1e-6), 2),
@@ -267,8 +311,13 @@ def masses(photo: Photo, perceived: PerceivedScene) -> dict:
     true = {one["id"]: one["mass_g"] for one in photo.truth["objects"]}
     said = {one["mask"]: one["mass"] for one in perceived.document["objects"].values()}
     labels = {one["id"]: one["label"] for one in photo.truth["objects"]}
-    things = [replace(t, label=labels[t.id]) for t in fit_objects(photo.rgb, from_masks(photo.labels))[0]]
-    scaled = registry.make("physics")(photo.rgb, things, photo.truth["pixels_per_meter"])
+    things = [
+        replace(t, label=labels[t.id])
+        for t in fit_objects(photo.rgb, from_masks(photo.labels))[0]
+    ]
+    scaled = registry.make("physics")(
+        photo.rgb, things, photo.truth["pixels_per_meter"]
+    )
     at_scale = {i: one.mass for i, one in scaled.items()}
 
     def right(masses: dict) -> int:
@@ -282,4 +331,8 @@ def masses(photo: Photo, perceived: PerceivedScene) -> dict:
 
 
 if __name__ == "__main__":
-    percepts(Path(), [name for name in sys.argv[1:] if name != "--given"], "--given" in sys.argv)
+    percepts(
+        Path(),
+        [name for name in sys.argv[1:] if name != "--given"],
+        "--given" in sys.argv,
+    )

@@ -41,14 +41,17 @@ class Bank:
 
     def note(self) -> Mapping[str, Any]:
         """Its version and size."""
-        return {"name": "bank 1", "features": 3 * COLOURS**2 + len(SIZES) * len(TURNS) * EDGES**2}
+        return {
+            "name": "bank 1",
+            "features": 3 * COLOURS**2 + len(SIZES) * len(TURNS) * EDGES**2,
+        }
 
 
 def _features(picture: U8) -> F64:
     way = cv2.INTER_AREA if min(picture.shape[:2]) >= BANK_SIDE else cv2.INTER_LINEAR
-    rgb = cv2.resize(picture, (BANK_SIDE, BANK_SIDE), interpolation=way).astype(np.float32) * np.float32(
-        WHITE / 255
-    )
+    rgb = cv2.resize(picture, (BANK_SIDE, BANK_SIDE), interpolation=way).astype(
+        np.float32
+    ) * np.float32(WHITE / 255)
     grey = rgb @ LUMA
     parts = [_fields(rgb, COLOURS)]
     for size in SIZES:
@@ -62,4 +65,6 @@ def _features(picture: U8) -> F64:
 
 def _fields(maps: F32, count: int) -> F32:
     """Means of (H, W, C) in `count` x `count` fields, (count² C,)."""
-    return np.asarray(cv2.resize(maps, (count, count), interpolation=cv2.INTER_AREA), np.float32).ravel()
+    return np.asarray(
+        cv2.resize(maps, (count, count), interpolation=cv2.INTER_AREA), np.float32
+    ).ravel()

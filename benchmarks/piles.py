@@ -40,7 +40,9 @@ def heap(count: int = 300, seed: int = 1) -> np.ndarray:
     labels, top = empty(), np.full(SIZE, SIZE - 12)
     for k in range(count):
         w, h = rng.integers(14, 34), rng.integers(10, 24)
-        places = [(int(top[x : x + w].min()), x) for x in rng.integers(4, SIZE - w - 4, 24)]
+        places = [
+            (int(top[x : x + w].min()), x) for x in rng.integers(4, SIZE - w - 4, 24)
+        ]
         y, x = max(places)
         if y - h < 4:
             break
@@ -108,7 +110,9 @@ PILES = {"wall": wall, "heap": heap, "cells": cells, "specks": specks, "balls": 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(PILES)}; all by default")
+    parser.add_argument(
+        "names", nargs="*", help=f"of {', '.join(PILES)}; all by default"
+    )
     parser.add_argument("-n", "--count", type=int, default=300)
     parser.add_argument("-o", "--out", type=Path, help="folder to draw into, too")
     said = parser.parse_args()

@@ -33,7 +33,9 @@ def photos(folder: Path) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
             yield pair.name, name, read_image(pair.photo), labels
 
 
-def asked(labels: np.ndarray, seed: int) -> Iterator[tuple[np.ndarray, dict[str, list[tuple[float, ...]]]]]:
+def asked(
+    labels: np.ndarray, seed: int
+) -> Iterator[tuple[np.ndarray, dict[str, list[tuple[float, ...]]]]]:
     """The mask of each object, and by kind the boxes (x, y, w, h px) and the point that stand for it."""
     rng = np.random.default_rng(seed)
     for i in np.unique(labels[labels > 0]).tolist():
@@ -45,11 +47,15 @@ def asked(labels: np.ndarray, seed: int) -> Iterator[tuple[np.ndarray, dict[str,
         left, top, right, bottom = columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
         width, height = right - left, bottom - top
 
-        def box(a: float, b: float, c: float, d: float, at=(left, top, width, height)) -> tuple[float, ...]:
+        def box(
+            a: float, b: float, c: float, d: float, at=(left, top, width, height)
+        ) -> tuple[float, ...]:
             x, y, w, h = at
             return x - a * w, y - b * h, w * (1 + a + c), h * (1 + b + d)
 
-        inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+        inside = cv2.distanceTransform(
+            np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5
+        )[1:-1, 1:-1]
         row, column = np.unravel_index(int(inside.argmax()), inside.shape)
         yield (
             mask,

@@ -124,20 +124,31 @@ def read_table(path: Path) -> Objects:
     """A table in YAML. Raises InputError."""
     fix = "name a table like benchmarks/objects.yaml"
     try:
-        data: Any = plain(read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent)))
+        data: Any = plain(
+            read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
+        )
         objects = tuple(_item(name, **row) for name, row in data["objects"].items())
         rankings = tuple(
             Ranking(
-                of, one.get("about", ""), one.get("source", ""), _values_of(one["values"], data["objects"])
+                of,
+                one.get("about", ""),
+                one.get("source", ""),
+                _values_of(one["values"], data["objects"]),
             )
             for of in data.get("rankings", {})
             for one in data["rankings"][Coefficient(of).value]
         )
-        table = Objects(data.get("title", path.name), data.get("source", ""), objects, rankings)
+        table = Objects(
+            data.get("title", path.name), data.get("source", ""), objects, rankings
+        )
     except OSError as error:
-        raise InputError.of(str(path), "", f"cannot be read ({error.strerror})", fix) from None
+        raise InputError.of(
+            str(path), "", f"cannot be read ({error.strerror})", fix
+        ) from None
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise InputError.of(str(path), "", f"is no table of objects ({error})", fix) from None
+        raise InputError.of(
+            str(path), "", f"is no table of objects ({error})", fix
+        ) from None
     if not table.weighed and not rankings:
         fix = "give objects a mass in g, or write a ranking"
         raise InputError.of(str(path), "", "has nothing to compare answers with", fix)
@@ -145,22 +156,32 @@ def read_table(path: Path) -> Objects:
 
 
 def _item(
-    name: str, label: str = "", form: str = "box", size: Sequence[float] = (), mass: float | None = None
+    name: str,
+    label: str = "",
+    form: str = "box",
+    size: Sequence[float] = (),
+    mass: float | None = None,
 ) -> Item:
     """Raises ValueError or TypeError."""
     shape, sides = Form(form), tuple(map(float, size))
     if sides and len(sides) != LENGTHS[shape]:
-        raise ValueError(f"{name}: the size is not {LENGTHS[shape]} lengths in mm, as a {form} has")
+        raise ValueError(
+            f"{name}: the size is not {LENGTHS[shape]} lengths in mm, as a {form} has"
+        )
     if min(*sides, 1.0 if mass is None else float(mass), 1.0) <= 0:
         raise ValueError(f"{name}: a mass and a size are above 0")
     label = str(label) or name.replace("-", " ").replace("_", " ")
     return Item(name, label, shape, sides, None if mass is None else float(mass))
 
 
-def _values_of(values: Mapping[str, float], objects: Mapping[str, Any]) -> dict[str, float]:
+def _values_of(
+    values: Mapping[str, float], objects: Mapping[str, Any]
+) -> dict[str, float]:
     """Raises ValueError for fewer than two, and for names of no object."""
     if len(values) < 2 or not values.keys() <= objects.keys():
-        raise ValueError(f"a ranking has values of two objects or more, not of {', '.join(values)}")
+        raise ValueError(
+            f"a ranking has values of two objects or more, not of {', '.join(values)}"
+        )
     return {name: float(value) for name, value in values.items()}
 
 
@@ -206,7 +227,9 @@ def masses(pairs: Sequence[tuple[float, float]]) -> Masses | None:
         return None
     true, answered = np.array(pairs, np.float64).T
     off = np.abs(answered - true)
-    return Masses(len(pairs), float(off.mean()), int((off <= NEAR * true * (1 + 1e-12)).sum()))
+    return Masses(
+        len(pairs), float(off.mean()), int((off <= NEAR * true * (1 + 1e-12)).sum())
+    )
 
 
 @dataclass(frozen=True)
@@ -240,7 +263,10 @@ def order(true: Mapping[str, float], answered: Mapping[str, float]) -> Order:
     for one, other in combinations(true, 2):
         if true[one] != true[other]:
             more, less = (one, other) if true[one] > true[other] else (other, one)
-            right, tied = answered[more] > answered[less], answered[more] == answered[less]
+            right, tied = (
+                answered[more] > answered[less],
+                answered[more] == answered[less],
+            )
             found += Order(1, int(right), int(tied), () if right else ((more, less),))
     return found
 
@@ -248,7 +274,9 @@ def order(true: Mapping[str, float], answered: Mapping[str, float]) -> Order:
 # ---- asking ------------------------------------------------------------------------------------------------------
 
 
-def ask(table: Objects, backends: Backends, sized: bool, progress: Progress) -> dict[str, Answer]:
+def ask(
+    table: Objects, backends: Backends, sized: bool, progress: Progress
+) -> dict[str, Answer]:
     """By name. With `sized`, the backend gets each object's size, as from a photo of known scale; else its name
     alone.
 
@@ -261,7 +289,9 @@ def ask(table: Objects, backends: Backends, sized: bool, progress: Progress) -> 
             progress(f"physics of {item.name}", k, len(table.items))
             rgb, outline = silhouette(item)
             one = PhotoObject(1, outline, item.label)
-            known = box_sides(outline)[0] / (max(item.size) / 1000) if item.size else None
+            known = (
+                box_sides(outline)[0] / (max(item.size) / 1000) if item.size else None
+            )
             scale = known if sized and known else found_scale([one])
             found[item.name] = as_answer(physics(rgb, [one], scale)[1])
         return found
@@ -277,7 +307,11 @@ def as_answer(matter: Matter) -> Answer:
 def found_scale(objects: Sequence[PhotoObject]) -> float | None:
     """px/m as `perceive` finds it, from objects of known size among them; None where none is."""
     found = photo_scale(objects, {one.id: kind_of(one.label) for one in objects})
-    return found.pixels_per_meter if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE else None
+    return (
+        found.pixels_per_meter
+        if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE
+        else None
+    )
 
 
 CANVAS, LONGEST = 512, 256
@@ -288,14 +322,21 @@ PAPER, INK = 235, 110
 
 def silhouette(item: Item) -> tuple[Rgb, Outline]:
     """A grey shape on paper: a ball's disc, or the rectangle of the two longest sides; turned objects stand upright."""
-    size = item.size or {Form.BALL: (1.0,), Form.TURNED: (2.0, 1.0), Form.BOX: (1.0, 1.0, 1.0)}[item.form]
+    size = (
+        item.size
+        or {Form.BALL: (1.0,), Form.TURNED: (2.0, 1.0), Form.BOX: (1.0, 1.0, 1.0)}[
+            item.form
+        ]
+    )
     middle, per_mm = np.full(2, CANVAS / 2), LONGEST / max(size)
     outline: Outline
     if item.form is Form.BALL:
         outline = Disc(middle, size[0] / 2 * per_mm)
     else:
         tall, wide = size if item.form is Form.TURNED else sorted(size)[-2:]
-        corners = np.array([[-wide, -tall], [wide, -tall], [wide, tall], [-wide, tall]]) / 2
+        corners = (
+            np.array([[-wide, -tall], [wide, -tall], [wide, tall], [-wide, tall]]) / 2
+        )
         outline = Region((Ring(middle + corners * per_mm),))
     covered = raster.coverage(outline, (CANVAS, CANVAS))[..., None]
     rgb: NDArray[np.uint8] = np.rint(PAPER + (INK - PAPER) * covered).astype(np.uint8)
@@ -326,22 +367,33 @@ class Asked:
 
 
 def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Findings:
-    every = [(item, item.mass or 0.0, answers[item.name].mass or 0.0) for item in table.weighed]
+    every = [
+        (item, item.mass or 0.0, answers[item.name].mass or 0.0)
+        for item in table.weighed
+    ]
     sets = {table.title: masses([pair for _, *pair in every])}  # type: ignore[misc]
     free = [(true, answer) for item, true, answer in every if not regulated(item.label)]
     if 0 < len(free) < len(every):
         sets["without regulated weights"] = masses(free)
     scores = {name: score for name, score in sets.items() if score is not None}
-    orders = [(one, order(one.values, _values(answers, one.of))) for one in table.rankings]
-    totals = {of: sum((found for one, found in orders if one.of == of), Order()) for of in COEFFICIENTS}
+    orders = [
+        (one, order(one.values, _values(answers, one.of))) for one in table.rankings
+    ]
+    totals = {
+        of: sum((found for one, found in orders if one.of == of), Order())
+        for of in COEFFICIENTS
+    }
     rows: list[dict[str, Any]] = [
-        {"kind": "set", "set": name, **score.as_dict()} for name, score in scores.items()
+        {"kind": "set", "set": name, **score.as_dict()}
+        for name, score in scores.items()
     ]
     rows += [_order_row(one.of, one.about, found, one.source) for one, found in orders]
     sections = []
     if every:
         cells = tuple(mass_cells(name, score) for name, score in scores.items())
-        sections.append(Section(MASS, (), (Table(HEADS, (*cells, PAPER_MASS), note=NOTE),)))
+        sections.append(
+            Section(MASS, (), (Table(HEADS, (*cells, PAPER_MASS), note=NOTE),))
+        )
     if any(found.count for found in totals.values()):
         sections.append(_order_section(orders, totals))
     if every:
@@ -351,12 +403,23 @@ def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Fin
         "size_told": asked.sized,
         "table": table.title,
         "source": table.source,
-        "paper": {"objects": 20, "ade_g": 390, "share": 0.75, "friction": [12, 13], "elasticity": [6, 7]},
-        "answers": {name: {key: getattr(one, key) for key in NUMBERS} for name, one in answers.items()},
+        "paper": {
+            "objects": 20,
+            "ade_g": 390,
+            "share": 0.75,
+            "friction": [12, 13],
+            "elasticity": [6, 7],
+        },
+        "answers": {
+            name: {key: getattr(one, key) for key in NUMBERS}
+            for name, one in answers.items()
+        },
     }
     sentences = _sentences(sets[table.title], totals, asked, table)
     title = "Mass, friction and elasticity"
-    return Findings("properties", title, tuple(sentences), tuple(sections), rows, (), more)
+    return Findings(
+        "properties", title, tuple(sentences), tuple(sections), rows, (), more
+    )
 
 
 def regulated(label: str) -> bool:
@@ -366,10 +429,16 @@ def regulated(label: str) -> bool:
 
 
 def _values(answers: Mapping[str, Answer], of: str) -> dict[str, float]:
-    return {name: value for name, one in answers.items() if (value := getattr(one, of)) is not None}
+    return {
+        name: value
+        for name, one in answers.items()
+        if (value := getattr(one, of)) is not None
+    }
 
 
-def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, table: Objects) -> list[str]:
+def _sentences(
+    score: Masses | None, totals: Mapping[str, Order], asked: Asked, table: Objects
+) -> list[str]:
     lines = []
     if score is not None:
         low, high = score.interval
@@ -411,7 +480,10 @@ def _order_row(of: str, about: str, found: Order, source: str) -> dict[str, Any]
 def mass_cells(title: str, score: Masses) -> tuple[str, ...]:
     """Line of the table of masses."""
     low, high = score.interval
-    share, interval = f"{100 * score.share:.0f} %", f"[{100 * low:.0f}, {100 * high:.0f}]"
+    share, interval = (
+        f"{100 * score.share:.0f} %",
+        f"[{100 * low:.0f}, {100 * high:.0f}]",
+    )
     return title, str(score.count), _grams(score.ade), share, interval
 
 
@@ -424,19 +496,31 @@ def _grams(grams: float) -> str:
     return f"{grams:.3g} g" if grams < 1000 else f"{grams / 1000:.3g} kg"
 
 
-def _order_section(orders: Sequence[tuple[Ranking, Order]], totals: Mapping[str, Order]) -> Section:
+def _order_section(
+    orders: Sequence[tuple[Ranking, Order]], totals: Mapping[str, Order]
+) -> Section:
     rows = []
     for of in COEFFICIENTS:
         own = [(one, found) for one, found in orders if one.of == of]
         for one, found in own:
             some = ", ".join(f"{more} > {less}" for more, less in found.wrong[:SHOWN])
-            rest = f" and {len(found.wrong) - SHOWN} more" if len(found.wrong) > SHOWN else ""
+            rest = (
+                f" and {len(found.wrong) - SHOWN} more"
+                if len(found.wrong) > SHOWN
+                else ""
+            )
             rows.append((of, one.about, *_counts(found), some + rest))
         if len(own) > 1:
             rows.append((of, "all of these", *_counts(totals[of]), ""))
         right, count = PAPER_ORDER[of]
         rows.append((of, "the paper, GPT-4V on videos", f"{right} of {count}", "-", ""))
-    heads = ("coefficient", "compared", "in order", "equal", "not in order (more > less)")
+    heads = (
+        "coefficient",
+        "compared",
+        "in order",
+        "equal",
+        "not in order (more > less)",
+    )
     return Section(ORDER, (), (Table(heads, tuple(rows)),))
 
 
@@ -450,7 +534,10 @@ def _factor(true: float, answered: float) -> float:
 
 
 def _object_section(table: Objects, answers: Mapping[str, Answer]) -> Section:
-    pairs = [(item, item.mass or 1.0, answers[item.name].mass or 0.0) for item in table.weighed]
+    pairs = [
+        (item, item.mass or 1.0, answers[item.name].mass or 0.0)
+        for item in table.weighed
+    ]
     rows = tuple(
         (
             item.label,
@@ -462,29 +549,41 @@ def _object_section(table: Objects, answers: Mapping[str, Answer]) -> Section:
         for item, true, answer in sorted(pairs, key=lambda pair: _factor(*pair[1:]))
     )
     heads = ("object", "true, g", "answered, g", "answered / true", "size, mm")
-    return Section("Each object, the nearest first", (), (Table(heads, rows, note=table.source),))
+    return Section(
+        "Each object, the nearest first", (), (Table(heads, rows, note=table.source),)
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command."""
     parser = Parser(description=(__doc__ or "").partition("\n")[0])
-    about = (
-        "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
+    about = "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
+    parser.add_argument(
+        "table", metavar="TABLE", nargs="?", type=Path, default=SHIPPED, help=about
     )
-    parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, default=SHIPPED, help=about)
-    parser.option("--backend", "ROLE=NAME", str, "what answers: physics=NAME", [], action="append")
-    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
+    parser.option(
+        "--backend", "ROLE=NAME", str, "what answers: physics=NAME", [], action="append"
+    )
+    parser.option(
+        "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
+    )
     parser.flag("--hide-size", "give the name of each object without its size")
 
     def find(options: argparse.Namespace, progress: Progress) -> Findings:
         if others := set(choices(options.backend)) - {"physics"}:
             role = f'"{", ".join(sorted(others))}"'
-            raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
+            raise InputError.of(
+                "--backend", role, "has no part in this", "write physics=NAME"
+            )
         table = read_table(options.table)
-        backends = Backends(load_plan(options.backend, config=options.config).of(("physics",)))
+        backends = Backends(
+            load_plan(options.backend, config=options.config).of(("physics",))
+        )
         answers = ask(table, backends, not options.hide_size, progress)
         backends.close()
-        return findings(table, answers, Asked(backends.name("physics"), not options.hide_size))
+        return findings(
+            table, answers, Asked(backends.name("physics"), not options.hide_size)
+        )
 
     return run(parser, find, arguments)
 

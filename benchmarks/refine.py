@@ -35,12 +35,23 @@ from physgen.registry import Setup
 from physgen.render.staging import matte_stage
 
 ROOT = Path(__file__).resolve().parent.parent
-HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("billiard ball", "", None), lock=0.0, detail=1.0, hold=0)
+HOW = RefineSettings(
+    0.5,
+    5,
+    50,
+    0,
+    PromptSettings("billiard ball", "", None),
+    lock=0.0,
+    detail=1.0,
+    hold=0,
+)
 """Of the paper: 25 of 50 steps, 20 fused."""
 F32 = np.ndarray
 
 
-def clip(count: int, size: tuple[int, int]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def clip(
+    count: int, size: tuple[int, int]
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """A disc over a ramp, and its coverage."""
     width, height = size
     y, x = np.mgrid[:height, :width].astype(np.float32)
@@ -48,9 +59,15 @@ def clip(count: int, size: tuple[int, int]) -> tuple[list[np.ndarray], list[np.n
     frames, coverage = [], []
     for k in range(count):
         cover = np.clip(
-            height / 5 + 0.5 - np.hypot(x - width * (0.3 + 0.02 * k), y - height / 2), 0, 1
+            height / 5 + 0.5 - np.hypot(x - width * (0.3 + 0.02 * k), y - height / 2),
+            0,
+            1,
         ).astype(np.float32)
-        frames.append(np.rint(ramp + cover[..., None] * (np.array([220, 200, 60]) - ramp)).astype(np.uint8))
+        frames.append(
+            np.rint(ramp + cover[..., None] * (np.array([220, 200, 60]) - ramp)).astype(
+                np.uint8
+            )
+        )
         coverage.append(cover)
     return frames, coverage
 
@@ -130,14 +147,28 @@ def refining(folder: Path) -> list[dict]:
     before = time.process_time()
     list(Refinement(Idle(), HOW, (512, 512), 16).frames(frames, coverage))
     spent = time.process_time() - before
-    rows.append({"backend": "ours alone", "frames": 16, "size": [512, 512], "cpu": round(spent, 2)})
+    rows.append(
+        {
+            "backend": "ours alone",
+            "frames": 16,
+            "size": [512, 512],
+            "cpu": round(spent, 2),
+        }
+    )
     return rows
 
 
 # ---- full-size models of random numbers --------------------------------------------------------------------------
 
 
-def full(name: str, size: tuple[int, int], count: int, how: RefineSettings, device: str, dtype: str) -> dict:
+def full(
+    name: str,
+    size: tuple[int, int],
+    count: int,
+    how: RefineSettings,
+    device: str,
+    dtype: str,
+) -> dict:
     """Seconds and peak memory of one clip."""
     import torch
     from full_models import FULL
@@ -183,7 +214,9 @@ def full(name: str, size: tuple[int, int], count: int, how: RefineSettings, devi
 # ---- real weights, against truth ---------------------------------------------------------------------------------
 
 
-def quality(said: str, names: list[str], changed: dict[str, float], device: str, dtype: str) -> list[dict]:
+def quality(
+    said: str, names: list[str], changed: dict[str, float], device: str, dtype: str
+) -> list[dict]:
     """Each truth video as drawn and as refined."""
     name, _, weights = said.partition(":")
     model = registry.make("refine", name, Setup(weights, device, dtype))
@@ -191,7 +224,10 @@ def quality(said: str, names: list[str], changed: dict[str, float], device: str,
     for truth in fidelity.truths(ROOT / "studio/truth", names):
         scene, maps = fidelity.seen(truth)
         compiled = pipeline.compile(scene, maps)
-        run, stage = fidelity.replayed(truth, compiled), pipeline.stage(scene, compiled, maps)
+        run, stage = (
+            fidelity.replayed(truth, compiled),
+            pipeline.stage(scene, compiled, maps),
+        )
         drawn = [frame.rgb for frame in pipeline.render(stage, run)]
         coverage = [
             np.asarray(decode(frame.rgb[..., 0]), np.float32)
@@ -200,30 +236,48 @@ def quality(said: str, names: list[str], changed: dict[str, float], device: str,
         height, width = drawn[0].shape[:2]
         fps = (len(drawn) - 1) / float(run.times[-1])
         prompt = prompt_of(item.label for item in scene.objects)
-        how = replace(HOW, prompt=PromptSettings(prompt, "", None), hold=hold_frames(fps))
+        how = replace(
+            HOW, prompt=PromptSettings(prompt, "", None), hold=hold_frames(fps)
+        )
         how = replace(how, **changed)
         refinement = Refinement(model, how, (width, height), len(drawn))
         before = time.perf_counter()
         made = list(refinement.frames(drawn, coverage))
         row = {"scene": truth.name, "seconds": round(time.perf_counter() - before, 1)}
-        row |= {f"drawn_{key}": value for key, value in fidelity.compared(truth, iter(drawn[1:])).items()}
-        row |= {f"refined_{key}": value for key, value in fidelity.compared(truth, iter(made[1:])).items()}
-        rows.append(row | kept(drawn, made, coverage) | {"note": dict(refinement.note())})
+        row |= {
+            f"drawn_{key}": value
+            for key, value in fidelity.compared(truth, iter(drawn[1:])).items()
+        }
+        row |= {
+            f"refined_{key}": value
+            for key, value in fidelity.compared(truth, iter(made[1:])).items()
+        }
+        rows.append(
+            row | kept(drawn, made, coverage) | {"note": dict(refinement.note())}
+        )
         print(line(rows[-1]), flush=True)
     model.close()
     return rows
 
 
-def kept(drawn: list[np.ndarray], made: list[np.ndarray], coverage: list[np.ndarray]) -> dict:
+def kept(
+    drawn: list[np.ndarray], made: list[np.ndarray], coverage: list[np.ndarray]
+) -> dict:
     """Objects of the refined frames against those of the drawn ones, and how much the change flickers anywhere."""
-    sums: dict[str, list[float]] = {"kept_psnr": [], "kept_ssim": [], "change_flicker": []}
+    sums: dict[str, list[float]] = {
+        "kept_psnr": [],
+        "kept_ssim": [],
+        "change_flicker": [],
+    }
     before = None
     for guidance, refined, cover in zip(drawn, made, coverage, strict=True):
         change = (refined.astype(np.float64) - guidance) / 255
         where = cover > 0.5
         if where.any():
             sums["kept_psnr"].append(fidelity.psnr((change**2).mean(-1), where) or 0.0)
-            sums["kept_ssim"].append(float(fidelity.ssim(refined, guidance)[where].mean()))
+            sums["kept_ssim"].append(
+                float(fidelity.ssim(refined, guidance)[where].mean())
+            )
         if before is not None:
             sums["change_flicker"].append(float(np.abs(change - before).mean() * 255))
         before = change
@@ -234,11 +288,10 @@ def line(row: dict) -> str:
     """One row as text."""
     keys = ("psnr_objects", "psnr_shadows", "psnr_rest", "flicker")
     cells = "  ".join(
-        f"{key} {row[f'drawn_{key}'] or 0:.2f} -> {row[f'refined_{key}'] or 0:.2f}" for key in keys
+        f"{key} {row[f'drawn_{key}'] or 0:.2f} -> {row[f'refined_{key}'] or 0:.2f}"
+        for key in keys
     )
-    return (
-        f"{row['scene']:<14} {row['seconds']:6.1f} s  {cells}  objects kept {row.get('kept_psnr', 0):.1f} dB"
-    )
+    return f"{row['scene']:<14} {row['seconds']:6.1f} s  {cells}  objects kept {row.get('kept_psnr', 0):.1f} dB"
 
 
 def pair(kind: Callable[[str], Any], sign: str) -> Callable[[str], tuple[Any, Any]]:
@@ -252,10 +305,16 @@ def main() -> None:
     )
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--full", action="store_true", help="a full-size random model")
-    what.add_argument("--weights", metavar="NAME[:WEIGHTS]", help="as --refine of physgen render")
+    what.add_argument(
+        "--weights", metavar="NAME[:WEIGHTS]", help="as --refine of physgen render"
+    )
     parser.add_argument("--frames", type=int, default=16)
-    parser.add_argument("--size", type=pair(int, "x"), default=(512, 512), metavar="WxH")
-    parser.add_argument("--scenes", nargs="*", default=[], help="truth videos; default: all")
+    parser.add_argument(
+        "--size", type=pair(int, "x"), default=(512, 512), metavar="WxH"
+    )
+    parser.add_argument(
+        "--scenes", nargs="*", default=[], help="truth videos; default: all"
+    )
     parser.add_argument("--set", action="append", default=[], type=pair(str, "="), metavar="KEY=NUMBER",
                         help="strength, stop, steps, seed, lock, detail or hold; may be repeated")  # fmt: skip
     parser.add_argument("--device", default="auto")
@@ -263,12 +322,25 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="figures as JSON")
     options = parser.parse_args()
     whole = ("stop", "steps", "seed", "hold")
-    changed = {key: int(value) if key in whole else float(value) for key, value in options.set}
+    changed = {
+        key: int(value) if key in whole else float(value) for key, value in options.set
+    }
     if options.weights:
-        rows = quality(options.weights, options.scenes, changed, options.device, options.dtype)
+        rows = quality(
+            options.weights, options.scenes, changed, options.device, options.dtype
+        )
     else:
         how = replace(HOW, **changed)
-        rows = [full("animatediff", options.size, options.frames, how, options.device, options.dtype)]
+        rows = [
+            full(
+                "animatediff",
+                options.size,
+                options.frames,
+                how,
+                options.device,
+                options.dtype,
+            )
+        ]
         print(json.dumps(rows[-1]), flush=True)
     if options.out:
         options.out.write_text(json.dumps({"rows": rows}, indent=1) + "\n")

@@ -81,7 +81,12 @@ def scenes(folder: Path) -> dict[str, Path]:
     if peers := peer_folder():
         for name in PEERS:
             found[name] = folder / f"{name}.yaml"
-            assert physgen(["import", "physgen", str(peers / name), "-o", str(found[name])]) == 0
+            assert (
+                physgen(
+                    ["import", "physgen", str(peers / name), "-o", str(found[name])]
+                )
+                == 0
+            )
     return found
 
 
@@ -91,8 +96,20 @@ def render(folder: Path) -> list[dict]:
     for name, path in scenes(folder).items():
         for frames in FRAMES:
             out = folder / "out" / str(frames)
-            command = [sys.executable, "-m", "physgen", "render", str(path), "-o", str(out)]
-            subprocess.run([*command, "--set", f"render.frames={frames}"], check=True, capture_output=True)
+            command = [
+                sys.executable,
+                "-m",
+                "physgen",
+                "render",
+                str(path),
+                "-o",
+                str(out),
+            ]
+            subprocess.run(
+                [*command, "--set", f"render.frames={frames}"],
+                check=True,
+                capture_output=True,
+            )
             run = out / (path.parent.name if path.name == "scene.yaml" else path.stem)
             manifest = json.loads((run / "manifest.json").read_text())
             timing = json.loads((run / "timing.json").read_text())
@@ -101,8 +118,12 @@ def render(folder: Path) -> list[dict]:
                     "scene": name,
                     "objects": len(manifest["document"]["objects"]),
                     "frames": len(manifest["frames"]),
-                    "cpu": {stage: times["cpu"] for stage, times in timing["stages"].items()},
-                    "wall": round(sum(times["wall"] for times in timing["stages"].values()), 3),
+                    "cpu": {
+                        stage: times["cpu"] for stage, times in timing["stages"].items()
+                    },
+                    "wall": round(
+                        sum(times["wall"] for times in timing["stages"].values()), 3
+                    ),
                     "peak_mib": timing["peak_memory_mib"],
                     "video_kib": round((run / "video.mp4").stat().st_size / 1024),
                 }
@@ -118,7 +139,10 @@ def cpu_of(*command: str, repeat: int = 5) -> float:
         subprocess.run(command, check=True, capture_output=True)
         after = os.times()
         times.append(
-            after.children_user + after.children_system - before.children_user - before.children_system
+            after.children_user
+            + after.children_system
+            - before.children_user
+            - before.children_system
         )
     return round(float(np.median(times)), 3)
 
@@ -133,8 +157,14 @@ def start(folder: Path) -> list[dict]:
     rows = [
         ("python -c pass", cpu_of(python, "-c", "pass")),
         ("physgen --help", cpu_of(python, "-m", "physgen", "--help")),
-        ("physgen check, one ball", cpu_of(python, "-m", "physgen", "check", str(ball))),
-        ("physgen simulate, one ball, 2 s", cpu_of(python, "-m", "physgen", "simulate", str(ball))),
+        (
+            "physgen check, one ball",
+            cpu_of(python, "-m", "physgen", "check", str(ball)),
+        ),
+        (
+            "physgen simulate, one ball, 2 s",
+            cpu_of(python, "-m", "physgen", "simulate", str(ball)),
+        ),
     ]
     return [{"command": command, "cpu": cpu} for command, cpu in rows]
 
@@ -154,14 +184,32 @@ def shadows(folder: Path) -> list[dict]:
         view = BoundaryGuess(scene.world.view, 1.0, "as given", ())
         found = perceive(maps.rgb, from_masks(maps.labels), view=view).percepts
         open_ = (
-            cv2.dilate(((maps.coverage > 0) | (found.coverage > 0)).astype(np.uint8), np.ones((5, 5))) == 0
+            cv2.dilate(
+                ((maps.coverage > 0) | (found.coverage > 0)).astype(np.uint8),
+                np.ones((5, 5)),
+            )
+            == 0
         )
         true = _log(maps.clean) - _log(maps.background)
-        lifted = 0 * true if found.clean is None else _log(found.clean) - _log(found.background)
+        lifted = (
+            0 * true
+            if found.clean is None
+            else _log(found.clean) - _log(found.background)
+        )
         dark, plain = open_ & (true > 0.05), open_ & (np.abs(true) < 0.03)
-        errors = {"before": true[dark], "after": (true - lifted)[dark], "elsewhere": lifted[plain]}
+        errors = {
+            "before": true[dark],
+            "after": (true - lifted)[dark],
+            "elsewhere": lifted[plain],
+        }
         row = {"scene": path.parent.name, "lifted": found.clean is not None}
-        rows.append(row | {key: round(float(np.sqrt((e**2).mean())), 3) for key, e in errors.items()})
+        rows.append(
+            row
+            | {
+                key: round(float(np.sqrt((e**2).mean())), 3)
+                for key, e in errors.items()
+            }
+        )
     return rows
 
 
@@ -171,7 +219,9 @@ def _log(srgb: np.ndarray) -> np.ndarray:
 
 def frame_costs(folder: Path) -> list[dict]:
     """What a frame costs, in scenes drawn by formula and in those of `render`."""
-    return frame_rows(scenes(folder), sorted((ROOT / "scenes").glob("*/scene.yaml")), folder)
+    return frame_rows(
+        scenes(folder), sorted((ROOT / "scenes").glob("*/scene.yaml")), folder
+    )
 
 
 PARTS = {
@@ -189,7 +239,12 @@ PARTS |= {
     "ghosts": ghosts,
 }
 PARTS |= {"frames": frame_costs}
-PARTS |= {"prompts": prompts, "perceive": perceiving, "first": first_clips, "percepts": percepts}
+PARTS |= {
+    "prompts": prompts,
+    "perceive": perceiving,
+    "first": first_clips,
+    "percepts": percepts,
+}
 PARTS |= {
     "refine": refining,
     "gallery": gallery,
@@ -202,7 +257,11 @@ PARTS |= {
     "editor": editor,
     "sureness": sureness,
 }
-PARTS |= {"properties": properties, "controllability": controllability, "runtime": runtime}
+PARTS |= {
+    "properties": properties,
+    "controllability": controllability,
+    "runtime": runtime,
+}
 
 
 def main(names: list[str]) -> None:

@@ -48,7 +48,16 @@ class Part:
     """Our stages that do the same."""
 
 
-ELSE = ("depth", "normals", "intrinsic", "light", "matte", "shadow", "boundary", "files")
+ELSE = (
+    "depth",
+    "normals",
+    "intrinsic",
+    "light",
+    "matte",
+    "shadow",
+    "boundary",
+    "files",
+)
 PARTS = (
     Part("perception: objects", 50, ("perceive categories", "perceive segment")),
     Part("perception: names, physics", 10, ("perceive label", "perceive physics")),
@@ -94,16 +103,34 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
     found: list[Run] = []
     left: list[Problem] = []
     for clip in find_clips(checked_folders(roots)):
-        run = None if clip.manifest is None else _run(clip.name, clip.folder, clip.manifest)
+        run = (
+            None
+            if clip.manifest is None
+            else _run(clip.name, clip.folder, clip.manifest)
+        )
         if run is not None:
             found.append(run)
             continue
-        expected = "cannot be read" if clip.manifest is None else "has no times of its stages"
+        expected = (
+            "cannot be read" if clip.manifest is None else "has no times of its stages"
+        )
         place = Place(str(clip.folder / MANIFEST))
-        left.append(Problem(place, "", "", expected, "make the clip again: physgen render", Severity.WARNING))
+        left.append(
+            Problem(
+                place,
+                "",
+                "",
+                expected,
+                "make the clip again: physgen render",
+                Severity.WARNING,
+            )
+        )
     if not found:
         if left:
-            raise InputError(replace(problem, severity=Severity.ERROR) for problem in left[:MOST_PROBLEMS])
+            raise InputError(
+                replace(problem, severity=Severity.ERROR)
+                for problem in left[:MOST_PROBLEMS]
+            )
         fix = "name folders that physgen render or sweep made"
         raise InputError.of(", ".join(map(str, roots)), "", "holds no clips", fix)
     for problem in left[:MOST_PROBLEMS]:
@@ -115,25 +142,45 @@ def _run(name: str, folder: Path, record: Mapping[str, Any]) -> Run | None:
     """None where the clip has no times."""
     try:
         apart = folder / TIMING
-        times = (json.loads(apart.read_bytes()) if apart.is_file() else record)["stages"]
-        stages = {key: (float(one["wall"]), float(one["cpu"])) for key, one in times.items()}
+        times = (json.loads(apart.read_bytes()) if apart.is_file() else record)[
+            "stages"
+        ]
+        stages = {
+            key: (float(one["wall"]), float(one["cpu"])) for key, one in times.items()
+        }
     except (OSError, KeyError, TypeError, ValueError, AttributeError):
         return None
-    if not stages or not all(isfinite(wall) and wall >= 0 for wall, _ in stages.values()):
+    if not stages or not all(
+        isfinite(wall) and wall >= 0 for wall, _ in stages.values()
+    ):
         return None
     seen, models = _perceived(folder, record)
     refine, known = record.get("refine") or {}, record.get("platform") or {}
     if refine.get("backend") not in (None, "none"):
         models = (*models, f"refine={refine['backend']}")
     keys = ("machine", "system", "processor", "cores", "memory_gib")
-    machine = str(Machine(**{key: known[key] for key in keys})) if "processor" in known else "not recorded"
+    machine = (
+        str(Machine(**{key: known[key] for key in keys}))
+        if "processor" in known
+        else "not recorded"
+    )
     device = str(refine.get("device") or record.get("device") or "cpu")
-    return Run(name, stages | seen, machine if device == "cpu" else f"{machine}; {device}", models)
+    return Run(
+        name,
+        stages | seen,
+        machine if device == "cpu" else f"{machine}; {device}",
+        models,
+    )
 
 
-def _perceived(folder: Path, record: Mapping[str, Any]) -> tuple[dict[str, Time], tuple[str, ...]]:
+def _perceived(
+    folder: Path, record: Mapping[str, Any]
+) -> tuple[dict[str, Time], tuple[str, ...]]:
     """Steps of perceiving, where models took part and the scene is still in its place."""
-    assets, source = (record.get("document") or {}).get("assets"), str(record.get("source") or "://")
+    assets, source = (
+        (record.get("document") or {}).get("assets"),
+        str(record.get("source") or "://"),
+    )
     if not assets or "://" in source:
         return {}, ()
     times: dict[str, Time] = {}
@@ -141,8 +188,12 @@ def _perceived(folder: Path, record: Mapping[str, Any]) -> tuple[dict[str, Time]
         steps = read_record((folder / source).parent / str(assets) / RECORD)["steps"]
         for step in steps:
             stage = f"perceive {step['role']}"
-            times[stage] = total([times.get(stage, (0.0, np.nan)), (float(step["seconds"]), np.nan)])
-        models = dict.fromkeys(f"{step['role']}={step['backend']}" for step in steps if step.get("weights"))
+            times[stage] = total(
+                [times.get(stage, (0.0, np.nan)), (float(step["seconds"]), np.nan)]
+            )
+        models = dict.fromkeys(
+            f"{step['role']}={step['backend']}" for step in steps if step.get("weights")
+        )
     except (OSError, ValueError, KeyError, TypeError):
         return {}, ()
     return times, tuple(models)
@@ -153,8 +204,12 @@ def gpu() -> str:
     """The GPU's model and memory, from nvidia-smi; `""` where there is none."""
     command = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"]
     with suppress(OSError, subprocess.SubprocessError):
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
-        return "; ".join(line.strip() for line in done.stdout.splitlines() if line.strip())
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=10, check=True
+        )
+        return "; ".join(
+            line.strip() for line in done.stdout.splitlines() if line.strip()
+        )
     return ""
 
 
@@ -174,15 +229,25 @@ def spread(times: Sequence[Time]) -> dict[str, Any]:
     >>> spread([(1.0, 2.0), (3.0, 2.0), (2.0, 9.0)])
     {'runs': 3, 'wall': 2.0, 'wall_least': 1.0, 'wall_most': 3.0, 'cpu': 2.0}
     """
-    walls, cpu = [wall for wall, _ in times], float(np.median([cpu for _, cpu in times]))
-    found = {"wall": float(np.median(walls)), "wall_least": min(walls), "wall_most": max(walls)}
+    walls, cpu = (
+        [wall for wall, _ in times],
+        float(np.median([cpu for _, cpu in times])),
+    )
+    found = {
+        "wall": float(np.median(walls)),
+        "wall_least": min(walls),
+        "wall_most": max(walls),
+    }
     return {"runs": len(times), **found, "cpu": cpu if isfinite(cpu) else None}
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
     return [
         str(row["runs"]),
-        *(number(row[key], ".3f") for key in ("wall", "wall_least", "wall_most", "cpu")),
+        *(
+            number(row[key], ".3f")
+            for key in ("wall", "wall_least", "wall_most", "cpu")
+        ),
     ]
 
 
@@ -195,10 +260,16 @@ def findings(runs: Sequence[Run], here: str) -> Findings:
         after = "" if len(machines) == 1 else f": {machine}"
         parts, stages = _by_part(mine), _by_stage(mine)
         whole, paper = _whole(mine), f"{_paper_time(mine):g} of {PAPER}"
-        lines = [(one["name"], *_cells(one), number(one["paper"], "g")) for one in parts]
+        lines = [
+            (one["name"], *_cells(one), number(one["paper"], "g")) for one in parts
+        ]
         lines.append(("whole runs", *_cells(whole), paper))
         by_part = Table(("part", *HEADS, "the paper, A40"), tuple(lines), note=NOTE)
-        by_stage = Table(("stage", *HEADS), tuple((one["name"], *_cells(one)) for one in stages), note=CACHED)
+        by_stage = Table(
+            ("stage", *HEADS),
+            tuple((one["name"], *_cells(one)) for one in stages),
+            note=CACHED,
+        )
         sections += [
             Section(f"By the paper's parts{after}", (), (by_part,)),
             Section(f"Every stage{after}", (), (by_stage,)),
@@ -216,29 +287,56 @@ def findings(runs: Sequence[Run], here: str) -> Findings:
             }
             for run in runs
         ],
-        "paper": {part.name: part.paper for part in PARTS if part.paper is not None} | {"all": PAPER},
+        "paper": {part.name: part.paper for part in PARTS if part.paper is not None}
+        | {"all": PAPER},
     }
     sentences = (_summary(runs), f"Run on {'; and on '.join(machines)}.", _models(runs))
-    return Findings("runtime", "Runtime, stage by stage", sentences, tuple(sections), rows, more=more)
+    return Findings(
+        "runtime",
+        "Runtime, stage by stage",
+        sentences,
+        tuple(sections),
+        rows,
+        more=more,
+    )
 
 
 def _by_part(runs: Sequence[Run]) -> list[dict[str, Any]]:
     rows = []
     for part in (*PARTS, Part("asked for besides", None, ())):
         own = [
-            [t for s, t in run.stages.items() if s in (part.stages or set(run.stages) - set(ORDER))]
+            [
+                t
+                for s, t in run.stages.items()
+                if s in (part.stages or set(run.stages) - set(ORDER))
+            ]
             for run in runs
         ]
         if times := [total(some) for some in own if some]:
-            rows.append({"kind": "part", "name": part.name, **spread(times), "paper": part.paper})
+            rows.append(
+                {
+                    "kind": "part",
+                    "name": part.name,
+                    **spread(times),
+                    "paper": part.paper,
+                }
+            )
     return rows
 
 
 def _by_stage(runs: Sequence[Run]) -> list[dict[str, Any]]:
     seen = dict.fromkeys(stage for run in runs for stage in run.stages)
-    names = sorted(seen, key=lambda stage: ORDER.index(stage) if stage in ORDER else len(ORDER))
-    found = {name: spread([run.stages[name] for run in runs if name in run.stages]) for name in names}
-    return [{"kind": "stage", "name": name, **one, "paper": None} for name, one in found.items()]
+    names = sorted(
+        seen, key=lambda stage: ORDER.index(stage) if stage in ORDER else len(ORDER)
+    )
+    found = {
+        name: spread([run.stages[name] for run in runs if name in run.stages])
+        for name in names
+    }
+    return [
+        {"kind": "stage", "name": name, **one, "paper": None}
+        for name, one in found.items()
+    ]
 
 
 def _whole(runs: Sequence[Run]) -> dict[str, Any]:
@@ -250,7 +348,11 @@ def _whole(runs: Sequence[Run]) -> dict[str, Any]:
 def _paper_time(runs: Sequence[Run]) -> float:
     """s that the paper's table has for the parts of these runs."""
     there = {stage for run in runs for stage in run.stages}
-    return sum(part.paper for part in PARTS if part.paper is not None and there & set(part.stages))
+    return sum(
+        part.paper
+        for part in PARTS
+        if part.paper is not None and there & set(part.stages)
+    )
 
 
 def _summary(runs: Sequence[Run]) -> str:

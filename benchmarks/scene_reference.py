@@ -39,14 +39,26 @@ FORMS = {"array": "a list", "object": "a mapping", "boolean": "`true` or `false`
 def markdown() -> str:
     """The reference as Markdown."""
     schema = expanded()
-    groups = [group for _, part in _mappings(schema, "") for group in part.get("x-exclusive", [])]
-    template = Template(Path(__file__).with_name("scene-reference.md").read_text(encoding="utf-8"))
+    groups = [
+        group
+        for _, part in _mappings(schema, "")
+        for group in part.get("x-exclusive", [])
+    ]
+    template = Template(
+        Path(__file__).with_name("scene-reference.md").read_text(encoding="utf-8")
+    )
     return template.substitute(
         example=EXAMPLE,
-        sections="\n".join("\n".join(_section(path, part)) + "\n" for path, part in _distinct(schema)),
-        rivals=listed(dict.fromkeys("/".join(f"`{key}`" for key in group) for group in groups)),
+        sections="\n".join(
+            "\n".join(_section(path, part)) + "\n" for path, part in _distinct(schema)
+        ),
+        rivals=listed(
+            dict.fromkeys("/".join(f"`{key}`" for key in group) for group in groups)
+        ),
         extends=Limit.EXTENDS.most,
-        limits="\n".join(f"| {row.what} | {row.expected}; {row.fix} |" for row in Limit),
+        limits="\n".join(
+            f"| {row.what} | {row.expected}; {row.fix} |" for row in Limit
+        ),
         corners=f"{at('objects.*.shape.polygon')['maxItems']:,}",
         formats=listed({"WEBP": "WebP"}.get(name, name) for name in SCENE_FORMATS),
         suffixes=listed(f"`{suffix}`" for suffix in SUFFIXES),
@@ -83,18 +95,28 @@ def _section(path: str, schema: Schema) -> Iterator[str]:
     yield "| key | value | meaning |"
     yield "|---|---|---|"
     for key, part in schema["properties"].items():
-        default = f"default `{example(part['default'])}`" if part.get("default", {}) != {} else ""
+        default = (
+            f"default `{example(part['default'])}`"
+            if part.get("default", {}) != {}
+            else ""
+        )
         needed = "required" if key in schema.get("required", []) else ""
-        value = ", ".join(filter(None, (_value(part), part.get("x-unit"), default, needed)))
+        value = ", ".join(
+            filter(None, (_value(part), part.get("x-unit"), default, needed))
+        )
         sample = f"`{example(part['examples'][0])}`"
-        meaning = part["description"] + (f" E.g. {sample}." if sample not in value else "")
+        meaning = part["description"] + (
+            f" E.g. {sample}." if sample not in value else ""
+        )
         yield f"| `{key}` | {value} | " + meaning.replace("|", "\\|") + " |"
 
 
 def _value(part: Schema) -> str:
     """What may be written, in words; the example shows its form."""
     words = (
-        part.get("enum") or part.get("then", {}).get("enum", []) or [part[k] for k in ("const",) if k in part]
+        part.get("enum")
+        or part.get("then", {}).get("enum", [])
+        or [part[k] for k in ("const",) if k in part]
     )
     ways = [f"`{word}`" for word in words]
     kind = part.get("type", "string")

@@ -20,7 +20,16 @@ from PIL import Image
 from pycocotools import mask as coco
 
 from physgen import registry
-from physgen.evaluate.segmentation import Found, Pair, Photo, Truth, as_photo, evaluate, match, pairs
+from physgen.evaluate.segmentation import (
+    Found,
+    Pair,
+    Photo,
+    Truth,
+    as_photo,
+    evaluate,
+    match,
+    pairs,
+)
 from physgen.perceive.backends import label_imagenet, segment_learned
 from physgen.perceive.roles import Rgb, Segments
 from physgen.perceive.segment.candidates import FEATURES
@@ -57,12 +66,20 @@ def photos(folder: Path) -> dict[str, list[Pair]]:
     sets["homes"] = pairs(ROOT / "studio/segmentation/validation")[0]
     if peers := os.environ.get("PHYSGEN_PEER_SCENES"):
         sets["peers"] = [
-            Pair(Path(peers) / name / "original.png", Path(peers) / name / "mask.png", name=name)
+            Pair(
+                Path(peers) / name / "original.png",
+                Path(peers) / name / "mask.png",
+                name=name,
+            )
             for name in PEERS
         ]
     if material := os.environ.get("PHYSGEN_MATERIAL"):
-        household = sorted(path for path in (Path(material) / "photos").iterdir() if path.is_dir())
-        sets["household"] = [Pair(p / "original.png", p / "mask.png", name=p.name) for p in household]
+        household = sorted(
+            path for path in (Path(material) / "photos").iterdir() if path.is_dir()
+        )
+        sets["household"] = [
+            Pair(p / "original.png", p / "mask.png", name=p.name) for p in household
+        ]
         sets["coco"] = list(_coco(folder))
     return sets
 
@@ -76,9 +93,14 @@ def _coco(folder: Path) -> Iterator[Pair]:
     for name, rgb, coded in labelled(validation=True):
         area = np.bincount(coded.ravel(), minlength=256)
         labels = np.where(coded < IMMOVABLE, coded, 0).astype(np.uint16)
-        labels[(coded == UNSAID) | ((labels > 0) & (area < LEAST * labels.size)[coded])] = UNJUDGED
+        labels[
+            (coded == UNSAID) | ((labels > 0) & (area < LEAST * labels.size)[coded])
+        ] = UNJUDGED
         if ((labels > 0) & (labels < UNJUDGED)).any():
-            photo, truth = folder / f"coco-{name}.png", folder / f"coco-{name}.labels.png"
+            photo, truth = (
+                folder / f"coco-{name}.png",
+                folder / f"coco-{name}.labels.png",
+            )
             cv2.imwrite(str(photo), rgb[..., ::-1])
             cv2.imwrite(str(truth), labels)
             yield Pair(photo, truth, name=f"coco-{name}")
@@ -127,9 +149,14 @@ def segmentation(folder: Path) -> list[dict]:
         rows.append({"set": name, "photo": "", **_total(found), "cpu": cpu})
         if name in OWN:
             rated = zip(found.rows, some, kept, strict=True)
-            shown += [(row["f"], outlined(pair.read(), one)) for row, pair, one in rated]
+            shown += [
+                (row["f"], outlined(pair.read(), one)) for row, pair, one in rated
+            ]
         if name in REAL:
-            real += [as_photo(pair.name, pair.read(), one) for pair, one in zip(some, kept, strict=True)]
+            real += [
+                as_photo(pair.name, pair.read(), one)
+                for pair, one in zip(some, kept, strict=True)
+            ]
     tiles = [tile for _, tile in sorted(shown, key=lambda one: one[0])[:WORST]]
     sheet = np.vstack([np.hstack(tiles[k : k + 5]) for k in range(0, WORST, 5)])
     Image.fromarray(sheet).save(ROOT / "docs/segmentation.webp", quality=75, method=6)
@@ -138,11 +165,18 @@ def segmentation(folder: Path) -> list[dict]:
             for name in REAL:
                 if name in sets:
                     rows.append(
-                        {"set": name, "without": part, "photo": None, **_total(evaluate(sets[name], find))}
+                        {
+                            "set": name,
+                            "without": part,
+                            "photo": None,
+                            **_total(evaluate(sets[name], find)),
+                        }
                     )
     rows += _reliability(real)
     if absent := {name for name in REAL if name not in sets}:  # their former rows stay
-        before = json.loads((ROOT / "benchmarks/results/segmentation.json").read_text())["rows"]
+        before = json.loads(
+            (ROOT / "benchmarks/results/segmentation.json").read_text()
+        )["rows"]
         rows = [row for row in rows if row["set"] != "reliability"]
         rows += [row for row in before if row["set"] in absent | {"reliability"}]
     return rounded(rows)
@@ -152,11 +186,17 @@ def outlined(truth: Truth, segments: Segments) -> NDArray[np.uint8]:
     """The picture in a tile, outlines of true masks thick and those of what was found thin."""
     width, height = TILE
     scale = min(width / truth.rgb.shape[1], height / truth.rgb.shape[0])
-    picture = cv2.resize(truth.rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    picture = cv2.resize(
+        truth.rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA
+    )
     masks = [(coco.decode(one), TRUE, 2) for one in truth.masks]
-    masks += [(segments.labels == k + 1, FOUND, 1) for k in range(len(segments.confidence))]
+    masks += [
+        (segments.labels == k + 1, FOUND, 1) for k in range(len(segments.confidence))
+    ]
     for mask, colour, width_ in masks:
-        loops, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        loops, _ = cv2.findContours(
+            mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
         scaled = [np.rint(loop * scale).astype(np.int32) for loop in loops]
         cv2.drawContours(picture, scaled, -1, colour, width_, cv2.LINE_AA)
     tile = np.full((height, width, 3), 255, np.uint8)
@@ -165,7 +205,11 @@ def outlined(truth: Truth, segments: Segments) -> NDArray[np.uint8]:
 
 
 def _total(found: Found) -> dict:
-    return {key: value for key, value in found.total.items() if key not in ("ap", "ap_by_iou")}
+    return {
+        key: value
+        for key, value in found.total.items()
+        if key not in ("ap", "ap_by_iou")
+    }
 
 
 def _reliability(real: list[Photo]) -> list[dict]:
@@ -178,7 +222,13 @@ def _reliability(real: list[Photo]) -> list[dict]:
         inside = (stated >= low) & ((stated < high) | (high == 1.0))
         if inside.any():
             share, mean = float(right[inside].mean()), float(stated[inside].mean())
-            row = {"from": low, "to": high, "found": int(inside.sum()), "stated": mean, "right": share}
+            row = {
+                "from": low,
+                "to": high,
+                "found": int(inside.sum()),
+                "stated": mean,
+                "right": share,
+            }
             rows.append({"set": "reliability", "photo": None, **row})
     return rows
 
@@ -187,14 +237,19 @@ def names(folder: Path) -> list[dict]:
     """Labels of the validation photos' true masks, by the shipped network and by ImageNet alone, and CPU seconds of 16
     objects; the last run's rows where PHYSGEN_MATERIAL names no photos."""
     if "PHYSGEN_MATERIAL" not in os.environ:
-        rows: list[dict] = json.loads((ROOT / "benchmarks/results/names.json").read_text())["rows"]
+        rows: list[dict] = json.loads(
+            (ROOT / "benchmarks/results/names.json").read_text()
+        )["rows"]
         return rows
     sys.path.append(str(ROOT / "studio/segmentation"))
     from named import measure, seen  # type: ignore[import-not-found]
 
     found, heads = seen(True), label_imagenet.heads()
     alone = replace(heads, trust=1.0, own=0 * heads.own, shift=0 * heads.shift)
-    rows = [{"by": way, **measure(head, found)} for way, head in (("ImageNet alone", alone), ("both", heads))]
+    rows = [
+        {"by": way, **measure(head, found)}
+        for way, head in (("ImageNet alone", alone), ("both", heads))
+    ]
     rgb, mask = np.zeros((512, 512, 3), np.uint8), np.zeros((512, 512), bool)
     mask[100:250, 100:250] = True
     before, wall = process_time(), time.perf_counter()

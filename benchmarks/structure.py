@@ -56,7 +56,10 @@ def packages(folder: Path = ROOT / "physgen") -> dict[str, Package]:
                 continue
             package.functions += 1
             where = f"{path.relative_to(folder.parent)}:{node.lineno} {node.name}"
-            lines, parameters = (node.end_lineno or node.lineno) - node.lineno + 1, _parameters(node)
+            lines, parameters = (
+                (node.end_lineno or node.lineno) - node.lineno + 1,
+                _parameters(node),
+            )
             if lines > LONGEST:
                 package.long.append(f"{where} {lines} lines")
             if parameters > WIDEST:
@@ -64,14 +67,23 @@ def packages(folder: Path = ROOT / "physgen") -> dict[str, Package]:
     return found
 
 
-def idiom(places: Sequence[str] = ("physgen", "templates", "docs", "README.md"), root: Path = ROOT) -> int:
+def idiom(
+    places: Sequence[str] = ("physgen", "templates", "docs", "README.md"),
+    root: Path = ROOT,
+) -> int:
     """How often the words of IDIOM stand in these files and folders."""
-    return sum(len(IDIOM.findall(path.read_text(encoding="utf-8"))) for path in _prose(places, root))
+    return sum(
+        len(IDIOM.findall(path.read_text(encoding="utf-8")))
+        for path in _prose(places, root)
+    )
 
 
 def lines_of(folder: str, root: Path = ROOT) -> int:
     """Lines of Python below a folder."""
-    return sum(path.read_text(encoding="utf-8").count("\n") for path in (root / folder).rglob("*.py"))
+    return sum(
+        path.read_text(encoding="utf-8").count("\n")
+        for path in (root / folder).rglob("*.py")
+    )
 
 
 def _prose(places: Sequence[str], root: Path) -> Iterator[Path]:
@@ -85,7 +97,10 @@ def _prose(places: Sequence[str], root: Path) -> Iterator[Path]:
 
 
 def _parameters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    names = [one.arg for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+    names = [
+        one.arg
+        for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+    ]
     return len(names) - (names[:1] in (["self"], ["cls"]))
 
 
@@ -97,9 +112,18 @@ def _constants(statement: ast.stmt) -> list[str]:
         targets, value = [statement.target], statement.value
     else:
         return []
-    names = [node.id for target in targets for node in ast.walk(target) if isinstance(node, ast.Name)]
+    names = [
+        node.id
+        for target in targets
+        for node in ast.walk(target)
+        if isinstance(node, ast.Name)
+    ]
     held = [node.value for node in ast.walk(value) if isinstance(node, ast.Constant)]
-    numbers = [one for one in held if isinstance(one, int | float) and not isinstance(one, bool)]
+    numbers = [
+        one
+        for one in held
+        if isinstance(one, int | float) and not isinstance(one, bool)
+    ]
     if not numbers or any(isinstance(one, str) for one in held):
         return []
     return names if all(name.lstrip("_").isupper() for name in names) else []
@@ -108,7 +132,9 @@ def _constants(statement: ast.stmt) -> list[str]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description="Size and structure of the code.")
-    parser.add_argument("--list", action="store_true", help="name each function that breaks a limit")
+    parser.add_argument(
+        "--list", action="store_true", help="name each function that breaks a limit"
+    )
     listed = parser.parse_args().list
     found = packages()
     print(
@@ -128,7 +154,9 @@ def main() -> None:
     print(
         f"\ntests: {lines_of('tests')} lines, studio: {lines_of('studio')}, benchmarks: {lines_of('benchmarks')}"
     )
-    print(f"words of the private idiom in physgen/, templates/, docs/ and README.md: {idiom()}")
+    print(
+        f"words of the private idiom in physgen/, templates/, docs/ and README.md: {idiom()}"
+    )
     if listed:
         print(*(line for one in every for line in (*one.long, *one.wide)), sep="\n")
 

@@ -76,17 +76,27 @@ def _kinds_of(file: Path, physics: Physics) -> list[Kind]:
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
         true = {
-            one["id"]: (one["label"], Answer(one["mass_g"], one["friction"], one["elasticity"]))
+            one["id"]: (
+                one["label"],
+                Answer(one["mass_g"], one["friction"], one["elasticity"]),
+            )
             for one in record["objects"]
         }
         per_meter = float(record["pixels_per_meter"])
     except (ValueError, KeyError, TypeError) as error:
         fix = "make it again: make studio"
-        raise InputError.of(str(file), "", f"is no truth of the studio ({error!r})", fix) from None
+        raise InputError.of(
+            str(file), "", f"is no truth of the studio ({error!r})", fix
+        ) from None
     rgb = read_photo(folder / "photo.png").rgb
-    cut, _ = fit_objects(rgb, from_masks(read_labels(folder / "photo.assets" / "masks.png")))
+    cut, _ = fit_objects(
+        rgb, from_masks(read_labels(folder / "photo.assets" / "masks.png"))
+    )
     objects = [replace(one, label=true[one.id][0]) for one in cut if one.id in true]
-    scaled, found = physics(rgb, objects, per_meter), physics(rgb, objects, found_scale(objects))
+    scaled, found = (
+        physics(rgb, objects, per_meter),
+        physics(rgb, objects, found_scale(objects)),
+    )
     alike: dict[Any, list[int]] = {}
     for one in objects:
         label, facts = true[one.id]
@@ -94,7 +104,10 @@ def _kinds_of(file: Path, physics: Physics) -> list[Kind]:
             alike.setdefault((kind_of(label).noun or label, facts), []).append(one.id)
 
     def median(answers: Sequence[Matter]) -> Answer:
-        numbers = {key: float(np.median([getattr(one, key) for one in answers])) for key in NUMBERS}
+        numbers = {
+            key: float(np.median([getattr(one, key) for one in answers]))
+            for key in NUMBERS
+        }
         return Answer(**numbers, reason=answers[0].reason)
 
     return [
@@ -111,7 +124,9 @@ def with_studio(findings: Findings, kinds: Sequence[Kind]) -> Findings:
     rows = list(findings.rows)
     lines: dict[str, list[tuple[str, ...]]] = {MASS: [], ORDER: []}
     for way, scale in (("scaled", "given"), ("found", "found")):
-        score = masses([(one.true.mass or 0.0, getattr(one, way).mass) for one in kinds])
+        score = masses(
+            [(one.true.mass or 0.0, getattr(one, way).mass) for one in kinds]
+        )
         assert score is not None
         name = f"studio's photos, scale {scale}"
         rows.append({"kind": "set", "set": name, **score.as_dict()})
@@ -120,17 +135,34 @@ def with_studio(findings: Findings, kinds: Sequence[Kind]) -> Findings:
         found = _ordered(kinds, of)
         pairs = {"pairs": found.count, "right": found.right, "tied": found.tied}
         wrong = [list(pair) for pair in found.wrong]
-        rows.append({"kind": of, "set": "studio's photos", "source": "", **pairs, "not_in_order": wrong})
+        rows.append(
+            {
+                "kind": of,
+                "set": "studio's photos",
+                "source": "",
+                **pairs,
+                "not_in_order": wrong,
+            }
+        )
         shares = f"{found.right} of {found.count}", str(found.tied)
         lines[ORDER].append((of, "studio's photos, within each", *shares, ""))
     sections = tuple(
-        replace(one, tables=tuple(_longer(table, lines.get(one.title, [])) for table in one.tables))
+        replace(
+            one,
+            tables=tuple(
+                _longer(table, lines.get(one.title, [])) for table in one.tables
+            ),
+        )
         for one in findings.sections
     )
     more = {**findings.more, "studio": [_kind_row(one) for one in kinds]}
     sentence = "On the studio's photos the true masks and labels are given; whoever made the scenes set what is true."
     return replace(
-        findings, rows=rows, sections=sections, more=more, sentences=(*findings.sentences, sentence)
+        findings,
+        rows=rows,
+        sections=sections,
+        more=more,
+        sentences=(*findings.sentences, sentence),
     )
 
 
@@ -143,7 +175,11 @@ def _ordered(kinds: Sequence[Kind], of: str) -> Order:
     """Pairs within each scene."""
     total = Order()
     for scene in dict.fromkeys(one.scene for one in kinds):
-        here = {f"{scene}: {one.label}, {one.true.mass:g} g": one for one in kinds if one.scene == scene}
+        here = {
+            f"{scene}: {one.label}, {one.true.mass:g} g": one
+            for one in kinds
+            if one.scene == scene
+        }
         total += order(
             {name: getattr(one.true, of) for name, one in here.items()},
             {name: getattr(one.scaled, of) for name, one in here.items()},

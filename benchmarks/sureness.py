@@ -58,15 +58,25 @@ def tables(masses: list[dict]) -> list[str]:
     for told in TOLD:
         for half in ("tune", "test"):
             rows = [row for row in masses if (row["told"], row["half"]) == (told, half)]
-            z = np.array([row["log_true_by_said"] / spread("mass", 1.0, row["sure"]).sigma for row in rows])
-            body.append([told, half, len(z), f"{_rms(z):.2f}", _part(z, 1), _part(z, 2)])
+            z = np.array(
+                [
+                    row["log_true_by_said"] / spread("mass", 1.0, row["sure"]).sigma
+                    for row in rows
+                ]
+            )
+            body.append(
+                [told, half, len(z), f"{_rms(z):.2f}", _part(z, 1), _part(z, 2)]
+            )
     return [
         *prose(
             "Errors of masses in standard deviations of the distributions that `render --fan` draws from. A kind is",
             "the objects of one label in a photo.",
         ),
         "",
-        *table(["given", "half", "kinds", "error", "within 1 (68 %)", "within 2 (95 %)"], body),
+        *table(
+            ["given", "half", "kinds", "error", "within 1 (68 %)", "within 2 (95 %)"],
+            body,
+        ),
         "",
         *table(
             [
@@ -88,7 +98,9 @@ def ranges() -> Iterator[list[object]]:
     for key in ("friction", "rolling"):
         halves = []
         for one in materials():
-            said = re.search(rf"{key}: [^;]*?([\d.]+)(?: \(\w+\))? to ([\d.]+)", one.surface)
+            said = re.search(
+                rf"{key}: [^;]*?([\d.]+)(?: \(\w+\))? to ([\d.]+)", one.surface
+            )
             if said:
                 halves.append(np.log(float(said[2]) / float(said[1])) / 2)
         drawn = np.exp(spread(key, 0.01, 0.4).sigma)

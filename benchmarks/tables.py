@@ -44,8 +44,19 @@ def page() -> str:
     parts = [HEAD]
     for title, (name, section) in SECTIONS.items():
         result = json.loads((RESULTS / f"{name}.json").read_text())
-        machine = "" if result.get("machine", MACHINE) == MACHINE else f", {result['machine']}"
-        parts += [f"## {title}", "", *section(result["rows"]), "", f"Part `{name}`{machine}.", ""]
+        machine = (
+            ""
+            if result.get("machine", MACHINE) == MACHINE
+            else f", {result['machine']}"
+        )
+        parts += [
+            f"## {title}",
+            "",
+            *section(result["rows"]),
+            "",
+            f"Part `{name}`{machine}.",
+            "",
+        ]
     return "\n".join(parts)
 
 
@@ -86,13 +97,16 @@ def _frames(rows: list[dict]) -> list[str]:
         and "30 frames" not in row["scene"]
     ]
     solver = sorted(
-        (row for row in rows if row["measure"].startswith("simulate")), key=lambda row: row["found"]
+        (row for row in rows if row["measure"].startswith("simulate")),
+        key=lambda row: row["found"],
     )
     work = next(row["found"] for row in rows if row["measure"].startswith("fixed"))
     middle, most = solver[len(solver) // 2]["found"], solver[-1]
     within = sum(row["found"] <= row["bar"] for row in solver)
     faster = ", ".join(
-        f"{row['scene']} {number(row['found'])}" for row in rows if "times as fast" in row["measure"]
+        f"{row['scene']} {number(row['found'])}"
+        for row in rows
+        if "times as fast" in row["measure"]
     )
     return [
         *prose(
@@ -120,7 +134,8 @@ def _frames(rows: list[dict]) -> list[str]:
 
 def _growth(rows: list[dict]) -> list[str]:
     powers = ", ".join(
-        f"{kind} as bodies^{exponent([row for row in rows if row['kind'] == kind]):.2f}" for kind in KINDS
+        f"{kind} as bodies^{exponent([row for row in rows if row['kind'] == kind]):.2f}"
+        for kind in KINDS
     )
     most = max(rows, key=lambda row: row["bodies"])
     return [
@@ -163,13 +178,19 @@ def _gallery(rows: list[dict]) -> list[str]:
 
 
 def _start(rows: list[dict]) -> list[str]:
-    return table(["command", "CPU s"], [[f"`{row['command']}`", f"{row['cpu']:.2f}"] for row in rows])
+    return table(
+        ["command", "CPU s"],
+        [[f"`{row['command']}`", f"{row['cpu']:.2f}"] for row in rows],
+    )
 
 
 def _refine(rows: list[dict]) -> list[str]:
     *models, ours = rows
     keys = ("guidance_off", "photo_off", "again_off", "seed_off")
-    body = [[row["backend"], *(row[key] for key in keys), f"{row['cpu']:.1f}"] for row in models]
+    body = [
+        [row["backend"], *(row[key] for key in keys), f"{row['cpu']:.1f}"]
+        for row in models
+    ]
     small, (wide, high) = models[0]["size"], ours["size"]
     return [
         *prose(
@@ -180,17 +201,33 @@ def _refine(rows: list[dict]) -> list[str]:
             f"{ours['frames']} frames of {wide} x {high} px in 25 steps: {ours['cpu']:.1f} s of one core.",
         ),
         "",
-        *table(["backend", "guidance", "photo", "second run", "another seed", "CPU s"], body),
+        *table(
+            ["backend", "guidance", "photo", "second run", "another seed", "CPU s"],
+            body,
+        ),
     ]
 
 
 def _names(rows: list[dict]) -> list[str]:
     shares = ("first", "three", "first_of_all", "three_of_all")
     body = [
-        [row["by"], *(f"{row[key]:.2f}" for key in shares), row["sure"], f"{row['sure_right']:.2f}"]
+        [
+            row["by"],
+            *(f"{row[key]:.2f}" for key in shares),
+            row["sure"],
+            f"{row['sure_right']:.2f}",
+        ]
         for row in rows
     ]
-    heads = ["by", "first", "of three", "first, all", "of three, all", "confident labels", "right"]
+    heads = [
+        "by",
+        "first",
+        "of three",
+        "first, all",
+        "of three, all",
+        "confident labels",
+        "right",
+    ]
     return [
         *prose(
             f"True masks of COCO's validation photos: {rows[0]['objects']} objects of 1 % of the photo or more,",
@@ -206,22 +243,39 @@ def _names(rows: list[dict]) -> list[str]:
 
 def _segmentation(rows: list[dict]) -> list[str]:
     def cells(row: dict) -> list[object]:
-        shares = ("-" if row[key] is None else f"{row[key]:.2f}" for key in ("precision", "recall", "iou"))
+        shares = (
+            "-" if row[key] is None else f"{row[key]:.2f}"
+            for key in ("precision", "recall", "iou")
+        )
         return [row["hit"], row["said"], row["true"], *shares]
 
     sets = [
-        [row["set"], *cells(row), "-" if row["ap50"] is None else f"{row['ap50']:.2f}", f"{row['error']:.2f}"]
+        [
+            row["set"],
+            *cells(row),
+            "-" if row["ap50"] is None else f"{row['ap50']:.2f}",
+            f"{row['error']:.2f}",
+        ]
         for row in rows
         if row["photo"] == ""
     ]
     reliability = [
-        [f"{row['from']:.2f} to {row['to']:.2f}", row["found"], f"{row['stated']:.2f}", f"{row['right']:.2f}"]
+        [
+            f"{row['from']:.2f} to {row['to']:.2f}",
+            row["found"],
+            f"{row['stated']:.2f}",
+            f"{row['right']:.2f}",
+        ]
         for row in rows
         if row["set"] == "reliability"
     ]
-    without: dict[str, dict[str, str]] = {row["without"]: {} for row in rows if "without" in row}
+    without: dict[str, dict[str, str]] = {
+        row["without"]: {} for row in rows if "without" in row
+    }
     for row in (row for row in rows if "without" in row):
-        without[row["without"]][row["set"]] = f"{row['precision']:.2f}, {row['recall']:.2f}"
+        without[row["without"]][row["set"]] = (
+            f"{row['precision']:.2f}, {row['recall']:.2f}"
+        )
     real = ("peers", "household", "coco")
     counts = ["hit", "found", "true", "precision", "recall", "mean IoU"]
     return [
@@ -241,7 +295,8 @@ def _segmentation(rows: list[dict]) -> list[str]:
         "Precision and recall without one part; without the judge, the network's mean foreground ranks proposals.",
         "",
         *table(
-            ["without", *real], [[part, *(found[one] for one in real)] for part, found in without.items()]
+            ["without", *real],
+            [[part, *(found[one] for one in real)] for part, found in without.items()],
         ),
     ]
 
@@ -261,7 +316,9 @@ def _prompts(rows: list[dict]) -> list[str]:
         def mean(key: str, mine: list[dict] = mine, count: int = count) -> float:
             return float(sum(row[key] * row["objects"] for row in mine) / count)
 
-        body.append([half, count, *(f"{mean(k):.2f} / {mean(f'{k}_good'):.0%}" for k in kinds)])
+        body.append(
+            [half, count, *(f"{mean(k):.2f} / {mean(f'{k}_good'):.0%}" for k in kinds)]
+        )
         if half in ("household", "coco"):
             asked += [mean("box") >= BOX_BAR, mean("point") >= POINT_BAR]
     missed = f"{asked.count(False)} of {len(asked)} are missed"
@@ -284,11 +341,22 @@ def _perceive(rows: list[dict]) -> list[str]:
         finding = row["stages"]["segment"]
         rest = sum(row["stages"].values()) - finding
         size = f"{row['width']} x {row['height']}"
-        body.append([row["photo"], size, row["objects"], f"{finding:.1f}", f"{rest:.1f}", row["memory"]])
+        body.append(
+            [
+                row["photo"],
+                size,
+                row["objects"],
+                f"{finding:.1f}",
+                f"{rest:.1f}",
+                row["memory"],
+            ]
+        )
     return [
         "`perceive --side 4096` on a photo enlarged to a size: wall seconds, and peak memory.",
         "",
-        *table(["photo", "px", "objects", "finding objects", "all the rest", "MiB"], body),
+        *table(
+            ["photo", "px", "objects", "finding objects", "all the rest", "MiB"], body
+        ),
     ]
 
 
@@ -297,8 +365,16 @@ def _first(rows: list[dict]) -> list[str]:
     peers = sum(row["photo"].startswith("peer-") for row in rows)
     body = [
         ["px moved, least", f"{min(row['moved'] for row in rows):.0f}", "30"],
-        ["px moved with `--still`, most", f"{max(row['still'] for row in rows):.2g}", "1"],
-        ["lines an object, most", f"{max(row['lines'] / row['objects'] for row in rows):.2g}", "10"],
+        [
+            "px moved with `--still`, most",
+            f"{max(row['still'] for row in rows):.2g}",
+            "1",
+        ],
+        [
+            "lines an object, most",
+            f"{max(row['lines'] / row['objects'] for row in rows):.2g}",
+            "10",
+        ],
     ]
     head = f"`perceive`, then `render`: {len(rows) - peers} bundled photos, {peers} of peers."
     return [head, "", *table(["of a clip", "measured", "bar"], body)]
@@ -316,21 +392,42 @@ def _percepts(rows: list[dict]) -> list[str]:
         values = [row[key] for row in part if row.get(key) is not None]
         return f"{sum(values)} of {len(values)}"
 
-    halves = {half: [row for row in rows if row["half"] == half] for half in ("tune", "test", "real")}
+    halves = {
+        half: [row for row in rows if row["half"] == half]
+        for half in ("tune", "test", "real")
+    }
     lines = (
         ("view is right, masks given", lambda part: share(part, "view")),
         ("view is right, masks found", lambda part: share(part, "view_found")),
-        ("floor found under objects on one, to 3 px", lambda part: total(part, "supported", "standing")),
+        (
+            "floor found under objects on one, to 3 px",
+            lambda part: total(part, "supported", "standing"),
+        ),
         ("light, error in degrees", lambda part: mean(part, "light", 0)),
-        ("masses within a factor of 2, names given", lambda part: total(part, "mass", "weighed")),
-        ("masses, names and scale given", lambda part: total(part, "mass_scaled", "weighed")),
+        (
+            "masses within a factor of 2, names given",
+            lambda part: total(part, "mass", "weighed"),
+        ),
+        (
+            "masses, names and scale given",
+            lambda part: total(part, "mass_scaled", "weighed"),
+        ),
         ("normals, mean error in degrees", lambda part: mean(part, "normals", 0)),
         ("albedo, relative RMS error", lambda part: mean(part, "albedo", 2)),
         ("shading, relative RMS error", lambda part: mean(part, "shading", 2)),
         ("shadows, IoU", lambda part: mean(part, "shadow", 2)),
-        ("background behind removed objects, PSNR in dB", lambda part: mean(part, "psnr", 1)),
-        ("background without shadows, PSNR in dB", lambda part: mean(part, "psnr_clean", 1)),
-        ("the same, where nothing threw shadows", lambda part: mean(part, "psnr_fill", 1)),
+        (
+            "background behind removed objects, PSNR in dB",
+            lambda part: mean(part, "psnr", 1),
+        ),
+        (
+            "background without shadows, PSNR in dB",
+            lambda part: mean(part, "psnr_clean", 1),
+        ),
+        (
+            "the same, where nothing threw shadows",
+            lambda part: mean(part, "psnr_fill", 1),
+        ),
     )
     known = {half: part for half, part in halves.items() if part}
     return [
@@ -338,7 +435,10 @@ def _percepts(rows: list[dict]) -> list[str]:
         "",
         *table(
             ["measure", *known],
-            [[title, *(value(part) for part in known.values())] for title, value in lines],
+            [
+                [title, *(value(part) for part in known.values())]
+                for title, value in lines
+            ],
         ),
     ]
 
@@ -346,7 +446,8 @@ def _percepts(rows: list[dict]) -> list[str]:
 def _shadows(rows: list[dict]) -> list[str]:
     lifted = [row for row in rows if row["lifted"]]
     before, after, elsewhere = (
-        sum(row[key] for row in lifted) / len(lifted) for key in ("before", "after", "elsewhere")
+        sum(row[key] for row in lifted) / len(lifted)
+        for key in ("before", "after", "elsewhere")
     )
     return prose(
         f"`perceive`, given the true masks, removes the shadows of {len(lifted)} of {len(rows)} studio photos. Mean",
@@ -358,8 +459,18 @@ def _shadows(rows: list[dict]) -> list[str]:
 def _ghosts(rows: list[dict]) -> list[str]:
     true = [row for row in rows if row["outline_true"] is not None]
     off = [abs(row["outline"] - row["outline_true"]) for row in true]
-    off += [abs(row["shadow"] - row["shadow_true"]) for row in true if row["shadow"] and row["shadow_true"]]
-    worst = max(row[key] for row in rows if row not in true for key in ("outline", "shadow") if row[key])
+    off += [
+        abs(row["shadow"] - row["shadow_true"])
+        for row in true
+        if row["shadow"] and row["shadow_true"]
+    ]
+    worst = max(
+        row[key]
+        for row in rows
+        if row not in true
+        for key in ("outline", "shadow")
+        if row[key]
+    )
     return prose(
         f"Slope across old outlines and shadows over that {RING} px beside: on {len(true)}",
         f"scenes at most {max(off):.2f} from the true empty place's (median {median(off):.2f}); on peers' scenes at",
@@ -371,7 +482,13 @@ def _fidelity(rows: list[dict]) -> list[str]:
     means = [row for row in fidelity.means(rows) if row["half"] == "test"]
     ahead = fidelity.ahead(means)
     assert ahead is not None
-    keys = (("psnr_objects", 2), ("psnr_shadows", 2), ("psnr_both", 2), ("psnr_rest", 2), ("ssim_both", 3))
+    keys = (
+        ("psnr_objects", 2),
+        ("psnr_shadows", 2),
+        ("psnr_both", 2),
+        ("psnr_rest", 2),
+        ("ssim_both", 3),
+    )
     return [
         *prose(
             "Frames of the studio's truth videos (Mitsuba) against frames drawn from the photo at the same poses;",
@@ -383,9 +500,21 @@ def _fidelity(rows: list[dict]) -> list[str]:
         ),
         "",
         *table(
-            ["way", "objects, dB", "shadows, dB", "both, dB", "rest, dB", "both, SSIM", "flicker"],
             [
-                [row["way"], *(f"{row[key]:.{places}f}" for key, places in keys), f"{row['flicker']:.2f}"]
+                "way",
+                "objects, dB",
+                "shadows, dB",
+                "both, dB",
+                "rest, dB",
+                "both, SSIM",
+                "flicker",
+            ],
+            [
+                [
+                    row["way"],
+                    *(f"{row[key]:.{places}f}" for key, places in keys),
+                    f"{row['flicker']:.2f}",
+                ]
                 for row in means
             ],
         ),

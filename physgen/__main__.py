@@ -22,7 +22,9 @@ def main() -> int:
         not {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"} & os.environ.keys()
         and "evaluate" not in sys.argv[1:2]
     ):
-        os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: threads for them only wait, busily
+        os.environ["OPENBLAS_NUM_THREADS"] = (
+            "1"  # matrices are small: threads for them only wait, busily
+        )
     try:
         from physgen.cli.main import main as run
         from physgen.environment import keep_freed_memory
@@ -35,13 +37,20 @@ def main() -> int:
 
 def _end(code: int) -> int:
     """Ends the process at once where nothing runs or waits to be written: taking modules apart is 4 % of a clip."""
-    if sum(not thread.daemon for thread in threading.enumerate()) > 1 or sys.getprofile():
+    if (
+        sum(not thread.daemon for thread in threading.enumerate()) > 1
+        or sys.getprofile()
+    ):
         return code
     atexit._run_exitfuncs()
     try:
         sys.stdout.flush()
         sys.stderr.flush()
-    except (AttributeError, OSError, ValueError):  # closed, or full: Python's own end reports it
+    except (
+        AttributeError,
+        OSError,
+        ValueError,
+    ):  # closed, or full: Python's own end reports it
         return code
     os._exit(code)
 

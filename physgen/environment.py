@@ -36,12 +36,18 @@ class Machine:
 @cache
 def this_machine() -> Machine:
     """Read once."""
-    return Machine(platform.machine(), platform.system(), _processor(), _cores(), _memory())
+    return Machine(
+        platform.machine(), platform.system(), _processor(), _cores(), _memory()
+    )
 
 
 def _processor() -> str:
     with suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+        for line in (
+            Path("/proc/cpuinfo")
+            .read_text(encoding="utf-8", errors="replace")
+            .splitlines()
+        ):
             name, _, value = line.partition(":")
             if name.strip().lower() in ("model name", "hardware") and value.strip():
                 return " ".join(value.split())

@@ -33,13 +33,19 @@ def resource(*parts: str) -> Path:
         path = root.joinpath(*parts)
         if path.exists():
             return path
-    raise FileNotFoundError(f"physgen was installed without {'/'.join(parts)}; install it again")
+    raise FileNotFoundError(
+        f"physgen was installed without {'/'.join(parts)}; install it again"
+    )
 
 
 def install(extra: str) -> str:
     """The command that brings an extra, of a clone or of an installed physgen."""
     root = _PACKAGE.parent
-    what = f'-e "{os.path.relpath(root)}' if (root / "pyproject.toml").is_file() else '"physgen'
+    what = (
+        f'-e "{os.path.relpath(root)}'
+        if (root / "pyproject.toml").is_file()
+        else '"physgen'
+    )
     return f'pip install {what}[{extra}]"'
 
 
@@ -110,7 +116,9 @@ def write_atomic(path: Path, data: bytes, *, durable: bool = False) -> None:
         raise
 
 
-def write_with_backup(path: Path, data: bytes, keep: Callable[[Path], None] = lambda kept: None) -> None:
+def write_with_backup(
+    path: Path, data: bytes, keep: Callable[[Path], None] = lambda kept: None
+) -> None:
     """As `write_atomic`; an existing file that differs is kept as `NAME~` (`NAME~2`, ...), which `keep` gets."""
     if path.is_file() and path.read_bytes() != data:
         back_up(path, keep)
@@ -120,7 +128,9 @@ def write_with_backup(path: Path, data: bytes, keep: Callable[[Path], None] = la
 def free_folder(path: Path) -> tuple[Path, Path | None]:
     """The first of `NAME.assets`, `NAME-2.assets`, ... beside a scene that is not there, and the one before."""
     before, number = None, 1
-    while (free := path.with_name(f"{path.stem}{f'-{number}' * (number > 1)}.assets")).exists():
+    while (
+        free := path.with_name(f"{path.stem}{f'-{number}' * (number > 1)}.assets")
+    ).exists():
         before, number = free, number + 1
     return free, before
 

@@ -59,7 +59,9 @@ class Percepts:
         if self.coverage is None:
             return self.labels
         areas = np.bincount(self.labels.ravel())
-        covered = 2 * np.bincount(self.labels.ravel(), self.coverage.ravel() > 0) > areas
+        covered = (
+            2 * np.bincount(self.labels.ravel(), self.coverage.ravel() > 0) > areas
+        )
         return np.where(covered[self.labels], self.labels, np.uint16(0))
 
 
@@ -68,7 +70,9 @@ def read_labels(path: Path) -> U16:
     with open_picture(path) as image:
         if image.format in ("JPEG", "MPO"):
             fix = "save it as PNG, without smoothing"
-            raise InputError.of(str(path), "", "is a JPEG, whose compression changes ids", fix)
+            raise InputError.of(
+                str(path), "", "is a JPEG, whose compression changes ids", fix
+            )
     raw = read_channels(path)
     labels = _label_ids(raw, path)
     count = np.count_nonzero(np.bincount(labels.ravel()))
@@ -150,7 +154,9 @@ def read_percepts(
         shadows=ids("shadows"),
         depth=grey("depth", *maps.get("depth", (0.0, 1.0))),
         normals=None if normals is None else _signed(normals),
-        albedo=None if albedo is None else albedo.astype(np.float32) / np.float32(np.iinfo(albedo.dtype).max),
+        albedo=None
+        if albedo is None
+        else albedo.astype(np.float32) / np.float32(np.iinfo(albedo.dtype).max),
         shading=grey("shading", *maps.get("shading", (0.0, 1.0))),
     )
 
@@ -175,7 +181,9 @@ def write_assets(
         "background": percepts.background,
         "clean": percepts.clean,
         "shadows": percepts.shadows,
-        "coverage": None if percepts.coverage is None else (percepts.coverage * 255 + 0.5).astype(np.uint8),
+        "coverage": None
+        if percepts.coverage is None
+        else (percepts.coverage * 255 + 0.5).astype(np.uint8),
     }
     for name in ("depth", "shading"):
         values: F32 | None = getattr(percepts, name)
@@ -183,10 +191,20 @@ def write_assets(
         if values is not None:
             low, high = float(values.min()), float(values.max())
             ranges[name] = low, high = low, high if high > low else low + 1.0
-            pictures[name] = ((values - low) / (high - low) * 65535 + 0.5).astype(np.uint16)
+            pictures[name] = ((values - low) / (high - low) * 65535 + 0.5).astype(
+                np.uint16
+            )
     normals, albedo = percepts.normals, percepts.albedo
-    pictures["normals"] = None if normals is None else np.clip(normals * 127 + 128.5, 0, 255).astype(np.uint8)
-    pictures["albedo"] = None if albedo is None else (np.clip(albedo, 0, 1) * 65535 + 0.5).astype(np.uint16)
+    pictures["normals"] = (
+        None
+        if normals is None
+        else np.clip(normals * 127 + 128.5, 0, 255).astype(np.uint8)
+    )
+    pictures["albedo"] = (
+        None
+        if albedo is None
+        else (np.clip(albedo, 0, 1) * 65535 + 0.5).astype(np.uint16)
+    )
     drawn = {name: picture for name, picture in pictures.items() if picture is not None}
     with ThreadPoolExecutor(2) as pool:  # OpenCV encodes beside Python
         files = dict(zip(drawn, pool.map(png_bytes, drawn.values()), strict=True))
@@ -210,7 +228,9 @@ PNG_LEVEL = 1
 def png_bytes(picture: U8 | U16, level: int = PNG_LEVEL) -> bytes:
     """A file of (H, W) or (H, W, 3) RGB, 8 or 16 bits."""
     bgr = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, level])
+    done, data = cv2.imencode(
+        ".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, level]
+    )
     if not done:
         kind = f"a picture of shape {picture.shape} and type {picture.dtype}"
         raise ValueError(f"{kind} cannot be a PNG")

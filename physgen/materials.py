@@ -12,7 +12,14 @@ from typing import Any
 
 import yaml
 
-COVERS = {"ball": 1.0, "turned": 0.85, "disc": 1.0, "hoop": 0.75, "slab": 0.9, "lump": 1.0}
+COVERS = {
+    "ball": 1.0,
+    "turned": 0.85,
+    "disc": 1.0,
+    "hoop": 0.75,
+    "slab": 0.9,
+    "lump": 1.0,
+}
 """Share of its bounding form that an outline covers, where the row gives none."""
 COLOURS = frozenset([
     "orange", "lime", "lemon", "peach", "plum", "rose", "cherry", "apricot", "mushroom", "chocolate", "eggplant",
@@ -149,7 +156,10 @@ def kind(label: str) -> Kind:
     if (
         row.get("hollow")
         and "holds" not in row
-        and re.search(r"\b(?:full|filled)\b|\b(?:cup|mug|glass|bowl|jug|bucket|saucepan) of\b", text)
+        and re.search(
+            r"\b(?:full|filled)\b|\b(?:cup|mug|glass|bowl|jug|bucket|saucepan) of\b",
+            text,
+        )
     ):
         found = replace(found, holds=0.6, mass=None)
     return found
@@ -173,7 +183,9 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     other = named is not None and (not noun or not 1 / ALIKE < ratio < ALIKE)
     if not other:
         overrides = {key: row[key] for key in OWN if key in row}
-        material = replace(material, **overrides, surface=_surface(noun, material.surface, row))
+        material = replace(
+            material, **overrides, surface=_surface(noun, material.surface, row)
+        )
     form, size, mass, holds = (
         row.get("form", ""),
         tuple(row.get("size", ())),
@@ -183,11 +195,25 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     share = float(row.get("share", COVERS.get(form, 1.0)))
     filled = row.get("filled", 1.0)
     plain = Kind(
-        noun, material, form, filled, holds, size, row.get("spread", 0.3), mass, None, None, share, ""
+        noun,
+        material,
+        form,
+        filled,
+        holds,
+        size,
+        row.get("spread", 0.3),
+        mass,
+        None,
+        None,
+        share,
+        "",
     )
     if mass is not None and plain.box is not None and "filled" not in row:
         # walls and gaps follow from the typical mass
-        filled = max(mass / (_volume(plain) / 1000) - holds, 0.0001 * own.density) / own.density
+        filled = (
+            max(mass / (_volume(plain) / 1000) - holds, 0.0001 * own.density)
+            / own.density
+        )
     if other and (row.get("solid_of") or form == "ball"):
         filled, holds = 1.0, 0.0
     elif other and row.get("hollow"):
@@ -197,9 +223,18 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     source = row["source"] if noun and not other else material.source
     if other:
         wall = _table()[0][material.name].get("copies") if own.name in GROWN else None
-        return replace(plain, filled=filled, holds=holds, mass=None, wall=wall, source=source)
+        return replace(
+            plain, filled=filled, holds=holds, mass=None, wall=wall, source=source
+        )
     core = tuple(row["core"]) if "core" in row else None
-    return replace(plain, filled=filled, holds=holds, wall=row.get("wall"), core=core, source=source)
+    return replace(
+        plain,
+        filled=filled,
+        holds=holds,
+        wall=row.get("wall"),
+        core=core,
+        source=source,
+    )
 
 
 def _surface(noun: str, general: str, row: Mapping[str, Any]) -> str:
@@ -207,7 +242,9 @@ def _surface(noun: str, general: str, row: Mapping[str, Any]) -> str:
     own = [key for key in OWN if key in row and key != "gloss"]
     if not own:
         return general
-    rest = [part for part in general.split("; ") if not part.startswith((*own, "estimate"))]
+    rest = [
+        part for part in general.split("; ") if not part.startswith((*own, "estimate"))
+    ]
     ours = (
         f"elasticity of {noun}: {row['surface']}"
         if "surface" in row
@@ -231,7 +268,9 @@ def _noun(words: Sequence[str], head: int) -> tuple[tuple[int, int], str]:
         for j in range(i + 1, min(i + 5, len(words)) + 1):
             for phrase in _variants(words[i:j]):
                 noun = _phrases()[1].get(phrase)
-                if noun is None or (j < head and (phrase in COLOURS or phrase in _phrases()[0])):
+                if noun is None or (
+                    j < head and (phrase in COLOURS or phrase in _phrases()[0])
+                ):
                     continue  # a word that names an object only at the end: a cork, but a cork ball
                 key = (min(j, head), j - i, len(phrase))
                 if key > best:
@@ -243,22 +282,35 @@ def _material_named(
     words: Sequence[str], span: tuple[int, int], head: int, row: Mapping[str, Any]
 ) -> str | None:
     """The material that a label names: the last before its noun, else after it unless that is the content."""
-    table, metal = _table()[0], _material(row.get("material", "unknown")).density > METAL
+    table, metal = (
+        _table()[0],
+        _material(row.get("material", "unknown")).density > METAL,
+    )
     of = not row.get("hollow") and not row.get("holds")
     for i in range(span[0], span[1] - 1):
         for j in range(i + 1, span[1]):
             inside = _phrases()[0].get(" ".join(words[i:j]))
-            if inside == row["material"]:  # "rubber ball", unless it is a foam rubber ball
+            if (
+                inside == row["material"]
+            ):  # "rubber ball", unless it is a foam rubber ball
                 before = _phrases()[0].get(" ".join(words[max(i - 1, 0) : j]))
                 return before if before != inside else None
-    spans = [(0, span[0]), (span[1], len(words) if of else head)] if row else [(0, len(words))]
+    spans = (
+        [(0, span[0]), (span[1], len(words) if of else head)]
+        if row
+        else [(0, len(words))]
+    )
     for start, end in spans:
         best, result = (-1, -1), None
         for i in range(start, end):
             for j in range(i + 1, min(i + 3, end) + 1):
                 for phrase in _variants(words[i:j]):
                     name = _phrases()[0].get(phrase)
-                    if name and (not row or metal or not table[name].get("tint")) and (j, j - i) > best:
+                    if (
+                        name
+                        and (not row or metal or not table[name].get("tint"))
+                        and (j, j - i) > best
+                    ):
                         best, result = (j, j - i), name
         if result is not None:
             return result
@@ -267,7 +319,16 @@ def _material_named(
 
 def _material(name: str) -> Material:
     row = _table()[0][name]
-    keys = ("density", "friction", "elasticity", "rolling", "gloss", "walls", "source", "surface")
+    keys = (
+        "density",
+        "friction",
+        "elasticity",
+        "rolling",
+        "gloss",
+        "walls",
+        "source",
+        "surface",
+    )
     return Material(name, **{key: row[key] for key in keys})
 
 
@@ -282,7 +343,13 @@ def _variants(words: Sequence[str]) -> Iterator[str]:
     ['kitchen knif', 'kitchen knife', 'kitchen kniv', 'kitchen knive', 'kitchen knives']
     """
     yield (phrase := " ".join(words))
-    for plural, singular in (("ies", "y"), ("ves", "f"), ("ves", "fe"), ("es", ""), ("s", "")):
+    for plural, singular in (
+        ("ies", "y"),
+        ("ves", "f"),
+        ("ves", "fe"),
+        ("es", ""),
+        ("s", ""),
+    ):
         if phrase.endswith(plural) and len(words[-1]) > len(plural) + 1:
             yield phrase[: -len(plural)] + singular
 

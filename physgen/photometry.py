@@ -28,7 +28,9 @@ def decode(srgb: NDArray[Any]) -> Float:
 def encode(linear: NDArray[Any]) -> Float:
     """Linear light -> sRGB 0..1, float32; values outside 0..1 are cut."""
     v = np.clip(linear.astype(np.float64), 0.0, 1.0)
-    return np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055).astype(np.float32)
+    return np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055).astype(
+        np.float32
+    )
 
 
 def encode_u8(linear: NDArray[Any]) -> NDArray[np.uint8]:
@@ -62,7 +64,9 @@ def _decode_table() -> Float:
 @cache
 def _encode_table() -> NDArray[np.uint8]:
     between = _decode((np.arange(255) + 0.5) / 255.0)
-    table = np.searchsorted(between, np.arange(65536) / 65535.0, side="right").astype(np.uint8)
+    table = np.searchsorted(between, np.arange(65536) / 65535.0, side="right").astype(
+        np.uint8
+    )
     table.setflags(write=False)
     return table
 
@@ -78,8 +82,12 @@ class DistantLight:
 
     def shade(self, normals: NDArray[Any]) -> Float:
         """Lambert's law: unit normals `(..., 3)` -> shading `(...)`, linear."""
-        facing = np.maximum(normals.astype(np.float32) @ np.array(self.direction, np.float32), 0.0)
-        return np.asarray(np.float32(self.ambient) + np.float32(self.intensity) * facing, np.float32)
+        facing = np.maximum(
+            normals.astype(np.float32) @ np.array(self.direction, np.float32), 0.0
+        )
+        return np.asarray(
+            np.float32(self.ambient) + np.float32(self.intensity) * facing, np.float32
+        )
 
 
 @dataclass(frozen=True)
@@ -95,7 +103,9 @@ class LightFit:
     """Standard deviation of the normals along the direction in which they vary the least; a ball's is over 0.2."""
 
 
-def fit_light(shading: NDArray[Any], normals: NDArray[Any], rounds: int = 12) -> LightFit | None:
+def fit_light(
+    shading: NDArray[Any], normals: NDArray[Any], rounds: int = 12
+) -> LightFit | None:
     """Directional and ambient light from `(N,)` linear shading and `(N, 3)` unit normals, in closed form.
 
     Where the light reaches, shading = a + b . n is linear in four unknowns. Reweighted least squares (Huber)
@@ -109,12 +119,17 @@ def fit_light(shading: NDArray[Any], normals: NDArray[Any], rounds: int = 12) ->
     b, a, weight = np.array([0.0, 0.0, 1e-9]), 0.0, np.ones(len(s))
     lit = np.ones(len(s), bool)
     for _ in range(rounds):
-        design = np.column_stack([n * lit[:, None], np.ones(len(s))]) * np.sqrt(weight)[:, None]
+        design = (
+            np.column_stack([n * lit[:, None], np.ones(len(s))])
+            * np.sqrt(weight)[:, None]
+        )
         solution, _, rank, _ = np.linalg.lstsq(design, s * np.sqrt(weight), rcond=None)
         if rank < 4:
             return None
         b, a = solution[:3], float(solution[3])
-        if a < 0.0:  # darker than no light at all: the best fit on the border of what is allowed
+        if (
+            a < 0.0
+        ):  # darker than no light at all: the best fit on the border of what is allowed
             a = 0.0
             b = np.linalg.lstsq(design[:, :3], s * np.sqrt(weight), rcond=None)[0]
         facing = n @ b
@@ -135,7 +150,9 @@ def fit_light(shading: NDArray[Any], normals: NDArray[Any], rounds: int = 12) ->
     left = float(np.average(rest**2, weights=weight))
     explained = 1.0 - left / spread if spread > 1e-12 else float(left < 1e-9)
     normal_spread = float(np.sqrt(max(np.linalg.eigvalsh(np.cov(n.T))[0], 0.0)))
-    return LightFit(light, float(np.sqrt(left)), float(np.clip(explained, 0.0, 1.0)), normal_spread)
+    return LightFit(
+        light, float(np.sqrt(left)), float(np.clip(explained, 0.0, 1.0)), normal_spread
+    )
 
 
 def sphere_normals(

@@ -80,7 +80,9 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
         turn = orientation(image)
         has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
         mode, to_srgb, readable = _meaning(image)
-        plain = numbers is None and image.mode in PLAIN and image.format in SCENE_FORMATS
+        plain = (
+            numbers is None and image.mode in PLAIN and image.format in SCENE_FORMATS
+        )
         if numbers is None:
             numbers = np.asarray(image.convert(mode + "A" * has_alpha))
             numbers = numbers[:, :, None] if numbers.ndim == 2 else numbers
@@ -98,12 +100,18 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
     return Photo(rgb, plain, readable)
 
 
-def over_white(band: NDArray[Any], has_alpha: bool = True, to_srgb: ToSrgb | None = None) -> tuple[U8, bool]:
+def over_white(
+    band: NDArray[Any], has_alpha: bool = True, to_srgb: ToSrgb | None = None
+) -> tuple[U8, bool]:
     """Stored numbers -> (h, w, 3) sRGB over white, composed in linear light; and whether all are opaque."""
     full = np.iinfo(band.dtype).max
     alpha = band[:, :, -1] if has_alpha else None
     colour = _eight_bits(band[:, :, :-1] if has_alpha else band)
-    shown = np.broadcast_to(colour, (*colour.shape[:2], 3)) if to_srgb is None else to_srgb(colour)
+    shown = (
+        np.broadcast_to(colour, (*colour.shape[:2], 3))
+        if to_srgb is None
+        else to_srgb(colour)
+    )
     if alpha is None or (alpha == full).all():
         return shown, True
     share = (alpha.astype(np.float32) / np.float32(full))[:, :, None]
@@ -113,7 +121,9 @@ def over_white(band: NDArray[Any], has_alpha: bool = True, to_srgb: ToSrgb | Non
 def _eight_bits(levels: NDArray[Any]) -> U8:
     if levels.dtype == np.uint8:
         return np.asarray(levels, np.uint8)
-    return np.asarray(cv2.convertScaleAbs(levels, alpha=1 / 257).reshape(levels.shape), np.uint8)
+    return np.asarray(
+        cv2.convertScaleAbs(levels, alpha=1 / 257).reshape(levels.shape), np.uint8
+    )
 
 
 def orientation(image: Image.Image) -> int:
@@ -131,7 +141,9 @@ def orientation(image: Image.Image) -> int:
 
 
 @contextmanager
-def open_picture(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
+def open_picture(
+    path: Path, formats: tuple[str, ...] = FORMATS
+) -> Iterator[Image.Image]:
     """Pillow's view of a picture, its size checked before pixels are decoded. Raises InputError."""
     from PIL import Image, UnidentifiedImageError
 
@@ -151,15 +163,21 @@ def open_picture(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Ima
     except Image.DecompressionBombError:
         raise Limit.PIXELS.error(Place(str(path))) from None
     except UnidentifiedImageError:
-        raise problem("is not a picture that can be read", "save it as PNG or JPEG") from None
-    except Exception as error:  # for damaged headers Pillow's readers raise errors of many kinds
+        raise problem(
+            "is not a picture that can be read", "save it as PNG or JPEG"
+        ) from None
+    except (
+        Exception
+    ) as error:  # for damaged headers Pillow's readers raise errors of many kinds
         raise _damaged(path, error) from None
     with image:
         width, height = image.size
         if width * height > Limit.PIXELS.most:
             raise Limit.PIXELS.error(Place(str(path)), found=f"{width} x {height} px")
         if (kind := _unusual(image, path)) is not None:
-            raise problem(f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits")
+            raise problem(
+                f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits"
+            )
         yield image
 
 
@@ -300,7 +318,11 @@ def _by_littlecms(profile: bytes, mode: str) -> ToSrgb:
             flags |= ImageCms.Flags.NOOPTIMIZE
         srgb = ImageCms.createProfile("sRGB")
         transform = ImageCms.buildTransform(given, srgb, mode, "RGB", intent, flags)
-    except (ImageCms.PyCMSError, OSError, ImportError) as error:  # some builds of Pillow lack LittleCMS
+    except (
+        ImageCms.PyCMSError,
+        OSError,
+        ImportError,
+    ) as error:  # some builds of Pillow lack LittleCMS
         raise ProfileError from error
 
     def to_srgb(levels: U8) -> U8:
@@ -308,7 +330,9 @@ def _by_littlecms(profile: bytes, mode: str) -> ToSrgb:
             levels = np.repeat(levels, 3, axis=2)
         picture = Image.frombytes(mode, levels.shape[1::-1], levels.tobytes())
         changed = ImageCms.applyTransform(picture, transform)
-        assert changed is not None  # it is None only where the picture is changed in place
+        assert (
+            changed is not None
+        )  # it is None only where the picture is changed in place
         return np.asarray(changed)
 
     return to_srgb

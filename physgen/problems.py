@@ -51,8 +51,16 @@ class Problem:
         where = f"{self.place}: " + (f"{self.path}: " if self.path else "")
         what = " ".join(part for part in (self.found, self.expected) if part)
         text = where + what + (f"; {self.fix}" if self.fix else "")
-        text = text if self.severity is Severity.ERROR else text.replace(where, where + "warning: ", 1)
-        return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+        text = (
+            text
+            if self.severity is Severity.ERROR
+            else text.replace(where, where + "warning: ", 1)
+        )
+        return (
+            text
+            if text.isprintable()
+            else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+        )
 
     def as_dict(self) -> dict[str, object]:
         """The same as JSON, for `--json`."""
@@ -128,10 +136,24 @@ class Limit(Enum):
 
     BYTES = (8 * MIB, "MiB", "size of a scene file", "larger than {}", "keep pixels in image files",
              "10,000 objects, each with an outline of 50 corners")  # fmt: skip
-    DEPTH = (50, "levels", "nesting", "nested deeper than {}", "nest less", "far more than the schema's 9")
+    DEPTH = (
+        50,
+        "levels",
+        "nesting",
+        "nested deeper than {}",
+        "nest less",
+        "far more than the schema's 9",
+    )
     VALUES = (500_000, "values", "keys and values of a file", "more than {}", "keep pixels in image files",
               "what 8 MiB hold; some seconds to check")  # fmt: skip
-    OBJECTS = (10_000, "objects", "objects", "more than {}", "split the scene", "a step takes 0.1 s")
+    OBJECTS = (
+        10_000,
+        "objects",
+        "objects",
+        "more than {}",
+        "split the scene",
+        "a step takes 0.1 s",
+    )
     EXTENDS = (10, "files", "`extends`", "is one of more than {} that extend each other",
                "extend fewer files", "far more than people keep in mind")  # fmt: skip
     CHECKS = (3_000_000, "edits times values", "variants: their edits times the scene's values", "are over {}",
@@ -150,11 +172,20 @@ class Limit(Enum):
              "name the objects of each field, at most {} in all", "every step looks at all: 0.1 s")  # fmt: skip
     STEPS = (20_000_000, "", "duration times steps_per_second", "from duration times steps_per_second are too many",
              "make it at most {}", "some hours")  # fmt: skip
-    FRAMES = (100_000, "", "duration times fps times slow", "are too many", "at most {}", "an hour of video")
+    FRAMES = (
+        100_000,
+        "",
+        "duration times fps times slow",
+        "are too many",
+        "at most {}",
+        "an hour of video",
+    )
     POSES = (20_000_000, "", "samples times objects of one motion", "are too many to hold",
              "keep samples x objects below {}", "2 GB")  # fmt: skip
 
-    def __init__(self, most: int, unit: str, what: str, expected: str, fix: str, reason: str) -> None:
+    def __init__(
+        self, most: int, unit: str, what: str, expected: str, fix: str, reason: str
+    ) -> None:
         self.most, self.what, self.reason = most, what, reason
         self.amount = f"{most // _UNITS.get(unit, 1):,} {unit}".strip()
         self.expected, self.fix = expected.format(self.amount), fix.format(self.amount)
@@ -186,7 +217,9 @@ class Why(Enum):
 class EditError(Exception):
     """Raised wherever an edit, or a request, is refused; `more` goes beside `error` in the answer."""
 
-    def __init__(self, why: Why, message: str, fix: str, more: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self, why: Why, message: str, fix: str, more: Mapping[str, Any] | None = None
+    ) -> None:
         super().__init__(message)
         self.why, self.message, self.fix = why, message, fix
         self.more: Mapping[str, Any] = more or {}
@@ -204,4 +237,9 @@ def impossible(message: str, fix: str) -> EditError:
 
 def overtaken() -> EditError:
     """The error of a request about something that a newer one replaced."""
-    return EditError(Why.STALE, "a newer request overtook this one", "wait for that one", {"overtaken": True})
+    return EditError(
+        Why.STALE,
+        "a newer request overtook this one",
+        "wait for that one",
+        {"overtaken": True},
+    )

@@ -72,12 +72,16 @@ def read_options(setup: Setup, table: str, known: Options) -> dict[str, Any]:
     for key, value in setup.options.items():
         default, schema = known.get(key, (None, {}))
         found = "" if key in known else f'"{key}"'
-        faults = [error.message for error in Draft202012Validator(schema).iter_errors(value)]
+        faults = [
+            error.message for error in Draft202012Validator(schema).iter_errors(value)
+        ]
         fix = "leave it out" if default is None else f"the default is {default!r}"
         if key not in known:
             faults, fix = ["means nothing here"], suggestion(key, known)
         place = Place("physgen.toml")
-        problems += [Problem(place, f"{table}.{key}", found, fault, fix) for fault in faults]
+        problems += [
+            Problem(place, f"{table}.{key}", found, fault, fix) for fault in faults
+        ]
     if problems:
         raise InputError(problems)
     return {key: setup.options.get(key, default) for key, (default, _) in known.items()}
@@ -113,7 +117,9 @@ class Backend:
 
     def missing(self) -> tuple[str, ...]:
         """Needed modules that are not installed; none is imported to find out."""
-        return tuple(name for name in self.needs if importlib.util.find_spec(name) is None)
+        return tuple(
+            name for name in self.needs if importlib.util.find_spec(name) is None
+        )
 
 
 def _read_row(entry: Mapping[str, Any]) -> Backend:
@@ -147,12 +153,16 @@ def find(role: str, name: str | None = None) -> Backend:
     'fill'
     """
     if role not in roles():
-        raise InputError.of("--backend", f'"{role}"', "is not a role", suggestion(role, roles()))
+        raise InputError.of(
+            "--backend", f'"{role}"', "is not a role", suggestion(role, roles())
+        )
     for row in BACKENDS:
         if row.role == role and name in (None, row.name):
             return row
     found = f'{role}="{name}"'
-    raise InputError.of("--backend", found, "is not a backend", suggestion(str(name), names(role)))
+    raise InputError.of(
+        "--backend", found, "is not a backend", suggestion(str(name), names(role))
+    )
 
 
 def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
@@ -164,7 +174,9 @@ def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
     if missing := row.missing():
         verb = "is" if len(missing) == 1 else "are"
         expected = f"needs {', '.join(missing)}, which {verb} not installed"
-        raise InputError([Problem(FLAG, "", f'{role}="{row.name}"', expected, install("models"))])
+        raise InputError(
+            [Problem(FLAG, "", f'{role}="{row.name}"', expected, install("models"))]
+        )
     module, _, factory = row.target.partition(":")
     build = getattr(importlib.import_module(module), factory)
     return build(setup or Setup()) if row.weights or row.takes_setup else build()
@@ -174,7 +186,9 @@ def suggestion(found: str, known: Iterable[str]) -> str:
     """The fix for an unknown name: the nearest of the `known` names, then all."""
     known = list(known)
     near = difflib.get_close_matches(found, known, 1)
-    return (f"did you mean {near[0]}? " if near else "") + f"choose from {', '.join(known)}"
+    return (
+        f"did you mean {near[0]}? " if near else ""
+    ) + f"choose from {', '.join(known)}"
 
 
 # --- choice: flags and physgen.toml ---
@@ -221,7 +235,10 @@ class Plan:
     def of(self, roles: Iterable[str]) -> Plan:
         """The plan without the choices for other roles: `Backends` makes and checks every choice."""
         kept = set(roles)
-        return replace(self, choices={role: one for role, one in self.choices.items() if role in kept})
+        return replace(
+            self,
+            choices={role: one for role, one in self.choices.items() if role in kept},
+        )
 
 
 def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
@@ -235,7 +252,9 @@ def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
         role, sign, text = setting.partition("=")
         if not sign:
             fix = "write e.g. inpaint=fill"
-            raise InputError([Problem(place, "", f'"{setting}"', "is not ROLE=NAME", fix)])
+            raise InputError(
+                [Problem(place, "", f'"{setting}"', "is not ROLE=NAME", fix)]
+            )
         return role, choice(role, text, place)
 
     return dict(collect(partial(read, setting) for setting in settings))
@@ -250,14 +269,18 @@ def choice(role: str, text: str, place: Place = FLAG) -> Choice:
     try:
         row = find(role, name)
     except InputError as error:
-        raise InputError([replace(problem, place=place) for problem in error.problems]) from None
+        raise InputError(
+            [replace(problem, place=place) for problem in error.problems]
+        ) from None
     found = f'"{role}={text}"'
     if colon and not (row.weights or row.takes_setup):
         expected, fix = "names weights for what has none", f"write {role}={name}"
         raise InputError([Problem(place, "", found, expected, fix)])
     if colon and not weights:
         fix = f"write {role}={name}:PATH"
-        raise InputError([Problem(place, "", found, "names nothing after the colon", fix)])
+        raise InputError(
+            [Problem(place, "", found, "names nothing after the colon", fix)]
+        )
     return Choice(name, weights, place)
 
 
@@ -280,21 +303,30 @@ DTYPES = ("auto", "float32", "float16", "bfloat16")
 DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
 
 
-Configuration = tuple[Mapping[str, str], Mapping[str, Choice], Mapping[str, Mapping[str, Any]]]
+Configuration = tuple[
+    Mapping[str, str], Mapping[str, Choice], Mapping[str, Mapping[str, Any]]
+]
 """Checked content of a file: `profile`, `device`, `dtype`; choices by role; other sections, by backend."""
 
 
 def load_plan(
-    settings: Sequence[str] = (), *, profile: str | None = None, config: Path | None = None
+    settings: Sequence[str] = (),
+    *,
+    profile: str | None = None,
+    config: Path | None = None,
 ) -> Plan:
     """The plan from flags, then from `config` or the user's own file; `settings` are `ROLE=NAME[:WEIGHTS]`.
 
     A `profile`, one of PROFILES, stands in place of the file's choices. Raises InputError with everything wrong.
     """
     home = os.environ.get("XDG_CONFIG_HOME")
-    users = (Path(home) if home else Path.home() / ".config") / "physgen" / CONFIGURATION
+    users = (
+        (Path(home) if home else Path.home() / ".config") / "physgen" / CONFIGURATION
+    )
     path = config or users
-    found: Configuration = read_configuration(path) if config or path.is_file() else ({}, {}, {})
+    found: Configuration = (
+        read_configuration(path) if config or path.is_file() else ({}, {}, {})
+    )
     switches, file_choices, tables = found
     given = choices(settings)
     named = PROFILES[profile or switches.get("profile", "offline")]
@@ -313,9 +345,17 @@ def _switch_problems(switches: Mapping[str, Any], place: Place) -> Iterator[Prob
             fix = "write auto, cpu, cuda, cuda:1 or mps"
             yield Problem(place, "", f'"{value}"', "is no device", fix)
         elif key == "dtype" and value not in DTYPES:
-            yield Problem(place, "", f'"{value}"', "is no number format", suggestion(value, DTYPES))
+            yield Problem(
+                place,
+                "",
+                f'"{value}"',
+                "is no number format",
+                suggestion(value, DTYPES),
+            )
         elif key == "profile" and value not in PROFILES:
-            yield Problem(place, "", f'"{value}"', "is no profile", suggestion(value, PROFILES))
+            yield Problem(
+                place, "", f'"{value}"', "is no profile", suggestion(value, PROFILES)
+            )
 
 
 def read_configuration(path: Path) -> Configuration:
@@ -326,7 +366,9 @@ def read_configuration(path: Path) -> Configuration:
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError.of(str(path), "", f"cannot be read ({error.strerror})", "see --config") from None
+        raise InputError.of(
+            str(path), "", f"cannot be read ({error.strerror})", "see --config"
+        ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         fix = "see docs/models.md for an example"
         raise InputError.of(str(path), "", f"is not TOML: {error}", fix) from None
@@ -337,7 +379,9 @@ def read_configuration(path: Path) -> Configuration:
     for role, value in table.items() if isinstance(table, dict) else [("", table)]:
         if not role or not isinstance(value, str):
             fix = 'write e.g. depth = "marigold" below [backend]'
-            problems.append(Problem(place, f"backend.{role}", repr(value), "is not text", fix))
+            problems.append(
+                Problem(place, f"backend.{role}", repr(value), "is not text", fix)
+            )
             continue
         name, colon, weights = value.partition(":")
         weights = ",".join(_relative_to(path, part) for part in weights.split(","))
@@ -349,7 +393,9 @@ def read_configuration(path: Path) -> Configuration:
     for name, table in data.items():
         if name not in known or not isinstance(table, dict):
             fix = suggestion(name, [*SWITCHES, "backend", *known])
-            problems.append(Problem(place, name, f'"{name}"', "means nothing here", fix))
+            problems.append(
+                Problem(place, name, f'"{name}"', "means nothing here", fix)
+            )
     if problems:
         raise InputError(problems)
     return switches, chosen, data
@@ -395,11 +441,21 @@ class Backends:
             try:
                 self.get(role)  # no weights are loaded yet
             except InputError as error:
-                problems += [p if p.place != FLAG else replace(p, place=chosen.place) for p in error.problems]
-        if "depth" in self.plan.row("boundary").uses and self.plan.row("depth").name == "none":
+                problems += [
+                    p if p.place != FLAG else replace(p, place=chosen.place)
+                    for p in error.problems
+                ]
+        if (
+            "depth" in self.plan.row("boundary").uses
+            and self.plan.row("depth").name == "none"
+        ):
             boundary = self.plan.choices["boundary"]
             fix = "choose one for depth, too: depth=marigold, or depth=file:PATH"
-            problems.append(Problem(boundary.place, "", f'"boundary={boundary}"', "needs depth", fix))
+            problems.append(
+                Problem(
+                    boundary.place, "", f'"boundary={boundary}"', "needs depth", fix
+                )
+            )
         if problems:
             raise InputError(problems)
 
@@ -433,7 +489,9 @@ class Backends:
         """
         started = time.perf_counter()
         row = self.row(role)
-        weights = self.plan.setup(role).weights or next((one.id for one in row.weights), "")
+        weights = self.plan.setup(role).weights or next(
+            (one.id for one in row.weights), ""
+        )
         try:
             result = use(self.get(role))
         except InputError:
@@ -441,12 +499,17 @@ class Backends:
         except Exception as error:
             if row is find(role):
                 raise  # a defect of the default, not of a choice
-            found, expected = f"{role}={self.plan.choices[role]}", f"failed ({describe_error(error)})"
+            found, expected = (
+                f"{role}={self.plan.choices[role]}",
+                f"failed ({describe_error(error)})",
+            )
             fix = "see what failed, or choose another"
             raise InputError([Problem(FLAG, "", found, expected, fix)]) from error
         note = getattr(self._made[role], "note", None)
         seconds = time.perf_counter() - started
-        self.steps.append(Step(role, row.name, weights, seconds, note() if note else {}))
+        self.steps.append(
+            Step(role, row.name, weights, seconds, note() if note else {})
+        )
         return result
 
     def release(self, *roles: str) -> None:
@@ -482,10 +545,15 @@ def describe_error(error: Exception) -> str:
     'ValueError: a'
     """
     if isinstance(error, InputError):
-        text = "; ".join(" ".join(part for part in (p.found, p.expected) if part) for p in error.problems)
+        text = "; ".join(
+            " ".join(part for part in (p.found, p.expected) if part)
+            for p in error.problems
+        )
         return " ".join(text.split())
     lines = [line for line in str(error).splitlines() if line.strip()]
-    return f"{type(error).__name__}: {lines[0][:200]}" if lines else type(error).__name__
+    return (
+        f"{type(error).__name__}: {lines[0][:200]}" if lines else type(error).__name__
+    )
 
 
 # --- listing: what is ready, what is missing ---
@@ -501,7 +569,11 @@ def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
     rows: list[Mapping[str, Any]] = []
     for row in BACKENDS:
         chosen = plan.row(row.role) is row
-        named = plan.choices[row.role].weights if chosen and row.role in plan.choices else ""
+        named = (
+            plan.choices[row.role].weights
+            if chosen and row.role in plan.choices
+            else ""
+        )
         missing = list(_missing(row, named, plan.options.get(row.name, {})))
         rows.append(
             {
@@ -534,14 +606,22 @@ def _missing(row: Backend, named: str, options: Mapping[str, Any]) -> Iterator[s
         elif not part and not weights_present(default.id):
             yield f"lacks {default.id} ({default.size}, {default.licence}): hf download {default.id}"
     # `url` of [vlm] stands for PHYSGEN_VLM_URL; a model named after the colon stands for both
-    configured = {name for name in row.settings if options.get(name.rsplit("_", 1)[-1].lower())}
-    if unset := [name for name in row.settings if not (os.environ.get(name) or name in configured or named)]:
+    configured = {
+        name for name in row.settings if options.get(name.rsplit("_", 1)[-1].lower())
+    }
+    if unset := [
+        name
+        for name in row.settings
+        if not (os.environ.get(name) or name in configured or named)
+    ]:
         yield f"set {' and '.join(unset)}"
 
 
 def weights_present(weights: str) -> bool:
     """Whether weights are on this machine: at a path, or in the hub's cache."""
-    return bool(weights) and (Path(weights).expanduser().exists() or in_hub_cache(weights))
+    return bool(weights) and (
+        Path(weights).expanduser().exists() or in_hub_cache(weights)
+    )
 
 
 def in_hub_cache(weights: str) -> bool:

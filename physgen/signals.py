@@ -29,13 +29,17 @@ def install_handler() -> None:
         def again(number: int, frame: FrameType | None) -> None:
             while frame is not None and frame.f_code is not hook.__code__:
                 frame = frame.f_back
-            if frame is None:  # else the hook has not ended, and what is raised in it is lost too
+            if (
+                frame is None
+            ):  # else the hook has not ended, and what is raised in it is lost too
                 signal.setitimer(signal.ITIMER_REAL, 0)
                 raise error.with_traceback(None)
 
         with suppress(ValueError):  # not the main thread, which alone gets signals
             signal.signal(signal.SIGALRM, again)
-            signal.setitimer(signal.ITIMER_REAL, DELAY, 0.01)  # and again, until it is raised
+            signal.setitimer(
+                signal.ITIMER_REAL, DELAY, 0.01
+            )  # and again, until it is raised
 
     hook.is_ours = True  # type: ignore[attr-defined]
     sys.unraisablehook = hook

@@ -35,7 +35,9 @@ class Table:
         """Adds a row, by the names of columns; missing cells are empty."""
         with self._named_errors():
             cells = map(row.get, self._names)  # floats are written to the last bit
-            self._rows.writerow(str(cell).lower() if isinstance(cell, bool) else cell for cell in cells)
+            self._rows.writerow(
+                str(cell).lower() if isinstance(cell, bool) else cell for cell in cells
+            )
             self._file.flush()
         self.count += 1
 
@@ -56,7 +58,9 @@ class Table:
         try:
             yield
         except OSError as error:
-            raise OSError(error.errno, error.strerror or str(error), str(self.path)) from error
+            raise OSError(
+                error.errno, error.strerror or str(error), str(self.path)
+            ) from error
 
 
 def _open_part(path: Path) -> TextIO:

@@ -52,7 +52,9 @@ def _measure(unit: str) -> tuple[float, list[int]] | None:
         factor = _FACTOR(unit, place)
         if factor is None or factor[2] not in _MEASURES:
             return None
-        power = int(factor[3] or {"²": 2, "³": 3, None: 1}[factor[4]]) * (-1 if factor[1] == "/" else 1)
+        power = int(factor[3] or {"²": 2, "³": 3, None: 1}[factor[4]]) * (
+            -1 if factor[1] == "/" else 1
+        )
         one, parts = _MEASURES[factor[2]]
         size *= one**power
         powers = [old + power * part for old, part in zip(powers, parts, strict=True)]
@@ -73,7 +75,9 @@ def quantity(text: str, unit: str, pixels_per_meter: float) -> float | None:
     if match is None or own is None or wanted is None:
         return None
     off = [a - b for a, b in zip(own[1], wanted[1], strict=True)]
-    if off[0] + off[1] or any(off[2:]) or (unit == "px/m" and any(off)):  # 0.3 mm/px is no 0.0003 px/m
+    if (
+        off[0] + off[1] or any(off[2:]) or (unit == "px/m" and any(off))
+    ):  # 0.3 mm/px is no 0.0003 px/m
         return None
     try:
         number = float(match[1]) * own[0] / wanted[0] * pixels_per_meter ** off[1]
@@ -163,7 +167,10 @@ def value_text(value: object) -> str:
         return ", ".join(f"{name} {value_text(part)}" for name, part in value.items())
     if isinstance(value, Iterable) and not isinstance(value, str):
         parts = [*value]
-        text = ", ".join(rounded(part, 4) if isinstance(part, float) else value_text(part) for part in parts)
+        text = ", ".join(
+            rounded(part, 4) if isinstance(part, float) else value_text(part)
+            for part in parts
+        )
         return f"({text})" if any(isinstance(part, float) for part in parts) else text
     return "" if value is None else str(value)
 
@@ -181,7 +188,9 @@ def name_ranges(names: Sequence[str]) -> str:
             runs[-1] = (runs[-1][0], name)
         else:
             runs.append((name, name))
-    return ", ".join(first if first == last else f"{first} to {last}" for first, last in runs)
+    return ", ".join(
+        first if first == last else f"{first} to {last}" for first, last in runs
+    )
 
 
 def example(value: Any) -> str:
@@ -191,7 +200,11 @@ def example(value: Any) -> str:
     '{impulse: [-1.0e6, 0], label: ""}'
     """
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {example(item)}" for key, item in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{key}: {example(item)}" for key, item in value.items())
+            + "}"
+        )
     if isinstance(value, list):
         return "[" + ", ".join(example(item) for item in value) + "]"
     if isinstance(value, bool):
@@ -224,7 +237,11 @@ def listed(words: Iterable[str], last: str = "or") -> str:
     'a, b or c'
     """
     words = list(words)
-    return f"{', '.join(words[:-1])} {last} {words[-1]}" if len(words) > 1 else "".join(words)
+    return (
+        f"{', '.join(words[:-1])} {last} {words[-1]}"
+        if len(words) > 1
+        else "".join(words)
+    )
 
 
 def counted(number: int, noun: str) -> str:

@@ -17,7 +17,18 @@ from physgen.text import natural
 
 U8 = NDArray[np.uint8]
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm")
+SUFFIXES = (
+    ".png",
+    ".jpg",
+    ".jpeg",
+    ".webp",
+    ".bmp",
+    ".tif",
+    ".tiff",
+    ".ppm",
+    ".pgm",
+    ".pnm",
+)
 """Of pictures in a folder; other files are passed over."""
 SIGNATURES = (
     b"\x89PNG",
@@ -61,17 +72,27 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     with path.open("rb") as file:
         try:
             # a playlist cannot name other files or addresses
-            container = av.open(file, options={"protocol_whitelist": "none"}, metadata_errors="replace")
+            container = av.open(
+                file, options={"protocol_whitelist": "none"}, metadata_errors="replace"
+            )
         except FFmpegError as error:
             what = f"is not a video that can be read ({(error.strerror or str(error)).lower()})"
             raise InputError.of(str(path), "", what, CONVERT) from None
         with container:
-            streams = [s for s in container.streams.video if not s.disposition & s.disposition.attached_pic]
+            streams = [
+                s
+                for s in container.streams.video
+                if not s.disposition & s.disposition.attached_pic
+            ]
             if not streams:
-                raise InputError.of(str(path), "", "has no moving picture", "name a video")
+                raise InputError.of(
+                    str(path), "", "has no moving picture", "name a video"
+                )
             stream = streams[0]
             if stream.width * stream.height > Limit.PIXELS.most:
-                raise Limit.PIXELS.error(Place(str(path)), found=f"{stream.width} x {stream.height} px")
+                raise Limit.PIXELS.error(
+                    Place(str(path)), found=f"{stream.width} x {stream.height} px"
+                )
             yield container, stream
 
 
@@ -86,14 +107,22 @@ def _decoded_frames(path: Path) -> Iterator[VideoFrame]:
             for frame in container.decode(stream):
                 if frame.color_trc in HDR_TRANSFERS:
                     fix = "tone-map it to standard range first"
-                    raise InputError.of(str(path), "", "is a video of high dynamic range", fix)
-                seconds = float(frame.duration * frame.time_base) if frame.duration else None
-                yield VideoFrame(_upright(_rgb(frame), frame), seconds, f"{path}: frame {count}")
+                    raise InputError.of(
+                        str(path), "", "is a video of high dynamic range", fix
+                    )
+                seconds = (
+                    float(frame.duration * frame.time_base) if frame.duration else None
+                )
+                yield VideoFrame(
+                    _upright(_rgb(frame), frame), seconds, f"{path}: frame {count}"
+                )
                 count += 1
         except FFmpegError as error:
             reason = (error.strerror or str(error)).lower()
             place = f"{path}: frame {count}"
-            raise InputError.of(place, "", f"cannot be decoded ({reason})", CONVERT) from None
+            raise InputError.of(
+                place, "", f"cannot be decoded ({reason})", CONVERT
+            ) from None
 
 
 def _rgb(frame: Any) -> U8:
@@ -101,7 +130,11 @@ def _rgb(frame: Any) -> U8:
     from av.video.reformatter import Colorspace, Interpolation
 
     clear = any(part.is_alpha for part in frame.format.components)
-    exact = Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT | Interpolation.BITEXACT
+    exact = (
+        Interpolation.ACCURATE_RND
+        | Interpolation.FULL_CHR_H_INT
+        | Interpolation.BITEXACT
+    )
     matrix = None
     if frame.colorspace == UNNAMED_MATRIX:
         matrix = Colorspace.ITU709 if frame.height >= HD_LINES else Colorspace.ITU601
@@ -158,7 +191,9 @@ def read_video(path: Path) -> Video:
             raise InputError.of(frame.place, f"{width} x {height} px", expected, fix)
         seconds.append(frame.seconds)
     if size is None:
-        raise InputError.of(str(path), "", "has no frame", "name a video that shows something")
+        raise InputError.of(
+            str(path), "", "has no frame", "name a video that shows something"
+        )
     timed = [s for s in seconds if s]
     if fps is None and timed:
         fps = len(timed) / sum(timed)
@@ -176,7 +211,9 @@ def _source(path: Path) -> tuple[Callable[[], Iterator[VideoFrame]], float | Non
         pictures = in_folder(path)
         return lambda: map(_still, pictures), None
     if is_picture(path):
-        return (lambda: _pages(path)) if plays(path) else (lambda: iter([_still(path)])), None
+        return (lambda: _pages(path)) if plays(path) else (
+            lambda: iter([_still(path)])
+        ), None
     with _opened(path) as (_, stream):
         rate = stream.average_rate or stream.guessed_rate
     return lambda: _decoded_frames(path), float(rate) if rate else None
@@ -184,9 +221,15 @@ def _source(path: Path) -> tuple[Callable[[], Iterator[VideoFrame]], float | Non
 
 def in_folder(folder: Path) -> list[Path]:
     """The pictures of a folder in the natural order of their names. Raises InputError where there are none."""
-    found = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.name[0] != "." and p.is_file()]
+    found = [
+        p
+        for p in folder.iterdir()
+        if p.suffix.lower() in SUFFIXES and p.name[0] != "." and p.is_file()
+    ]
     if not found:
-        raise InputError.of(str(folder), "", "holds no pictures", "name a folder of one picture a frame")
+        raise InputError.of(
+            str(folder), "", "holds no pictures", "name a folder of one picture a frame"
+        )
     return sorted(found, key=lambda p: natural(p.name))
 
 
@@ -220,4 +263,6 @@ def _pages(path: Path) -> Iterator[VideoFrame]:
                 raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
             decode_picture(image, Path(place))
             seconds = float(image.info.get("duration") or 0) / 1000 or DEFAULT_DURATION
-            yield VideoFrame(over_white(np.asarray(image.convert("RGBA")))[0], seconds, place)
+            yield VideoFrame(
+                over_white(np.asarray(image.convert("RGBA")))[0], seconds, place
+            )

@@ -15,7 +15,9 @@ from stage import Camera, Mesh, Part, Stage
 F32 = NDArray[np.float32]
 BLUR = 0.3  # px, standard deviation of the lens's own softness
 BATCH = 1 << 23  # rays at a time: some 2 GB
-STEP_BACK = 2e-4  # m: where a ray that passes through the objects starts before the background
+STEP_BACK = (
+    2e-4  # m: where a ray that passes through the objects starts before the background
+)
 
 
 @dataclass(frozen=True)
@@ -56,14 +58,24 @@ class Studio:
         self._surfaces: dict[int, object] = {}
         self._keep: list[dict] = []  # an id is only good while its dictionary lives
         self._fixed = {
-            name: self._load(name, part, T()) for name, part in {**stage.scenery, **stage.lights}.items()
+            name: self._load(name, part, T())
+            for name, part in {**stage.scenery, **stage.lights}.items()
         }
-        self.integrator = mi.load_dict({"type": "path", "max_depth": stage.depth, "rr_depth": 5})
+        self.integrator = mi.load_dict(
+            {"type": "path", "max_depth": stage.depth, "rr_depth": 5}
+        )
         self.second = mi.load_dict(
-            {"type": "path", "max_depth": stage.depth - 1, "rr_depth": 5, "hide_emitters": True}
+            {
+                "type": "path",
+                "max_depth": stage.depth - 1,
+                "rr_depth": 5,
+                "hide_emitters": True,
+            }
         )
 
-    def scene(self, poses: dict[str, Pose] | None = None, things: bool = True) -> tuple[object, np.ndarray]:
+    def scene(
+        self, poses: dict[str, Pose] | None = None, things: bool = True
+    ) -> tuple[object, np.ndarray]:
         """Mitsuba's scene, and a table: registry number of a shape -> 1.. of the thing it belongs to, 0 for scenery."""
         world: dict = {"type": "scene", **self._fixed}
         owner = {}
@@ -101,10 +113,14 @@ class Studio:
         matrix = np.array(place.matrix)
         slots = mi.traverse(shape)
         slots["vertex_positions"] = (
-            (part.vertices @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32).ravel()
+            (part.vertices @ matrix[:3, :3].T + matrix[:3, 3])
+            .astype(np.float32)
+            .ravel()
         )
         if part.normals is not None:
-            slots["vertex_normals"] = (part.normals @ matrix[:3, :3].T).astype(np.float32).ravel()
+            slots["vertex_normals"] = (
+                (part.normals @ matrix[:3, :3].T).astype(np.float32).ravel()
+            )
         slots["vertex_texcoords"] = part.uv.astype(np.float32).ravel()
         slots["faces"] = orient(part).astype(np.uint32).ravel()
         slots.update()
@@ -121,30 +137,44 @@ def _number(shape: object) -> int:
     return int(np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
 
 
-def _rays(camera: Camera, pixels: object, sampler: object, sharp: bool = False) -> object:
+def _rays(
+    camera: Camera, pixels: object, sampler: object, sharp: bool = False
+) -> object:
     """One ray for each pixel number; `sharp` goes through the middle of the lens."""
     width, height = camera.size
     offset = sampler.next_2d() - 0.5
     if not sharp:
         offset += mi.warp.square_to_std_normal(sampler.next_2d()) * BLUR
-    right = (mi.Float(pixels % width) + offset.x - (width - 1) / 2) / camera.ppm + camera.centre[0]
-    up = ((height - 1) / 2 - mi.Float(pixels // width) - offset.y) / camera.ppm + camera.centre[1]
+    right = (
+        mi.Float(pixels % width) + offset.x - (width - 1) / 2
+    ) / camera.ppm + camera.centre[0]
+    up = (
+        (height - 1) / 2 - mi.Float(pixels // width) - offset.y
+    ) / camera.ppm + camera.centre[1]
     axes = camera.axes
 
     def world(a: object, b: object, c: object) -> object:
         return mi.Point3f(
-            *(a * float(axes[0, k]) + b * float(axes[1, k]) + c * float(axes[2, k]) for k in range(3))
+            *(
+                a * float(axes[0, k]) + b * float(axes[1, k]) + c * float(axes[2, k])
+                for k in range(3)
+            )
         )
 
     target = world(right, up, mi.Float(camera.plane))
     eye = mi.Point3f(*map(float, camera.eye))
     if not sharp:
-        lens = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d()) * camera.aperture
+        lens = (
+            mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
+            * camera.aperture
+        )
         eye = eye + mi.Vector3f(world(lens.x, lens.y, mi.Float(0)))
     return mi.RayDifferential3f(eye, dr.normalize(target - eye))
 
 
-def _batches(pixels: np.ndarray, spp: int, seed: int) -> Iterator[tuple[object, object, int]]:
+def _batches(
+    pixels: np.ndarray, spp: int, seed: int
+) -> Iterator[tuple[object, object, int]]:
     """Pixel number of every ray, a sampler for them, rays a pixel."""
     most = max(1, BATCH // max(len(pixels), 1))
     parts = -(-spp // most)
@@ -159,7 +189,9 @@ def _batches(pixels: np.ndarray, spp: int, seed: int) -> Iterator[tuple[object, 
         yield dr.repeat(mi.UInt32(pixels.astype(np.uint32)), count), sampler, count
 
 
-def _mean(pixels: np.ndarray, spp: int, seed: int, measure: Callable[[object, object], list]) -> list[F32]:
+def _mean(
+    pixels: np.ndarray, spp: int, seed: int, measure: Callable[[object, object], list]
+) -> list[F32]:
     """The mean over a pixel's rays of every number that `measure(pixel numbers, sampler)` lists."""
     total: list[NDArray[np.float64]] = []
     for numbers, sampler, count in _batches(pixels, spp, seed):
@@ -214,7 +246,9 @@ def picture(
         albedo = dr.select(bare, 1, albedo)
         normal = dr.select(hit.is_valid(), hit.sh_frame.n, 0)
         if behind is not None:
-            back = mi.Point3f(dr.select(hit.is_valid(), hit.p - ray.d * STEP_BACK, ray.o))
+            back = mi.Point3f(
+                dr.select(hit.is_valid(), hit.p - ray.d * STEP_BACK, ray.o)
+            )
             ray = mi.RayDifferential3f(back, ray.d)
         light, _, _ = integrator.sample(scene, sampler, ray)
         light = _finite(light)
@@ -257,7 +291,9 @@ def maps(studio: Studio, scene: object, lookup: np.ndarray, rays: int = 64) -> M
     def owner(hit: object) -> object:
         number = dr.reinterpret_array(mi.UInt32, hit.shape)
         known = hit.is_valid() & (number < len(lookup))
-        return dr.select(known, dr.gather(mi.UInt32, table, dr.select(known, number, 0)), 0)
+        return dr.select(
+            known, dr.gather(mi.UInt32, table, dr.select(known, number, 0)), 0
+        )
 
     def cover(numbers: object, sampler: object) -> list:
         who = owner(scene.ray_intersect_preliminary(_rays(camera, numbers, sampler)))
@@ -268,13 +304,17 @@ def maps(studio: Studio, scene: object, lookup: np.ndarray, rays: int = 64) -> M
     order = np.argsort(np.concatenate([1 - everything[None], shares]), 0, kind="stable")
     labels = order[-1].astype(np.uint16)
     first = np.where(
-        labels > 0, np.take_along_axis(shares, np.maximum(labels.astype(int) - 1, 0)[None], 0)[0], 0
+        labels > 0,
+        np.take_along_axis(shares, np.maximum(labels.astype(int) - 1, 0)[None], 0)[0],
+        0,
     )
     ranked = np.argsort(shares, 0, kind="stable")
     top = ranked[-1]
     other = np.where(labels > 0, ranked[-2] if count > 1 else top, top)
     share = np.take_along_axis(shares, other[None], 0)[0]
-    second = np.where((share > 0) & ((labels == 0) | (other + 1 != labels)), other + 1, 0).astype(np.uint16)
+    second = np.where(
+        (share > 0) & ((labels == 0) | (other + 1 != labels)), other + 1, 0
+    ).astype(np.uint16)
     wanted = mi.UInt32(labels.ravel().astype(np.uint32))
     axes = camera.axes
 
@@ -283,8 +323,12 @@ def maps(studio: Studio, scene: object, lookup: np.ndarray, rays: int = 64) -> M
         hit = scene.ray_intersect(ray)
         right = dr.gather(mi.UInt32, wanted, numbers) == owner(hit)
         good = right & hit.is_valid()
-        away = (mi.Vector3f(*map(float, studio.camera.eye)) - hit.p) @ mi.Vector3f(*map(float, axes[2]))
-        normal = dr.select(dr.dot(hit.sh_frame.n, ray.d) > 0, -hit.sh_frame.n, hit.sh_frame.n)
+        away = (mi.Vector3f(*map(float, studio.camera.eye)) - hit.p) @ mi.Vector3f(
+            *map(float, axes[2])
+        )
+        normal = dr.select(
+            dr.dot(hit.sh_frame.n, ray.d) > 0, -hit.sh_frame.n, hit.sh_frame.n
+        )
         albedo = _diffuse(hit, ray, sampler)
         weight = dr.select(good, 1.0, 0.0)
         numbers_ = [weight, away - camera.distance, *normal, *albedo]
@@ -292,12 +336,25 @@ def maps(studio: Studio, scene: object, lookup: np.ndarray, rays: int = 64) -> M
 
     weight, depth, *rest = _mean(pixels, 16, 2, geometry)
     kept = np.maximum(weight, 1e-6)
-    depth = _fill((depth / kept).reshape(height, width), (weight > 0).reshape(height, width))
-    values = [_fill((v / kept).reshape(height, width), (weight > 0).reshape(height, width)) for v in rest]
+    depth = _fill(
+        (depth / kept).reshape(height, width), (weight > 0).reshape(height, width)
+    )
+    values = [
+        _fill((v / kept).reshape(height, width), (weight > 0).reshape(height, width))
+        for v in rest
+    ]
     world = np.stack(values[:3], -1)
     image = world @ axes.T * [1, -1, 1]
     image /= np.maximum(np.linalg.norm(image, axis=-1, keepdims=True), 1e-6)
-    return Maps(labels, first, second, everything, depth, image.astype(np.float32), np.stack(values[3:], -1))
+    return Maps(
+        labels,
+        first,
+        second,
+        everything,
+        depth,
+        image.astype(np.float32),
+        np.stack(values[3:], -1),
+    )
 
 
 def _diffuse(hit: object, ray: object, sampler: object) -> object:
@@ -310,7 +367,9 @@ def _diffuse(hit: object, ray: object, sampler: object) -> object:
     local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     hit.wi = dr.select(mi.Frame3f.cos_theta(hit.wi) < 0, -hit.wi, hit.wi)
     value = hit.bsdf(ray).eval(only, hit, local)
-    return dr.select(hit.is_valid(), _finite(value * dr.pi / mi.Frame3f.cos_theta(local)), 0)
+    return dr.select(
+        hit.is_valid(), _finite(value * dr.pi / mi.Frame3f.cos_theta(local)), 0
+    )
 
 
 def _fill(values: F32, known: np.ndarray) -> F32:
@@ -339,7 +398,9 @@ def shading(studio: Studio, scene: object, spp: int) -> F32:
         ray = _rays(camera, numbers, sampler)
         hit = scene.ray_intersect(ray)
         hit.sh_frame = mi.Frame3f(
-            dr.select(dr.dot(hit.sh_frame.n, ray.d) > 0, -hit.sh_frame.n, hit.sh_frame.n)
+            dr.select(
+                dr.dot(hit.sh_frame.n, ray.d) > 0, -hit.sh_frame.n, hit.sh_frame.n
+            )
         )
         return [*irradiance(studio, scene, hit, sampler)]
 
@@ -349,9 +410,15 @@ def shading(studio: Studio, scene: object, spp: int) -> F32:
 
 def irradiance(studio: Studio, scene: object, hit: object, sampler: object) -> object:
     """Irradiance over pi at surface points: direct light by emitter sampling, the rest by cosine-weighted rays."""
-    toward, weight = scene.sample_emitter_direction(hit, sampler.next_2d(), True, hit.is_valid())
+    toward, weight = scene.sample_emitter_direction(
+        hit, sampler.next_2d(), True, hit.is_valid()
+    )
     direct = weight * dr.maximum(dr.dot(toward.d, hit.sh_frame.n), 0) * dr.inv_pi
     local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     onward = mi.RayDifferential3f(hit.spawn_ray(hit.sh_frame.to_world(local)))
-    indirect, seen, _ = studio.second.sample(scene, sampler, onward, None, hit.is_valid())
-    return dr.select(hit.is_valid(), _finite(direct) + _finite(dr.select(seen, indirect, 0)), 0)
+    indirect, seen, _ = studio.second.sample(
+        scene, sampler, onward, None, hit.is_valid()
+    )
+    return dr.select(
+        hit.is_valid(), _finite(direct) + _finite(dr.select(seen, indirect, 0)), 0
+    )

@@ -41,8 +41,12 @@ def poses(
     for k, body in enumerate(world.bodies):
         turns = rotations(camera, run, k)
         for sample, frame in enumerate(frames):
-            frame[body.name] = Pose(metres(body.center), metres(run.poses[sample, k, :2]), turns[sample])
-    rolled = run.turns if run.turns.size else np.zeros((len(times), len(world.bodies), 0))
+            frame[body.name] = Pose(
+                metres(body.center), metres(run.poses[sample, k, :2]), turns[sample]
+            )
+    rolled = (
+        run.turns if run.turns.size else np.zeros((len(times), len(world.bodies), 0))
+    )
     said = {
         body.name: [
             np.round([*p[:2], np.degrees(p[2]), *turn], 4).tolist()
@@ -58,10 +62,16 @@ def rotations(camera: Camera, run: Trajectory, body: int) -> np.ndarray:
 
     The picture's axes are +x right, +y down and so +z into it, by the right hand.
     """
-    into = camera.axes * [[1], [-1], [-1]]  # rows: the picture's x, y and z in the world
+    into = camera.axes * [
+        [1],
+        [-1],
+        [-1],
+    ]  # rows: the picture's x, y and z in the world
     if run.turns.size:
         return into.T @ rotation_matrices(run.turns[:, body]) @ into
-    return np.stack([cv2.Rodrigues(into[2] * angle)[0] for angle in run.poses[:, body, 2]])
+    return np.stack(
+        [cv2.Rodrigues(into[2] * angle)[0] for angle in run.poses[:, body, 2]]
+    )
 
 
 def film(
@@ -82,13 +92,19 @@ def film(
     folder = truth / stage.name / "film"
     folder.mkdir(parents=True, exist_ok=True)
     motions, said = poses(
-        camera, scenes / stage.name / "scene.yaml", times, variant=stage.film.get("variant")
+        camera,
+        scenes / stage.name / "scene.yaml",
+        times,
+        variant=stage.film.get("variant"),
     )
     studio = Studio(stage, camera)
     for k, frame in enumerate(motions, 1):
         scene, lookup = studio.scene(frame)
         webp(folder / f"{k:02}.webp", shot(studio, scene, rays, seed=100 + k), 92)
-        png(folder / f"ids-{k:02}.png", maps(studio, scene, lookup, 32).labels.astype(np.uint8))
+        png(
+            folder / f"ids-{k:02}.png",
+            maps(studio, scene, lookup, 32).labels.astype(np.uint8),
+        )
     about = {
         "scene": f"scenes/{stage.name}/scene.yaml",
         "variant": stage.film.get("variant"),
@@ -105,7 +121,9 @@ def shot(studio: Studio, scene: object, rays: int, seed: int) -> np.ndarray:
     """(H, W, 3) uint8: a frame, developed as the photo."""
     seen = picture(studio, scene, rays, seed=seed)
     return develop(
-        denoise(seen.light, seen.albedo, seen.normals), studio.stage.exposure, studio.stage.vignette
+        denoise(seen.light, seen.albedo, seen.normals),
+        studio.stage.exposure,
+        studio.stage.vignette,
     )
 
 
@@ -133,19 +151,30 @@ def clips(
         edits = stage.clips["edit"](camera, np.random.default_rng(1000 + k))
         motions, said = poses(camera, scenes / stage.name / "scene.yaml", times, edits)
         strip = [
-            shot(studio, studio.scene(frame)[0], rays, seed=k * frames + i) for i, frame in enumerate(motions)
+            shot(studio, studio.scene(frame)[0], rays, seed=k * frames + i)
+            for i, frame in enumerate(motions)
         ]
         webp(folder / f"{k:02}.webp", np.hstack(strip), 90)
         about.append({"clip": f"{k:02}.webp", "set": edits, "poses": said})
-        tell(f"{stage.name}: clip {k + 1} of {count}, {time.monotonic() - start:.0f} s so far")
-    head = {"scene": f"scenes/{stage.name}/scene.yaml", "frame": [side, side], "rays": rays, "times_s": times}
-    (folder / "clips.json").write_text(json.dumps(head | {"clips": about}, separators=(",", ":")) + "\n")
+        tell(
+            f"{stage.name}: clip {k + 1} of {count}, {time.monotonic() - start:.0f} s so far"
+        )
+    head = {
+        "scene": f"scenes/{stage.name}/scene.yaml",
+        "frame": [side, side],
+        "rays": rays,
+        "times_s": times,
+    }
+    (folder / "clips.json").write_text(
+        json.dumps(head | {"clips": about}, separators=(",", ":")) + "\n"
+    )
 
 
 def rows(about: dict) -> str:
     """JSON with one object's poses a line."""
     lines = ",\n".join(
-        f"    {json.dumps(name)}: {json.dumps(value)}" for name, value in about["objects"].items()
+        f"    {json.dumps(name)}: {json.dumps(value)}"
+        for name, value in about["objects"].items()
     )
     head = json.dumps({k: v for k, v in about.items() if k != "objects"}, indent=2)
     return head[:-2] + ',\n  "objects": {\n' + lines + "\n  }\n}"

@@ -22,37 +22,64 @@ from physgen.render.stage import Frame  # noqa: E402
 from physgen.scene.scene import Overlay  # noqa: E402
 from physgen.simulate.engine import simulate  # noqa: E402
 
-LEFT_OUT = ("cans", "cups", "kitchen", "marbles", "pendulum", "pyramid", "ramp", "seesaw", "shelf", "toy-car")
+LEFT_OUT = (
+    "cans",
+    "cups",
+    "kitchen",
+    "marbles",
+    "pendulum",
+    "pyramid",
+    "ramp",
+    "seesaw",
+    "shelf",
+    "toy-car",
+)
 """Scenes for tests and measures, whose clips a reviewer would not take for filmed ones: `make demo` leaves them out, too."""
 COLUMNS = 6
 WIDE = 240  # px of one picture
 
 
-def frames(scene_file: Path, times: np.ndarray, variant: str | None = None) -> list[Frame]:
+def frames(
+    scene_file: Path, times: np.ndarray, variant: str | None = None
+) -> list[Frame]:
     """The scene as physgen renders it at `times` (s, from 0)."""
     scene = pipeline.load(scene_file, variant=variant)
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
-    return list(pipeline.render(pipeline.stage(scene, compiled, maps), simulate(compiled.world, times)))
+    return list(
+        pipeline.render(
+            pipeline.stage(scene, compiled, maps), simulate(compiled.world, times)
+        )
+    )
 
 
 def row(pictures: list[np.ndarray]) -> np.ndarray:
     """Pictures side by side, WIDE px each, with a hair of white between them."""
     height = round(WIDE * pictures[0].shape[0] / pictures[0].shape[1])
-    small = [cv2.resize(p, (WIDE, height), interpolation=cv2.INTER_AREA) for p in pictures]
-    return np.hstack([np.pad(p, ((0, 4), (0, 4), (0, 0)), constant_values=255) for p in small])
+    small = [
+        cv2.resize(p, (WIDE, height), interpolation=cv2.INTER_AREA) for p in pictures
+    ]
+    return np.hstack(
+        [np.pad(p, ((0, 4), (0, 4), (0, 0)), constant_values=255) for p in small]
+    )
 
 
 def sheet(name: str) -> np.ndarray:
     """A scene's contact sheet: physgen's frames, below those of its truth video at the same poses where it was filmed."""
-    file, told = ROOT / "scenes" / name / "scene.yaml", ROOT / "studio/truth" / name / "film/film.json"
+    file, told = (
+        ROOT / "scenes" / name / "scene.yaml",
+        ROOT / "studio/truth" / name / "film/film.json",
+    )
     if not told.exists():
         times = np.linspace(0, pipeline.load(file).world.duration * 0.95, COLUMNS)
         return row([f.rgb for f in frames(file, times)])
     (truth,) = truths(ROOT / "studio/truth", [name])
     drawn = [truth.maps.rgb, *ours(truth, truth.scene, truth.maps)]
     pick = [0, *(1 + np.linspace(0, len(drawn) - 2, COLUMNS - 1)).astype(int)]
-    true = [truth.maps.rgb, *(read_image(told.parent / f"{k:02}.webp") for k in pick[1:])]
+    true = [
+        truth.maps.rgb,
+        *(read_image(told.parent / f"{k:02}.webp") for k in pick[1:]),
+    ]
     return np.vstack([row(true), row([drawn[k] for k in pick])])
 
 
@@ -72,7 +99,12 @@ def hero() -> list[np.ndarray]:
     trajectory = simulate(compiled.world, np.arange(0, HERO_SECONDS, 1 / HERO_FPS))
     drawn = list(pipeline.render(pipeline.stage(scene, compiled, maps), trajectory))
     marked = next(
-        annotate_frames(iter(drawn[:1]), compiled.world, trajectory, (Overlay.OUTLINES, Overlay.VELOCITY))
+        annotate_frames(
+            iter(drawn[:1]),
+            compiled.world,
+            trajectory,
+            (Overlay.OUTLINES, Overlay.VELOCITY),
+        )
     )
     every = [drawn[0].rgb] * HOLD + [marked.rgb] * HOLD + [frame.rgb for frame in drawn]
     size = HERO_WIDE, round(HERO_WIDE * scene.size[1] / scene.size[0])
@@ -84,7 +116,9 @@ def found(name: str) -> np.ndarray:
     rgb = read_image(ROOT / "scenes" / name / "photo.png")
     labels, picture = registry.make("segment")(rgb).labels, rgb.copy()
     for k in range(1, int(labels.max()) + 1):
-        loops, _ = cv2.findContours((labels == k).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        loops, _ = cv2.findContours(
+            (labels == k).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
         cv2.drawContours(picture, loops, -1, (255, 255, 255), 7)
         cv2.drawContours(picture, loops, -1, (0, 120, 255), 4)
     return _square(picture)
@@ -118,13 +152,21 @@ def main() -> None:
     names = {p.parent.name for p in (ROOT / "scenes").glob("*/scene.yaml")}
     for name in sorted(names - {*LEFT_OUT}):
         picture = sheet(name)
-        Image.fromarray(picture).save(folder / f"{name}.webp", "WEBP", quality=82, method=6)
+        Image.fromarray(picture).save(
+            folder / f"{name}.webp", "WEBP", quality=82, method=6
+        )
         story = [
             line[2:]
-            for line in (ROOT / "scenes" / name / "scene.yaml").read_text().splitlines()[:8]
+            for line in (ROOT / "scenes" / name / "scene.yaml")
+            .read_text()
+            .splitlines()[:8]
             if line.startswith("# ")
         ]
-        text = " ".join(line for line in story if "$schema" not in line and "studio/sets" not in line)
+        text = " ".join(
+            line
+            for line in story
+            if "$schema" not in line and "studio/sets" not in line
+        )
         lines += [
             f"## {name}",
             "",
@@ -141,7 +183,9 @@ def _square(photo: np.ndarray) -> np.ndarray:
     height, width = photo.shape[:2]
     side = min(height, width)
     y, x = (height - side) // 2, (width - side) // 2
-    return cv2.resize(photo[y : y + side, x : x + side], (512, 512), interpolation=cv2.INTER_AREA)
+    return cv2.resize(
+        photo[y : y + side, x : x + side], (512, 512), interpolation=cv2.INTER_AREA
+    )
 
 
 if __name__ == "__main__":

@@ -12,10 +12,18 @@ BLUE = np.array([0.72, 0.86, 1.0])
 
 
 def panel(
-    at: object, target: object, size: tuple[float, float], radiance: object, up: object = (0, 0, 1)
+    at: object,
+    target: object,
+    size: tuple[float, float],
+    radiance: object,
+    up: object = (0, 0, 1),
 ) -> dict:
     """A rectangle of light `at`, facing `target`: a window, a softbox, a lamp's shade. Small ones are hard."""
-    aim = T().look_at(origin=list(map(float, at)), target=list(map(float, target)), up=list(map(float, up)))
+    aim = T().look_at(
+        origin=list(map(float, at)),
+        target=list(map(float, target)),
+        up=list(map(float, up)),
+    )
     return {
         "type": "rectangle",
         "to_world": aim @ T().scale([size[0] / 2, size[1] / 2, 1]),
@@ -39,7 +47,9 @@ def bulb(at: object, radius: float, radiance: object) -> dict:
     }
 
 
-def sun(direction: object, irradiance: object, softness: float = 0.6, far: float = 30.0) -> dict:
+def sun(
+    direction: object, irradiance: object, softness: float = 0.6, far: float = 30.0
+) -> dict:
     """Hard light from `direction` (towards the sun): a disc `softness` degrees across radius, `far` m away.
 
     `irradiance` is what a surface that faces it receives.
@@ -59,7 +69,9 @@ def environment(light: np.ndarray) -> dict:
     }
 
 
-def sky(zenith: object, horizon: object, ground: object, patches: list[tuple] = ()) -> dict:
+def sky(
+    zenith: object, horizon: object, ground: object, patches: list[tuple] = ()
+) -> dict:
     """A smooth surrounding, from `zenith` over `horizon` to `ground`, with soft `patches` of (direction, degrees,
     radiance): windows and lamps that glossy things mirror."""
     height, width = 128, 256
@@ -67,7 +79,10 @@ def sky(zenith: object, horizon: object, ground: object, patches: list[tuple] = 
     around = (np.arange(width) + 0.5) / width * 2 * np.pi
     # what Mitsuba's map looks up, turned so that +z is up
     y = np.cos(polar)[:, None] + 0 * around
-    x, z = np.sin(polar)[:, None] * np.sin(around), -np.sin(polar)[:, None] * np.cos(around)
+    x, z = (
+        np.sin(polar)[:, None] * np.sin(around),
+        -np.sin(polar)[:, None] * np.cos(around),
+    )
     world = np.stack([x, -z, y], -1)
     lift = world[..., 2:]
     zenith, horizon, ground = (np.asarray(c, float) for c in (zenith, horizon, ground))
@@ -77,5 +92,7 @@ def sky(zenith: object, horizon: object, ground: object, patches: list[tuple] = 
     for direction, degrees, radiance in patches:
         towards = np.asarray(direction, float) / np.linalg.norm(direction)
         angle = np.degrees(np.arccos(np.clip(world @ towards, -1, 1)))
-        light = light + np.clip((degrees - angle) / 3 + 0.5, 0, 1)[..., None] * np.asarray(radiance, float)
+        light = light + np.clip((degrees - angle) / 3 + 0.5, 0, 1)[
+            ..., None
+        ] * np.asarray(radiance, float)
     return environment(light)

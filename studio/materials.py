@@ -7,7 +7,9 @@ import numpy as np
 from optics import T, mi
 
 
-def texture(rgb: np.ndarray, repeat: tuple[float, float] = (1, 1), turn: float = 0.0) -> dict:
+def texture(
+    rgb: np.ndarray, repeat: tuple[float, float] = (1, 1), turn: float = 0.0
+) -> dict:
     """A reflectance texture from (H, W, 3) linear light; row 0 lies at v = 0 (flip prints). It repeats beyond 0..1."""
     bitmap = mi.Bitmap(np.ascontiguousarray(rgb[..., :3], dtype=np.float32))
     to_uv = T().rotate([0, 0, 1], turn).scale([repeat[0], repeat[1], 1])
@@ -19,7 +21,9 @@ def paint(colour: object) -> dict:
     if isinstance(colour, dict):
         return colour
     value = np.asarray(colour, float)
-    return texture(value) if value.ndim == 3 else {"type": "rgb", "value": value.tolist()}
+    return (
+        texture(value) if value.ndim == 3 else {"type": "rgb", "value": value.tolist()}
+    )
 
 
 def matt(colour: object) -> dict:
@@ -45,7 +49,12 @@ def rubber(colour: object) -> dict:
 
 def glossy(colour: object, ior: float = 1.52) -> dict:
     """Glazed ceramic, polished plastic, phenolic resin: a mirror-smooth clear coat."""
-    return {"type": "plastic", "int_ior": ior, "nonlinear": True, "diffuse_reflectance": paint(colour)}
+    return {
+        "type": "plastic",
+        "int_ior": ior,
+        "nonlinear": True,
+        "diffuse_reflectance": paint(colour),
+    }
 
 
 def metal(material: str = "Al", rough: float = 0.12, tint: object = None) -> dict:
@@ -70,8 +79,15 @@ def both(bsdf: dict) -> dict:
     return {"type": "twosided", "bsdf": bsdf}
 
 
-def bumpy(bsdf: dict, height: np.ndarray, depth: float, repeat: tuple[float, float] = (1, 1)) -> dict:
+def bumpy(
+    bsdf: dict, height: np.ndarray, depth: float, repeat: tuple[float, float] = (1, 1)
+) -> dict:
     """Relief: (H, W) height in 0..1 as a bump map of strength `depth`."""
     bitmap = mi.Bitmap(np.ascontiguousarray(height[..., None], dtype=np.float32))
-    relief = {"type": "bitmap", "bitmap": bitmap, "raw": True, "to_uv": T().scale([repeat[0], repeat[1], 1])}
+    relief = {
+        "type": "bitmap",
+        "bitmap": bitmap,
+        "raw": True,
+        "to_uv": T().scale([repeat[0], repeat[1], 1]),
+    }
     return {"type": "bumpmap", "arbitrary": relief, "scale": depth, "bsdf": bsdf}

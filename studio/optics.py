@@ -22,7 +22,9 @@ LLVM_PLACES = (
 def find_llvm() -> str:
     """The newest LLVM shared library in the standard folders. Raises SystemExit that names the package to install."""
     found = [path for place in LLVM_PLACES for path in glob.glob(place)]
-    found += filter(None, (ctypes.util.find_library(f"LLVM-{n}") for n in range(OLDEST_LLVM, 30)))
+    found += filter(
+        None, (ctypes.util.find_library(f"LLVM-{n}") for n in range(OLDEST_LLVM, 30))
+    )
 
     def version(path: str) -> int:
         match = re.search(r"(?:LLVM-|LLVM\.so\.|llvm-|llvm@)(\d+)", path)
@@ -38,7 +40,9 @@ def find_llvm() -> str:
     return newest
 
 
-os.environ.setdefault("DRJIT_LIBLLVM_PATH", find_llvm() if "DRJIT_LIBLLVM_PATH" not in os.environ else "")
+os.environ.setdefault(
+    "DRJIT_LIBLLVM_PATH", find_llvm() if "DRJIT_LIBLLVM_PATH" not in os.environ else ""
+)
 import drjit as dr  # noqa: E402  (Dr.Jit reads the variable when it is loaded)
 import mitsuba as mi  # noqa: E402
 

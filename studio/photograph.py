@@ -11,7 +11,14 @@ import numpy as np
 from darkroom import decode, denoise, develop, encode, png
 from exposure import Maps, Picture, Studio, maps, picture, shading
 from probe import Light, probe
-from records import Quality, facts, readable, write_albedo, write_geometry, write_shading
+from records import (
+    Quality,
+    facts,
+    readable,
+    write_albedo,
+    write_geometry,
+    write_shading,
+)
 from stage import Camera, Stage
 from story import text
 
@@ -48,8 +55,17 @@ def photograph(
     bright = denoise(shading(studio, full, quality.shading), None, found.normals)
     write_albedo(found, proof)
     told = write_geometry(found, proof) | write_shading(found, bright, proof)
-    _say(stage, camera, quality, told | {"light": asdict(probe(studio, clean))}, scenes, truth)
-    tell(f"{stage.name}: {len(stage.things)} objects, all in {time.monotonic() - start:.0f} s")
+    _say(
+        stage,
+        camera,
+        quality,
+        told | {"light": asdict(probe(studio, clean))},
+        scenes,
+        truth,
+    )
+    tell(
+        f"{stage.name}: {len(stage.things)} objects, all in {time.monotonic() - start:.0f} s"
+    )
 
 
 def remeasure(
@@ -75,11 +91,20 @@ def remeasure(
     if shade:
         bright = denoise(shading(studio, full, quality.shading), None, found.normals)
         told |= write_shading(found, bright, proof)
-    _say(stage, camera, quality, told | {"light": asdict(probe(studio, clean))}, scenes, truth)
+    _say(
+        stage,
+        camera,
+        quality,
+        told | {"light": asdict(probe(studio, clean))},
+        scenes,
+        truth,
+    )
     tell(f"{stage.name}: truth in {time.monotonic() - start:.0f} s")
 
 
-def retell(stage: Stage, scenes: Path, truth: Path, tell: Callable[[str], None] = print) -> None:
+def retell(
+    stage: Stage, scenes: Path, truth: Path, tell: Callable[[str], None] = print
+) -> None:
     """What is told in words anew, with the light and the maps that were measured when the photo was taken."""
     old = json.loads((truth / stage.name / "truth.json").read_text())
     told = {key: old[key] for key in ("depth", "shading", "light")}
@@ -87,12 +112,21 @@ def retell(stage: Stage, scenes: Path, truth: Path, tell: Callable[[str], None] 
     tell(f"{stage.name}: scene file")
 
 
-def _say(stage: Stage, camera: Camera, quality: Quality, told: dict, scenes: Path, truth: Path) -> None:
+def _say(
+    stage: Stage,
+    camera: Camera,
+    quality: Quality,
+    told: dict,
+    scenes: Path,
+    truth: Path,
+) -> None:
     """Write scene.yaml and truth.json."""
     (scenes / stage.name / "scene.yaml").write_text(
         text(replace(stage, camera=camera), Light(**told["light"]))
     )
-    (truth / stage.name / "truth.json").write_text(readable(facts(stage, camera, quality) | told) + "\n")
+    (truth / stage.name / "truth.json").write_text(
+        readable(facts(stage, camera, quality) | told) + "\n"
+    )
 
 
 def widen(
@@ -117,12 +151,16 @@ def widen(
     found = maps(studio, full, lookup, quality.masks)
     told = facts(stage, camera, quality) | write_geometry(found, folder)
     (folder / "truth.json").write_text(readable(told) + "\n")
-    tell(f"{stage.name}: {camera.size[0]} x {camera.size[1]}, {time.monotonic() - start:.0f} s")
+    tell(
+        f"{stage.name}: {camera.size[0]} x {camera.size[1]}, {time.monotonic() - start:.0f} s"
+    )
 
 
 def scaled(camera: Camera, scale: float) -> Camera:
     """The same view on a smaller film."""
-    return replace(camera, size=(round(camera.size[0] * scale), round(camera.size[1] * scale)))
+    return replace(
+        camera, size=(round(camera.size[0] * scale), round(camera.size[1] * scale))
+    )
 
 
 def shoot(
@@ -134,7 +172,10 @@ def shoot(
     empty = picture(studio, clean, quality.plate, seed=1)
     # the lens's softness and the denoiser carry a trace of every object a pixel beyond its coverage
     covered, near = (
-        cv2.dilate((found.coverage > 0).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+        cv2.dilate(
+            (found.coverage > 0).astype(np.uint8), np.ones((side, side), np.uint8)
+        )
+        > 0
         for side in (3, 11)
     )
     behind = picture(studio, full, quality.plate, seed=2, only=near, behind=clean)
@@ -146,25 +187,42 @@ def shoot(
     )
 
     def print_of(what: Picture) -> np.ndarray:
-        return develop(denoise(what.light, what.albedo, what.normals), stage.exposure, stage.vignette)
+        return develop(
+            denoise(what.light, what.albedo, what.normals),
+            stage.exposure,
+            stage.vignette,
+        )
 
     photo, bare = print_of(seen), print_of(empty)
-    background = np.where(covered[..., None], contact_filled(print_of(shadowed), bare, covered), photo)
+    background = np.where(
+        covered[..., None], contact_filled(print_of(shadowed), bare, covered), photo
+    )
     return photo, (background, bare)
 
 
-def contact_filled(background: np.ndarray, clean: np.ndarray, covered: np.ndarray) -> np.ndarray:
+def contact_filled(
+    background: np.ndarray, clean: np.ndarray, covered: np.ndarray
+) -> np.ndarray:
     """Where an object stands, no light gets between it and the table: such a patch takes the darkness around it.
 
     What is filled is the ratio of the two plates in linear light; a patch is what keeps less than a tenth of its light.
     """
-    ratio = decode(background / 255.0).sum(-1) / np.maximum(decode(clean / 255.0).sum(-1), 1e-3)
+    ratio = decode(background / 255.0).sum(-1) / np.maximum(
+        decode(clean / 255.0).sum(-1), 1e-3
+    )
     black = ((ratio < 0.1) & covered).astype(np.uint8)
     wide = cv2.dilate(black, np.ones((3, 3), np.uint8)) * covered
     if not black.any():
         return background
     steps = cv2.inpaint(
-        np.clip(ratio * 200, 0, 255).astype(np.uint8), wide.astype(np.uint8), 3, cv2.INPAINT_TELEA
+        np.clip(ratio * 200, 0, 255).astype(np.uint8),
+        wide.astype(np.uint8),
+        3,
+        cv2.INPAINT_TELEA,
     )
     filled = encode(decode(clean / 255.0) * (steps / 200.0)[..., None])
-    return np.where(wide[..., None] > 0, np.round(filled * 255).clip(0, 255).astype(np.uint8), background)
+    return np.where(
+        wide[..., None] > 0,
+        np.round(filled * 255).clip(0, 255).astype(np.uint8),
+        background,
+    )

@@ -46,7 +46,10 @@ def probe(studio: Studio, clean: object, normals: int = 400, rays: int = 4096) -
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(11, spot.shape[1])
     light = irradiance(studio, clean, hit, sampler)
-    shading = np.stack([np.array(c).reshape(len(n), rays).mean(1) for c in light], -1) * stage.exposure
+    shading = (
+        np.stack([np.array(c).reshape(len(n), rays).mean(1) for c in light], -1)
+        * stage.exposure
+    )
     grey = shading @ LUMA
     image = n @ camera.axes.T * [1, -1, 1]
     if stage.sun is None:

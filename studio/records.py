@@ -24,7 +24,9 @@ class Quality:
 
     def times(self, factor: float) -> "Quality":
         """More or fewer of all."""
-        return Quality(*(max(4, round(v * factor)) if v else 0 for v in asdict(self).values()))
+        return Quality(
+            *(max(4, round(v * factor)) if v else 0 for v in asdict(self).values())
+        )
 
 
 def write_geometry(found: Maps, folder: Path) -> dict:
@@ -34,20 +36,31 @@ def write_geometry(found: Maps, folder: Path) -> dict:
     near, far = float(found.depth.min()), float(found.depth.max())
     steps = np.round((found.depth - near) / max(far - near, 1e-9) * STEPS)
     png(folder / "depth.png", steps.astype(np.uint16))
-    webp(folder / "normals.webp", np.round(128 + 127 * found.normals).clip(0, 255).astype(np.uint8))
+    webp(
+        folder / "normals.webp",
+        np.round(128 + 127 * found.normals).clip(0, 255).astype(np.uint8),
+    )
     return {"depth": {"unit": "m behind the plane of motion", "near": near, "far": far}}
 
 
 def write_albedo(found: Maps, folder: Path) -> None:
     """albedo.webp."""
-    webp(folder / "albedo.webp", np.round(encode(found.albedo.clip(0, 1)) * 255).astype(np.uint8), 95)
+    webp(
+        folder / "albedo.webp",
+        np.round(encode(found.albedo.clip(0, 1)) * 255).astype(np.uint8),
+        95,
+    )
 
 
 def write_shading(found: Maps, bright: F32, folder: Path) -> dict:
     """shading.webp; returns how to read it. Nothing on a thing is cut off at the top."""
     things = bright[found.labels > 0]
     top = max(float(np.percentile(bright, 99.9)), float(np.percentile(things, 99.95)))
-    webp(folder / "shading.webp", np.round(encode((bright / top).clip(0, 1)) * 255).astype(np.uint8), 95)
+    webp(
+        folder / "shading.webp",
+        np.round(encode((bright / top).clip(0, 1)) * 255).astype(np.uint8),
+        95,
+    )
     return {"shading": {"scale": top, "encoding": "sRGB curve of shading / scale"}}
 
 
@@ -71,7 +84,9 @@ def facts(stage: Stage, camera: Camera, quality: Quality) -> dict:
         "combine": stage.world.get("combine", "geometric"),
         "table": stage.world.get("table"),
         "rays": asdict(quality),
-        "objects": [_thing(k, thing, camera) for k, thing in enumerate(stage.things, 1)],
+        "objects": [
+            _thing(k, thing, camera) for k, thing in enumerate(stage.things, 1)
+        ],
         "boundaries": {
             name: {
                 "points": np.round(camera.pixel(line.points), 2).tolist(),
@@ -99,5 +114,9 @@ def readable(truth: dict) -> str:
     """JSON with one object a line."""
     rows = ",\n".join("    " + json.dumps(entry) for entry in truth["objects"])
     head = json.dumps({k: v for k, v in truth.items() if k != "objects"}, indent=2)
-    head = re.sub(r"\[\s+([^{}]*?)\s+\](?=,?\n)", lambda m: "[" + re.sub(r"\s+", " ", m.group(1)) + "]", head)
+    head = re.sub(
+        r"\[\s+([^{}]*?)\s+\](?=,?\n)",
+        lambda m: "[" + re.sub(r"\s+", " ", m.group(1)) + "]",
+        head,
+    )
     return head[:-2] + ',\n  "objects": [\n' + rows + "\n  ]\n}"

@@ -27,15 +27,26 @@ def rounded_box(
     prefer = ["xyz".index(grain), *(k for k in (0, 2, 1) if k != "xyz".index(grain))]
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        across, up = (np.concatenate([-inner[k] - arc[::-1], inner[k] + arc]) for k in (u, v))
+        across, up = (
+            np.concatenate([-inner[k] - arc[::-1], inner[k] + arc]) for k in (u, v)
+        )
         along = [k for k in prefer if k != axis]
         for side in (1, -1):
             grid = np.zeros((len(up), len(across), 3))
-            grid[..., axis], grid[..., u], grid[..., v] = side * half[axis], across[None], up[:, None]
+            grid[..., axis], grid[..., u], grid[..., v] = (
+                side * half[axis],
+                across[None],
+                up[:, None],
+            )
             core = np.clip(grid, -inner, inner)
             normal = (grid - core) / np.linalg.norm(grid - core, axis=-1, keepdims=True)
             first, columns = sum(map(len, vertices)), len(across)
-            i = first + (np.arange(len(up) - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+            i = (
+                first
+                + (
+                    np.arange(len(up) - 1)[:, None] * columns + np.arange(columns - 1)
+                ).ravel()
+            )
             quads = np.stack([i, i + 1, i + columns + 1, i + columns], 1)[:, ::side]
             faces += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
             spot = (core + edge * normal).reshape(-1, 3)
@@ -44,14 +55,20 @@ def rounded_box(
             face_shift = np.add(shift, [0.37 * axis, 0.21 * axis + 0.13 * side])
             uvs.append(spot[:, along] / texel + face_shift)
     return Mesh(
-        np.concatenate(vertices), np.concatenate(normals), np.concatenate(uvs), np.concatenate(faces), bsdf
+        np.concatenate(vertices),
+        np.concatenate(normals),
+        np.concatenate(uvs),
+        np.concatenate(faces),
+        bsdf,
     )
 
 
 # --- bodies of revolution --------------------------------------------------------------------------------------------
 
 
-def lathe(profile: object, bsdf: dict, axis: str = "z", around: int = 96, smooth: float = 40.0) -> Mesh:
+def lathe(
+    profile: object, bsdf: dict, axis: str = "z", around: int = 96, smooth: float = 40.0
+) -> Mesh:
     """A body of revolution: profile (P, 2) of radius and height along `axis`, its outside on the right as it is listed
     (from the bottom to the top for the outer side). Corners sharper than `smooth` degrees stay sharp.
 
@@ -60,11 +77,20 @@ def lathe(profile: object, bsdf: dict, axis: str = "z", around: int = 96, smooth
     points = np.asarray(profile, float)
     step = np.diff(points, axis=0)
     length = np.concatenate([[0], np.cumsum(np.hypot(*step.T))])
-    outward = np.stack([step[:, 1], -step[:, 0]], 1) / np.maximum(np.hypot(*step.T), 1e-12)[:, None]
+    outward = (
+        np.stack([step[:, 1], -step[:, 0]], 1)
+        / np.maximum(np.hypot(*step.T), 1e-12)[:, None]
+    )
     rows, turns = [], []  # a sharp corner gets two rings of vertices
     for k in range(len(step)):
         for end in (k, k + 1):
-            beside = outward[k - 1 if end == k and k else min(k + 1, len(step) - 1) if end == k + 1 else k]
+            beside = outward[
+                k - 1
+                if end == k and k
+                else min(k + 1, len(step) - 1)
+                if end == k + 1
+                else k
+            ]
             soft = outward[k] @ beside > np.cos(np.radians(smooth))
             normal = outward[k] + beside if soft else outward[k]
             rows.append((*points[end], length[end] / length[-1]))
@@ -90,7 +116,9 @@ def lathe(profile: object, bsdf: dict, axis: str = "z", around: int = 96, smooth
         np.broadcast_arrays(np.linspace(0, 1, around + 1)[None], rows_[:, 2:]),
         -1,
     )
-    i = (np.arange(0, len(rows_), 2)[:, None] * (around + 1) + np.arange(around)).ravel()
+    i = (
+        np.arange(0, len(rows_), 2)[:, None] * (around + 1) + np.arange(around)
+    ).ravel()
     j = i + around + 1
     faces = np.concatenate([np.stack([i, i + 1, j + 1], 1), np.stack([i, j + 1, j], 1)])
     turn = {
@@ -107,10 +135,18 @@ def lathe(profile: object, bsdf: dict, axis: str = "z", around: int = 96, smooth
     )
 
 
-def ring(radius: float, tube: float, bsdf: dict, axis: str = "y", around: int = 96) -> Mesh:
+def ring(
+    radius: float, tube: float, bsdf: dict, axis: str = "y", around: int = 96
+) -> Mesh:
     """A torus: `radius` to the middle of the tube."""
     angle = np.linspace(-np.pi, np.pi, 33)
-    return lathe(np.stack([radius + tube * np.cos(angle), tube * np.sin(angle)], 1), bsdf, axis, around, 90)
+    return lathe(
+        np.stack([radius + tube * np.cos(angle), tube * np.sin(angle)], 1),
+        bsdf,
+        axis,
+        around,
+        90,
+    )
 
 
 # --- extrusions ------------------------------------------------------------------------------------------------------
@@ -130,12 +166,17 @@ def extrude(
     The outline is simple, may be concave; corners sharper than `smooth` degrees stay sharp. The bevel lies inside.
     """
     points = np.asarray(outline, float)
-    area = np.sum(points[:, 0] * np.roll(points[:, 1], -1) - np.roll(points[:, 0], -1) * points[:, 1])
+    area = np.sum(
+        points[:, 0] * np.roll(points[:, 1], -1)
+        - np.roll(points[:, 0], -1) * points[:, 1]
+    )
     if area < 0:
         points = points[::-1]
     along = np.roll(points, -1, 0) - points
     length = np.hypot(*along.T)
-    out = np.stack([along[:, 1], -along[:, 0]], 1) / length[:, None]  # of the edge that leaves each point
+    out = (
+        np.stack([along[:, 1], -along[:, 0]], 1) / length[:, None]
+    )  # of the edge that leaves each point
     before = np.roll(out, 1, 0)
     mitre = (out + before) / np.maximum(1 + np.sum(out * before, 1), 0.15)[:, None]
     soft = np.sum(out * before, 1) > np.cos(np.radians(smooth))
@@ -161,21 +202,33 @@ def extrude(
         faces += [np.stack([i, i + 1, i + 3], 1), np.stack([i, i + 3, i + 2], 1)]
         count += 2 * len(steps)
     inner = points - edge * mitre
-    caps = mapbox_earcut.triangulate_float64(inner, np.array([len(inner)], np.uint32)).reshape(-1, 3)
+    caps = mapbox_earcut.triangulate_float64(
+        inner, np.array([len(inner)], np.uint32)
+    ).reshape(-1, 3)
     for side in (-1, 1):
         vertices += [[a, side * depth / 2, b] for a, b in inner]
         normals += [[0, side, 0]] * len(inner)
         uvs += [[a / texel + shift[0], b / texel + shift[1]] for a, b in inner]
         faces.append(_turned(caps, inner, side) + count)
         count += len(inner)
-    return Mesh(np.array(vertices), np.array(normals), np.array(uvs), np.concatenate(faces), bsdf)
+    return Mesh(
+        np.array(vertices),
+        np.array(normals),
+        np.array(uvs),
+        np.concatenate(faces),
+        bsdf,
+    )
 
 
 def _turned(caps: np.ndarray, points: np.ndarray, side: int) -> np.ndarray:
     """Triangles wound so that they face along y on `side`."""
     a, b, c = (points[caps[:, k]] for k in range(3))
-    cross = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    flip = (cross > 0) == (side > 0)  # x, z seen from the front (-y) turns the other way from behind
+    cross = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (
+        c[:, 0] - a[:, 0]
+    )
+    flip = (cross > 0) == (
+        side > 0
+    )  # x, z seen from the front (-y) turns the other way from behind
     return np.where(flip[:, None], caps[:, ::-1], caps)
 
 
@@ -183,7 +236,10 @@ def _turned(caps: np.ndarray, points: np.ndarray, side: int) -> np.ndarray:
 
 
 def sphere(
-    radius: float, bsdf: dict, turn: T | None = None, at: tuple[float, float, float] = (0, 0, 0)
+    radius: float,
+    bsdf: dict,
+    turn: T | None = None,
+    at: tuple[float, float, float] = (0, 0, 0),
 ) -> dict:
     """`turn` (a rotation) sets how its texture lies."""
     return {
@@ -193,7 +249,9 @@ def sphere(
     }
 
 
-def floor(width: float, depth: float, bsdf: dict, at: tuple[float, float, float] = (0, 0, 0)) -> dict:
+def floor(
+    width: float, depth: float, bsdf: dict, at: tuple[float, float, float] = (0, 0, 0)
+) -> dict:
     """A horizontal rectangle about `at`, facing up."""
     return {
         "type": "rectangle",
@@ -202,9 +260,13 @@ def floor(width: float, depth: float, bsdf: dict, at: tuple[float, float, float]
     }
 
 
-def wall(width: float, height: float, bsdf: dict, at: tuple[float, float, float] = (0, 0, 0)) -> dict:
+def wall(
+    width: float, height: float, bsdf: dict, at: tuple[float, float, float] = (0, 0, 0)
+) -> dict:
     """An upright rectangle about `at`, facing the side view's camera."""
-    turn = T().translate(list(at)).rotate([1, 0, 0], 90).scale([width / 2, height / 2, 1])
+    turn = (
+        T().translate(list(at)).rotate([1, 0, 0], 90).scale([width / 2, height / 2, 1])
+    )
     return {"type": "rectangle", "to_world": turn, "bsdf": bsdf}
 
 
@@ -228,4 +290,10 @@ def moved(part: Mesh | dict, to_world: T) -> Mesh | dict:
     if part.normals is not None:
         normals = part.normals @ matrix[:3, :3].T
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh(part.vertices @ matrix[:3, :3].T + matrix[:3, 3], normals, part.uv, part.faces, part.bsdf)
+    return Mesh(
+        part.vertices @ matrix[:3, :3].T + matrix[:3, 3],
+        normals,
+        part.uv,
+        part.faces,
+        part.bsdf,
+    )

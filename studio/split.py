@@ -14,7 +14,16 @@ from pathlib import Path
 from measures import HALVES, MEANS, halves, measure
 
 ROOT = Path(__file__).resolve().parent.parent
-TUNE = ("billiards", "dominoes", "toy-car", "wall-ball", "bottle-book", "seesaw", "rubber-balls", "pyramid")
+TUNE = (
+    "billiards",
+    "dominoes",
+    "toy-car",
+    "wall-ball",
+    "bottle-book",
+    "seesaw",
+    "rubber-balls",
+    "pyramid",
+)
 TEST = ("curling", "shelf", "pendulum", "marbles", "kitchen", "ramp", "cans", "cups")
 HEADS = {
     "objects": "objects",
@@ -31,7 +40,10 @@ HEADS = {
 
 def digest(name: str) -> str:
     """Of the photo and its masks."""
-    parts = [ROOT / "scenes" / name / "photo.png", ROOT / "scenes" / name / "photo.assets/masks.png"]
+    parts = [
+        ROOT / "scenes" / name / "photo.png",
+        ROOT / "scenes" / name / "photo.assets/masks.png",
+    ]
     return hashlib.sha256(b"".join(path.read_bytes() for path in parts)).hexdigest()
 
 
@@ -53,7 +65,11 @@ def page(split: dict) -> str:
     for key in HALVES:
         for name in split[key]:
             row = split["scenes"][name]
-            lines.append(f"| {name} | {half[name]} | " + " | ".join(f"{row[k]:g}" for k in HEADS) + " |")
+            lines.append(
+                f"| {name} | {half[name]} | "
+                + " | ".join(f"{row[k]:g}" for k in HEADS)
+                + " |"
+            )
     for key in HALVES:
         mean = split["means"][key]
         lines.append(
@@ -81,7 +97,10 @@ def main() -> None:
             f"test is frozen, yet {', '.join(changed)} changed; take the photos back from the history"
         )
     split: dict = {"tune": list(TUNE), "test": list(TEST), "sha256": now}
-    split["scenes"] = {n: measure(ROOT / "scenes" / n, ROOT / "studio/truth" / n) for n in (*TUNE, *TEST)}
+    split["scenes"] = {
+        n: measure(ROOT / "scenes" / n, ROOT / "studio/truth" / n)
+        for n in (*TUNE, *TEST)
+    }
     split["means"] = halves(split, split["scenes"])
     path.write_text(json.dumps(split, indent=2) + "\n")
     (ROOT / "studio/scenes.md").write_text(page(split))

@@ -60,8 +60,12 @@ class Camera:
 
     def pixel(self, points: object) -> np.ndarray:
         """(..., 2) m in the plane -> (..., 2) px, origin at the top-left pixel's centre."""
-        right, up = np.moveaxis(np.asarray(points, float) - self.centre, -1, 0) * self.ppm
-        return np.stack([right + (self.size[0] - 1) / 2, (self.size[1] - 1) / 2 - up], -1)
+        right, up = (
+            np.moveaxis(np.asarray(points, float) - self.centre, -1, 0) * self.ppm
+        )
+        return np.stack(
+            [right + (self.size[0] - 1) / 2, (self.size[1] - 1) / 2 - up], -1
+        )
 
     def shift(self, vector: object) -> list[float]:
         """A displacement or velocity in m or m/s -> px or px/s, image axes, rounded."""
@@ -139,12 +143,25 @@ class Thing:
         """The scene file's `shape` in px: the section through the plane of motion."""
         ((kind, size),) = self.outline.items()
         if kind == "circle":
-            return {"circle": {"center": tidy(camera.pixel(self.at)), "radius": tidy([size * camera.ppm])[0]}}
+            return {
+                "circle": {
+                    "center": tidy(camera.pixel(self.at)),
+                    "radius": tidy([size * camera.ppm])[0],
+                }
+            }
         if kind == "box":
-            box = {"center": tidy(camera.pixel(self.at)), "size": tidy(np.array(size) * camera.ppm)}
-            return {"box": box | ({"angle": tidy([self.degrees], 4)[0]} if self.degrees else {})}
+            box = {
+                "center": tidy(camera.pixel(self.at)),
+                "size": tidy(np.array(size) * camera.ppm),
+            }
+            return {
+                "box": box
+                | ({"angle": tidy([self.degrees], 4)[0]} if self.degrees else {})
+            }
         turn = np.radians(-self.degrees)
-        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        rotation = np.array(
+            [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        )
         points = np.array(size, float) @ rotation.T + self.at
         return {"polygon": [tidy(point) for point in camera.pixel(points)]}
 

@@ -16,11 +16,19 @@ def document(stage: Stage, light: Light) -> tuple[dict, dict[str, str]]:
     objects = {}
     for k, thing in enumerate(stage.things, 1):
         item: dict = {"label": thing.label, "mask": k, "shape": thing.shape(camera)}
-        optional = {"solid": thing.solid, "mass": thing.mass, "friction": thing.friction}
+        optional = {
+            "solid": thing.solid,
+            "mass": thing.mass,
+            "friction": thing.friction,
+        }
         optional |= {"elasticity": thing.elasticity, "rolling": thing.rolling}
         if thing.velocity is not None:
             optional["velocity"] = camera.shift(thing.velocity)
-        item |= {key: value for key, value in (optional | {"spin": thing.spin}).items() if value is not None}
+        item |= {
+            key: value
+            for key, value in (optional | {"spin": thing.spin}).items()
+            if value is not None
+        }
         objects[thing.name] = item | thing.extra
         if thing.note:
             comments[f"objects.{thing.name}.label"] = thing.note
@@ -28,7 +36,11 @@ def document(stage: Stage, light: Light) -> tuple[dict, dict[str, str]]:
     for name, line in stage.boundaries.items():
         points = [tidy(p) for p in camera.pixel(line.points)]
         kind = "segment" if len(points) == 2 else "polyline"
-        boundaries[name] = {kind: points, "friction": line.friction, "elasticity": line.elasticity}
+        boundaries[name] = {
+            kind: points,
+            "friction": line.friction,
+            "elasticity": line.elasticity,
+        }
         if line.note:
             comments[f"boundaries.{name}"] = line.note
     found = {
@@ -62,9 +74,17 @@ def seen(stage: Stage) -> dict:
     camera = stage.camera
     if camera.view == "top":
         return {}
-    lowest = min(point[1] for line in stage.boundaries.values() for point in line.points)
-    down = np.degrees(np.arctan((camera.centre[1] + camera.rise[1] - lowest) / camera.distance))
-    wall = {} if stage.backdrop is None else {"backdrop": round(stage.backdrop * camera.ppm)}
+    lowest = min(
+        point[1] for line in stage.boundaries.values() for point in line.points
+    )
+    down = np.degrees(
+        np.arctan((camera.centre[1] + camera.rise[1] - lowest) / camera.distance)
+    )
+    wall = (
+        {}
+        if stage.backdrop is None
+        else {"backdrop": round(stage.backdrop * camera.ppm)}
+    )
     return {"tilt": round(float(down), 1), **wall}
 
 

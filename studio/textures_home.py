@@ -17,14 +17,24 @@ from textures import cloud, noise, srgb
 
 def _globe(width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Longitude (rad) and latitude (rad) of every texel, and its place on the unit sphere (H, W, 3)."""
-    latitude = (0.5 - (np.arange(width // 2) + 0.5) / (width // 2)) * np.pi + np.zeros((1, width)).T[:1]
+    latitude = (0.5 - (np.arange(width // 2) + 0.5) / (width // 2)) * np.pi + np.zeros(
+        (1, width)
+    ).T[:1]
     latitude = np.repeat(latitude.reshape(-1, 1), width, 1)
-    longitude = np.repeat(((np.arange(width) + 0.5) / width * 2 * np.pi)[None], width // 2, 0)
-    place = [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)]
+    longitude = np.repeat(
+        ((np.arange(width) + 0.5) / width * 2 * np.pi)[None], width // 2, 0
+    )
+    place = [
+        np.cos(latitude) * np.cos(longitude),
+        np.cos(latitude) * np.sin(longitude),
+        np.sin(latitude),
+    ]
     return longitude, latitude, np.stack(place, -1)
 
 
-def leather_ball(colours: list[np.ndarray], seed: int = 0, width: int = 1024) -> np.ndarray:
+def leather_ball(
+    colours: list[np.ndarray], seed: int = 0, width: int = 1024
+) -> np.ndarray:
     """Gores of leather from pole to pole in turn of `colours`, sewn with pale thread, scuffed by play."""
     rng = np.random.default_rng(seed)
     longitude, latitude, _ = _globe(width)
@@ -32,18 +42,35 @@ def leather_ball(colours: list[np.ndarray], seed: int = 0, width: int = 1024) ->
     gores = 8
     turn = longitude / (2 * np.pi) * gores
     which = np.floor(turn).astype(int) % len(colours)
-    seam = np.abs(turn - np.round(turn)) / gores * 2 * np.pi * np.cos(latitude)  # rad from the nearest seam
+    seam = (
+        np.abs(turn - np.round(turn)) / gores * 2 * np.pi * np.cos(latitude)
+    )  # rad from the nearest seam
     skin = np.array(colours)[which]
     grain = cloud(*shape, (7, 7), 3, rng, 0.8)
     age = cloud(*shape, (shape[0] / 4, shape[1] / 6), 5, rng, 0.65)
     skin = skin * np.clip(1 + 0.07 * grain + 0.10 * age, 0.5, 1.5)[..., None]
-    scuff = np.clip(0.45 * age + 0.8 * noise(*shape, (5, 16), rng) - 1.5, 0, 1)[..., None]
+    scuff = np.clip(0.45 * age + 0.8 * noise(*shape, (5, 16), rng) - 1.5, 0, 1)[
+        ..., None
+    ]
     skin = skin + (srgb(190, 160, 128) - skin) * 0.45 * scuff
-    skin = skin * (1 - 0.30 * np.exp(-((seam / 0.09) ** 2)) - 0.5 * np.exp(-((seam / 0.018) ** 2)))[..., None]
-    stitch = (np.abs(seam - 0.055) < 0.011) & (np.sin(latitude * 78) > -0.2) & (np.abs(latitude) < 1.38)
+    skin = (
+        skin
+        * (
+            1
+            - 0.30 * np.exp(-((seam / 0.09) ** 2))
+            - 0.5 * np.exp(-((seam / 0.018) ** 2))
+        )[..., None]
+    )
+    stitch = (
+        (np.abs(seam - 0.055) < 0.011)
+        & (np.sin(latitude * 78) > -0.2)
+        & (np.abs(latitude) < 1.38)
+    )
     stitch = cv2.GaussianBlur(stitch.astype(np.float32), (0, 0), 0.8)[..., None]
     skin = skin + (srgb(206, 192, 162) - skin) * 0.8 * stitch
-    cap = np.clip((np.abs(latitude) - 1.42) / 0.015, 0, 1)[..., None]  # a round patch on each pole
+    cap = np.clip((np.abs(latitude) - 1.42) / 0.015, 0, 1)[
+        ..., None
+    ]  # a round patch on each pole
     return skin + (colours[0] * (1 + 0.07 * grain[..., None]) * 0.9 - skin) * cap
 
 
@@ -62,12 +89,16 @@ def tennis_ball(seed: int = 0, wear: float = 0.3, width: int = 1024) -> np.ndarr
     away = cKDTree(np.stack(curve, -1)).query(place.reshape(-1, 3))[0].reshape(shape)
     fuzz = noise(*shape, (2, 3), rng) + noise(*shape, (5, 3), rng)
     dust = (
-        np.clip(cloud(*shape, (shape[0] / 3, shape[1] / 5), 6, rng, 0.7) * 0.5 + 0.4, 0, 1.4)[..., None]
+        np.clip(
+            cloud(*shape, (shape[0] / 3, shape[1] / 5), 6, rng, 0.7) * 0.5 + 0.4, 0, 1.4
+        )[..., None]
         * wear
     )
     felt = srgb(186, 194, 66) * np.clip(1 + 0.10 * fuzz, 0.4, 1.6)[..., None]
     felt = felt + (srgb(128, 112, 84) - felt) * np.clip(dust, 0, 0.8)
-    edge = np.clip((0.075 + 0.008 * noise(*shape, (6, 6), rng) - away) / 0.02, 0, 1)[..., None]
+    edge = np.clip((0.075 + 0.008 * noise(*shape, (6, 6), rng) - away) / 0.02, 0, 1)[
+        ..., None
+    ]
     rubber = srgb(206, 204, 192) * (1 - 0.5 * dust)
     shade = 1 - 0.28 * np.exp(-(((away - 0.085) / 0.02) ** 2))
     return (felt + (rubber - felt) * edge) * shade[..., None]
@@ -76,16 +107,23 @@ def tennis_ball(seed: int = 0, wear: float = 0.3, width: int = 1024) -> np.ndarr
 # --- books -----------------------------------------------------------------------------------------------------------
 
 
-def cloth(height: int, width: int, colour: np.ndarray, seed: int = 0, wear: float = 0.25) -> np.ndarray:
+def cloth(
+    height: int, width: int, colour: np.ndarray, seed: int = 0, wear: float = 0.25
+) -> np.ndarray:
     """Book cloth: weave, rubbed paler patches and edges, a stain or two."""
     rng = np.random.default_rng(seed)
     weave = noise(height, width, (1.4, 5), rng) + noise(height, width, (5, 1.4), rng)
     age = cloud(height, width, (height / 3, width / 1.5), 5, rng, 0.65)
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
-    rim = np.maximum(np.exp(-(1 - np.abs(x)) / 0.07), np.exp(-(1 - np.abs(y)) * height / width / 0.10))
-    rub = np.clip(wear * (rim + 0.20 * age + 0.2 * noise(height, width, (9, 4), rng) * rim), 0, 0.8)[
-        ..., None
-    ]
+    rim = np.maximum(
+        np.exp(-(1 - np.abs(x)) / 0.07),
+        np.exp(-(1 - np.abs(y)) * height / width / 0.10),
+    )
+    rub = np.clip(
+        wear * (rim + 0.20 * age + 0.2 * noise(height, width, (9, 4), rng) * rim),
+        0,
+        0.8,
+    )[..., None]
     body = colour * np.clip(1 + 0.055 * weave + 0.06 * age, 0.5, 1.5)[..., None]
     return body + (body * 0.35 + 0.65 * srgb(176, 160, 136) - body) * rub
 
@@ -115,7 +153,10 @@ def spine(
         )
     plate = Image.new("L", (height, width), 0)
     draw = ImageDraw.Draw(plate)
-    big, small = ImageFont.load_default(width * letter), ImageFont.load_default(width * letter * 0.66)
+    big, small = (
+        ImageFont.load_default(width * letter),
+        ImageFont.load_default(width * letter * 0.66),
+    )
     draw.text((height * 0.16, width * 0.47), title, 255, big, anchor="lm")
     draw.text((height * 0.93, width * 0.48), author, 255, small, anchor="rm")
     glyph = np.rot90(np.asarray(plate, np.float32) / 255, -1)
@@ -128,7 +169,9 @@ def spine(
 def pages(seed: int = 0) -> np.ndarray:
     """The cut edge of a block of paper: leaves lie along v (256 px), a little uneven."""
     rng = np.random.default_rng(seed)
-    leaf = np.repeat(rng.normal(0, 1, (1, 256)), 256, 0) + 0.5 * noise(256, 256, (90, 2), rng)
+    leaf = np.repeat(rng.normal(0, 1, (1, 256)), 256, 0) + 0.5 * noise(
+        256, 256, (90, 2), rng
+    )
     return srgb(216, 204, 178) * np.clip(1 + 0.10 * leaf, 0.6, 1.25)[..., None]
 
 
@@ -139,13 +182,21 @@ def sheet(grid: np.ndarray, bsdf: dict) -> Mesh:
     normals = np.cross(along, across)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     middle = grid[rows // 2], grid[:, columns // 2]
-    run = [np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(m, axis=0), axis=-1))]) for m in middle]
+    run = [
+        np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(m, axis=0), axis=-1))])
+        for m in middle
+    ]
     uv = np.stack(np.meshgrid(run[0] / run[0][-1], 1 - run[1] / run[1][-1]), -1)
     i = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     faces = np.concatenate(
-        [np.stack([i, i + 1, i + columns + 1], 1), np.stack([i, i + columns + 1, i + columns], 1)]
+        [
+            np.stack([i, i + 1, i + columns + 1], 1),
+            np.stack([i, i + columns + 1, i + columns], 1),
+        ]
     )
-    return Mesh(grid.reshape(-1, 3), normals.reshape(-1, 3), uv.reshape(-1, 2), faces, bsdf)
+    return Mesh(
+        grid.reshape(-1, 3), normals.reshape(-1, 3), uv.reshape(-1, 2), faces, bsdf
+    )
 
 
 def book(
@@ -167,18 +218,26 @@ def book(
         return matt(tone) if shine is None else satin(tone, shine)
 
     plate, lip = 0.0026, 0.003
-    corner = np.array([[np.sin(a), -np.cos(a)] for a in np.linspace(-np.pi / 2, 0, 6)]) * [0.0022, 0.0022]
+    corner = np.array(
+        [[np.sin(a), -np.cos(a)] for a in np.linspace(-np.pi / 2, 0, 6)]
+    ) * [0.0022, 0.0022]
     x = np.linspace(-thick / 2 + 0.0022, thick / 2 - 0.0022, 17)
     front = np.stack([x, -bulge * (1 - (2 * x / thick) ** 2) - 0.0022], -1)
     left = np.add(corner, [-thick / 2 + 0.0022, 0])
     right = np.add((corner * [-1, 1])[::-1], [thick / 2 - 0.0022, 0])
-    path = np.add(np.concatenate([left[:-1], front, right[1:]]), [0, -depth / 2 + 0.0022])
-    z = np.array([-height / 2, -height / 2 + 0.0008, 0, height / 2 - 0.0008, height / 2])
+    path = np.add(
+        np.concatenate([left[:-1], front, right[1:]]), [0, -depth / 2 + 0.0022]
+    )
+    z = np.array(
+        [-height / 2, -height / 2 + 0.0008, 0, height / 2 - 0.0008, height / 2]
+    )
     grid = np.zeros((5, len(path), 3))
     grid[..., :2], grid[..., 2] = path, z[:, None]
     grid[[0, -1], :, 1] += 0.0008  # the turned-in ends
     cover = skin(cloth(512, 360, board, seed + 1))
-    side = rounded_box((plate, depth - 0.002, height), cover, 0.0008, 0.2, (0.3, 0.4), "y")
+    side = rounded_box(
+        (plate, depth - 0.002, height), cover, 0.0008, 0.2, (0.3, 0.4), "y"
+    )
     block = rounded_box(
         (thick - 2 * plate, depth - 0.004 - lip, height - 2 * lip),
         matt(pages(seed)),
@@ -189,7 +248,9 @@ def book(
     )
 
     def shifted(mesh: Mesh, by: tuple[float, float, float]) -> Mesh:
-        return Mesh(mesh.vertices + np.array(by), mesh.normals, mesh.uv, mesh.faces, mesh.bsdf)
+        return Mesh(
+            mesh.vertices + np.array(by), mesh.normals, mesh.uv, mesh.faces, mesh.bsdf
+        )
 
     across = (thick - plate) / 2
     return [
@@ -208,17 +269,24 @@ def rounded(corners: object, times: int = 3) -> np.ndarray:
     points = np.asarray(corners, float)
     for _ in range(times):
         onward = np.roll(points, -1, 0)
-        points = np.stack([0.75 * points + 0.25 * onward, 0.25 * points + 0.75 * onward], 1).reshape(-1, 2)
+        points = np.stack(
+            [0.75 * points + 0.25 * onward, 0.25 * points + 0.75 * onward], 1
+        ).reshape(-1, 2)
     return points[np.linalg.norm(points - np.roll(points, 1, 0), axis=1) > 1e-6]
 
 
-def painted(height: int, width: int, colour: np.ndarray, seed: int = 0, grain: float = 0.05) -> np.ndarray:
+def painted(
+    height: int, width: int, colour: np.ndarray, seed: int = 0, grain: float = 0.05
+) -> np.ndarray:
     """Thin paint on wood: the grain (along x) shows through, a few chips and grubby patches."""
     rng = np.random.default_rng(seed)
     fibre = cloud(height, width, (3, width / 5), 3, rng, 0.7)
     dirt = cloud(height, width, (height / 3, width / 3), 5, rng, 0.6)
     shade = np.clip(1 + grain * fibre + 0.05 * dirt, 0.5, 1.4)[..., None]
-    chip = np.clip(cloud(height, width, (22, 30), 4, rng, 0.7) - 2.75, 0, 0.15)[..., None] / 0.15
+    chip = (
+        np.clip(cloud(height, width, (22, 30), 4, rng, 0.7) - 2.75, 0, 0.15)[..., None]
+        / 0.15
+    )
     coat = colour * shade
     return coat + (srgb(184, 148, 104) - coat) * 0.8 * chip
 
@@ -240,14 +308,23 @@ def bricks(rows: int, columns: int, seed: int = 0, tall: int = 64) -> np.ndarray
     x = x + (row % 2) * long / 2
     column = np.floor(x / long).astype(int) % columns
     joint = tall * 0.075
-    from_edge = np.minimum(np.minimum(y % tall, tall - y % tall), np.minimum(x % long, long - x % long))
+    from_edge = np.minimum(
+        np.minimum(y % tall, tall - y % tall), np.minimum(x % long, long - x % long)
+    )
     brick = np.clip((from_edge - joint) / 2.5, 0, 1)[..., None]
     kinds = np.array(
-        [[150, 88, 66], [166, 100, 72], [134, 76, 60], [172, 116, 84], [116, 72, 62], [158, 94, 70]]
+        [
+            [150, 88, 66],
+            [166, 100, 72],
+            [134, 76, 60],
+            [172, 116, 84],
+            [116, 72, 62],
+            [158, 94, 70],
+        ]
     )
-    tone = srgb(*kinds[rng.integers(len(kinds), size=(rows, columns))].T.reshape(3, -1)).reshape(
-        3, columns, rows
-    )
+    tone = srgb(
+        *kinds[rng.integers(len(kinds), size=(rows, columns))].T.reshape(3, -1)
+    ).reshape(3, columns, rows)
     body = (
         tone[:, column, row].transpose(1, 2, 0)
         * rng.uniform(0.85, 1.15, (rows, columns))[row, column][..., None]
@@ -256,13 +333,21 @@ def bricks(rows: int, columns: int, seed: int = 0, tall: int = 64) -> np.ndarray
     stain = cloud(height, width, (height / 3, width / 3), 5, rng, 0.6)
     body = (
         body
-        * np.clip(1 + 0.10 * cloud(height, width, (14, 22), 4, rng, 0.8) - 0.3 * pits, 0.4, 1.5)[..., None]
+        * np.clip(
+            1 + 0.10 * cloud(height, width, (14, 22), 4, rng, 0.8) - 0.3 * pits,
+            0.4,
+            1.5,
+        )[..., None]
     )
-    bloom = np.clip(0.25 * stain + 0.15 * noise(height, width, (20, 20), rng) - 0.15, 0, 0.5)[..., None]
+    bloom = np.clip(
+        0.25 * stain + 0.15 * noise(height, width, (20, 20), rng) - 0.15, 0, 0.5
+    )[..., None]
     body = body + (srgb(190, 176, 160) - body) * 0.5 * bloom
     mortar = (
         srgb(172, 162, 146)
-        * np.clip(1 + 0.10 * noise(height, width, (3, 3), rng) + 0.05 * stain, 0.5, 1.4)[..., None]
+        * np.clip(
+            1 + 0.10 * noise(height, width, (3, 3), rng) + 0.05 * stain, 0.5, 1.4
+        )[..., None]
     )
     shadow = 1 - 0.25 * np.exp(-(((from_edge - joint) / 3.0) ** 2))[..., None]
     return (mortar + (body - mortar) * brick) * shadow
@@ -271,15 +356,19 @@ def bricks(rows: int, columns: int, seed: int = 0, tall: int = 64) -> np.ndarray
 def concrete(height: int, width: int, colour: np.ndarray, seed: int = 0) -> np.ndarray:
     """Weathered concrete or stone: sand, pebbles, pores, stains and a hair crack."""
     rng = np.random.default_rng(seed)
-    sand = noise(height, width, (1.6, 1.6), rng) + 0.8 * noise(height, width, (4, 4), rng)
+    sand = noise(height, width, (1.6, 1.6), rng) + 0.8 * noise(
+        height, width, (4, 4), rng
+    )
     stain = cloud(height, width, (height / 2.5, width / 2.5), 6, rng, 0.65)
     pores = np.clip(noise(height, width, (5, 5), rng) - 2.0, 0, 0.8)
     shade = np.clip(1 + 0.05 * sand + 0.10 * stain - 0.4 * pores, 0.35, 1.5)[..., None]
-    tint = 1 + 0.03 * cloud(height, width, (height / 4, width / 4), 4, rng)[..., None] * np.array(
-        [1.0, 0.2, -1.0]
-    )
+    tint = 1 + 0.03 * cloud(height, width, (height / 4, width / 4), 4, rng)[
+        ..., None
+    ] * np.array([1.0, 0.2, -1.0])
     crack = np.abs(cloud(height, width, (height / 2, width / 2), 6, rng, 0.55))
-    return colour * shade * tint * (1 - 0.25 * np.exp(-((crack / 0.006) ** 2)))[..., None]
+    return (
+        colour * shade * tint * (1 - 0.25 * np.exp(-((crack / 0.006) ** 2)))[..., None]
+    )
 
 
 # --- pictures --------------------------------------------------------------------------------------------------------
@@ -293,12 +382,24 @@ def seascape(height: int, width: int, seed: int = 0) -> np.ndarray:
     art = srgb(128, 156, 168) + (srgb(222, 198, 160) - srgb(128, 156, 168)) * air
     sun = np.hypot((x - 0.64) * width / height, y - 0.42) < 0.075
     art = np.where(sun[..., None], srgb(226, 142, 92), art)
-    for crest, rise, tone in ((0.56, 0.12, (108, 128, 128)), (0.64, 0.09, (72, 94, 92))):
-        line = crest - rise * np.sin(3.1 * x + crest * 9) + 0.008 * noise(1, width, (1, 20), rng)
+    for crest, rise, tone in (
+        (0.56, 0.12, (108, 128, 128)),
+        (0.64, 0.09, (72, 94, 92)),
+    ):
+        line = (
+            crest
+            - rise * np.sin(3.1 * x + crest * 9)
+            + 0.008 * noise(1, width, (1, 20), rng)
+        )
         art = np.where((y > line)[..., None], srgb(*tone), art)
-    waves = srgb(70, 104, 118) * np.clip(1 + 0.12 * noise(height, width, (5, 60), rng), 0.5, 1.5)[..., None]
+    waves = (
+        srgb(70, 104, 118)
+        * np.clip(1 + 0.12 * noise(height, width, (5, 60), rng), 0.5, 1.5)[..., None]
+    )
     art = np.where((y > 0.70)[..., None], waves, art)
-    border = (np.minimum(x, 1 - x) * width < 0.07 * width) | (np.minimum(y, 1 - y) * height < 0.07 * width)
+    border = (np.minimum(x, 1 - x) * width < 0.07 * width) | (
+        np.minimum(y, 1 - y) * height < 0.07 * width
+    )
     return np.where(
         border[..., None],
         srgb(222, 216, 202),
@@ -330,6 +431,11 @@ def mirrored(rgb: np.ndarray) -> np.ndarray:
 def join(meshes: list[Mesh]) -> Mesh:
     """One mesh of many with the first one's surface."""
     first = np.cumsum([0, *(len(m.vertices) for m in meshes)])
-    faces = np.concatenate([m.faces + start for m, start in zip(meshes, first, strict=False)])
-    parts = [np.concatenate([getattr(m, k) for m in meshes]) for k in ("vertices", "normals", "uv")]
+    faces = np.concatenate(
+        [m.faces + start for m, start in zip(meshes, first, strict=False)]
+    )
+    parts = [
+        np.concatenate([getattr(m, k) for m in meshes])
+        for k in ("vertices", "normals", "uv")
+    ]
     return Mesh(*parts, faces, meshes[0].bsdf)

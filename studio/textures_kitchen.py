@@ -12,11 +12,18 @@ Rgb = tuple[int, int, int]
 
 def linear(image: object) -> np.ndarray:
     """An sRGB picture 0..255 -> linear reflectance."""
-    return srgb(*np.moveaxis(np.asarray(image, float)[..., :3], -1, 0)).transpose(1, 2, 0)
+    return srgb(*np.moveaxis(np.asarray(image, float)[..., :3], -1, 0)).transpose(
+        1, 2, 0
+    )
 
 
 def printed(
-    width: int, height: int, ground: Rgb, draw: Callable, seed: int = 0, wear: float = 1.0
+    width: int,
+    height: int,
+    ground: Rgb,
+    draw: Callable,
+    seed: int = 0,
+    wear: float = 1.0,
 ) -> np.ndarray:
     """Printed paper: `draw(ImageDraw, font by size)` on `ground`, then paper's unevenness and a little rubbing."""
     sheet = Image.new("RGB", (width, height), ground)
@@ -27,7 +34,9 @@ def printed(
         + 0.02 * noise(height, width, (2, 2), rng)
     )
     rubbed = (
-        np.clip(cloud(height, width, (height / 6, width / 6), 5, rng, 0.7) - 2.1, 0, 1)[..., None]
+        np.clip(cloud(height, width, (height / 6, width / 6), 5, rng, 0.7) - 2.1, 0, 1)[
+            ..., None
+        ]
         * 0.5
         * wear
     )
@@ -35,7 +44,9 @@ def printed(
     return paper + (srgb(205, 196, 180) - paper) * rubbed
 
 
-def gingham(size: int, check: float, colour: np.ndarray, white: np.ndarray, seed: int = 0) -> np.ndarray:
+def gingham(
+    size: int, check: float, colour: np.ndarray, white: np.ndarray, seed: int = 0
+) -> np.ndarray:
     """Woven checks, `check` texels wide: threads of uneven strength, stains of long use, the trace of ironed folds."""
     rng = np.random.default_rng(seed)
     bend = (
@@ -55,12 +66,20 @@ def gingham(size: int, check: float, colour: np.ndarray, white: np.ndarray, seed
     )
     broad = 0.03 * cloud(size, size, (size / 4, size / 4), 4, rng)
     cloth = (white + (colour - white) * share) * (1 + thread + broad)[..., None]
-    stain = np.clip(cloud(size, size, (size / 7, size / 7), 4, rng) - 2.2, 0, 0.5)[..., None]
+    stain = np.clip(cloud(size, size, (size / 7, size / 7), 4, rng) - 2.2, 0, 0.5)[
+        ..., None
+    ]
     return np.clip(cloth * (1 - stain * np.array([0.25, 0.4, 0.6])), 0.01, 0.85)
 
 
 def tiles(
-    height: int, width: int, rows: int, columns: int, colour: np.ndarray, joint: np.ndarray, seed: int = 0
+    height: int,
+    width: int,
+    rows: int,
+    columns: int,
+    colour: np.ndarray,
+    joint: np.ndarray,
+    seed: int = 0,
 ) -> np.ndarray:
     """A tiled wall, every tile of another firing."""
     rng = np.random.default_rng(seed)
@@ -70,7 +89,12 @@ def tiles(
     tint = 1 + 0.02 * rng.standard_normal((rows, columns, 3))
     tile = colour * tone[row, column][..., None] * tint[row, column]
     tile = (
-        tile * (1 + 0.02 * cloud(height, width, (height / rows / 2, width / columns / 2), 3, rng))[..., None]
+        tile
+        * (
+            1
+            + 0.02
+            * cloud(height, width, (height / rows / 2, width / columns / 2), 3, rng)
+        )[..., None]
     )
     fy, fx = y * rows / height % 1, x * columns / width % 1
     gap = np.maximum(np.abs(fy - 0.5), np.abs(fx - 0.5))[..., None]
@@ -89,12 +113,19 @@ def orange_skin(seed: int = 0, size: int = 512) -> tuple[np.ndarray, np.ndarray]
         * (1 + 0.10 * blotch[..., None] * np.array([0.5, 1.0, 0.6]))
         * (1 - 0.22 * pores)[..., None]
     )
-    scar = np.clip(cloud(size, 2 * size, (size / 8, size / 4), 5, rng, 0.7) - 2.3, 0, 0.6)[..., None]
-    return np.clip(colour + (srgb(170, 120, 60) - colour) * scar, 0, 0.85), (1 - pores).astype(np.float32)
+    scar = np.clip(
+        cloud(size, 2 * size, (size / 8, size / 4), 5, rng, 0.7) - 2.3, 0, 0.6
+    )[..., None]
+    return np.clip(colour + (srgb(170, 120, 60) - colour) * scar, 0, 0.85), (
+        1 - pores
+    ).astype(np.float32)
 
 
 def apple_skin(
-    seed: int = 0, size: int = 512, red: Rgb = (150, 26, 24), ground: Rgb = (206, 178, 74)
+    seed: int = 0,
+    size: int = 512,
+    red: Rgb = (150, 26, 24),
+    ground: Rgb = (206, 178, 74),
 ) -> np.ndarray:
     """u around, row 0 at the stalk: red streaks over yellow, pale lenticels, yellow around the stalk."""
     rng = np.random.default_rng(seed)
@@ -103,7 +134,12 @@ def apple_skin(
     )
     v = np.linspace(1, 0, size)[:, None]
     share = np.clip(
-        0.78 + 0.13 * streak - 2.2 * np.clip(v - 0.82, 0, 1) - 1.8 * np.clip(0.16 - v, 0, 1), 0, 1
+        0.78
+        + 0.13 * streak
+        - 2.2 * np.clip(v - 0.82, 0, 1)
+        - 1.8 * np.clip(0.16 - v, 0, 1),
+        0,
+        1,
     )[..., None]
     skin = srgb(*ground) + (srgb(*red) - srgb(*ground)) * share
     dots = np.clip(noise(size, 2 * size, (4, 8), rng) - 2.3, 0, 0.6)[..., None]
@@ -111,21 +147,34 @@ def apple_skin(
 
 
 def speckled(
-    height: int, width: int, colour: np.ndarray, speck: np.ndarray, seed: int = 0, amount: float = 1.0
+    height: int,
+    width: int,
+    colour: np.ndarray,
+    speck: np.ndarray,
+    seed: int = 0,
+    amount: float = 1.0,
 ) -> np.ndarray:
     """Stoneware glaze, an egg: uneven coat and small dark flecks."""
     rng = np.random.default_rng(seed)
-    coat = colour * (1 + 0.035 * cloud(height, width, (height / 4, width / 4), 4, rng))[..., None]
+    coat = (
+        colour
+        * (1 + 0.035 * cloud(height, width, (height / 4, width / 4), 4, rng))[..., None]
+    )
     fleck = np.clip(noise(height, width, (3, 3), rng) - 2.6, 0, 0.8) + np.clip(
         noise(height, width, (7, 7), rng) - 3.0, 0, 0.8
     )
-    return np.clip(coat + (speck - coat) * np.clip(amount * fleck, 0, 1)[..., None], 0.01, 0.86)
+    return np.clip(
+        coat + (speck - coat) * np.clip(amount * fleck, 0, 1)[..., None], 0.01, 0.86
+    )
 
 
 def cork(height: int, width: int, seed: int = 0) -> np.ndarray:
     """Pressed bark: lenticels along v, dark pits."""
     rng = np.random.default_rng(seed)
-    bark = srgb(188, 146, 98) * (1 + 0.10 * cloud(height, width, (10, 10), 4, rng))[..., None]
+    bark = (
+        srgb(188, 146, 98)
+        * (1 + 0.10 * cloud(height, width, (10, 10), 4, rng))[..., None]
+    )
     pit = (
         np.clip(noise(height, width, (18, 5), rng) - 1.5, 0, 1)[..., None]
         + np.clip(noise(height, width, (5, 4), rng) - 2, 0, 1)[..., None]
@@ -133,11 +182,19 @@ def cork(height: int, width: int, seed: int = 0) -> np.ndarray:
     return bark + (srgb(92, 58, 34) - bark) * np.clip(pit, 0, 0.9)
 
 
-def block(colour: Rgb, seed: int, glyph: str = "", ink: Rgb = (60, 44, 34), size: int = 512) -> np.ndarray:
+def block(
+    colour: Rgb, seed: int, glyph: str = "", ink: Rgb = (60, 44, 34), size: int = 512
+) -> np.ndarray:
     """One face of a toy block: bare beech, or paint rubbed off at edges and corners; with a printed letter or picture."""
     rng = np.random.default_rng(seed)
     bare = wood(
-        size, size, srgb(168, 122, 78), srgb(214, 174, 126), seed=seed, rings=rng.uniform(4, 8), figure=0.06
+        size,
+        size,
+        srgb(168, 122, 78),
+        srgb(214, 174, 126),
+        seed=seed,
+        rings=rng.uniform(4, 8),
+        figure=0.06,
     )
     face = bare
     y, x = np.abs(np.mgrid[-1 : 1 : size * 1j, -1 : 1 : size * 1j])
@@ -150,16 +207,23 @@ def block(colour: Rgb, seed: int, glyph: str = "", ink: Rgb = (60, 44, 34), size
             * (0.78 + 0.22 * grain)
             * (1 + 0.04 * cloud(size, size, (size / 3, size / 3), 4, rng))[..., None]
         )
-        worn = np.clip((edge - 0.955) * 22 + 0.9 * rub - 0.35, 0, 1) + np.clip(rub - 2.5, 0, 1)
+        worn = np.clip((edge - 0.955) * 22 + 0.9 * rub - 0.35, 0, 1) + np.clip(
+            rub - 2.5, 0, 1
+        )
         face = paint + (bare - paint) * np.clip(worn, 0, 1)[..., None]
     if glyph:
         plate = Image.new("L", (size, size), 0)
         ImageDraw.Draw(plate).text(
-            (size / 2, size / 2), glyph, 255, ImageFont.load_default(size * 0.62), anchor="mm", stroke_width=8
+            (size / 2, size / 2),
+            glyph,
+            255,
+            ImageFont.load_default(size * 0.62),
+            anchor="mm",
+            stroke_width=8,
         )
-        ink_ = cv2.GaussianBlur(np.asarray(plate, np.float32) / 255, (0, 0), 1.2) * np.clip(
-            1.15 - 0.35 * np.clip(rub - 0.4, 0, 3), 0, 1
-        )
+        ink_ = cv2.GaussianBlur(
+            np.asarray(plate, np.float32) / 255, (0, 0), 1.2
+        ) * np.clip(1.15 - 0.35 * np.clip(rub - 0.4, 0, 3), 0, 1)
         face = face + (srgb(*ink) - face) * (0.92 * ink_)[..., None]
     grime = np.clip((edge - 0.9) * 3, 0, 0.25) + np.clip(0.05 * rub, 0, 0.12)
     return np.clip(face * (1 - grime)[..., None], 0.008, 0.85)
@@ -172,7 +236,17 @@ def rubber_ball(size: int, seed: int = 0) -> np.ndarray:
     soft = 1.5 / size
     skin = srgb(176, 52, 44) + 0 * np.zeros((size, 2 * size, 1))
     for reach, colour in ((0.34, srgb(52, 84, 128)), (0.24, srgb(212, 200, 172))):
-        skin = skin + (colour - skin) * np.clip(0.5 + (reach - np.abs(z)) / soft / 2, 0, 1)
-    scuff = np.clip(cloud(size, 2 * size, (size / 5, size / 3), 6, rng, 0.75) - 1.5, 0, 1)[..., None] * 0.35
-    skin = skin * (1 + 0.03 * cloud(size, 2 * size, (size / 4, size / 2), 4, rng))[..., None]
+        skin = skin + (colour - skin) * np.clip(
+            0.5 + (reach - np.abs(z)) / soft / 2, 0, 1
+        )
+    scuff = (
+        np.clip(cloud(size, 2 * size, (size / 5, size / 3), 6, rng, 0.75) - 1.5, 0, 1)[
+            ..., None
+        ]
+        * 0.35
+    )
+    skin = (
+        skin
+        * (1 + 0.03 * cloud(size, 2 * size, (size / 4, size / 2), 4, rng))[..., None]
+    )
     return np.clip(skin + (srgb(150, 132, 116) - skin) * scuff, 0.01, 0.85)

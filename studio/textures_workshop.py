@@ -7,23 +7,35 @@ from textures import cloud, noise, srgb
 
 
 def worn(
-    colour: np.ndarray, height: int, width: int, seed: int, uneven: float = 0.06, grime: float = 0.25
+    colour: np.ndarray,
+    height: int,
+    width: int,
+    seed: int,
+    uneven: float = 0.06,
+    grime: float = 0.25,
 ) -> np.ndarray:
     """Any painted or bare surface with a past: broad unevenness, blotches of dirt, fine scratches."""
     rng = np.random.default_rng(seed)
     shade = 1 + uneven * cloud(height, width, (height / 3, width / 3), 5, rng, 0.6)
-    dirt = np.clip(cloud(height, width, (height / 2, width / 2), 6, rng, 0.7) - 0.6, 0, 2) * grime
+    dirt = (
+        np.clip(cloud(height, width, (height / 2, width / 2), 6, rng, 0.7) - 0.6, 0, 2)
+        * grime
+    )
     lines = np.zeros((height, width), np.float32)
     for _ in range(60):
         x, y, a = rng.uniform(0, width), rng.uniform(0, height), rng.uniform(0, np.pi)
         reach = rng.exponential(0.06) * width
         end = int(x + reach * np.cos(a)), int(y + reach * np.sin(a))
-        cv2.line(lines, (int(x), int(y)), end, float(rng.uniform(0.05, 0.3)), 1, cv2.LINE_AA)
+        cv2.line(
+            lines, (int(x), int(y)), end, float(rng.uniform(0.05, 0.3)), 1, cv2.LINE_AA
+        )
     tone = np.clip(shade * (1 - 0.5 * np.clip(dirt, 0, 1)), 0.3, 1.5)[..., None]
     return np.clip(colour * tone * (1 + 0.35 * lines[..., None]), 0, 0.9)
 
 
-def pegboard(height: int, width: int, colour: np.ndarray, pitch: int, seed: int = 0) -> np.ndarray:
+def pegboard(
+    height: int, width: int, colour: np.ndarray, pitch: int, seed: int = 0
+) -> np.ndarray:
     """Painted hardboard with round holes every `pitch` texels."""
     board = worn(colour, height, width, seed, 0.03, 0.15)
     y, x = np.mgrid[:height, :width]
@@ -35,7 +47,9 @@ def pegboard(height: int, width: int, colour: np.ndarray, pitch: int, seed: int 
 def workbench(height: int, width: int, boards: np.ndarray, seed: int = 0) -> np.ndarray:
     """A wooden top that was worked on: `boards` with saw cuts, drips of paint, glue rings and dark oil."""
     rng = np.random.default_rng(seed)
-    oil = np.clip(cloud(height, width, (height / 2, width / 5), 5, rng, 0.6) - 0.7, 0, 1.5)[..., None]
+    oil = np.clip(
+        cloud(height, width, (height / 2, width / 5), 5, rng, 0.6) - 0.7, 0, 1.5
+    )[..., None]
     skin = boards * (1 - 0.35 * oil)
     marks = np.zeros((height, width), np.float32)
     for _ in range(90):
@@ -46,7 +60,9 @@ def workbench(height: int, width: int, boards: np.ndarray, seed: int = 0) -> np.
         )
         reach = rng.exponential(30)
         end = int(x + reach * np.cos(a)), int(y + reach * np.sin(a))
-        cv2.line(marks, (int(x), int(y)), end, float(rng.uniform(0.2, 0.7)), 1, cv2.LINE_AA)
+        cv2.line(
+            marks, (int(x), int(y)), end, float(rng.uniform(0.2, 0.7)), 1, cv2.LINE_AA
+        )
     skin = skin * (1 - 0.55 * marks[..., None])
     for _ in range(26):
         spot = np.zeros((height, width), np.float32)
@@ -58,7 +74,11 @@ def workbench(height: int, width: int, boards: np.ndarray, seed: int = 0) -> np.
             -1,
             cv2.LINE_AA,
         )
-        drip = srgb(*[(214, 210, 198), (150, 60, 46), (60, 84, 110), (40, 38, 36)][rng.integers(4)])
+        drip = srgb(
+            *[(214, 210, 198), (150, 60, 46), (60, 84, 110), (40, 38, 36)][
+                rng.integers(4)
+            ]
+        )
         skin = skin * (1 - spot[..., None]) + drip * spot[..., None]
     return skin
 
@@ -68,7 +88,11 @@ def cork(height: int, width: int, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     lumps = noise(height, width, (9, 9), rng) + 0.6 * noise(height, width, (4, 4), rng)
     crumbs = np.clip(noise(height, width, (3, 3), rng) - 1.3, 0, 1)[..., None]
-    return srgb(190, 146, 100) * (1 + 0.13 * lumps[..., None]).clip(0.5, 1.5) * (1 - 0.6 * crumbs)
+    return (
+        srgb(190, 146, 100)
+        * (1 + 0.13 * lumps[..., None]).clip(0.5, 1.5)
+        * (1 - 0.6 * crumbs)
+    )
 
 
 def plies(height: int, width: int, layers: int, seed: int = 0) -> np.ndarray:
@@ -100,54 +124,93 @@ def lettering(size: tuple[int, int], lines: list[tuple]) -> np.ndarray:
 
 
 def stone(
-    height: int, width: int, colour: np.ndarray, seed: int = 0, speckle: float = 0.12, lichen: float = 0.4
+    height: int,
+    width: int,
+    colour: np.ndarray,
+    seed: int = 0,
+    speckle: float = 0.12,
+    lichen: float = 0.4,
 ) -> np.ndarray:
     """Weathered stone or concrete: crystals, damp patches, pits, pale lichen."""
     rng = np.random.default_rng(seed)
-    grain = noise(height, width, (1.5, 1.5), rng) + 0.8 * noise(height, width, (4, 4), rng)
+    grain = noise(height, width, (1.5, 1.5), rng) + 0.8 * noise(
+        height, width, (4, 4), rng
+    )
     damp = cloud(height, width, (height / 3, width / 3), 6, rng, 0.6)
     pits = np.clip(noise(height, width, (4, 5), rng) - 1.9, 0, 1)
-    skin = colour * np.clip(1 + speckle * grain + 0.13 * damp - 0.5 * pits, 0.2, 1.7)[..., None]
-    crust = (
-        np.clip(cloud(height, width, (height / 8, width / 8), 5, rng, 0.7) - 1.5, 0, 0.8)[..., None] * lichen
+    skin = (
+        colour
+        * np.clip(1 + speckle * grain + 0.13 * damp - 0.5 * pits, 0.2, 1.7)[..., None]
     )
-    moss = np.clip(cloud(height, width, (height / 4, width / 4), 6, rng, 0.7) - 1.3, 0, 1)[..., None] * lichen
-    return (skin * (1 - crust) + crust * srgb(190, 188, 160)) * (1 - moss) + moss * srgb(84, 92, 58)
+    crust = (
+        np.clip(
+            cloud(height, width, (height / 8, width / 8), 5, rng, 0.7) - 1.5, 0, 0.8
+        )[..., None]
+        * lichen
+    )
+    moss = (
+        np.clip(cloud(height, width, (height / 4, width / 4), 6, rng, 0.7) - 1.3, 0, 1)[
+            ..., None
+        ]
+        * lichen
+    )
+    return (skin * (1 - crust) + crust * srgb(190, 188, 160)) * (
+        1 - moss
+    ) + moss * srgb(84, 92, 58)
 
 
-def paving(height: int, width: int, colour: np.ndarray, rows: int, columns: int, seed: int = 0) -> np.ndarray:
+def paving(
+    height: int, width: int, colour: np.ndarray, rows: int, columns: int, seed: int = 0
+) -> np.ndarray:
     """Stone slabs, each of its own tone, with earth and moss in the joints."""
     rng = np.random.default_rng(seed)
     skin = stone(height, width, colour, seed)
     y, x = np.mgrid[:height, :width]
     wave = 2.5 * cloud(height, width, (60, 60), 4, rng)
     across, along = (x + wave) / width * columns, (y + wave) / height * rows
-    tones = 1 + rng.normal(0, 0.07, (rows, columns, 1)) + rng.normal(0, 0.015, (rows, columns, 3))
+    tones = (
+        1
+        + rng.normal(0, 0.07, (rows, columns, 1))
+        + rng.normal(0, 0.015, (rows, columns, 3))
+    )
     skin = skin * tones[along.astype(int) % rows, across.astype(int) % columns]
     edge = np.minimum(
-        np.abs(across - np.round(across)) * width / columns, np.abs(along - np.round(along)) * height / rows
+        np.abs(across - np.round(across)) * width / columns,
+        np.abs(along - np.round(along)) * height / rows,
     )
     gap = np.clip(1.6 - edge / 4, 0, 1)[..., None]
-    earth = srgb(58, 56, 40) * (1 + 0.25 * noise(height, width, (3, 3), rng))[..., None].clip(0.3, 1.6)
+    earth = srgb(58, 56, 40) * (1 + 0.25 * noise(height, width, (3, 3), rng))[
+        ..., None
+    ].clip(0.3, 1.6)
     return skin * (1 - gap) + earth * gap
 
 
-def foliage(height: int, width: int, dark: np.ndarray, light: np.ndarray, seed: int = 0) -> np.ndarray:
+def foliage(
+    height: int, width: int, dark: np.ndarray, light: np.ndarray, seed: int = 0
+) -> np.ndarray:
     """A hedge from afar: leaves over leaves, holes of shade between them."""
     rng = np.random.default_rng(seed)
     mass = cloud(height, width, (height / 4, width / 8), 3, rng)
-    leaves = noise(height, width, (7, 7), rng) + 0.7 * noise(height, width, (3.5, 3.5), rng)
+    leaves = noise(height, width, (7, 7), rng) + 0.7 * noise(
+        height, width, (3.5, 3.5), rng
+    )
     tone = 1 / (1 + np.exp(-(0.9 * mass + 0.9 * leaves)))
-    hue = 1 + 0.1 * noise(height, width, (30, 30), rng)[..., None] * np.array([1.0, 0.2, -0.6])
+    hue = 1 + 0.1 * noise(height, width, (30, 30), rng)[..., None] * np.array(
+        [1.0, 0.2, -0.6]
+    )
     return np.clip((dark + (light - dark) * tone[..., None]) * hue, 0.004, 0.6)
 
 
-def end_grain(size: int, dark: np.ndarray, light: np.ndarray, rings: float, seed: int = 0) -> np.ndarray:
+def end_grain(
+    size: int, dark: np.ndarray, light: np.ndarray, rings: float, seed: int = 0
+) -> np.ndarray:
     """The sawn end of a log: rings, radial cracks; the pith in the middle of row 0."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[0 : 1 : size * 1j, 0 : 1 : size * 1j]
     right, up = x - 0.5, y
-    radius = np.hypot(right, up) + 0.02 * cloud(size, size, (size / 3, size / 3), 3, rng)
+    radius = np.hypot(right, up) + 0.02 * cloud(
+        size, size, (size / 3, size / 3), 3, rng
+    )
     angle = np.arctan2(up, right)
     phase = radius * rings % 1
     ring = np.where(phase < 0.8, phase / 0.8, (1 - phase) / 0.2) ** 1.5
@@ -155,27 +218,47 @@ def end_grain(size: int, dark: np.ndarray, light: np.ndarray, rings: float, seed
     cracks = np.zeros((size, size))
     for _ in range(7):
         off = (
-            np.abs(angle - rng.uniform(0.1, 3.0) + 0.03 * cloud(size, size, (size / 6, size / 6), 3, rng))
+            np.abs(
+                angle
+                - rng.uniform(0.1, 3.0)
+                + 0.03 * cloud(size, size, (size / 6, size / 6), 3, rng)
+            )
             * radius
         )
         reach = rng.uniform(0.3, 0.9)
         cracks = np.maximum(
-            cracks, np.clip(1.2 - off * size / 1.6, 0, 1) * (radius < reach) * (radius > 0.05)
+            cracks,
+            np.clip(1.2 - off * size / 1.6, 0, 1) * (radius < reach) * (radius > 0.05),
         )
-    return (dark + (light - dark) * np.clip(tone, 0, 1)[..., None]) * (1 - 0.75 * cracks[..., None])
+    return (dark + (light - dark) * np.clip(tone, 0, 1)[..., None]) * (
+        1 - 0.75 * cracks[..., None]
+    )
 
 
 def brickwork(
-    height: int, width: int, rows: int, columns: int, colour: np.ndarray, mortar: np.ndarray, seed: int = 0
+    height: int,
+    width: int,
+    rows: int,
+    columns: int,
+    colour: np.ndarray,
+    mortar: np.ndarray,
+    seed: int = 0,
 ) -> np.ndarray:
     """Bricks in running bond, each of its own tone."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:height, :width]
     along = y / height * rows
     across = x / width * columns + 0.5 * (along.astype(int) % 2)
-    tones = rng.normal(1, 0.12, (rows, columns + 1, 1)) * (1 + rng.normal(0, 0.03, (rows, columns + 1, 3)))
+    tones = rng.normal(1, 0.12, (rows, columns + 1, 1)) * (
+        1 + rng.normal(0, 0.03, (rows, columns + 1, 3))
+    )
     skin = colour * tones[along.astype(int) % rows, across.astype(int) % (columns + 1)]
-    skin = skin * np.clip(1 + 0.1 * cloud(height, width, (12, 12), 3, rng, 0.8), 0.4, 1.6)[..., None]
+    skin = (
+        skin
+        * np.clip(1 + 0.1 * cloud(height, width, (12, 12), 3, rng, 0.8), 0.4, 1.6)[
+            ..., None
+        ]
+    )
     gap = np.minimum((along % 1) / rows * height, (across % 1) / columns * width)
     joint = np.clip(0.09 * height / rows - gap + 0.5, 0, 1)[..., None]
     return (skin * (1 - joint) + mortar * joint) * (
@@ -184,7 +267,12 @@ def brickwork(
 
 
 def tin_label(
-    title: str, below: str, ground: np.ndarray, ink: np.ndarray, fruit: np.ndarray, seed: int
+    title: str,
+    below: str,
+    ground: np.ndarray,
+    ink: np.ndarray,
+    fruit: np.ndarray,
+    seed: int,
 ) -> np.ndarray:
     """The paper once around a tin, (512, 1280): a front at each half, row 0 at the foot; faded, scuffed."""
     height, half = 512, 640
@@ -201,20 +289,41 @@ def tin_label(
     middle = half / height / 2
     oval = np.hypot((x - middle) / 0.50, (y - 0.36) / 0.19)
     print_on((1 - oval) * 60, cream)
-    print_on(lettering((half, height), [(title, 0.5, 0.36, min(0.17, 1.1 / len(title)))]), ink)
+    print_on(
+        lettering((half, height), [(title, 0.5, 0.36, min(0.17, 1.1 / len(title)))]),
+        ink,
+    )
     for k in range(5):
         spot = np.hypot(x - middle - 0.17 * (k - 2), (y - 0.70 - 0.03 * (k % 2)))
         print_on((0.105 - spot) * 90, fruit * (0.75 + 0.1 * k))
         print_on(
-            (0.022 - np.hypot(x - middle - 0.17 * (k - 2) + 0.035, y - 0.66 - 0.03 * (k % 2))) * 60, cream
+            (
+                0.022
+                - np.hypot(
+                    x - middle - 0.17 * (k - 2) + 0.035, y - 0.66 - 0.03 * (k % 2)
+                )
+            )
+            * 60,
+            cream,
         )
     print_on(
-        lettering((half, height), [(below, 0.5, 0.945, 0.05), ("NET WT 400 g", 0.5, 0.055, 0.045)]), cream
+        lettering(
+            (half, height),
+            [(below, 0.5, 0.945, 0.05), ("NET WT 400 g", 0.5, 0.055, 0.045)],
+        ),
+        cream,
     )
     skin = np.concatenate([skin, skin], 1)
-    scuff = np.clip(cloud(height, 2 * half, (160, 200), 6, rng, 0.75) - 1.4, 0, 1)[..., None] * 0.6
+    scuff = (
+        np.clip(cloud(height, 2 * half, (160, 200), 6, rng, 0.75) - 1.4, 0, 1)[
+            ..., None
+        ]
+        * 0.6
+    )
     age = 1 + 0.06 * cloud(height, 2 * half, (200, 200), 4, rng)[..., None]
-    return np.clip((skin * (1 - scuff) + scuff * srgb(206, 198, 180)) * age * 0.92, 0, 0.8)[::-1]
+    return np.clip(
+        (skin * (1 - scuff) + scuff * srgb(206, 198, 180)) * age * 0.92, 0, 0.8
+    )[::-1]
 
 
 def stitched(size: int, seed: int = 0) -> np.ndarray:
@@ -223,21 +332,42 @@ def stitched(size: int, seed: int = 0) -> np.ndarray:
     latitude = (0.5 - (np.arange(size) + 0.5) / size) * np.pi
     longitude = (np.arange(2 * size) + 0.5) / size * np.pi
     z = np.sin(latitude)[:, None] + 0 * longitude
-    x, y = np.cos(latitude)[:, None] * np.cos(longitude), np.cos(latitude)[:, None] * np.sin(longitude)
+    x, y = (
+        np.cos(latitude)[:, None] * np.cos(longitude),
+        np.cos(latitude)[:, None] * np.sin(longitude),
+    )
     curve = np.linspace(0, 2 * np.pi, 217)[:-1]
     a = 0.44
     seam = np.stack(
-        [a * np.cos(3 * curve) + (1 - a) * np.cos(curve), a * np.sin(3 * curve) - (1 - a) * np.sin(curve)], 1
+        [
+            a * np.cos(3 * curve) + (1 - a) * np.cos(curve),
+            a * np.sin(3 * curve) - (1 - a) * np.sin(curve),
+        ],
+        1,
     )
     seam = np.column_stack([seam, 2 * np.sqrt(a * (1 - a)) * np.sin(2 * curve)])
     seam /= np.linalg.norm(seam, axis=1, keepdims=True)
     near = np.einsum("hwc,kc->hwk", np.stack([x, y, z], -1)[::2, ::2], seam)
-    away = cv2.resize(np.arccos(np.clip(near.max(-1), -1, 1)).astype(np.float32), (2 * size, size))
-    number = cv2.resize(near.argmax(-1).astype(np.float32), (2 * size, size), interpolation=cv2.INTER_NEAREST)
-    hide = (
-        srgb(196, 184, 160) * (1 + 0.07 * cloud(size, 2 * size, (size / 3, size / 3), 5, rng, 0.6))[..., None]
+    away = cv2.resize(
+        np.arccos(np.clip(near.max(-1), -1, 1)).astype(np.float32), (2 * size, size)
     )
-    dirt = np.clip(cloud(size, 2 * size, (size / 3, size / 3), 5, rng, 0.7) - 0.5, 0, 1.4)[..., None] * 0.4
+    number = cv2.resize(
+        near.argmax(-1).astype(np.float32),
+        (2 * size, size),
+        interpolation=cv2.INTER_NEAREST,
+    )
+    hide = (
+        srgb(196, 184, 160)
+        * (1 + 0.07 * cloud(size, 2 * size, (size / 3, size / 3), 5, rng, 0.6))[
+            ..., None
+        ]
+    )
+    dirt = (
+        np.clip(cloud(size, 2 * size, (size / 3, size / 3), 5, rng, 0.7) - 0.5, 0, 1.4)[
+            ..., None
+        ]
+        * 0.4
+    )
     hide = hide * (1 - dirt) + dirt * srgb(104, 84, 62)
     thread = ((away > 0.02) & (away < 0.11) & (number % 4 < 2))[..., None] * 0.85
     hide = hide * (1 - thread) + thread * srgb(158, 36, 32)
@@ -250,10 +380,20 @@ def fairground(height: int, width: int, seed: int = 0) -> np.ndarray:
     scene = np.zeros((height, width, 3), np.float32)
     scene += np.linspace(0.012, 0.03, height)[:, None, None] * np.array([0.5, 0.6, 1.1])
     colours = np.array(
-        [(1, 0.62, 0.25), (1, 0.2, 0.1), (0.25, 0.85, 0.35), (0.25, 0.45, 1), (1, 0.78, 0.5), (1, 0.35, 0.65)]
+        [
+            (1, 0.62, 0.25),
+            (1, 0.2, 0.1),
+            (0.25, 0.85, 0.35),
+            (0.25, 0.45, 1),
+            (1, 0.78, 0.5),
+            (1, 0.35, 0.65),
+        ]
     )
     for k in range(9):  # stalls: lit from under their roofs
-        left, tall = (k + rng.uniform(0, 0.6)) / 9 * width, rng.uniform(0.08, 0.16) * height
+        left, tall = (
+            (k + rng.uniform(0, 0.6)) / 9 * width,
+            rng.uniform(0.08, 0.16) * height,
+        )
         rows, columns = (
             slice(int(0.80 * height - tall), int(0.80 * height)),
             slice(int(left), int(left + 0.05 * width)),
@@ -262,15 +402,27 @@ def fairground(height: int, width: int, seed: int = 0) -> np.ndarray:
         scene[rows, columns] += 0.16 * fade * colours[rng.choice([0, 4, 0, 1])]
     middle, radius = (0.76 * width, 0.36 * height), 0.27 * height
     spots = [
-        (middle[0] + radius * np.cos(t), middle[1] + radius * np.sin(t), colours[k % 2 * 4])
+        (
+            middle[0] + radius * np.cos(t),
+            middle[1] + radius * np.sin(t),
+            colours[k % 2 * 4],
+        )
         for k, t in enumerate(np.linspace(0, 2 * np.pi, 25)[:-1])
     ]
     for _ in range(4):
-        y0, sag, lag = rng.uniform(0.08, 0.5) * height, rng.uniform(0.08, 0.2) * height, rng.uniform(0, 1)
+        y0, sag, lag = (
+            rng.uniform(0.08, 0.5) * height,
+            rng.uniform(0.08, 0.2) * height,
+            rng.uniform(0, 1),
+        )
         for t in np.linspace(0, 1, 17) + rng.uniform(0, 0.06):
             drop = sag * np.sin(np.pi * ((2 * t + lag) % 1))
             spots.append(
-                ((t + rng.normal(0, 0.004)) * width, y0 + drop + rng.normal(0, 4), colours[rng.integers(6)])
+                (
+                    (t + rng.normal(0, 0.004)) * width,
+                    y0 + drop + rng.normal(0, 4),
+                    colours[rng.integers(6)],
+                )
             )
     for x, y, colour in spots:
         disc = np.zeros((height, width), np.float32)
@@ -283,7 +435,9 @@ def kraft(height: int, width: int, seed: int = 0) -> np.ndarray:
     """Brown corrugated board: fibres, faint flutes, scuffs."""
     rng = np.random.default_rng(seed)
     tone = np.array([186, 146, 104]) + rng.normal(0, 6) + rng.normal(0, 2, 3)
-    fibre = 0.5 * noise(height, width, (2, 5), rng) + 0.5 * cloud(height, width, (6, 12), 3, rng, 0.8)
+    fibre = 0.5 * noise(height, width, (2, 5), rng) + 0.5 * cloud(
+        height, width, (6, 12), 3, rng, 0.8
+    )
     flutes = np.sin(np.arange(width) / width * 2 * np.pi * 52)[None] * 0.015
     broad = cloud(height, width, (height / 2, width / 2), 4, rng)
     return (
@@ -303,7 +457,9 @@ def carton(size: tuple[float, float], seed: int, marks: str = "") -> np.ndarray:
     def cover(mask: np.ndarray, colour: np.ndarray) -> None:
         skin[:] = skin + (colour - skin) * np.clip(mask, 0, 1)[..., None]
 
-    edge = np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)) / scale
+    edge = (
+        np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)) / scale
+    )
     rough = 0.004 * cloud(height, width, (40, 40), 4, rng)
     cover(np.clip(1 - (edge + rough) / 0.006, 0, 1) * 0.35, srgb(214, 186, 150))
     tape = srgb(186, 146, 92) if seed % 3 else srgb(206, 190, 160)
@@ -311,7 +467,10 @@ def carton(size: tuple[float, float], seed: int, marks: str = "") -> np.ndarray:
     for reach, side in ((rng.uniform(0.05, 0.075), 0), (rng.uniform(0.04, 0.07), 1)):
         down = (y if side == 0 else height - 1 - y) / scale
         jag = 0.001 * np.sin(x * 1.3)
-        cover(0.75 * (np.abs(x - middle) < 0.025 * scale) * (down < reach + jag), tape * 0.9)
+        cover(
+            0.75 * (np.abs(x - middle) < 0.025 * scale) * (down < reach + jag),
+            tape * 0.9,
+        )
     if marks:
         words = marks.split("|")
         lines = [(word, 0.30, 0.70 + 0.13 * k, 0.10) for k, word in enumerate(words)]
@@ -332,11 +491,19 @@ def carton(size: tuple[float, float], seed: int, marks: str = "") -> np.ndarray:
     inside = (u > 0) & (u < 1) & (v > 0) & (v < 1)
     cover(inside * 0.95, srgb(206, 206, 200))
     bars = np.repeat(rng.random(60) < 0.5, 4)[np.clip(u * 240, 0, 239).astype(int)]
-    cover(inside * bars * (np.abs(v - 0.76) < 0.14) * (np.abs(u - 0.5) < 0.42) * 0.9, srgb(30, 30, 32))
+    cover(
+        inside * bars * (np.abs(v - 0.76) < 0.14) * (np.abs(u - 0.5) < 0.42) * 0.9,
+        srgb(30, 30, 32),
+    )
     for row, stretch in ((0.12, 0.5), (0.22, 0.7), (0.31, 0.62), (0.40, 0.3)):
         dots = np.repeat(rng.random(60) < 0.75, 4)[np.clip(u * 240, 0, 239).astype(int)]
         cover(
-            inside * dots * (np.abs(v - row) < 0.022) * (u > 0.08) * (u < 0.08 + stretch) * 0.8,
+            inside
+            * dots
+            * (np.abs(v - row) < 0.022)
+            * (u > 0.08)
+            * (u < 0.08 + stretch)
+            * 0.8,
             srgb(40, 40, 44),
         )
     return np.clip(skin, 0.01, 0.8)[::-1]

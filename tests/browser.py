@@ -28,7 +28,9 @@ LOOKS: dict[str, dict[str, Any]] = {
 
 def chromium() -> str:
     """Where it is; the message of what to do where it is not."""
-    found = os.environ.get("PHYSGEN_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+    found = os.environ.get("PHYSGEN_CHROMIUM") or next(
+        filter(None, map(shutil.which, NAMES)), None
+    )
     assert found, (
         "tests of the report need Chromium: apt-get install chromium, or set PHYSGEN_CHROMIUM to its path"
     )
@@ -41,7 +43,9 @@ def launched() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        browser = playwright.chromium.launch(
+            executable_path=chromium(), args=["--no-sandbox"]
+        )
         try:
             yield browser
         finally:
@@ -122,11 +126,17 @@ class Opened:
 
     @property
     def time(self) -> float:
-        return float(self.page.evaluate("() => +document.getElementById('player').dataset.time"))
+        return float(
+            self.page.evaluate("() => +document.getElementById('player').dataset.time")
+        )
 
     @property
     def playing(self) -> bool:
-        return bool(self.page.evaluate("() => document.getElementById('player').dataset.playing === 'true'"))
+        return bool(
+            self.page.evaluate(
+                "() => document.getElementById('player').dataset.playing === 'true'"
+            )
+        )
 
     def pixels(self) -> np.ndarray:
         """(h, w, 4) of the canvas, read back."""
@@ -136,7 +146,11 @@ class Opened:
             " for (let k = 0; k < d.length; k += 32768) s += String.fromCharCode(...d.subarray(k, k + 32768));"
             " return [[c.height, c.width], s]; }"
         )
-        return np.frombuffer(codes.encode("latin-1"), np.uint8).reshape(*size, 4).astype(np.float64)
+        return (
+            np.frombuffer(codes.encode("latin-1"), np.uint8)
+            .reshape(*size, 4)
+            .astype(np.float64)
+        )
 
 
 @contextmanager
@@ -147,10 +161,14 @@ def opened(
 
     A report shows its preview, which tests read, unless told otherwise.
     """
-    context = browser.new_context(**{"viewport": DESK, "reduced_motion": "reduce", **how})
+    context = browser.new_context(
+        **{"viewport": DESK, "reduced_motion": "reduce", **how}
+    )
     page = context.new_page()
     seen = Opened(page)
-    page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
+    page.on(
+        "console", lambda m: seen.errors.append(m.text) if m.type == "error" else None
+    )
     page.on("pageerror", lambda error: seen.errors.append(str(error)))
     page.on("request", lambda request: seen.asked.append(request.url))
     try:
@@ -178,13 +196,20 @@ def grave(page: Any, selector: str = "body") -> list[str]:
     from axe_playwright_python.sync_playwright import Axe
 
     found = Axe().run(page, context=selector).response["violations"]
-    return [f"{row['id']}: {row['nodes'][0]['html'][:160]}" for row in found if row["impact"] in GRAVE]
+    return [
+        f"{row['id']}: {row['nodes'][0]['html'][:160]}"
+        for row in found
+        if row["impact"] in GRAVE
+    ]
 
 
 def overflowing(page: Any) -> list[str]:
     """Texts that leave the page, and its width where it is wider than the window."""
     wide = page.evaluate("() => [innerWidth, document.documentElement.scrollWidth]")
-    return [*page.evaluate(OUTSIDE), *([] if wide[0] == wide[1] else [f"{wide[1]} px wide"])]
+    return [
+        *page.evaluate(OUTSIDE),
+        *([] if wide[0] == wide[1] else [f"{wide[1]} px wide"]),
+    ]
 
 
 def unfolded(page: Any) -> None:
@@ -203,7 +228,9 @@ def middle(pixels: np.ndarray, colour: np.ndarray, size: tuple[int, int]) -> np.
     near = np.abs(pixels[..., :3] - colour).max(axis=2) < 12
     assert near.any()
     rows, columns = np.nonzero(near)
-    return (np.array([columns.mean(), rows.mean()]) + 0.5) * size[0] / pixels.shape[1] - 0.5
+    return (np.array([columns.mean(), rows.mean()]) + 0.5) * size[0] / pixels.shape[
+        1
+    ] - 0.5
 
 
 def at(pixels: np.ndarray, x: float, y: float, size: tuple[int, int]) -> np.ndarray:
@@ -228,13 +255,20 @@ def picture(uri: str) -> np.ndarray:
     """(h, w, 4) of a data URI."""
     from PIL import Image
 
-    return np.asarray(Image.open(io.BytesIO(b64decode(uri.partition(",")[2]))).convert("RGBA"), np.float64)
+    return np.asarray(
+        Image.open(io.BytesIO(b64decode(uri.partition(",")[2]))).convert("RGBA"),
+        np.float64,
+    )
 
 
 def lay(canvas: np.ndarray, row: dict[str, Any]) -> None:
     """A cut-out or a shadow on a canvas (H, W, 3), as browsers do: coverage times colour codes."""
-    left, top, wide, high = (round(v + e) for v, e in zip(row["box"], (0.5, 0.5, 0, 0), strict=True))
-    drawn = cv2.resize(picture(row["src"]), (wide, high), interpolation=cv2.INTER_LINEAR)
+    left, top, wide, high = (
+        round(v + e) for v, e in zip(row["box"], (0.5, 0.5, 0, 0), strict=True)
+    )
+    drawn = cv2.resize(
+        picture(row["src"]), (wide, high), interpolation=cv2.INTER_LINEAR
+    )
     y0, x0, y1, x1 = (
         max(top, 0),
         max(left, 0),
@@ -255,7 +289,9 @@ def looks_like(seen: Any, golden: Path, *, renew: bool = False) -> str:
     """ "" where the whole page looks like a golden picture, else what differs; what a machine decides is left out."""
     from PIL import Image, ImageFilter
 
-    shot = Image.open(io.BytesIO(seen.screenshot(full_page=True, animations="disabled"))).convert("RGB")
+    shot = Image.open(
+        io.BytesIO(seen.screenshot(full_page=True, animations="disabled"))
+    ).convert("RGB")
     size = -(-shot.width // CELL), -(-shot.height // CELL)
     small = shot.resize(size, Image.Resampling.BOX)
     if renew:
@@ -266,7 +302,9 @@ def looks_like(seen: Any, golden: Path, *, renew: bool = False) -> str:
         return f"{golden.name}: {size} cells, not {true.size}"
     both = np.stack(
         [
-            np.asarray(one.filter(ImageFilter.BoxBlur(1)), float)[: min(true.height, small.height)]
+            np.asarray(one.filter(ImageFilter.BoxBlur(1)), float)[
+                : min(true.height, small.height)
+            ]
             for one in (small, true)
         ]
     )
@@ -274,4 +312,8 @@ def looks_like(seen: Any, golden: Path, *, renew: bool = False) -> str:
     row, column = np.unravel_index(off.argmax(), off.shape)
     worst = off[row, column]
     place = f"{column * CELL}, {row * CELL} px"
-    return "" if worst <= COARSEST else f"{golden.name}: off by {worst:.0f} levels at {place}"
+    return (
+        ""
+        if worst <= COARSEST
+        else f"{golden.name}: off by {worst:.0f} levels at {place}"
+    )

@@ -14,7 +14,9 @@ from browser import launched
 from vlm_stub import KEY, Stub
 
 # the same examples on every run, so that a red run tells of a change; no deadline: machines are shared
-hypothesis.settings.register_profile("steady", derandomize=True, deadline=None, max_examples=50)
+hypothesis.settings.register_profile(
+    "steady", derandomize=True, deadline=None, max_examples=50
+)
 hypothesis.settings.load_profile("steady")
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 os.environ["XDG_CONFIG_HOME"] = os.devnull  # nobody's own physgen.toml
@@ -22,14 +24,18 @@ os.environ["XDG_CONFIG_HOME"] = os.devnull  # nobody's own physgen.toml
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(
+    config: pytest.Config, items: list[pytest.Item]
+) -> None:
     """Deselect, never skip: without the folder these tests have nothing to read."""
     if os.environ.get("PHYSGEN_PEER_SCENES"):
         return
     peer = [item for item in items if item.get_closest_marker("peer_scenes")]
     if peer:
         config.hook.pytest_deselected(items=peer)
-        items[:] = [item for item in items if not item.get_closest_marker("peer_scenes")]
+        items[:] = [
+            item for item in items if not item.get_closest_marker("peer_scenes")
+        ]
 
 
 @pytest.fixture(scope="session")
@@ -53,7 +59,9 @@ def bundled() -> Path:
 def _nobodys_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Nobody's own cache; this one is for what fixtures of a module or a session do."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "caches" / "shared"))
+        patch.setenv(
+            "XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "caches" / "shared")
+        )
         yield
 
 
@@ -66,7 +74,9 @@ def _own_cache(
 ) -> None:
     """Every test starts with an empty one, away from its `tmp_path`; made only where it is used."""
     name = hashlib.sha256(request.node.nodeid.encode()).hexdigest()[:16]
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "caches" / name))
+    monkeypatch.setenv(
+        "XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "caches" / name)
+    )
 
 
 @pytest.fixture

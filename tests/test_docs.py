@@ -15,12 +15,14 @@ PAGES = sorted((ROOT / "docs").glob("*.md"))
 MOST_PAGES, MOST_WORDS = 16, 25_000
 
 
-@pytest.mark.parametrize(("name", "module"), [("benchmarks", "tables"), ("accuracy", "accuracy")])
+@pytest.mark.parametrize(
+    ("name", "module"), [("benchmarks", "tables"), ("accuracy", "accuracy")]
+)
 def test_a_page_is_what_its_json_says(name: str, module: str) -> None:
     """`python benchmarks/tables.py` writes both."""
-    assert (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") == importlib.import_module(
-        module
-    ).page()
+    assert (ROOT / "docs" / f"{name}.md").read_text(
+        encoding="utf-8"
+    ) == importlib.import_module(module).page()
 
 
 def test_docs_stay_short() -> None:
@@ -29,7 +31,9 @@ def test_docs_stay_short() -> None:
 
 
 @pytest.mark.parametrize(
-    "page", [ROOT / "README.md", ROOT / "studio" / "README.md", *PAGES], ids=lambda p: p.name
+    "page",
+    [ROOT / "README.md", ROOT / "studio" / "README.md", *PAGES],
+    ids=lambda p: p.name,
 )
 def test_links_lead_somewhere(page: Path) -> None:
     """To a file that is there, and to a heading of it."""
@@ -38,7 +42,9 @@ def test_links_lead_somewhere(page: Path) -> None:
             name, _, heading = link.partition("#")
             target = page.parent / name if name else page
             assert target.exists(), f"{page.name} -> {link}"
-            assert not heading or heading in headings(target.read_text()), f"{page.name} -> {link}"
+            assert not heading or heading in headings(target.read_text()), (
+                f"{page.name} -> {link}"
+            )
 
 
 def test_pages_that_code_and_templates_name_are_there() -> None:
@@ -50,7 +56,8 @@ def test_pages_that_code_and_templates_name_are_there() -> None:
     named = {
         (name, str(path.relative_to(ROOT)))
         for path in files
-        if path.suffix in (".py", ".json", ".html", ".js", ".md", ".toml") and path.stat().st_size < 10**6
+        if path.suffix in (".py", ".json", ".html", ".js", ".md", ".toml")
+        and path.stat().st_size < 10**6
         for name in re.findall(r"docs/([\w-]+\.md)", path.read_text(encoding="utf-8"))
     }
     assert len(named) > 10
@@ -58,14 +65,19 @@ def test_pages_that_code_and_templates_name_are_there() -> None:
 
 
 def modules_with_examples() -> list[str]:
-    paths = [path.relative_to(ROOT) for path in (ROOT / "physgen").rglob("*.py") if ">>>" in path.read_text()]
+    paths = [
+        path.relative_to(ROOT)
+        for path in (ROOT / "physgen").rglob("*.py")
+        if ">>>" in path.read_text()
+    ]
     own = [
         path.relative_to(ROOT / "benchmarks")
         for path in (ROOT / "benchmarks").rglob("*.py")
         if ">>>" in path.read_text()
     ]
     return sorted(
-        str(path.with_suffix("")).replace("/", ".").removesuffix(".__init__") for path in (*paths, *own)
+        str(path.with_suffix("")).replace("/", ".").removesuffix(".__init__")
+        for path in (*paths, *own)
     )
 
 
@@ -77,11 +89,15 @@ def test_examples_in_docstrings_hold(module: str) -> None:
 
 
 @pytest.mark.slow
-def test_examples_of_the_python_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_of_the_python_page_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     shutil.copy(ROOT / "scenes/billiards/photo.png", tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(), re.DOTALL)
+    blocks = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(), re.DOTALL
+    )
     exec(compile("\n".join(blocks), "docs/python.md", "exec"), {})
     assert (tmp_path / "out/dominoes/video.mp4").exists()
     assert (tmp_path / "scene.yaml").exists()
@@ -94,4 +110,7 @@ def headings(text: str) -> set[str]:
     ['a-page', 'jointsname', 'what-and-why']
     """
     titles = re.findall(r"^#+ +(.+)$", text, re.MULTILINE)
-    return {re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", title.lower()).strip()) for title in titles}
+    return {
+        re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", title.lower()).strip())
+        for title in titles
+    }

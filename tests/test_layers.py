@@ -17,7 +17,15 @@ LAYERS = (
 )  # fmt: skip
 """From the bottom up; the flat modules at the root are the core, apart from the entry points."""
 ENTRY_POINTS = {"physgen.__main__": "cli"}
-MODEL_LIBRARIES = {"torch", "transformers", "diffusers", "accelerate", "openai", "jax", "tensorflow"}
+MODEL_LIBRARIES = {
+    "torch",
+    "transformers",
+    "diffusers",
+    "accelerate",
+    "openai",
+    "jax",
+    "tensorflow",
+}
 WITH_MODELS = {"backends"}
 """Folders that may import them."""
 BY_NAME = {"physgen.registry"}
@@ -48,10 +56,14 @@ def imports(name: str) -> tuple[tuple[int, str], ...]:
         if isinstance(node, ast.Import):
             found += [(node.lineno, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{name}:{node.lineno}: write the import out in full"
+            assert node.level == 0, (
+                f"{name}:{node.lineno}: write the import out in full"
+            )
             for alias in node.names:
                 whole = f"{node.module}.{alias.name}"
-                found.append((node.lineno, whole if whole in modules() else node.module or ""))
+                found.append(
+                    (node.lineno, whole if whole in modules() else node.module or "")
+                )
     return tuple(found)
 
 
@@ -74,12 +86,17 @@ def test_a_package_imports_only_from_below() -> None:
 
 
 def test_no_two_modules_import_each_other() -> None:
-    below = {name: {other for _, other in imports(name) if other in modules()} - {name} for name in modules()}
+    below = {
+        name: {other for _, other in imports(name) if other in modules()} - {name}
+        for name in modules()
+    }
     done: dict[str, bool] = {}  # False while a module's own imports are followed
     path: list[str] = []
 
     def follow(name: str) -> None:
-        assert done.get(name, True), f"import cycle: {' -> '.join([*path[path.index(name) :], name])}"
+        assert done.get(name, True), (
+            f"import cycle: {' -> '.join([*path[path.index(name) :], name])}"
+        )
         if name in done:
             return
         done[name] = False
@@ -102,13 +119,18 @@ def calls(name: str) -> Iterator[tuple[int, str]]:
 
 def test_only_backends_are_imported_by_name() -> None:
     importers = {"importlib.import_module", "import_module", "__import__"}
-    found = {name for name in modules() for _, called in calls(name) if called in importers}
+    found = {
+        name for name in modules() for _, called in calls(name) if called in importers
+    }
     assert found <= BY_NAME
 
 
 def test_model_libraries_stay_in_backends() -> None:
     users = {
-        name for name in modules() for _, other in imports(name) if other.split(".")[0] in MODEL_LIBRARIES
+        name
+        for name in modules()
+        for _, other in imports(name)
+        if other.split(".")[0] in MODEL_LIBRARIES
     }
     assert not [name for name in users if not WITH_MODELS & set(name.split("."))]
 
@@ -124,7 +146,12 @@ def test_one_module_uses_the_engine_one_the_encoder_and_one_the_decoder() -> Non
 
 def test_only_the_command_line_prints() -> None:
     lower = [name for name in modules() if layer(name) < LAYERS.index("cli")]
-    assert not [f"{name}:{line}" for name in lower for line, called in calls(name) if called == "print"]
+    assert not [
+        f"{name}:{line}"
+        for name in lower
+        for line, called in calls(name)
+        if called == "print"
+    ]
 
 
 def test_modules_are_named_after_their_subject() -> None:

@@ -52,7 +52,9 @@ def test_maps_come_back(percepts: Percepts, tmp_path: Path) -> None:
         ("shading", 4 / 65535),
         ("normals", 1 / 127),
     ):
-        assert np.abs(getattr(back, name) - getattr(percepts, name)).max() <= 0.51 * step, name
+        assert (
+            np.abs(getattr(back, name) - getattr(percepts, name)).max() <= 0.51 * step
+        ), name
 
 
 def test_maps_are_pictures_as_documented(percepts: Percepts, tmp_path: Path) -> None:
@@ -62,11 +64,20 @@ def test_maps_are_pictures_as_documented(percepts: Percepts, tmp_path: Path) -> 
     with Image.open(tmp_path / "background.png") as background:
         assert np.array_equal(np.asarray(background), percepts.background)
     for name in ("depth", "shading", "albedo"):
-        assert cv2.imread(str(tmp_path / f"{name}.png"), cv2.IMREAD_UNCHANGED).dtype == np.uint16
-    flat = Percepts(percepts.rgb, percepts.labels, normals=np.tile(np.float32([0, 0, 1]), (H, W, 1)))
+        assert (
+            cv2.imread(str(tmp_path / f"{name}.png"), cv2.IMREAD_UNCHANGED).dtype
+            == np.uint16
+        )
+    flat = Percepts(
+        percepts.rgb, percepts.labels, normals=np.tile(np.float32([0, 0, 1]), (H, W, 1))
+    )
     write_assets(flat, tmp_path / "flat")
     with Image.open(tmp_path / "flat" / "normals.png") as normals:
-        assert np.asarray(normals)[0, 0].tolist() == [128, 128, 255]  # 128 = 0, towards the viewer
+        assert np.asarray(normals)[0, 0].tolist() == [
+            128,
+            128,
+            255,
+        ]  # 128 = 0, towards the viewer
 
 
 def test_nothing_painted_is_lost(percepts: Percepts, tmp_path: Path) -> None:
@@ -94,7 +105,9 @@ def saved(tmp_path: Path, picture: Image.Image, name: str, **options: object) ->
 def test_every_kind_of_label_map(tmp_path: Path) -> None:
     ids = np.zeros((H, W), np.uint8)
     ids[2:9, 3:30], ids[20:30, 5:40] = 3, 7
-    assert np.array_equal(read_labels(saved(tmp_path, Image.fromarray(ids), "grey.png")), ids)
+    assert np.array_equal(
+        read_labels(saved(tmp_path, Image.fromarray(ids), "grey.png")), ids
+    )
     palette = Image.fromarray(ids).convert("P")
     palette.putpalette([9, 9, 9] * 256)
     assert np.array_equal(read_labels(saved(tmp_path, palette, "palette.png")), ids)
@@ -115,5 +128,7 @@ def test_a_map_of_another_size_is_refused(percepts: Percepts, tmp_path: Path) ->
     Image.fromarray(percepts.rgb).save(tmp_path / "photo.png")
     write_assets(percepts, tmp_path / "assets")
     Image.fromarray(percepts.rgb[:20]).save(tmp_path / "assets" / "background.png")
-    with pytest.raises(InputError, match="60 x 20 px differs from the photo's 60 x 40 px"):
+    with pytest.raises(
+        InputError, match="60 x 20 px differs from the photo's 60 x 40 px"
+    ):
         read_percepts(tmp_path / "photo.png", tmp_path / "assets", {})

@@ -122,7 +122,9 @@ def test_what_another_material_does_to_a_thing():
     assert kind("wooden elephant").filled == 1
 
 
-@pytest.mark.parametrize("label", ["marble", "glass ball", "steel ball", "ball bearing"])
+@pytest.mark.parametrize(
+    "label", ["marble", "glass ball", "steel ball", "ball bearing"]
+)
 def test_hard_polished_balls_bounce_well_and_vessels_do_not(label: str):
     assert kind(label).material.elasticity == 0.9
     assert kind("drinking glass").material.elasticity < 0.7
@@ -130,7 +132,9 @@ def test_hard_polished_balls_bounce_well_and_vessels_do_not(label: str):
 
 
 def test_a_surface_has_a_source_of_its_own():
-    mug, tennis, steel = (kind(label).material.surface for label in ("mug", "tennis ball", "steel ball"))
+    mug, tennis, steel = (
+        kind(label).material.surface for label in ("mug", "tennis ball", "steel ball")
+    )
     assert mug == "estimate"
     assert "ITF" in tennis
     assert "Newton" not in steel

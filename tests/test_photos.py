@@ -24,10 +24,18 @@ F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
 ADOBE_TO_XYZ = np.array(
-    [[0.5767309, 0.1855540, 0.1881852], [0.2973769, 0.6273491, 0.0752741], [0.0270343, 0.0706872, 0.9911085]]
+    [
+        [0.5767309, 0.1855540, 0.1881852],
+        [0.2973769, 0.6273491, 0.0752741],
+        [0.0270343, 0.0706872, 0.9911085],
+    ]
 )
 P3_TO_XYZ = np.array(
-    [[0.4865709, 0.2656677, 0.1982173], [0.2289746, 0.6917385, 0.0792869], [0.0, 0.0451134, 1.0439444]]
+    [
+        [0.4865709, 0.2656677, 0.1982173],
+        [0.2289746, 0.6917385, 0.0792869],
+        [0.0, 0.0451134, 1.0439444],
+    ]
 )
 """At D65, as Lindbloom prints them, the last from SMPTE EG 432-1."""
 XYZ_TO_SRGB = np.array(
@@ -45,7 +53,9 @@ def linear(srgb: F64) -> F64:
 
 def srgb(light: F64) -> F64:
     light = np.clip(light, 0, 1)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.where(
+        light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055
+    )
 
 
 def levels(shown: F64) -> U8:
@@ -79,14 +89,21 @@ def write16(path: Path, numbers: F64) -> Path:
     """(h, w[, 3 or 4]) 0..1 -> a file of 16 bits a channel, by OpenCV."""
     deep = np.round(numbers * 65535).astype(np.uint16)
     order = {3: [2, 1, 0], 4: [2, 1, 0, 3]}
-    assert cv2.imwrite(str(path), deep if deep.ndim == 2 else deep[:, :, order[deep.shape[2]]])
+    assert cv2.imwrite(
+        str(path), deep if deep.ndim == 2 else deep[:, :, order[deep.shape[2]]]
+    )
     return path
 
 
 def chunked(path: Path, kind: bytes, body: bytes) -> Path:
     """A PNG with one chunk more, before its pixels."""
     data = path.read_bytes()
-    chunk = struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    chunk = (
+        struct.pack(">I", len(body))
+        + kind
+        + body
+        + struct.pack(">I", zlib.crc32(kind + body))
+    )
     path.write_bytes(data[:33] + chunk + data[33:])
     return path
 
@@ -100,7 +117,9 @@ def profiled(path: Path, profile: bytes) -> Path:
 
 @pytest.mark.parametrize("name", ["a.png", "a.webp", "a.tif", "a.bmp", "a.ppm"])
 def test_colour_of_8_bits(shown: U8, tmp_path: Path, name: str) -> None:
-    Image.fromarray(shown).save(tmp_path / name, **({"lossless": True} if name == "a.webp" else {}))
+    Image.fromarray(shown).save(
+        tmp_path / name, **({"lossless": True} if name == "a.webp" else {})
+    )
     photo = read_photo(tmp_path / name)
     assert np.array_equal(photo.rgb, shown)
     assert photo.plain == (name in ("a.png", "a.webp"))  # what a scene may name
@@ -114,11 +133,19 @@ def test_16_bits_are_rounded_not_cut(true: F64, tmp_path: Path, suffix: str) -> 
     assert not read_photo(path).plain
     grey = numbers[:, :, 0]
     path = write16(tmp_path / f"grey.{suffix}", grey)
-    assert far(read_image(path), np.repeat(levels(np.round(grey * 65535) / 65535)[..., None], 3, axis=2)) == 0
+    assert (
+        far(
+            read_image(path),
+            np.repeat(levels(np.round(grey * 65535) / 65535)[..., None], 3, axis=2),
+        )
+        == 0
+    )
 
 
 @pytest.mark.parametrize("deep", [False, True])
-def test_what_lets_light_through_lies_on_white(true: F64, tmp_path: Path, deep: bool) -> None:
+def test_what_lets_light_through_lies_on_white(
+    true: F64, tmp_path: Path, deep: bool
+) -> None:
     alpha = np.tile(np.linspace(0, 1, W), (H, 1))
     whole = np.concatenate([true, alpha[..., None]], axis=2)
     if deep:
@@ -148,12 +175,16 @@ def test_palettes_and_colours_that_stand_for_nothing(shown: U8, tmp_path: Path) 
     assert np.array_equal(read_image(tmp_path / "t.gif"), over[ids])
     key = tuple(int(v) for v in shown[9, 9])
     Image.fromarray(shown).save(tmp_path / "k.png", transparency=key)
-    keyed = np.where((shown == shown[9, 9]).all(axis=2, keepdims=True), np.uint8(255), shown)
+    keyed = np.where(
+        (shown == shown[9, 9]).all(axis=2, keepdims=True), np.uint8(255), shown
+    )
     assert np.array_equal(read_image(tmp_path / "k.png"), keyed)
 
 
 def test_inks_without_a_profile(tmp_path: Path) -> None:
-    amounts = np.array([[0, 0, 0, 0], [255, 0, 0, 0], [0, 51, 102, 0], [10, 20, 30, 128]], np.uint8)
+    amounts = np.array(
+        [[0, 0, 0, 0], [255, 0, 0, 0], [0, 51, 102, 0], [10, 20, 30, 128]], np.uint8
+    )
     wide = np.repeat(np.repeat(amounts[None], 16, axis=0), 16, axis=1)
     image = Image.frombytes("CMYK", wide.shape[1::-1], wide.tobytes())
     image.save(tmp_path / "c.jpg", quality=100, subsampling=0)
@@ -187,16 +218,27 @@ def test_every_orientation(shown: U8, tmp_path: Path, orientation: int) -> None:
     image = Image.fromarray(stored(shown, orientation))
     for name in ("a.png", "a.webp", "a.tif", "a.jpg"):
         path = tmp_path / name
-        image.save(path, exif=exif, **({"lossless": True} if name == "a.webp" else {}), quality=100)
+        image.save(
+            path,
+            exif=exif,
+            **({"lossless": True} if name == "a.webp" else {}),
+            quality=100,
+        )
         photo = read_photo(path)
         assert photo.rgb.shape == shown.shape, name
         if name == "a.jpg":
-            corners = np.abs(photo.rgb[1:-1:20, 1:-1:31].astype(int) - shown[1:-1:20, 1:-1:31])
+            corners = np.abs(
+                photo.rgb[1:-1:20, 1:-1:31].astype(int) - shown[1:-1:20, 1:-1:31]
+            )
             assert corners.max() < 12
         else:
             assert np.array_equal(photo.rgb, shown), name
-        assert photo.plain == (orientation == 1 and name in ("a.png", "a.webp", "a.jpg")), name
-    clear = Image.fromarray(stored(np.dstack([shown, np.zeros((H, W), np.uint8)]), orientation))
+        assert photo.plain == (
+            orientation == 1 and name in ("a.png", "a.webp", "a.jpg")
+        ), name
+    clear = Image.fromarray(
+        stored(np.dstack([shown, np.zeros((H, W), np.uint8)]), orientation)
+    )
     clear.save(tmp_path / "clear.png", exif=exif)
     assert (read_photo(tmp_path / "clear.png").rgb == 255).all()
 
@@ -225,7 +267,9 @@ SPACES: dict[str, tuple[bytes, Callable[[F64], F64]]] = {
 
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.parametrize("deep", [False, True])
-def test_profiles_by_their_published_numbers(true: F64, tmp_path: Path, name: str, deep: bool) -> None:
+def test_profiles_by_their_published_numbers(
+    true: F64, tmp_path: Path, name: str, deep: bool
+) -> None:
     profile, meant = SPACES[name]
     codes = 65535 if deep else 255
     numbers = np.round(true * codes) / codes
@@ -246,7 +290,9 @@ def test_srgb_said_outright_is_plain(shown: U8, tmp_path: Path) -> None:
     for k, profile in enumerate(
         (
             profiles.rgb(profiles.SRGB, profiles.SRGB_CURVE),
-            profiles.rgb(profiles.SRGB, profiles.table(linear(np.linspace(0, 1, 1024)))),
+            profiles.rgb(
+                profiles.SRGB, profiles.table(linear(np.linspace(0, 1, 1024)))
+            ),
             ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(),
         )
     ):
@@ -258,7 +304,11 @@ def test_srgb_said_outright_is_plain(shown: U8, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("deep", [False, True])
 def test_grey_profiles(tmp_path: Path, deep: bool) -> None:
-    codes = np.linspace(0, 65535, 256).astype(np.uint16) if deep else np.arange(256).astype(np.uint8)
+    codes = (
+        np.linspace(0, 65535, 256).astype(np.uint16)
+        if deep
+        else np.arange(256).astype(np.uint8)
+    )
     image = np.tile(codes, (3, 1))
     v = codes / codes.max()
     path = tmp_path / "g.png"
@@ -268,10 +318,18 @@ def test_grey_profiles(tmp_path: Path, deep: bool) -> None:
         (SPACES["linear"][0], srgb(v)),  # a colour profile on a grey picture
     ):
         cv2.imwrite(str(path), image)
-        assert far(read_image(profiled(path, profile))[0], np.repeat(levels(meant)[:, None], 3, axis=1)) <= 1
+        assert (
+            far(
+                read_image(profiled(path, profile))[0],
+                np.repeat(levels(meant)[:, None], 3, axis=1),
+            )
+            <= 1
+        )
 
 
-def test_a_damaged_profile_is_told_of(shown: U8, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_profile_is_told_of(
+    shown: U8, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     good = profiles.rgb(profiles.P3, profiles.SRGB_CURVE)
     for k, profile in enumerate(
         (b"x" * 200, good[:140], good.replace(b"RGB ", b"CMYK"), profiles.grey(b"none"))
@@ -306,7 +364,9 @@ def test_other_files_are_refused(
 
 def test_unusual_tiffs_are_refused(shown: U8, tmp_path: Path) -> None:
     Image.fromarray(shown[:, :, 0].astype(np.float32)).save(tmp_path / "f.tif")
-    with pytest.raises(InputError, match="is a TIFF of an unusual kind, which is not read"):
+    with pytest.raises(
+        InputError, match="is a TIFF of an unusual kind, which is not read"
+    ):
         read_image(tmp_path / "f.tif")
     cv2.imwrite(str(tmp_path / "f3.tif"), shown.astype(np.float32))
     with pytest.raises(InputError, match="is not a picture that can be read"):
@@ -319,7 +379,9 @@ def test_unusual_tiffs_are_refused(shown: U8, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif", "deep.png"])
-def test_cut_off_files(shown: U8, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str) -> None:
+def test_cut_off_files(
+    shown: U8, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
     path = tmp_path / name
     if name == "deep.png":
         write16(path, shown / 255)
@@ -328,7 +390,10 @@ def test_cut_off_files(shown: U8, tmp_path: Path, capfd: pytest.CaptureFixture[s
     data = path.read_bytes()
     for part in (0.1, 0.5, 0.9):
         path.write_bytes(data[: int(part * len(data))])
-        for command in (["perceive", str(path)], ["perceive", str(path), "--masks", str(path)]):
+        for command in (
+            ["perceive", str(path)],
+            ["perceive", str(path), "--masks", str(path)],
+        ):
             assert main([*command, "-o", str(tmp_path / "s.yaml")]) == 2
             [line] = capfd.readouterr().err.splitlines()
             assert line.startswith(f"{path}: is ")
@@ -341,25 +406,46 @@ def ball(width: int, height: int) -> tuple[F64, U8]:
     """A red ball before a wall: sRGB 0..1, and its mask."""
     y, x = np.mgrid[0:height, 0:width]
     inside = np.hypot(x - width / 2, y - height / 2) < 0.3 * min(width, height)
-    return np.where(inside[..., None], (0.7, 0.2, 0.2), (0.6, 0.62, 0.65)), inside.astype(np.uint8)
+    return np.where(
+        inside[..., None], (0.7, 0.2, 0.2), (0.6, 0.62, 0.65)
+    ), inside.astype(np.uint8)
 
 
 @pytest.mark.parametrize("size", [(511, 333), (8, 8)])
-def test_odd_and_small_sizes_from_photo_to_video(tmp_path: Path, size: tuple[int, int]) -> None:
+def test_odd_and_small_sizes_from_photo_to_video(
+    tmp_path: Path, size: tuple[int, int]
+) -> None:
     picture, mask = ball(*size)
     Image.fromarray(levels(picture)).save(tmp_path / "p.png")
     cv2.imwrite(str(tmp_path / "m.png"), mask)
     scene = tmp_path / "s.yaml"
     assert (
-        main(["perceive", str(tmp_path / "p.png"), "--masks", str(tmp_path / "m.png"), "-o", str(scene)]) == 0
+        main(
+            [
+                "perceive",
+                str(tmp_path / "p.png"),
+                "--masks",
+                str(tmp_path / "m.png"),
+                "-o",
+                str(scene),
+            ]
+        )
+        == 0
     )
     short = ["--set", "world.duration=0.1"]
-    assert main(["render", str(scene), "-o", str(tmp_path), "--format", "mp4,png", *short]) == 0
+    assert (
+        main(["render", str(scene), "-o", str(tmp_path), "--format", "mp4,png", *short])
+        == 0
+    )
     with av.open(str(tmp_path / "s" / "video.mp4")) as container:
-        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+        frames = [
+            frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)
+        ]
     width, height = size
     assert frames[0].shape == (height + height % 2, width + width % 2, 3)
-    assert np.abs(frames[0][:height, :width].astype(int) - levels(picture)).mean() < 12  # of 4:2:0
+    assert (
+        np.abs(frames[0][:height, :width].astype(int) - levels(picture)).mean() < 12
+    )  # of 4:2:0
     first = cv2.imread(str(tmp_path / "s" / "frames" / "00000.png"))[:, :, ::-1]
     assert np.array_equal(first, levels(picture))
 
@@ -375,9 +461,22 @@ def test_photos_too_small_for_an_object(
         assert told.count("\n") == 1
         assert told.startswith(f"{tmp_path / 'p.png'}: {side} x {side} px is too small")
         assert code == 2
-        assert "is too small to find objects in; use a photo of at least 8 px a side" in told
+        assert (
+            "is too small to find objects in; use a photo of at least 8 px a side"
+            in told
+        )
         assert not (tmp_path / "s.yaml").exists()
-        assert main(["perceive", str(tmp_path / "p.png"), "--masks", str(tmp_path / "p.png")]) == 2
+        assert (
+            main(
+                [
+                    "perceive",
+                    str(tmp_path / "p.png"),
+                    "--masks",
+                    str(tmp_path / "p.png"),
+                ]
+            )
+            == 2
+        )
         assert "is too small to find objects in" in capsys.readouterr().err
     else:
         assert code == 0  # it hardly suits
@@ -387,12 +486,26 @@ def test_photos_too_small_for_an_object(
 
 def test_any_photo_becomes_a_scene_of_srgb(tmp_path: Path) -> None:
     picture, mask = ball(80, 60)
-    numbers = np.clip(srgb(linear(picture) @ np.linalg.inv(XYZ_TO_SRGB @ P3_TO_XYZ).T), 0, 1)
+    numbers = np.clip(
+        srgb(linear(picture) @ np.linalg.inv(XYZ_TO_SRGB @ P3_TO_XYZ).T), 0, 1
+    )
     photo = tmp_path / "phone.png"
     Image.fromarray(levels(numbers)).save(photo, icc_profile=SPACES["Display P3"][0])
     cv2.imwrite(str(tmp_path / "m.png"), mask)
     scene = tmp_path / "s.yaml"
-    assert main(["perceive", str(photo), "--masks", str(tmp_path / "m.png"), "-o", str(scene)]) == 0
+    assert (
+        main(
+            [
+                "perceive",
+                str(photo),
+                "--masks",
+                str(tmp_path / "m.png"),
+                "-o",
+                str(scene),
+            ]
+        )
+        == 0
+    )
     copy = cv2.imread(str(tmp_path / "s.assets" / "phone.png"))[:, :, ::-1]
     assert far(copy, levels(picture)) <= 1
     assert "image: s.assets/phone.png" in scene.read_text()

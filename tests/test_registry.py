@@ -54,14 +54,24 @@ def test_rows_are_unique_and_every_default_is_part_of_the_core():
     assert len(keys) == len(set(keys))
     assert all(registry.find(role).extra is None for role in registry.roles())
     assert load_plan() == Plan()
-    assert all(Plan().row(role).name == registry.names(role)[0] for role in registry.roles())
+    assert all(
+        Plan().row(role).name == registry.names(role)[0] for role in registry.roles()
+    )
 
 
 @pytest.mark.parametrize(
     ("role", "name", "message"),
     [
-        ("inpant", None, '--backend: "inpant" is not a role; did you mean inpaint? choose from'),
-        ("inpaint", "fil", '--backend: inpaint="fil" is not a backend; did you mean fill? choose from fill'),
+        (
+            "inpant",
+            None,
+            '--backend: "inpant" is not a role; did you mean inpaint? choose from',
+        ),
+        (
+            "inpaint",
+            "fil",
+            '--backend: inpaint="fil" is not a backend; did you mean fill? choose from fill',
+        ),
     ],
 )
 def test_unknown_names_are_refused(role: str, name: str | None, message: str):
@@ -71,30 +81,50 @@ def test_unknown_names_are_refused(role: str, name: str | None, message: str):
 
 
 def test_choices_report_every_mistake():
-    assert choices(["inpaint=fill", "matte=edge"]) == {"inpaint": Choice("fill"), "matte": Choice("edge")}
+    assert choices(["inpaint=fill", "matte=edge"]) == {
+        "inpaint": Choice("fill"),
+        "matte": Choice("edge"),
+    }
     with pytest.raises(InputError) as error:
         choices(["inpaint", "mate=edge", "matte=edg"])
     assert len(error.value.problems) == 3
 
 
 def test_flags_override_the_file_and_another_file_may_be_named(tmp_path: Path):
-    write(tmp_path / "home/physgen/physgen.toml", 'device = "cuda:1"\n[backend]\nsegment = "learned"\n')
+    write(
+        tmp_path / "home/physgen/physgen.toml",
+        'device = "cuda:1"\n[backend]\nsegment = "learned"\n',
+    )
     file = write(
         tmp_path / "mine.toml",
         '[backend]\nsegment = "grounding-dino+sam"\nphysics = "vlm"\n[vlm]\ntimeout = 3\n',
     )
-    assert (load_plan().device, chosen(load_plan())) == ("cuda:1", {"segment": "learned"})
+    assert (load_plan().device, chosen(load_plan())) == (
+        "cuda:1",
+        {"segment": "learned"},
+    )
     plan = load_plan(["physics=table"], config=file)
-    assert (plan.device, chosen(plan)) == ("auto", {"segment": "grounding-dino+sam", "physics": "table"})
+    assert (plan.device, chosen(plan)) == (
+        "auto",
+        {"segment": "grounding-dino+sam", "physics": "table"},
+    )
     assert load_plan(config=file).setup("physics").options == {"timeout": 3}
 
 
 def test_a_profile_of_a_flag_replaces_the_choices_of_the_file(tmp_path: Path):
-    write(tmp_path / "home/physgen/physgen.toml", 'profile = "models"\n[backend]\nphysics = "table"\n')
+    write(
+        tmp_path / "home/physgen/physgen.toml",
+        'profile = "models"\n[backend]\nphysics = "table"\n',
+    )
     plan = load_plan()
-    assert (plan.row("segment").name, plan.row("physics").name) == ("grounding-dino+sam", "table")
+    assert (plan.row("segment").name, plan.row("physics").name) == (
+        "grounding-dino+sam",
+        "table",
+    )
     assert load_plan(profile="models").row("physics").name == "vlm"
-    assert chosen(load_plan(["segment=learned"], profile="offline")) == {"segment": "learned"}
+    assert chosen(load_plan(["segment=learned"], profile="offline")) == {
+        "segment": "learned"
+    }
 
 
 def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
@@ -117,7 +147,9 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
         'vln: "vln" means nothing here; did you mean vlm?',
     ]
     assert len(lines) == len(expected)
-    assert all(any(line.startswith(start) for line in lines) for start in expected), lines
+    assert all(any(line.startswith(start) for line in lines) for start in expected), (
+        lines
+    )
 
 
 @pytest.mark.parametrize(
@@ -133,7 +165,11 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
             {},
             'segment=learned:x" names weights for what has none; write segment=learned',
         ),
-        ([], {"config": Path("nowhere.toml")}, "nowhere.toml: cannot be read (No such file or directory)"),
+        (
+            [],
+            {"config": Path("nowhere.toml")},
+            "nowhere.toml: cannot be read (No such file or directory)",
+        ),
     ],
 )
 def test_wrong_flags_are_refused(settings: list[str], switches: dict, message: str):
@@ -143,9 +179,14 @@ def test_wrong_flags_are_refused(settings: list[str], switches: dict, message: s
 
 
 def test_every_wrong_option_is_told_at_once():
-    known = {"steps": (None, {"type": "integer", "minimum": 1}), "prompt": ("", {"type": "string"})}
+    known = {
+        "steps": (None, {"type": "integer", "minimum": 1}),
+        "prompt": ("", {"type": "string"}),
+    }
     with pytest.raises(InputError) as error:
-        read_options(Setup(options={"stepz": 3, "steps": 0, "prompt": 4}), "marigold", known)
+        read_options(
+            Setup(options={"stepz": 3, "steps": 0, "prompt": 4}), "marigold", known
+        )
     assert list(map(str, error.value.problems)) == [
         "physgen.toml: marigold.prompt: 4 is not of type 'string'; the default is ''",
         "physgen.toml: marigold.steps: 0 is less than the minimum of 1; leave it out",
@@ -180,7 +221,14 @@ def odd(monkeypatch: pytest.MonkeyPatch) -> type[Odd]:
     weights = (Weights("a/b", "", ""),)
     add_rows(
         monkeypatch,
-        Backend("segment", "odd", f"{__name__}:Odd", "", weights=weights, uses=("categories",)),
+        Backend(
+            "segment",
+            "odd",
+            f"{__name__}:Odd",
+            "",
+            weights=weights,
+            uses=("categories",),
+        ),
     )
     monkeypatch.setitem(sys.modules, __name__, sys.modules[Odd.__module__])
     Odd.made = Odd.closed = 0
@@ -194,12 +242,16 @@ def test_models_are_freed_after_their_role_unless_kept(odd: type[Odd]):
         backends = Backends(Plan(choices(["segment=odd"]), keep=keep))
         for _ in range(3):
             backends.begin()
-            assert backends.call("segment", RGB, categories=[1], depth=2) == [1]  # only what the row uses
+            assert backends.call("segment", RGB, categories=[1], depth=2) == [
+                1
+            ]  # only what the row uses
             backends.release("segment")
         assert (odd.made, odd.closed) == (instances, 0 if keep else instances)
         backends.close()
         assert odd.closed == instances
-        assert [(step["backend"], step["weights"]) for step in backends.record()] == [("odd", "a/b")]
+        assert [(step["backend"], step["weights"]) for step in backends.record()] == [
+            ("odd", "a/b")
+        ]
 
 
 def test_a_failure_of_a_chosen_backend_is_an_error(odd: type[Odd]):
@@ -209,38 +261,53 @@ def test_a_failure_of_a_chosen_backend_is_an_error(odd: type[Odd]):
         Backends(Plan(choices(["segment=odd:c/d"]))).call("segment", RGB, categories=[])
 
 
-def test_missing_libraries_are_reported_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
+def test_missing_libraries_are_reported_before_anything_runs(
+    monkeypatch: pytest.MonkeyPatch,
+):
     rows = [
-        Backend(role, "far", "nowhere:far", "", needs=("no_such_module",)) for role in ("segment", "depth")
+        Backend(role, "far", "nowhere:far", "", needs=("no_such_module",))
+        for role in ("segment", "depth")
     ]
     add_rows(monkeypatch, *rows)
     with pytest.raises(InputError) as error:
         Backends(Plan(choices(["segment=far", "depth=far"])))
     assert len(error.value.problems) == 2
-    assert f"needs no_such_module, which is not installed; {install('models')}" in str(error.value)
+    assert f"needs no_such_module, which is not installed; {install('models')}" in str(
+        error.value
+    )
     assert listing()[-1]["missing"][0] == f"needs no_such_module: {install('models')}"
 
 
 def missing(setting: str) -> list[str]:
     """What the row that a choice takes lacks."""
     rows = listing(Plan(choices([setting])))
-    (row,) = (row for row in rows if row["chosen"] and row["role"] == setting.partition("=")[0])
+    (row,) = (
+        row
+        for row in rows
+        if row["chosen"] and row["role"] == setting.partition("=")[0]
+    )
     assert row["ready"] == (not row["missing"])
-    assert [line.strip()[1:-1] for line in list(listing_lines([row]))[2:]] == row["missing"]
+    assert [line.strip()[1:-1] for line in list(listing_lines([row]))[2:]] == row[
+        "missing"
+    ]
     return list(row["missing"])
 
 
-def test_weights_that_a_choice_leaves_out_are_the_rows_own(tmp_path, monkeypatch: pytest.MonkeyPatch):
+def test_weights_that_a_choice_leaves_out_are_the_rows_own(
+    tmp_path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_CACHE", str(tmp_path / "hub"))
     (tmp_path / "SAM").touch()
-    lacks = (
-        "lacks IDEA-Research/grounding-dino-tiny (0.7 GB, Apache-2.0): hf download IDEA-Research/grounding"
-    )
+    lacks = "lacks IDEA-Research/grounding-dino-tiny (0.7 GB, Apache-2.0): hf download IDEA-Research/grounding"
     (line,) = missing(f"segment=grounding-dino+sam:,{tmp_path}/SAM")
     assert line.startswith(lacks)
     (line,) = missing(f"segment=grounding-dino+sam:{tmp_path}/SAM")
     assert line.startswith("lacks facebook/sam-vit-huge")
-    write(tmp_path / "hub/models--IDEA-Research--grounding-dino-tiny/snapshots/1/config.json", "")
+    write(
+        tmp_path
+        / "hub/models--IDEA-Research--grounding-dino-tiny/snapshots/1/config.json",
+        "",
+    )
     assert not missing(f"segment=grounding-dino+sam:, {tmp_path}/SAM")
     (tmp_path / "a,b").mkdir()
     assert not missing(f"depth=marigold:{tmp_path}/a,b")

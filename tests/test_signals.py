@@ -35,9 +35,15 @@ except KeyboardInterrupt:
 """
 
 
-@pytest.mark.parametrize(("error", "code"), [("KeyboardInterrupt", 7), ("SystemExit(5)", 5)])
-@pytest.mark.parametrize("delay", [0.001, 1e-6])  # the second ends within the hook, as on a busy machine
-def test_an_exception_that_c_swallows_is_raised_again(error: str, code: int, delay: float) -> None:
+@pytest.mark.parametrize(
+    ("error", "code"), [("KeyboardInterrupt", 7), ("SystemExit(5)", 5)]
+)
+@pytest.mark.parametrize(
+    "delay", [0.001, 1e-6]
+)  # the second ends within the hook, as on a busy machine
+def test_an_exception_that_c_swallows_is_raised_again(
+    error: str, code: int, delay: float
+) -> None:
     command = [sys.executable, "-c", CODE.format(error=error, delay=delay)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (run.returncode, run.stderr) == (code, "")
@@ -45,7 +51,9 @@ def test_an_exception_that_c_swallows_is_raised_again(error: str, code: int, del
 
 def test_other_exceptions_are_reported_as_before() -> None:
     code = CODE.format(error="ValueError('odd')", delay=0.001).replace("+ 30", "+ 0.1")
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120
+    )
     assert run.returncode == 1
     assert "ValueError: odd" in run.stderr
     assert run.stderr.endswith("no exception arrived\n")

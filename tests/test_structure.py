@@ -24,14 +24,18 @@ def packages() -> dict[str, structure.Package]:
 
 
 @pytest.mark.parametrize("what", LIMITS)
-def test_the_code_does_not_grow(what: str, packages: dict[str, structure.Package]) -> None:
+def test_the_code_does_not_grow(
+    what: str, packages: dict[str, structure.Package]
+) -> None:
     assert sum(getattr(package, what) for package in packages.values()) <= LIMITS[what]
 
 
 def test_no_function_is_too_long_or_takes_too_many_parameters(
     packages: dict[str, structure.Package],
 ) -> None:
-    assert [line for package in packages.values() for line in (*package.long, *package.wide)] == []
+    assert [
+        line for package in packages.values() for line in (*package.long, *package.wide)
+    ] == []
 
 
 def test_plain_words() -> None:
@@ -45,17 +49,27 @@ def test_a_long_and_a_wide_function_are_found(tmp_path) -> None:
     body = "    pass\n" * structure.LONGEST
     (folder / "module.py").write_text(f"LIMIT = 3\n\n\ndef function({names}):\n{body}")
     (found,) = structure.packages(folder).values()
-    counts = [found.modules, found.functions, found.constants, len(found.long), len(found.wide)]
+    counts = [
+        found.modules,
+        found.functions,
+        found.constants,
+        len(found.long),
+        len(found.wide),
+    ]
     assert counts == [1] * 5
 
 
-def test_a_clone_is_told_to_install_its_own_extras(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_clone_is_told_to_install_its_own_extras(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """From any folder the path in the command leads to the clone, whose pyproject.toml has each extra that is named."""
     extras = tomllib.loads((structure.ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
     texts = [path.read_text() for path in (structure.ROOT / "physgen").rglob("*.py")]
-    named = {extra for text in texts for extra in re.findall(r"""install\(["'](\w+)""", text)}
+    named = {
+        extra for text in texts for extra in re.findall(r"""install\(["'](\w+)""", text)
+    }
     assert named <= set(extras)
     assert len(named) >= 3
     for folder in (structure.ROOT, tmp_path):

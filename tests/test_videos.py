@@ -43,7 +43,9 @@ def drawn(size=(48, 32), count: int = 7) -> list[np.ndarray]:
     return frames
 
 
-def written(folder: Path, kind: Format, frames: list[np.ndarray], fps: float = 24.0) -> Path:
+def written(
+    folder: Path, kind: Format, frames: list[np.ndarray], fps: float = 24.0
+) -> Path:
     folder.mkdir(exist_ok=True)
     with open_video(folder, kind, frames[0].shape[1::-1], fps) as put:
         for frame in frames:
@@ -51,12 +53,18 @@ def written(folder: Path, kind: Format, frames: list[np.ndarray], fps: float = 2
     return folder / kind.file
 
 
-def bare_mp4(path: Path, frames: list[np.ndarray], tag: int | None, times=None, aspect=None) -> Path:
+def bare_mp4(
+    path: Path, frames: list[np.ndarray], tag: int | None, times=None, aspect=None
+) -> Path:
     """As other programs write it: planes made by hand with one matrix, `tag` says which, or nothing."""
     red, gu, gv, blue = MATRICES[tag or 5]
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=25)
-        stream.width, stream.height, stream.pix_fmt = frames[0].shape[1], frames[0].shape[0], "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = (
+            frames[0].shape[1],
+            frames[0].shape[0],
+            "yuv420p",
+        )
         stream.options = {"crf": "1"}
         if aspect:
             stream.codec_context.sample_aspect_ratio = aspect
@@ -66,13 +74,20 @@ def bare_mp4(path: Path, frames: list[np.ndarray], tag: int | None, times=None, 
         for k, rgb in enumerate(frames):
             r, g, b = (rgb[..., c].astype(float) / 255 for c in range(3))
             y = (gu / blue * b + gv / red * r + g) / (1 + gu / blue + gv / red)
-            planes = [16 + 219 * y, 128 + 224 * (b - y)[::2, ::2] / blue, 128 + 224 * (r - y)[::2, ::2] / red]
+            planes = [
+                16 + 219 * y,
+                128 + 224 * (b - y)[::2, ::2] / blue,
+                128 + 224 * (r - y)[::2, ::2] / red,
+            ]
             frame = av.VideoFrame(rgb.shape[1], rgb.shape[0], "yuv420p")
             for plane, values in zip(frame.planes, planes, strict=True):
                 padded = np.zeros((plane.height, plane.line_size), np.uint8)
                 padded[:, : plane.width] = np.rint(values)
                 plane.update(padded.tobytes())
-            frame.pts, frame.time_base = (times or [4 * i for i in range(len(frames))])[k], Fraction(1, 100)
+            frame.pts, frame.time_base = (
+                (times or [4 * i for i in range(len(frames))])[k],
+                Fraction(1, 100),
+            )
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
     return path
@@ -94,7 +109,9 @@ def test_what_we_write_comes_back_in_its_colours(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tag", [1, 5, None])
-def test_colours_of_other_programs_are_read_by_their_own_matrix(tmp_path: Path, tag: int | None) -> None:
+def test_colours_of_other_programs_are_read_by_their_own_matrix(
+    tmp_path: Path, tag: int | None
+) -> None:
     frames = [np.full((32, 48, 3), colour, np.uint8) for colour in COLOURS]
     clip = read_video(bare_mp4(tmp_path / "a.mp4", frames, tag))
     for colour, frame in zip(COLOURS, clip.frames(), strict=True):
@@ -103,28 +120,38 @@ def test_colours_of_other_programs_are_read_by_their_own_matrix(tmp_path: Path, 
 
 @pytest.mark.parametrize("size", [(48, 32), (47, 31)])
 @pytest.mark.parametrize("kind", [Format.GIF, Format.WEBP])
-def test_gif_and_webp_are_as_another_reader_sees_them(tmp_path: Path, size, kind: Format) -> None:
+def test_gif_and_webp_are_as_another_reader_sees_them(
+    tmp_path: Path, size, kind: Format
+) -> None:
     path = written(tmp_path, kind, drawn(size))
     clip = read_video(path)
     assert (clip.size, clip.fps) == (size, approx(24, rel=0.03))
     if kind is Format.GIF:
         with av.open(str(path)) as container:
-            other = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+            other = [
+                frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)
+            ]
     else:
         read, animation = cv2.imreadanimation(str(path))
         assert read
         other = [frame[..., 2::-1] for frame in animation.frames]
     assert np.array_equal(np.stack(list(clip.frames())), np.stack(other))
-    assert np.abs(np.stack(other).astype(int) - drawn(size)).mean() < (8 if kind is Format.GIF else 5)
+    assert np.abs(np.stack(other).astype(int) - drawn(size)).mean() < (
+        8 if kind is Format.GIF else 5
+    )
     with Image.open(path) as shown:
         assert shown.info["loop"] == 0, "for ever"
 
 
 def test_a_png_that_plays_is_exact_and_lies_on_white(tmp_path: Path) -> None:
-    frames = [np.dstack([frame, np.full(frame.shape[:2], 255, np.uint8)]) for frame in drawn()]
+    frames = [
+        np.dstack([frame, np.full(frame.shape[:2], 255, np.uint8)]) for frame in drawn()
+    ]
     frames[3][:8, :8, 3] = 0
     pages = [Image.fromarray(frame) for frame in frames]
-    pages[0].save(tmp_path / "a.png", save_all=True, append_images=pages[1:], duration=50)
+    pages[0].save(
+        tmp_path / "a.png", save_all=True, append_images=pages[1:], duration=50
+    )
     clip = read_video(tmp_path / "a.png")
     assert clip.fps == approx(20)
     wanted = drawn()
@@ -156,7 +183,17 @@ def turned(path: Path, a: int, b: int, c: int, d: int) -> Path:
     """The file with another display matrix: where its header has the identity."""
     data = bytearray(path.read_bytes())
     at = data.index(b"tkhd") + 4 + 4 + 20 + 8 + 8
-    assert struct.unpack(">9i", data[at : at + 36]) == (65536, 0, 0, 0, 65536, 0, 0, 0, 1 << 30)
+    assert struct.unpack(">9i", data[at : at + 36]) == (
+        65536,
+        0,
+        0,
+        0,
+        65536,
+        0,
+        0,
+        0,
+        1 << 30,
+    )
     x, y = 48 * (a < 0) + 32 * (c < 0), 32 * (d < 0) + 48 * (b < 0)
     data[at : at + 36] = struct.pack(
         ">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, x << 16, y << 16, 1 << 30
@@ -166,8 +203,12 @@ def turned(path: Path, a: int, b: int, c: int, d: int) -> Path:
     return other
 
 
-@pytest.mark.parametrize(("matrix", "turns"), [((0, 1, -1, 0), -1), ((-1, 0, 0, -1), 2), ((0, -1, 1, 0), 1)])
-def test_a_phone_held_on_its_side_is_read_upright(tmp_path: Path, matrix, turns: int) -> None:
+@pytest.mark.parametrize(
+    ("matrix", "turns"), [((0, 1, -1, 0), -1), ((-1, 0, 0, -1), 2), ((0, -1, 1, 0), 1)]
+)
+def test_a_phone_held_on_its_side_is_read_upright(
+    tmp_path: Path, matrix, turns: int
+) -> None:
     path = written(tmp_path, Format.MP4, drawn())
     clip, plain = read_video(turned(path, *matrix)), read_video(path)
     assert clip.size == ((48, 32) if turns == 2 else (32, 48))
@@ -178,12 +219,17 @@ def test_a_phone_held_on_its_side_is_read_upright(tmp_path: Path, matrix, turns:
 
 
 def test_what_cannot_be_read_is_told_in_one_line(tmp_path: Path) -> None:
-    assert told(tmp_path / "no.mp4") == f"{tmp_path / 'no.mp4'}: no such file; check the path"
+    assert (
+        told(tmp_path / "no.mp4")
+        == f"{tmp_path / 'no.mp4'}: no such file; check the path"
+    )
     (tmp_path / "a.mp4").write_text("words, not pictures, and many of them")
     assert told(tmp_path / "a.mp4").startswith(
         f"{tmp_path / 'a.mp4'}: is not a video that can be read (invalid data"
     )
-    assert told(tmp_path / "a.mp4").endswith("; save it as MP4, GIF or WebP, or as a folder of PNG")
+    assert told(tmp_path / "a.mp4").endswith(
+        "; save it as MP4, GIF or WebP, or as a folder of PNG"
+    )
     (tmp_path / "empty").mkdir()
     assert (
         told(tmp_path / "empty")
@@ -194,7 +240,10 @@ def test_what_cannot_be_read_is_told_in_one_line(tmp_path: Path) -> None:
         sound.setsampwidth(2)
         sound.setframerate(8000)
         sound.writeframes(bytes(1600))
-    assert told(tmp_path / "a.wav") == f"{tmp_path / 'a.wav'}: has no moving picture; name a video"
+    assert (
+        told(tmp_path / "a.wav")
+        == f"{tmp_path / 'a.wav'}: has no moving picture; name a video"
+    )
 
 
 def test_frames_of_another_size_are_told_by_name(tmp_path: Path) -> None:
@@ -216,7 +265,9 @@ def test_a_damaged_frame_is_told_before_anything_is_done(tmp_path: Path) -> None
     pictures = written(tmp_path, Format.PNG, drawn())
     whole = (pictures / "00003.png").read_bytes()
     (pictures / "00003.png").write_bytes(whole[: len(whole) // 2])
-    assert told(pictures).startswith(f"{pictures / '00003.png'}: is not a picture that can be read")
+    assert told(pictures).startswith(
+        f"{pictures / '00003.png'}: is not a picture that can be read"
+    )
 
 
 def test_light_beyond_white_is_refused(tmp_path: Path) -> None:
@@ -227,10 +278,17 @@ def test_light_beyond_white_is_refused(tmp_path: Path) -> None:
         stream.codec_context.color_trc = 16
         for frame in drawn():
             container.mux(
-                stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24").reformat(format="yuv420p"))
+                stream.encode(
+                    av.VideoFrame.from_ndarray(frame, format="rgb24").reformat(
+                        format="yuv420p"
+                    )
+                )
             )
         container.mux(stream.encode(None))
-    assert told(path) == f"{path}: is a video of high dynamic range; tone-map it to standard range first"
+    assert (
+        told(path)
+        == f"{path}: is a video of high dynamic range; tone-map it to standard range first"
+    )
 
 
 def test_a_playlist_opens_no_other_file(tmp_path: Path) -> None:
@@ -239,6 +297,8 @@ def test_a_playlist_opens_no_other_file(tmp_path: Path) -> None:
     text = f"#EXTM3U\n#EXT-X-VERSION:7\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{secret}\n#EXT-X-ENDLIST\n"
     (tmp_path / "a.m3u8").write_text(text)
     (tmp_path / "a.ffconcat").write_text(f"ffconcat version 1.0\nfile '{secret}'\n")
-    (tmp_path / "b.ffconcat").write_text(f"ffconcat version 1.0\nfile '{secret.name}'\n")
+    (tmp_path / "b.ffconcat").write_text(
+        f"ffconcat version 1.0\nfile '{secret.name}'\n"
+    )
     for name in ("a.m3u8", "a.ffconcat", "b.ffconcat"):
         assert "is not a video that can be read" in told(tmp_path / name)

@@ -13,8 +13,16 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def run(*command: object, cwd: Path) -> str:
-    environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
-    done = subprocess.run(list(map(str, command)), cwd=cwd, env=environment, capture_output=True, text=True)
+    environment = {
+        k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")
+    }
+    done = subprocess.run(
+        list(map(str, command)),
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -35,7 +43,9 @@ def test_the_wheel_renders(tmp_path: Path) -> None:
     [wheel] = (tmp_path / "dist").glob("physgen-*.whl")
     home = tmp_path / "env"
     venv.create(home, with_pip=False)
-    site = Path(sysconfig.get_path("purelib", vars={"base": str(home), "platbase": str(home)}))
+    site = Path(
+        sysconfig.get_path("purelib", vars={"base": str(home), "platbase": str(home)})
+    )
     # the libraries of this environment, without its editable physgen: paths inside a .pth do not run its .pth files
     (site / "libraries.pth").write_text(sysconfig.get_path("purelib") + "\n")
     run(
@@ -51,10 +61,18 @@ def test_the_wheel_renders(tmp_path: Path) -> None:
     )
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    where = run(home / "bin" / "python", "-c", "import physgen; print(physgen.__file__)", cwd=elsewhere)
+    where = run(
+        home / "bin" / "python",
+        "-c",
+        "import physgen; print(physgen.__file__)",
+        cwd=elsewhere,
+    )
     assert Path(where.strip()).is_relative_to(home)
     code = "from physgen.files import install; print(install('edit'))"
-    assert run(home / "bin" / "python", "-c", code, cwd=elsewhere) == 'pip install "physgen[edit]"\n'
+    assert (
+        run(home / "bin" / "python", "-c", code, cwd=elsewhere)
+        == 'pip install "physgen[edit]"\n'
+    )
     (elsewhere / "ball.yaml").write_text(
         "physgen: 1\nsize: [64, 48]\nworld: {duration: 0.1}\n"
         "objects: {a: {shape: {circle: {center: [30, 20], radius: 8}}}}\n"

@@ -31,15 +31,29 @@ KINDS = [
 def asked(body: dict[str, Any]) -> str:
     """`categories`, `label` or `physics`: what a request is about."""
     text = said(body)
-    return "physics" if "- mass:" in text else "label" if '{"name":' in text else "categories"
+    return (
+        "physics"
+        if "- mass:" in text
+        else "label"
+        if '{"name":' in text
+        else "categories"
+    )
 
 
 def said(body: dict[str, Any]) -> str:
-    return "".join(part["text"] for part in body["messages"][0]["content"] if part["type"] == "text")
+    return "".join(
+        part["text"]
+        for part in body["messages"][0]["content"]
+        if part["type"] == "text"
+    )
 
 
 def pictures(body: dict[str, Any]) -> list[str]:
-    return [p["image_url"]["url"] for p in body["messages"][0]["content"] if p["type"] == "image_url"]
+    return [
+        p["image_url"]["url"]
+        for p in body["messages"][0]["content"]
+        if p["type"] == "image_url"
+    ]
 
 
 def good(body: dict[str, Any]) -> dict[str, Any]:
@@ -73,9 +87,13 @@ def prose(http: Any, body: dict[str, Any]) -> None:
     )
 
 
-def status(code: int, message: str, **headers: str) -> Callable[[Any, dict[str, Any]], None]:
+def status(
+    code: int, message: str, **headers: str
+) -> Callable[[Any, dict[str, Any]], None]:
     """An error, as such servers word it."""
-    body = json.dumps({"error": {"message": message, "type": "error", "code": None}}).encode()
+    body = json.dumps(
+        {"error": {"message": message, "type": "error", "code": None}}
+    ).encode()
 
     def act(http: Any, asked: dict[str, Any]) -> None:
         http.give(code, body, headers)
@@ -109,7 +127,9 @@ def demanding(http: Any, body: dict[str, Any]) -> None:
     return well(http, body)
 
 
-def first(*acts: Callable[[Any, dict[str, Any]], None]) -> Callable[[Any, dict[str, Any]], None]:
+def first(
+    *acts: Callable[[Any, dict[str, Any]], None],
+) -> Callable[[Any, dict[str, Any]], None]:
     """One after the other; the last for ever."""
     left = list(acts)
 
@@ -126,17 +146,37 @@ class _Handler(BaseHTTPRequestHandler):
         body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         self.server.requests.append(body)
         self.server.heads.append(
-            (self.path, {name.lower(): value for name, value in self.headers.items()}, time.monotonic())
+            (
+                self.path,
+                {name.lower(): value for name, value in self.headers.items()},
+                time.monotonic(),
+            )
         )
         self.server.act(self, body)
 
     def say(self, text: str, finish: str = "stop") -> None:
-        choice = {"index": 0, "finish_reason": finish, "message": {"role": "assistant", "content": text}}
+        choice = {
+            "index": 0,
+            "finish_reason": finish,
+            "message": {"role": "assistant", "content": text},
+        }
         usage = {"prompt_tokens": 1000, "completion_tokens": 100, "total_tokens": 1100}
-        whole = {"id": "x", "object": "chat.completion", "created": 0, "model": "stub", "choices": [choice]}
+        whole = {
+            "id": "x",
+            "object": "chat.completion",
+            "created": 0,
+            "model": "stub",
+            "choices": [choice],
+        }
         self.give(200, json.dumps(whole | {"usage": usage}).encode(), {})
 
-    def give(self, code: int, data: bytes, headers: dict[str, str], kind: str = "application/json") -> None:
+    def give(
+        self,
+        code: int,
+        data: bytes,
+        headers: dict[str, str],
+        kind: str = "application/json",
+    ) -> None:
         self.send_response(code)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(data)))

@@ -33,5 +33,9 @@ def commented(text: str) -> tuple[str, list[str]]:
         if start and not start.startswith(("[", "#")):
             mine.append(" " * (len(line) - len(start)) + f"# mine: {number}")
             lines.append(mine[-1])
-        lines.append(f"{line}  # and {number}" if start.startswith("label:") and "#" not in line else line)
+        lines.append(
+            f"{line}  # and {number}"
+            if start.startswith("label:") and "#" not in line
+            else line
+        )
     return "\n".join(lines) + "\n", mine

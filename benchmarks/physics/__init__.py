@@ -19,7 +19,19 @@ from . import (
 )
 from .scorecard import Row, scene_file, scene_of
 
-_GROUPS = (falling, sliding, rolling, impacts, conserved, barriers, tabletop, stacks, forces, joints, energy)
+_GROUPS = (
+    falling,
+    sliding,
+    rolling,
+    impacts,
+    conserved,
+    barriers,
+    tabletop,
+    stacks,
+    forces,
+    joints,
+    energy,
+)
 ROWS: tuple[Row, ...] = tuple(
     sorted((row for group in _GROUPS for row in group.ROWS), key=lambda row: row.number)
 )

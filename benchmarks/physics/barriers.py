@@ -21,9 +21,17 @@ def _thin_walls(draw: Draw) -> list[Case]:
     for k, e in enumerate((1.0, 0.5)):
         top = 20.0 + 180 * k
         bounce = {"friction": 0.0, "elasticity": e}
-        corners = [[20.0, top], [480.0, top], [480.0, top + 160], [20.0, top + 160], [20.0, top]]
+        corners = [
+            [20.0, top],
+            [480.0, top],
+            [480.0, top + 160],
+            [20.0, top + 160],
+            [20.0, top],
+        ]
         walls[f"room-{k}"] = {"polyline": corners, **bounce}
-        objects[f"partition-{k}"] = box((250, top + 80), (1.0, 170.0), motion="static", **bounce)
+        objects[f"partition-{k}"] = box(
+            (250, top + 80), (1.0, 170.0), motion="static", **bounce
+        )
         for side in (-1, 1):
             radius, angle = draw.number(3, 6), np.radians(draw.number(-70, 70, 1))
             speed = FAST[draw.index] * radius * 960
@@ -39,16 +47,27 @@ def _thin_walls(draw: Draw) -> list[Case]:
                 continue
             track, top = run.track(name), 20 + 180 * int(name.split("-")[1])
             low, high = (20, 250) if name.endswith("left") else (250, 480)
-            inside = (track.x > low) & (track.x < high) & (track.y > top) & (track.y < top + 160)
+            inside = (
+                (track.x > low)
+                & (track.x < high)
+                & (track.y > top)
+                & (track.y < top + 160)
+            )
             out |= not bool(inside.all())
         return {"inside": float(out)}
 
-    return [Case(scene((500, 380), 0.2, objects, walls, world=FLOATING), measure, rate=960)]
+    return [
+        Case(scene((500, 380), 0.2, objects, walls, world=FLOATING), measure, rate=960)
+    ]
 
 
 def _hollow(draw: Draw) -> list[Case]:
     """1 unless the ball ends inside the U, on its floor, to half a pixel."""
-    inner, depth, thick = draw.number(70, 120, 0), draw.number(60, 110, 0), draw.number(10, 20, 0)
+    inner, depth, thick = (
+        draw.number(70, 120, 0),
+        draw.number(60, 110, 0),
+        draw.number(10, 20, 0),
+    )
     radius = draw.number(12, 24)
     loose = draw.index % 2 == 0
     left, right, base = 200 - inner / 2, 200 + inner / 2, 320.0
@@ -65,17 +84,33 @@ def _hollow(draw: Draw) -> list[Case]:
             **({"mass": 2000.0} if loose else {"motion": "static"}),
             **surface,
         },
-        "ball": circle((200 + aside, draw.number(60, 100)), radius, mass=draw.number(20, 200, 0), **surface),
+        "ball": circle(
+            (200 + aside, draw.number(60, 100)),
+            radius,
+            mass=draw.number(20, 200, 0),
+            **surface,
+        ),
     }
 
     def measure(run: Run) -> Errors:
         ball, hollow = run.track("ball"), run.track("hollow")
         x, y = ball.at[-1] - hollow.moved[-1]
-        inside = left + radius - 0.5 < x < right - radius + 0.5 and abs(y - (bottom - radius)) < 0.5
+        inside = (
+            left + radius - 0.5 < x < right - radius + 0.5
+            and abs(y - (bottom - radius)) < 0.5
+        )
         return {"inside": float(not (inside and abs(hollow.angle[-1]) < 0.01))}
 
     return [
-        Case(scene((400, 360), 2.5, objects, {"floor": segment((0, 320), (400, 320), **surface)}), measure)
+        Case(
+            scene(
+                (400, 360),
+                2.5,
+                objects,
+                {"floor": segment((0, 320), (400, 320), **surface)},
+            ),
+            measure,
+        )
     ]
 
 

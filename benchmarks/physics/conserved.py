@@ -14,7 +14,13 @@ from .staging import Point, box, circle, scene
 def _gas(draw: Draw) -> list[Case]:
     """Largest change of kinetic energy over its first value; 1 if a ball gets out."""
     width, height = 400.0, 300.0
-    corners = [[20.0, 20.0], [20 + width, 20.0], [20 + width, 20 + height], [20.0, 20 + height], [20.0, 20.0]]
+    corners = [
+        [20.0, 20.0],
+        [20 + width, 20.0],
+        [20 + width, 20 + height],
+        [20.0, 20 + height],
+        [20.0, 20.0],
+    ]
     placed: list[tuple[float, float, float]] = []
     while len(placed) < 10:
         radius = draw.number(8, 16)
@@ -25,7 +31,12 @@ def _gas(draw: Draw) -> list[Case]:
     for k, (x, y, radius) in enumerate(placed, 1):
         velocity = list(toward((0, 0), draw.angle(), draw.number(100, 250, 0)))
         objects[f"ball-{k}"] = circle(
-            (x, y), radius, mass=draw.mass(), velocity=velocity, friction=0.0, elasticity=1.0
+            (x, y),
+            radius,
+            mass=draw.mass(),
+            velocity=velocity,
+            friction=0.0,
+            elasticity=1.0,
         )
     walls = {"box": {"polyline": corners, "friction": 0.0, "elasticity": 1.0}}
 
@@ -33,13 +44,17 @@ def _gas(draw: Draw) -> list[Case]:
         kinetic = np.zeros(len(run.trajectory.times))
         for name in objects:
             track, body = run.track(name), run.body(name)
-            kinetic = kinetic + (body.mass * track.speed**2 + body.moment * track.spin**2) / 2
+            kinetic = (
+                kinetic + (body.mass * track.speed**2 + body.moment * track.spin**2) / 2
+            )
             aside = np.abs(track.at - (20 + width / 2, 20 + height / 2))
             if not (aside < (width / 2, height / 2)).all():
                 return {"energy": 1.0}
         return {"energy": worst(np.abs(kinetic / kinetic[0] - 1).tolist())}
 
-    return [Case(scene((440, 340), 20.0, objects, walls, world=FLOATING), measure, rate=24)]
+    return [
+        Case(scene((440, 340), 20.0, objects, walls, world=FLOATING), measure, rate=24)
+    ]
 
 
 def _polygon(draw: Draw, corners: int, radius: float) -> list[list[float]]:
@@ -49,7 +64,14 @@ def _polygon(draw: Draw, corners: int, radius: float) -> list[list[float]]:
     return [[round(radius * cos(a), 3), round(radius * sin(a), 3)] for a in turned]
 
 
-ELL = [[-24.0, -24.0], [24.0, -24.0], [24.0, -4.0], [-4.0, -4.0], [-4.0, 24.0], [-24.0, 24.0]]
+ELL = [
+    [-24.0, -24.0],
+    [24.0, -24.0],
+    [24.0, -4.0],
+    [-4.0, -4.0],
+    [-4.0, 24.0],
+    [-24.0, 24.0],
+]
 """px: an L about its corner."""
 
 
@@ -62,11 +84,20 @@ def _momenta(draw: Draw) -> list[Case]:
         {"shape": {"polygon": _polygon(draw, 5, 28)}},
         {"shape": {"polygon": ELL}},
     ]  # fmt: skip
-    first, second = shapes[draw.index % 4], shapes[(draw.index + 1 + draw.index // 4) % 4]
+    first, second = (
+        shapes[draw.index % 4],
+        shapes[(draw.index + 1 + draw.index // 4) % 4],
+    )
     angle, speed = draw.angle(), draw.number(150, 300, 0)
-    keys = {"mass": draw.mass(), "velocity": list(toward((0, 0), angle, speed)), **surface}
+    keys = {
+        "mass": draw.mass(),
+        "velocity": list(toward((0, 0), angle, speed)),
+        **surface,
+    }
     objects = {
-        "thrown": _moved(first, toward((220, 220), angle, -110, draw.sign() * draw.number(8, 16)))
+        "thrown": _moved(
+            first, toward((220, 220), angle, -110, draw.sign() * draw.number(8, 16))
+        )
         | keys
         | {"spin": draw.number(-300, 300, 0)},
         "struck": _moved(second, (220, 220))
@@ -81,7 +112,9 @@ def _momenta(draw: Draw) -> list[Case]:
             p, arm = body.mass * track.velocity, track.at - (220.0, 220.0)
             own = arm[:, 0] * p[:, 1] - arm[:, 1] * p[:, 0], body.moment * track.spin
             momentum, turning = momentum + p, turning + sum(own)
-            scales = scales + np.array([np.hypot(*p[0]), abs(own[0][0]) + abs(own[1][0])])
+            scales = scales + np.array(
+                [np.hypot(*p[0]), abs(own[0][0]) + abs(own[1][0])]
+            )
             spins.append(abs(track.spin[-1] - track.spin[0]))
         if max(spins) < 1e-3:
             return {"momenta": 1.0}  # they never met

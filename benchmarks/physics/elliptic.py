@@ -29,7 +29,9 @@ def complete(k: float) -> tuple[float, float]:
     return first, first * (1 - total)
 
 
-def runge_kutta(rate: Callable[[Array], Array], start: Array, duration: float, steps: int) -> Array:
+def runge_kutta(
+    rate: Callable[[Array], Array], start: Array, duration: float, steps: int
+) -> Array:
     """(steps + 1, D): the solution of y' = rate(y) from `start` (D,) at even times; the classical fourth order."""
     h = duration / steps
     states = [np.asarray(start, np.float64)]

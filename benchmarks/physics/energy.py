@@ -33,7 +33,9 @@ def _bouncing(draw: Draw) -> Case:
         )
         for k in range(4)
     }  # fmt: skip
-    objects["box"] = box((260, 280), (60, 30), 20, mass=draw.mass(), spin=200.0, **_surface(draw))
+    objects["box"] = box(
+        (260, 280), (60, 30), 20, mass=draw.mass(), spin=200.0, **_surface(draw)
+    )
     surface = _surface(draw)
     walls = {
         "floor": segment((20, 380), (500, 380), **surface),
@@ -50,14 +52,29 @@ def _tumbling(draw: Draw) -> Case:
     end = slope.point(slope.length)
     objects = {
         "tumbles": box(
-            slope.point(90, 50), (34, 50), draw.number(0, 90, 0), mass=draw.mass(), spin=300.0, **surface
+            slope.point(90, 50),
+            (34, 50),
+            draw.number(0, 90, 0),
+            mass=draw.mass(),
+            spin=300.0,
+            **surface,
         ),
         "slides": box(
-            slope.point(190, 10), (40, 20), slope.turned, mass=draw.mass(), friction=0.2, elasticity=0.1
+            slope.point(190, 10),
+            (40, 20),
+            slope.turned,
+            mass=draw.mass(),
+            friction=0.2,
+            elasticity=0.1,
         ),
-        "rolls": circle(slope.point(280, 16), 16, mass=draw.mass(), rolling=0.05, **surface),
+        "rolls": circle(
+            slope.point(280, 16), 16, mass=draw.mass(), rolling=0.05, **surface
+        ),
     }
-    walls = {"slope": slope.wall(**surface), "floor": segment(end, (end[0] + 500, end[1]), **surface)}
+    walls = {
+        "slope": slope.wall(**surface),
+        "floor": segment(end, (end[0] + 500, end[1]), **surface),
+    }
     return Case(scene((700, 260), 1.5, objects, walls), balance, "tumbling")
 
 
@@ -66,15 +83,29 @@ def _stack_hit(draw: Draw) -> Case:
     surface = _surface(draw)
     height = draw.number(24, 34, 0)
     objects = {
-        f"box-{k}": box((260, 280 - (k - 0.5) * height), (50, height), mass=draw.mass(), **_surface(draw))
+        f"box-{k}": box(
+            (260, 280 - (k - 0.5) * height),
+            (50, height),
+            mass=draw.mass(),
+            **_surface(draw),
+        )
         for k in range(1, 6)
     }
     speed = draw.number(350, 500, 0)
     objects["ball"] = circle(
-        (80, draw.number(170, 220)), 20, mass=draw.number(200, 500, 0), velocity=[speed, -100.0], **surface
+        (80, draw.number(170, 220)),
+        20,
+        mass=draw.number(200, 500, 0),
+        velocity=[speed, -100.0],
+        **surface,
     )
     return Case(
-        scene((520, 300), 1.5, objects, {"floor": segment((-300, 280), (900, 280), **surface)}),
+        scene(
+            (520, 300),
+            1.5,
+            objects,
+            {"floor": segment((-300, 280), (900, 280), **surface)},
+        ),
         balance,
         "stack",
     )
@@ -86,7 +117,9 @@ def _dominoes(draw: Draw) -> Case:
     height, mass = draw.number(60, 80, 0), draw.mass()
     apart = height * draw.number(0.4, 0.6)
     objects = {
-        f"domino-{k}": box((40 + k * apart, 180 - height / 2), (9, height), mass=mass, **surface)
+        f"domino-{k}": box(
+            (40 + k * apart, 180 - height / 2), (9, height), mass=mass, **surface
+        )
         for k in range(1, 8)
     }
     push = {
@@ -96,13 +129,21 @@ def _dominoes(draw: Draw) -> Case:
         "duration": 0.15,
     }
     floor = {"floor": segment((0, 180), (600, 180), **surface)}
-    return Case(scene((500, 210), 1.5, objects, floor, forces=[push]), balance, "dominoes")
+    return Case(
+        scene((500, 210), 1.5, objects, floor, forces=[push]), balance, "dominoes"
+    )
 
 
 def _table(draw: Draw) -> Case:
     """From above: a struck ball, others it meets, pucks that slide and spin, and cushions."""
     corners = [[20.0, 20.0], [500.0, 20.0], [500.0, 340.0], [20.0, 340.0], [20.0, 20.0]]
-    ball = {"solid": "sphere", "mass": draw.mass(), "friction": 0.2, "elasticity": 0.9, "rolling": 0.01}
+    ball = {
+        "solid": "sphere",
+        "mass": draw.mass(),
+        "friction": 0.2,
+        "elasticity": 0.9,
+        "rolling": 0.01,
+    }
     angle, speed = np.radians(draw.number(-10, 10)), draw.number(350, 500, 0)
     objects = {
         "cue": circle((90, 180), 16, velocity=[speed * cos(angle), speed * sin(angle)], roll="none", **ball),
@@ -144,7 +185,9 @@ def _machine(draw: Draw) -> Case:
         "glue": {"objects": ["left", "right"], "weld": [465.0, 220.0]},
     }  # fmt: skip
     floor = {"floor": segment((-200, 320), (800, 320), **surface)}
-    return Case(scene((700, 350), 1.5, objects, floor, joints=joints), balance, "machine")
+    return Case(
+        scene((700, 350), 1.5, objects, floor, joints=joints), balance, "machine"
+    )
 
 
 def _driven(draw: Draw) -> Case:
@@ -162,21 +205,43 @@ def _driven(draw: Draw) -> Case:
         ),
     }  # fmt: skip
     forces = [
-        {"object": "pushed", "force": [200.0 * GRAVITY * 0.9, 0.0], "start": 0.1, "duration": 0.3},
+        {
+            "object": "pushed",
+            "force": [200.0 * GRAVITY * 0.9, 0.0],
+            "start": 0.1,
+            "duration": 0.3,
+        },
         {
             "object": "pushed",
             "impulse": [-200.0 * draw.number(50, 120, 0), 0.0],
             "at": [80.0, 265.0],
             "start": 0.8,
         },
-        {"object": "turned", "torque": 150.0 * 20**2 / 2 * draw.number(10, 30), "duration": 0.5},
+        {
+            "object": "turned",
+            "torque": 150.0 * 20**2 / 2 * draw.number(10, 30),
+            "duration": 0.5,
+        },
     ]
     fields = {
-        "breeze": {"wind": [draw.number(100, 300, 0), 0], "drag": 0.01, "objects": ["blown", "turned"]},
-        "magnet": {"attractor": [400.0, 60.0], "strength": 8.0e6, "soften": 30.0, "objects": ["drawn"]},
+        "breeze": {
+            "wind": [draw.number(100, 300, 0), 0],
+            "drag": 0.01,
+            "objects": ["blown", "turned"],
+        },
+        "magnet": {
+            "attractor": [400.0, 60.0],
+            "strength": 8.0e6,
+            "soften": 30.0,
+            "objects": ["drawn"],
+        },
     }
     floor = {"floor": segment((-300, 290), (900, 290), **surface)}
-    return Case(scene((560, 320), 1.5, objects, floor, forces=forces, fields=fields), balance, "driven")
+    return Case(
+        scene((560, 320), 1.5, objects, floor, forces=forces, fields=fields),
+        balance,
+        "driven",
+    )
 
 
 KINDS = (_bouncing, _tumbling, _stack_hit, _dominoes, _table, _machine, _driven)

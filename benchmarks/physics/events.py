@@ -17,7 +17,9 @@ def crossings(times: Array, values: Array, rates: Array) -> Array:
     sampling interval.
     """
     found = []
-    for k in np.flatnonzero((values[:-1] != 0) & (np.sign(values[1:]) != np.sign(values[:-1]))):
+    for k in np.flatnonzero(
+        (values[:-1] != 0) & (np.sign(values[1:]) != np.sign(values[:-1]))
+    ):
         step = times[k + 1] - times[k]
         a, b, da, db = values[k], values[k + 1], rates[k] * step, rates[k + 1] * step
         cubic = (2 * a - 2 * b + da + db, -3 * a + 3 * b - 2 * da - db, da, a)
@@ -63,7 +65,10 @@ def flights(track: Track, floor: float, gravity: float) -> list[Flight]:
         if late < early:
             break
         top = early + int(np.argmin(np.abs(vy[early : late + 1])))
-        speeds = [np.sqrt(max(vy[s] ** 2 + 2 * gravity * (floor - y[s]), 0.0)) for s in (early, late)]
+        speeds = [
+            np.sqrt(max(vy[s] ** 2 + 2 * gravity * (floor - y[s]), 0.0))
+            for s in (early, late)
+        ]
         result.append(
             Flight(
                 begin=float(t[early] - (vy[early] + speeds[0]) / gravity),

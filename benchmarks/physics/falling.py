@@ -56,7 +56,9 @@ def _projectile(draw: Draw) -> list[Case]:
         size = draw.number(10, 20)
         ball = name == "ball"
         objects[name] = (
-            circle((500, 220), size, **keys) if ball else box((430, 220), (2 * size, size), **keys)
+            circle((500, 220), size, **keys)
+            if ball
+            else box((430, 220), (2 * size, size), **keys)
         )
 
     def measure(run: Run) -> Errors:
@@ -76,13 +78,18 @@ def _projectile(draw: Draw) -> list[Case]:
 def _bounce(draw: Draw) -> list[Case]:
     """Speed and height after the first bounce, each against what e makes of those before, at the height of contact."""
     drops = {
-        f"ball-{int(e * 10)}": (e, draw.number(100, 260, 1), draw.number(8, 26)) for e in (0.3, 0.5, 0.8, 1.0)
+        f"ball-{int(e * 10)}": (e, draw.number(100, 260, 1), draw.number(8, 26))
+        for e in (0.3, 0.5, 0.8, 1.0)
     }
     objects, pads = {}, {}
     for k, (name, (e, height, radius)) in enumerate(drops.items()):
         x, surface = 70 + 130 * k, {"friction": 0.5, "elasticity": e}
-        objects[name] = circle((x, 360 - height - radius), radius, mass=draw.mass(), **surface)
-        pads[name.replace("ball", "pad")] = segment((x - 55, 360), (x + 55, 360), **surface)
+        objects[name] = circle(
+            (x, 360 - height - radius), radius, mass=draw.mass(), **surface
+        )
+        pads[name.replace("ball", "pad")] = segment(
+            (x - 55, 360), (x + 55, 360), **surface
+        )
 
     def measure(run: Run) -> Errors:
         speeds, heights = [], []
@@ -104,14 +111,22 @@ BOUNCES = 4
 def _bounces(draw: Draw) -> list[Case]:
     """Length of each of the first four flights, from landing to landing."""
     drops = {
-        f"ball-{k}": (draw.number(low, low + 0.1, 3), draw.number(150, 250, 1), draw.number(8, 26))
+        f"ball-{k}": (
+            draw.number(low, low + 0.1, 3),
+            draw.number(150, 250, 1),
+            draw.number(8, 26),
+        )
         for k, low in enumerate((0.5, 0.6, 0.7), 1)
     }
     objects, pads = {}, {}
     for k, (name, (e, height, radius)) in enumerate(drops.items()):
         x, surface = 80 + 150 * k, {"friction": 0.5, "elasticity": e}
-        objects[name] = circle((x, 330 - height - radius), radius, mass=draw.mass(), **surface)
-        pads[name.replace("ball", "pad")] = segment((x - 60, 330), (x + 60, 330), **surface)
+        objects[name] = circle(
+            (x, 330 - height - radius), radius, mass=draw.mass(), **surface
+        )
+        pads[name.replace("ball", "pad")] = segment(
+            (x - 60, 330), (x + 60, 330), **surface
+        )
 
     def measure(run: Run) -> Errors:
         errors = []
@@ -136,7 +151,10 @@ def _air(draw: Draw) -> list[Case]:
     blown = draw.index % 2 == 1
     wind = draw.number(150, 400, 0)
     drag = draw.number(0.02, 0.08, 4)
-    bodies = {"ball": (draw.number(10, 25), draw.mass()), "box": (draw.number(20, 40), draw.mass())}
+    bodies = {
+        "ball": (draw.number(10, 25), draw.mass()),
+        "box": (draw.number(20, 40), draw.mass()),
+    }
     objects = {
         "ball": circle((60, 60), bodies["ball"][0], mass=bodies["ball"][1]),
         "box": box((60, 150) if blown else (140, 60), (bodies["box"][0],) * 2, mass=bodies["box"][1]),
@@ -163,7 +181,16 @@ def _air(draw: Draw) -> list[Case]:
     field = {"air": {"wind": [wind, 0] if blown else [0, 0], "drag": drag}}
     world = {"gravity": [0, 0]} if blown else {}
     return [
-        Case(scene((420, 220) if blown else (220, 580), 1.0, objects, world=world, fields=field), measure)
+        Case(
+            scene(
+                (420, 220) if blown else (220, 580),
+                1.0,
+                objects,
+                world=world,
+                fields=field,
+            ),
+            measure,
+        )
     ]
 
 

@@ -28,24 +28,46 @@ def _pushes(draw: Draw) -> list[Case]:
     duration = 0.6
     for k, name in enumerate(("struck", "pushed", "turned", "ridden")):
         at = np.array([160 + 240 * (k % 2), 130 + 240 * (k // 2)])
-        mass, size, turn = draw.mass(), (draw.number(40, 70), draw.number(20, 40)), draw.number(0, 180, 0)
+        mass, size, turn = (
+            draw.mass(),
+            (draw.number(40, 70), draw.number(20, 40)),
+            draw.number(0, 180, 0),
+        )
         moment = mass * (size[0] ** 2 + size[1] ** 2) / 12
-        start, lasts = draw.number(0.05, 0.2, 3), draw.number(0.2, 0.35, 3)  # off the engine's steps
+        start, lasts = (
+            draw.number(0.05, 0.2, 3),
+            draw.number(0.2, 0.35, 3),
+        )  # off the engine's steps
         objects[name] = box(at, size, turn, mass=mass)
-        arm = draw.number(0.3, 0.5) * size[0] * np.array([cos(radians(turn)), sin(radians(turn))])
+        arm = (
+            draw.number(0.3, 0.5)
+            * size[0]
+            * np.array([cos(radians(turn)), sin(radians(turn))])
+        )
         angle = radians(turn + draw.sign() * draw.number(50, 90, 0))
         toward = np.array([cos(angle), sin(angle)])
         if name == "struck":
             impulse = mass * draw.number(50, 120) * toward
-            push = {"impulse": impulse.tolist(), "at": (arm + at).tolist(), "start": start}
-            gained[name] = (impulse / mass, float(arm[0] * impulse[1] - arm[1] * impulse[0]) / moment)
+            push = {
+                "impulse": impulse.tolist(),
+                "at": (arm + at).tolist(),
+                "start": start,
+            }
+            gained[name] = (
+                impulse / mass,
+                float(arm[0] * impulse[1] - arm[1] * impulse[0]) / moment,
+            )
         elif name == "turned":
             turning = draw.sign() * draw.number(10, 30)
             push = {"torque": moment * turning, "start": start, "duration": lasts}
             gained[name] = (np.zeros(2), turning * lasts)
         elif name == "pushed":
             pushing = draw.number(200, 400) * toward
-            push = {"force": (mass * pushing).tolist(), "start": start, "duration": lasts}
+            push = {
+                "force": (mass * pushing).tolist(),
+                "start": start,
+                "duration": lasts,
+            }
             gained[name] = (pushing * lasts, 0.0)
         else:
             riding = mass * draw.number(60, 120) * toward
@@ -60,13 +82,23 @@ def _pushes(draw: Draw) -> list[Case]:
             if name == "ridden":
                 c, s = cos(track.angle[-1]), sin(track.angle[-1])
                 work = float(riding @ (np.array([[c, -s], [s, c]]) @ arm - arm))
-                spin = float(np.sign(track.spin[-1])) * sqrt(max(2 * work / moment, 0.0))
+                spin = float(np.sign(track.spin[-1])) * sqrt(
+                    max(2 * work / moment, 0.0)
+                )
             if velocity.any():
-                errors.append(np.hypot(*(track.velocity[-1] - velocity)) / np.hypot(*velocity))
-            errors.append(abs(track.spin[-1] / spin - 1) if spin else abs(track.spin[-1]))
+                errors.append(
+                    np.hypot(*(track.velocity[-1] - velocity)) / np.hypot(*velocity)
+                )
+            errors.append(
+                abs(track.spin[-1] / spin - 1) if spin else abs(track.spin[-1])
+            )
         return {"velocity": worst(errors)}
 
-    return [Case(scene((560, 500), duration, objects, world=FLOATING, forces=forces), measure)]
+    return [
+        Case(
+            scene((560, 500), duration, objects, world=FLOATING, forces=forces), measure
+        )
+    ]
 
 
 def kepler(axis: float, eccentricity: float, strength: float, times: Array) -> Array:
@@ -80,7 +112,9 @@ def kepler(axis: float, eccentricity: float, strength: float, times: Array) -> A
         slope = 1 - eccentricity * np.cos(anomaly)
         anomaly -= (anomaly - eccentricity * np.sin(anomaly) - mean) / slope
     short = axis * sqrt(1 - eccentricity**2)
-    return -np.stack([axis * (np.cos(anomaly) - eccentricity), short * np.sin(anomaly)], axis=1)
+    return -np.stack(
+        [axis * (np.cos(anomaly) - eccentricity), short * np.sin(anomaly)], axis=1
+    )
 
 
 def _orbits(draw: Draw) -> list[Case]:
@@ -96,9 +130,15 @@ def _orbits(draw: Draw) -> list[Case]:
         turned, side = draw.angle(), draw.sign()
         far = axis * (1 + eccentricity)
         speed = side * sqrt(strength * (2 / far - 1 / axis))
-        out, along = np.array([cos(turned), sin(turned)]), np.array([-sin(turned), cos(turned)])
+        out, along = (
+            np.array([cos(turned), sin(turned)]),
+            np.array([-sin(turned), cos(turned)]),
+        )
         objects[name] = circle(
-            middle + far * out, draw.number(6, 12), mass=draw.mass(), velocity=(speed * along).tolist()
+            middle + far * out,
+            draw.number(6, 12),
+            mass=draw.mass(),
+            velocity=(speed * along).tolist(),
         )
         starts[name] = (out, side * along)
 
@@ -106,7 +146,9 @@ def _orbits(draw: Draw) -> list[Case]:
         off, changes = [], []
         for name, (axis, eccentricity) in orbits.items():
             track = run.track(name)
-            exact = middle + kepler(axis, eccentricity, strength, track.times) @ np.array(starts[name])
+            exact = middle + kepler(
+                axis, eccentricity, strength, track.times
+            ) @ np.array(starts[name])
             off.append(np.hypot(*(track.at - exact).T).max() / axis)
             energy = track.speed**2 / 2 - strength / np.hypot(*(track.at - middle).T)
             changes.append(np.abs(energy / energy[0] - 1).max())
@@ -114,7 +156,11 @@ def _orbits(draw: Draw) -> list[Case]:
 
     duration = 1.1 * 2 * pi * sqrt(orbits["circling"][0] ** 3 / strength)
     fields = {"sun": {"attractor": middle.tolist(), "strength": strength}}
-    return [Case(scene((520, 520), duration, objects, world=FLOATING, fields=fields), measure)]
+    return [
+        Case(
+            scene((520, 520), duration, objects, world=FLOATING, fields=fields), measure
+        )
+    ]
 
 
 ROWS = (

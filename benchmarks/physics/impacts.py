@@ -22,20 +22,29 @@ def _head_on(draw: Draw) -> list[Case]:
     """Deviation of both velocities, over the first speed; four pairs in any direction."""
     objects, pairs = {}, {}
     for k, e in enumerate((0.0, 0.3, draw.number(0.4, 0.9), 1.0)):
-        angle, speed, mass = draw.angle(), draw.number(150, 300, 0), draw.number(20, 200, 0)
+        angle, speed, mass = (
+            draw.angle(),
+            draw.number(150, 300, 0),
+            draw.number(20, 200, 0),
+        )
         middle = (130.0 + 260 * (k % 2), 130.0 + 260 * (k // 2))
         surface = {"friction": draw.number(0, 0.6), "elasticity": e}
         objects[f"light-{k}"] = circle(
             toward(middle, angle, -85), draw.number(8, 18), mass=mass,
             velocity=list(toward((0, 0), angle, speed)), **surface,
         )  # fmt: skip
-        objects[f"heavy-{k}"] = circle(middle, draw.number(12, 28), mass=3 * mass, **surface)
+        objects[f"heavy-{k}"] = circle(
+            middle, draw.number(12, 28), mass=3 * mass, **surface
+        )
         pairs[k] = (angle, speed, e)
 
     def measure(run: Run) -> Errors:
         errors = []
         for k, (angle, speed, e) in pairs.items():
-            for name, part in ((f"light-{k}", (1 - 3 * e) / 4), (f"heavy-{k}", (1 + e) / 4)):
+            for name, part in (
+                (f"light-{k}", (1 - 3 * e) / 4),
+                (f"heavy-{k}", (1 + e) / 4),
+            ):
                 exact = toward((0, 0), angle, part * speed)
                 errors.append(np.hypot(*(run.track(name).velocity[-1] - exact)) / speed)
         return {"velocity": worst(errors)}
@@ -54,7 +63,11 @@ def _row_of_balls(draw: Draw) -> list[Case]:
     Three draws send a ball into a row of five at rest; in two, the first of the five itself has the speed at t = 0.
     """
     struck = draw.index < len(DIRECTIONS)
-    turned = DIRECTIONS[draw.index] if struck else (float(draw.count(0, 359)), 0.0)[draw.index - 3]
+    turned = (
+        DIRECTIONS[draw.index]
+        if struck
+        else (float(draw.count(0, 359)), 0.0)[draw.index - 3]
+    )
     # along an axis, whole px and no rounding of the direction: a gap of 0 is 0 to the last bit
     c, s = (round(float(f(np.radians(turned))), 15) for f in (np.cos, np.sin))
     speed, radius, mass = draw.number(200, 350, 0), draw.number(12, 16, 0), draw.mass()
@@ -64,10 +77,20 @@ def _row_of_balls(draw: Draw) -> list[Case]:
         for k in range(-1 if struck else 0, 5):
             along = -100 + k * (2 * radius + gap) - (40 if k < 0 else 0)
             at = (260 + along * c - aside * s, 260 + along * s + aside * c)
-            moving = {"velocity": [speed * c, speed * s]} if k == (-1 if struck else 0) else {}
+            moving = (
+                {"velocity": [speed * c, speed * s]}
+                if k == (-1 if struck else 0)
+                else {}
+            )
             name = f"{lane}-cue" if k < 0 else f"{lane}-{k + 1}"
             objects[name] = circle(
-                at, radius, solid="sphere", mass=mass, friction=0.0, elasticity=1.0, **moving
+                at,
+                radius,
+                solid="sphere",
+                mass=mass,
+                friction=0.0,
+                elasticity=1.0,
+                **moving,
             )
 
     def measure(run: Run) -> Errors:
@@ -84,12 +107,19 @@ def _oblique(draw: Draw) -> list[Case]:
     """Degrees that the two paths differ from a right angle, and the struck ball's from the line of centres."""
     objects, hits = {}, {}
     for k in range(4):
-        angle, speed, radius = draw.angle(), draw.number(250, 400, 0), draw.number(10, 20)
+        angle, speed, radius = (
+            draw.angle(),
+            draw.number(250, 400, 0),
+            draw.number(10, 20),
+        )
         aside = draw.sign() * 2 * radius * draw.number(0.15, 0.85)
         middle = (150.0 + 300 * (k % 2), 150.0 + 300 * (k // 2))
         ball = {"mass": draw.mass(), "friction": 0.0, "elasticity": 1.0}
         objects[f"cue-{k}"] = circle(
-            toward(middle, angle, -90, aside), radius, velocity=list(toward((0, 0), angle, speed)), **ball
+            toward(middle, angle, -90, aside),
+            radius,
+            velocity=list(toward((0, 0), angle, speed)),
+            **ball,
         )
         objects[f"struck-{k}"] = circle(middle, radius, **ball)
         hits[k] = toward((0, 0), angle, sqrt(4 * radius**2 - aside**2), -aside)
@@ -100,7 +130,10 @@ def _oblique(draw: Draw) -> list[Case]:
     def measure(run: Run) -> Errors:
         right, line = [], []
         for k, centres in hits.items():
-            cue, struck = (tuple(run.track(f"{name}-{k}").velocity[-1]) for name in ("cue", "struck"))
+            cue, struck = (
+                tuple(run.track(f"{name}-{k}").velocity[-1])
+                for name in ("cue", "struck")
+            )
             right.append(abs(abs(between(cue, struck)) - 90))
             line.append(abs(between(struck, centres)))
         return {"paths": worst(right), "line of centres": worst(line)}
@@ -120,9 +153,17 @@ def _spin_transfer(draw: Draw) -> list[Case]:
     for j, kind in enumerate(exact):
         part = draw.number(1.5, 3) if kind == "sliding" else draw.number(0.2, 0.8)
         for against_wall in (True, False):
-            mu, e, speed = draw.number(0.1, 0.4, 3), draw.number(0.3, 1.0), draw.number(150, 300, 0)
+            mu, e, speed = (
+                draw.number(0.1, 0.4, 3),
+                draw.number(0.3, 1.0),
+                draw.number(150, 300, 0),
+            )
             surface = {"friction": mu, "elasticity": e}
-            m, r, solid = draw.mass(), draw.number(12, 24), ("disc", "sphere", "hoop")[draw.count(0, 2)]
+            m, r, solid = (
+                draw.mass(),
+                draw.number(12, 24),
+                ("disc", "sphere", "hoop")[draw.count(0, 2)],
+            )
             k = INERTIA[solid]
             name, y = f"{kind}-{'ball' if against_wall else 'first'}", 100.0 + 200 * j
             if against_wall:
@@ -144,11 +185,19 @@ def _spin_transfer(draw: Draw) -> list[Case]:
             push = -np.sign(slip) * min(limit, abs(slip) * tangential)
             x = 110 if against_wall else 410
             objects[name] = circle(
-                (x - 70, y), r, solid=solid, mass=m, velocity=[speed, 0], spin=spin, **surface
+                (x - 70, y),
+                r,
+                solid=solid,
+                mass=m,
+                velocity=[speed, 0],
+                spin=spin,
+                **surface,
             )
             exact[kind].append((name, push / m, push / (k * m * r)))
             if against_wall:
-                walls[f"{kind}-wall"] = segment((x + 50, y - 90), (x + 50, y + 90), **surface)
+                walls[f"{kind}-wall"] = segment(
+                    (x + 50, y - 90), (x + 50, y + 90), **surface
+                )
             else:
                 objects[other] = circle((x, y), r2, solid=solid2, mass=m2, **surface)
                 exact[kind].append((other, -push / m2, push / (k2 * m2 * r2)))
@@ -159,7 +208,9 @@ def _spin_transfer(draw: Draw) -> list[Case]:
             found = []
             for name, along, turn in changes:
                 track = run.track(name)
-                found.append(abs((track.velocities[-1, 1] - track.velocities[0, 1]) / along - 1))
+                found.append(
+                    abs((track.velocities[-1, 1] - track.velocities[0, 1]) / along - 1)
+                )
                 found.append(abs((track.spin[-1] - track.spin[0]) / turn - 1))
             errors[kind] = worst(found)
         return errors

@@ -37,7 +37,9 @@ def _pendulum(draw: Draw) -> list[Case]:
             moment = mass * (size[0] ** 2 + size[1] ** 2) / 12
         joints[f"{name}-pin"] = {"objects": [name], "pivot": pivot.tolist()}
         full = (
-            4 * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm)) * complete(sin(radians(swing / 2)))[0]
+            4
+            * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm))
+            * complete(sin(radians(swing / 2)))[0]
         )
         periods[name] = (full, side * radians(swing))
 
@@ -66,7 +68,9 @@ def _springs(draw: Draw) -> list[Case]:
     body at either end, which swing against each other with m = m1 m2/(m1 + m2).
     """
     objects, joints, exact = {}, {}, {}
-    for k, (lane, part) in enumerate({"free": 0.0, "damped": draw.number(0.03, 0.1, 3), "pair": 0.0}.items()):
+    for k, (lane, part) in enumerate(
+        {"free": 0.0, "damped": draw.number(0.03, 0.1, 3), "pair": 0.0}.items()
+    ):
         y, mass, rest = 80.0 + 110 * k, draw.mass(), draw.number(120, 160, 0)
         stretch, frequency = draw.sign() * draw.number(20, 50, 0), draw.number(1.5, 3)
         other = draw.mass() if lane == "pair" else 0.0
@@ -100,7 +104,9 @@ def _springs(draw: Draw) -> list[Case]:
             amplitudes.append(abs(size[-1] / size[0] * exp(decay * time) - 1))
         return {"frequency": worst(frequencies), "amplitude": worst(amplitudes)}
 
-    return [Case(scene((360, 380), 2.0, objects, world=FLOATING, joints=joints), measure)]
+    return [
+        Case(scene((360, 380), 2.0, objects, world=FLOATING, joints=joints), measure)
+    ]
 
 
 def _seesaw(draw: Draw) -> list[Case]:
@@ -117,7 +123,11 @@ def _seesaw(draw: Draw) -> list[Case]:
         part = (0.99, 1.01, draw.number(1.1, 1.25))[k]
         pin = np.array([180.0 + 320 * k, 150.0])
         plank, own = (draw.number(220, 260, 0), draw.number(8, 14, 0)), draw.mass()
-        left, first, second = draw.number(60, 90, 1), draw.number(22, 34, 0), draw.number(22, 34, 0)
+        left, first, second = (
+            draw.number(60, 90, 1),
+            draw.number(22, 34, 0),
+            draw.number(22, 34, 0),
+        )
         mass = draw.number(60, 200, 0)
         right, other = draw.number(60, 90, 1), 0.0
         other = part * mass * left / right
@@ -127,7 +137,10 @@ def _seesaw(draw: Draw) -> list[Case]:
             (pin[0] - left, pin[1] - heights[0]), (first, first), mass=mass, **surface
         )
         objects[f"{name}-right"] = box(
-            (pin[0] + right, pin[1] - heights[1]), (second, second), mass=other, **surface
+            (pin[0] + right, pin[1] - heights[1]),
+            (second, second),
+            mass=other,
+            **surface,
         )
         joints[f"{name}-pin"] = {"objects": [f"{name}-plank"], "pivot": pin.tolist()}
         moment = (
@@ -150,7 +163,10 @@ def _seesaw(draw: Draw) -> list[Case]:
 
         angle, spin = runge_kutta(rate, np.zeros(2), time, 400)[-1]
         end = ends["far"].sample(time)
-        turned = abs(ends["far"].angle[end] / angle - 1), abs(ends["far"].spin[end] / spin - 1)
+        turned = (
+            abs(ends["far"].angle[end] / angle - 1),
+            abs(ends["far"].spin[end] / spin - 1),
+        )
         tipped = ends["light"].angle[-1] < 0 < ends["heavy"].angle[-1]
         return {"acceleration": worst(turned), "balance": float(not tipped)}
 
@@ -176,7 +192,12 @@ def _motor(draw: Draw) -> list[Case]:
             partner = ["base"]
         speed, time = draw.sign() * draw.number(300, 900, 0), draw.number(0.4, 0.8, 3)
         limit = radians(abs(speed)) / time / inverse
-        joints[f"{name}-motor"] = {"objects": [name, *partner], "motor": at, "speed": speed, "limit": limit}
+        joints[f"{name}-motor"] = {
+            "objects": [name, *partner],
+            "motor": at,
+            "speed": speed,
+            "limit": limit,
+        }
         exact[name] = (radians(speed), time)
 
     def measure(run: Run) -> Errors:
@@ -184,10 +205,14 @@ def _motor(draw: Draw) -> list[Case]:
         for name, (speed, time) in exact.items():
             track = run.track(name)
             spin = track.spin - (run.track("base").spin if name == "fan" else 0.0)
-            errors.append(np.abs(spin / speed - np.minimum(track.times / time, 1)).max())
+            errors.append(
+                np.abs(spin / speed - np.minimum(track.times / time, 1)).max()
+            )
         return {"spin": worst(errors)}
 
-    return [Case(scene((420, 220), 1.0, objects, world=FLOATING, joints=joints), measure)]
+    return [
+        Case(scene((420, 220), 1.0, objects, world=FLOATING, joints=joints), measure)
+    ]
 
 
 def _weld(draw: Draw) -> list[Case]:
@@ -196,7 +221,12 @@ def _weld(draw: Draw) -> list[Case]:
     A ball at v hits the flush side of two welded boxes b beside their middle, without friction: the impulse is
     (1 + e) v/(1/m + 1/M + b²/I) with I about the common middle, by the parallel-axis theorem.
     """
-    e, speed, m, radius = draw.number(0.2, 1.0), draw.number(150, 300, 0), draw.mass(), draw.number(10, 18)
+    e, speed, m, radius = (
+        draw.number(0.2, 1.0),
+        draw.number(150, 300, 0),
+        draw.mass(),
+        draw.number(10, 18),
+    )
     surface = {"friction": 0.0, "elasticity": e}
     sizes = [(draw.number(24, 60, 0), draw.number(50, 80, 0)) for _ in range(2)]
     masses = [draw.mass(), draw.mass()]
@@ -217,12 +247,17 @@ def _weld(draw: Draw) -> list[Case]:
         else seam + draw.number(0.4, 0.9) * sizes[1][1]
     )
     objects: dict[str, Document] = {
-        "ball": circle((x - side * 120, y), radius, mass=m, velocity=[side * speed, 0], **surface),
+        "ball": circle(
+            (x - side * 120, y), radius, mass=m, velocity=[side * speed, 0], **surface
+        ),
         "upper": box(middles[0], sizes[0], mass=masses[0], **surface),
         "lower": box(middles[1], sizes[1], mass=masses[1], **surface),
     }
     joints = {
-        "weld": {"objects": ["upper", "lower"], "weld": [x + side * min(sizes[0][0], sizes[1][0]) / 2, seam]}
+        "weld": {
+            "objects": ["upper", "lower"],
+            "weld": [x + side * min(sizes[0][0], sizes[1][0]) / 2, seam],
+        }
     }
     aside = y - common[1]
     impulse = side * (1 + e) * speed / (1 / m + 1 / total + aside**2 / moment)
@@ -230,14 +265,22 @@ def _weld(draw: Draw) -> list[Case]:
 
     def measure(run: Run) -> Errors:
         upper, lower = run.track("upper"), run.track("lower")
-        after = upper.sample((120 - radius) / speed + 0.1)  # before the boxes can swing into the ball again
-        moved = (masses[0] * upper.velocity[after] + masses[1] * lower.velocity[after]) / total
+        after = upper.sample(
+            (120 - radius) / speed + 0.1
+        )  # before the boxes can swing into the ball again
+        moved = (
+            masses[0] * upper.velocity[after] + masses[1] * lower.velocity[after]
+        ) / total
         return {
-            "spin": worst([abs(track.spin[after] / spin - 1) for track in (upper, lower)]),
+            "spin": worst(
+                [abs(track.spin[after] / spin - 1) for track in (upper, lower)]
+            ),
             "velocity": float(np.hypot(*(moved - velocity)) / np.hypot(*velocity)),
         }
 
-    return [Case(scene((520, 360), 1.1, objects, world=FLOATING, joints=joints), measure)]
+    return [
+        Case(scene((520, 360), 1.1, objects, world=FLOATING, joints=joints), measure)
+    ]
 
 
 ROWS = (

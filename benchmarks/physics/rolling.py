@@ -14,10 +14,16 @@ def _down(draw: Draw) -> list[Case]:
     """Distance down the slope after 0.8 s."""
     objects, walls, slopes = {}, {}, {}
     for j, (solid, k) in enumerate(INERTIA.items()):
-        side, tangent, radius = draw.sign(), tan(np.radians(draw.number(10, 35))), draw.number(10, 26)
+        side, tangent, radius = (
+            draw.sign(),
+            tan(np.radians(draw.number(10, 35))),
+            draw.number(10, 26),
+        )
         surface = {"friction": 1.0, "elasticity": draw.number(0, 0.5)}
         slope = Slope((70 + 320 * j + (0 if side > 0 else 230), 70), tangent, side, 270)
-        objects[solid] = circle(slope.point(30, radius), radius, solid=solid, mass=draw.mass(), **surface)
+        objects[solid] = circle(
+            slope.point(30, radius), radius, solid=solid, mass=draw.mass(), **surface
+        )
         walls[f"{solid}-slope"] = slope.wall(**surface)
         slopes[solid] = (slope, GRAVITY * slope.down[1] / (1 + k))
 
@@ -41,14 +47,26 @@ def _out_of_a_slide(draw: Draw) -> list[Case]:
         surface = {"friction": mu, "elasticity": draw.number(0, 0.5)}
         at = (320 - 260 * side, y - radius)
         objects[solid] = circle(
-            at, radius, solid=solid, mass=draw.mass(), velocity=[side * speed, 0], **surface
+            at,
+            radius,
+            solid=solid,
+            mass=draw.mass(),
+            velocity=[side * speed, 0],
+            **surface,
         )
         walls[f"{solid}-floor"] = segment((0, y), (640, y), **surface)
         exact[solid] = side * speed / (1 + k)
         times.append(speed * k / ((1 + k) * mu * GRAVITY))
 
     def measure(run: Run) -> Errors:
-        return {"speed": worst([abs(run.track(name).velocities[-1, 0] / v - 1) for name, v in exact.items()])}
+        return {
+            "speed": worst(
+                [
+                    abs(run.track(name).velocities[-1, 0] / v - 1)
+                    for name, v in exact.items()
+                ]
+            )
+        }
 
     return [Case(scene((640, 260), 1.1 * max(times) + 0.1, objects, walls), measure)]
 
@@ -76,10 +94,14 @@ def _resisted(draw: Draw) -> list[Case]:
             half = track.sample(speed / deceleration / 2)
             slower = speed - deceleration * track.times[half]
             errors.append(abs(side * track.velocities[half, 0] - slower) / speed)
-            errors.append(abs(side * track.moved[-1, 0] * 2 * deceleration / speed**2 - 1))
+            errors.append(
+                abs(side * track.moved[-1, 0] * 2 * deceleration / speed**2 - 1)
+            )
         return {"motion": worst(errors)}
 
-    duration = max(speed / deceleration for _, speed, deceleration in exact.values()) + 0.1
+    duration = (
+        max(speed / deceleration for _, speed, deceleration in exact.values()) + 0.1
+    )
     return [Case(scene((500, 260), duration, objects, walls), measure)]
 
 
@@ -101,11 +123,17 @@ def _on_a_platform(draw: Draw) -> list[Case]:
         for n in range(knots + 1)
     ]
     surface = {"friction": 1.5, "elasticity": 0.0}
-    objects = {"platform": box((left, 200), (600, 20), motion={"path": path}, **surface)}
+    objects = {
+        "platform": box((left, 200), (600, 20), motion={"path": path}, **surface)
+    }
     for j, solid in enumerate(INERTIA):
         radius = draw.number(12, 30)
         objects[solid] = circle(
-            (left + (j - 1) * 130 - 60 * side, 190 - radius), radius, solid=solid, mass=draw.mass(), **surface
+            (left + (j - 1) * 130 - 60 * side, 190 - radius),
+            radius,
+            solid=solid,
+            mass=draw.mass(),
+            **surface,
         )
 
     def measure(run: Run) -> Errors:
@@ -114,7 +142,9 @@ def _on_a_platform(draw: Draw) -> list[Case]:
             track = run.track(solid)
             late = [track.sample((n + 0.8) * KNOT) for n in range(knots)]
             exact = side * acceleration * KNOT * (np.arange(knots) + 0.5) * k / (1 + k)
-            errors.append(np.abs(track.velocities[late, 0] - exact).max() / abs(exact[-1]))
+            errors.append(
+                np.abs(track.velocities[late, 0] - exact).max() / abs(exact[-1])
+            )
         return {"speed": worst(errors)}
 
     return [Case(scene((900, 240), knots * KNOT, objects), measure, rate=480)]

@@ -33,7 +33,10 @@ def physics(folder: Path) -> list[dict]:
     rows = evaluate(ROWS, workers=os.cpu_count() or 1)
     before = json.loads(RESULT.read_text())["rows"] if RESULT.exists() else []
     known = {
-        (row["name"], m["name"]): m["rivals"] for row in before for m in row["measures"] if "rivals" in m
+        (row["name"], m["name"]): m["rivals"]
+        for row in before
+        for m in row["measures"]
+        if "rivals" in m
     }
     for row in rows:
         for measure in row["measures"]:
@@ -72,13 +75,19 @@ def _errors(name: str, row: Row, folder: Path) -> dict[str, float]:
     try:
         for index in range(DRAWS):
             signal.alarm(PATIENCE)
-            for measure, found in run_draw(row, index, folder, simulate=simulate).errors.items():
+            for measure, found in run_draw(
+                row, index, folder, simulate=simulate
+            ).errors.items():
                 worst[measure] = max(worst.get(measure, 0.0), found.size)
     except (Unsupported, ArithmeticError, ValueError, IndexError, TimeoutError):
         return {}
     finally:
         signal.alarm(0)
-    return {measure: float(f"{error:.3g}") for measure, error in worst.items() if np.isfinite(error)}
+    return {
+        measure: float(f"{error:.3g}")
+        for measure, error in worst.items()
+        if np.isfinite(error)
+    }
 
 
 def _too_slow(*_: object) -> None:

@@ -123,7 +123,11 @@ class Run:
     def track(self, name: str) -> Track:
         """Motion of one object."""
         k = self.trajectory.names.index(name)
-        return Track(self.trajectory.times, self.trajectory.poses[:, k], self.trajectory.velocities[:, k])
+        return Track(
+            self.trajectory.times,
+            self.trajectory.poses[:, k],
+            self.trajectory.velocities[:, k],
+        )
 
     def body(self, name: str) -> Body:
         """Mass, moment and shape of one object."""
@@ -137,7 +141,9 @@ class Run:
         inside = (times[rows[:, 0]] > begin + 1e-9) & (times[rows[:, 0]] < end + 1e-9)
         first = inside & (rows[:, 1] == a) & (rows[:, 2] == b)
         second = inside & (rows[:, 1] == b) & (rows[:, 2] == a)
-        return np.asarray(given[first].sum(axis=0) - given[second].sum(axis=0), np.float64)
+        return np.asarray(
+            given[first].sum(axis=0) - given[second].sum(axis=0), np.float64
+        )
 
 
 @dataclass(frozen=True)
@@ -181,8 +187,12 @@ def choose(rows: Sequence[Row], numbers: Sequence[int]) -> tuple[Row, ...]:
     known = {row.number: row for row in rows}
     for number in numbers:
         if number not in known:
-            raise InputError.of("--rows", str(number), "is no row", f"choose from 1 to {max(known)}")
-    return tuple(row for number, row in known.items() if not numbers or number in numbers)
+            raise InputError.of(
+                "--rows", str(number), "is no row", f"choose from 1 to {max(known)}"
+            )
+    return tuple(
+        row for number, row in known.items() if not numbers or number in numbers
+    )
 
 
 class Draw:
@@ -223,7 +233,12 @@ def worst(errors: Sequence[float]) -> float:
 
 def scene_file(row: Row, case: Case, index: int) -> str:
     """Name of a case's file: `03-bounce.yaml`, `16-pyramid-lifted-draw-5.yaml`; the first draw has no number."""
-    parts = (f"{row.number:02d}", row.name, case.label, f"draw-{index + 1}" if index else "")
+    parts = (
+        f"{row.number:02d}",
+        row.name,
+        case.label,
+        f"draw-{index + 1}" if index else "",
+    )
     return "-".join(part for part in parts if part) + ".yaml"
 
 
@@ -238,7 +253,9 @@ def scene_of(row: Row, case: Case) -> str:
 def write_scenes(row: Row, index: int, folder: Path) -> None:
     """Scene files of one draw."""
     for case in row.draw(index):
-        write_atomic(folder / scene_file(row, case, index), scene_of(row, case).encode())
+        write_atomic(
+            folder / scene_file(row, case, index), scene_of(row, case).encode()
+        )
 
 
 @dataclass(frozen=True)
@@ -267,7 +284,11 @@ class Done:
 
 
 def run_draw(
-    row: Row, index: int, folder: Path, steps: float | None = None, simulate: Simulate = pipeline.simulate
+    row: Row,
+    index: int,
+    folder: Path,
+    steps: float | None = None,
+    simulate: Simulate = pipeline.simulate,
 ) -> Done:
     """One draw of a row, from its files in `folder`; `steps` a second override the scene's."""
     overrides = [] if steps is None else [f"world.steps_per_second={steps}"]
@@ -284,7 +305,9 @@ def run_draw(
                 runs.append(Run(world, simulate(world, case.rate)))
             errors = case.measure(*runs)
         except InputError as error:
-            problems += [str(problem).replace(f"{folder}/", "") for problem in error.problems]
+            problems += [
+                str(problem).replace(f"{folder}/", "") for problem in error.problems
+            ]
             errors = {measure.name: inf for measure in row.measures}
         for name, value in errors.items():
             larger = Worst(float(value), where)
@@ -300,7 +323,9 @@ class _Job(NamedTuple):
 
 
 def _run(job: _Job) -> Done:
-    from . import ROWS  # which imports this module; rows hold functions, which no other process can be sent
+    from . import (
+        ROWS,
+    )  # which imports this module; rows hold functions, which no other process can be sent
 
     row = next(row for row in ROWS if row.number == job.row)
     return run_draw(row, job.draw, job.folder, job.steps)
@@ -328,9 +353,17 @@ def evaluate(
             for index in range(draws):
                 write_scenes(row, index, folder)
                 jobs.append(_Job(row.number, index, None, folder))
-            jobs += [_Job(row.number, 0, rate, folder) for rate in steps if rate != DEFAULT_STEPS]
-        done: dict[int, dict[tuple[int, int | None], Done]] = {row.number: {} for row in rows}
-        for count, (job, found) in enumerate(zip(jobs, _run_all(jobs, workers), strict=True), 1):
+            jobs += [
+                _Job(row.number, 0, rate, folder)
+                for rate in steps
+                if rate != DEFAULT_STEPS
+            ]
+        done: dict[int, dict[tuple[int, int | None], Done]] = {
+            row.number: {} for row in rows
+        }
+        for count, (job, found) in enumerate(
+            zip(jobs, _run_all(jobs, workers), strict=True), 1
+        ):
             done[job.row][job.draw, job.steps] = found
             progress("evaluate", count, len(jobs))
     return [record(row, draws, steps, done[row.number]) for row in rows]
@@ -340,7 +373,9 @@ def _run_all(jobs: Sequence[_Job], workers: int) -> Iterator[Done]:
     if workers <= 1 or len(jobs) <= 1:
         yield from map(_run, jobs)
         return
-    with ProcessPoolExecutor(min(workers, len(jobs)), get_context("spawn"), _ignore_interrupts) as pool:
+    with ProcessPoolExecutor(
+        min(workers, len(jobs)), get_context("spawn"), _ignore_interrupts
+    ) as pool:
         try:
             yield from pool.map(_run, jobs)
         except BaseException:
@@ -357,14 +392,26 @@ def _ignore_interrupts() -> None:
 
 
 def record(
-    row: Row, draws: int, steps: Sequence[int], done: Mapping[tuple[int, int | None], Done]
+    row: Row,
+    draws: int,
+    steps: Sequence[int],
+    done: Mapping[tuple[int, int | None], Done],
 ) -> dict[str, Any]:
     """A row's line as JSON, from results by draw and steps a second (None: the default)."""
     measures = []
     for measure in row.measures:
-        taken = [one for k in range(draws) if (one := done[k, None].errors.get(measure.name)) is not None]
-        largest = max(taken, key=lambda one: one.size, default=Worst(nan, "never measured"))
-        first = {rate: done[0, None if rate == DEFAULT_STEPS else rate].errors for rate in steps}
+        taken = [
+            one
+            for k in range(draws)
+            if (one := done[k, None].errors.get(measure.name)) is not None
+        ]
+        largest = max(
+            taken, key=lambda one: one.size, default=Worst(nan, "never measured")
+        )
+        first = {
+            rate: done[0, None if rate == DEFAULT_STEPS else rate].errors
+            for rate in steps
+        }
         measures.append(
             {
                 "name": measure.name,
@@ -380,7 +427,9 @@ def record(
                 },
             }
         )
-    problems = dict.fromkeys(problem for k in range(draws) for problem in done[k, None].problems)
+    problems = dict.fromkeys(
+        problem for k in range(draws) for problem in done[k, None].problems
+    )
     return {
         "row": row.number,
         "name": row.name,
@@ -401,7 +450,11 @@ def _rounded(error: float) -> float | None:
 
 def bar_text(measure: Measure) -> str:
     """A bar with its unit."""
-    return "as stated" if measure.unit is Unit.SWITCH else quantity(measure.bar, measure.unit.value)
+    return (
+        "as stated"
+        if measure.unit is Unit.SWITCH
+        else quantity(measure.bar, measure.unit.value)
+    )
 
 
 def quantity(value: float | None, unit: str) -> str:
@@ -423,7 +476,13 @@ def quantity(value: float | None, unit: str) -> str:
 def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
     """A table with one line for each measure of each row."""
     rates = sorted(
-        {rate for row in rows for one in row["measures"] for rate in one["convergence"]}, key=float
+        {
+            rate
+            for row in rows
+            for one in row["measures"]
+            for rate in one["convergence"]
+        },
+        key=float,
     )
     lines = []
     for row in rows:
@@ -435,11 +494,22 @@ def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
             steps = (quantity(one["convergence"].get(rate), unit) for rate in rates)
             verdict = "pass" if one["passed"] else "FAIL"
             lines.append((*first, label, quantity(one["error"], unit), verdict, *steps))
-    heads = ("row", "closed form", "bar", "worst error", "verdict", *(f"at {rate}/s" for rate in rates))
-    problems = tuple(f"row {row['row']}: {problem}" for row in rows for problem in row["problems"])
+    heads = (
+        "row",
+        "closed form",
+        "bar",
+        "worst error",
+        "verdict",
+        *(f"at {rate}/s" for rate in rates),
+    )
+    problems = tuple(
+        f"row {row['row']}: {problem}" for row in rows for problem in row["problems"]
+    )
     passed = sum(row["passed"] for row in rows)
     count = f"{passed} of {len(rows)}"
     section = Section("Closed forms", problems, (Table(heads, tuple(lines)),))
     pass_bar = Bar("rows that pass", count, f"{len(rows)}", passed == len(rows))
     title = "Motion against closed forms"
-    return Findings("physics", title, (f"{count} rows pass.",), (section,), rows, (pass_bar,))
+    return Findings(
+        "physics", title, (f"{count} rows pass.",), (section,), rows, (pass_bar,)
+    )

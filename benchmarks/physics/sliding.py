@@ -23,7 +23,9 @@ def _to_rest(draw: Draw) -> list[Case]:
         size = (draw.number(30, 60, 0), draw.number(15, 30, 0))
         surface = {"friction": mu, "elasticity": draw.number(0, 0.5)}
         at = (320 - 260 * side, y - size[1] / 2)
-        objects[name] = box(at, size, mass=draw.mass(), velocity=[speed * side, 0], **surface)
+        objects[name] = box(
+            at, size, mass=draw.mass(), velocity=[speed * side, 0], **surface
+        )
         floors[f"{name}-floor"] = segment((20, y), (620, y), **surface)
         exact[name] = (side * speed**2 / (2 * mu * GRAVITY), speed / (mu * GRAVITY))
 
@@ -31,7 +33,9 @@ def _to_rest(draw: Draw) -> list[Case]:
         errors = []
         for name, (way, _) in exact.items():
             track = run.track(name)
-            errors.append(1.0 if track.speed[-1] > 1 else abs(track.moved[-1, 0] / way - 1))
+            errors.append(
+                1.0 if track.speed[-1] > 1 else abs(track.moved[-1, 0] / way - 1)
+            )
         return {"distance": worst(errors)}
 
     duration = max(time for _, time in exact.values()) + 0.1
@@ -43,11 +47,21 @@ def _incline(draw: Draw) -> list[Case]:
     mu, steep = draw.number(0.2, 0.45, 3), draw.number(1.5, 2.5)
     surface = {"friction": mu, "elasticity": draw.number(0, 0.5)}
     objects, walls, slopes = {}, {}, {}
-    for k, (name, part) in enumerate({"holds": 0.99, "slips": 1.01, "slides": steep}.items()):
+    for k, (name, part) in enumerate(
+        {"holds": 0.99, "slips": 1.01, "slides": steep}.items()
+    ):
         side = draw.sign()
-        slope = Slope((60 + 300 * k + (0 if side > 0 else 240), 60), part * mu, side, 260)
+        slope = Slope(
+            (60 + 300 * k + (0 if side > 0 else 240), 60), part * mu, side, 260
+        )
         size = (draw.number(30, 44, 0), draw.number(14, 20, 0))
-        objects[name] = box(slope.point(35, size[1] / 2), size, slope.turned, mass=draw.mass(), **surface)
+        objects[name] = box(
+            slope.point(35, size[1] / 2),
+            size,
+            slope.turned,
+            mass=draw.mass(),
+            **surface,
+        )
         walls[f"{name}-slope"] = slope.wall(**surface)
         slopes[name] = slope
 
@@ -56,10 +70,21 @@ def _incline(draw: Draw) -> list[Case]:
         for name, slope in slopes.items():
             track = run.track(name)
             part = slope.tangent / mu - 1
-            exact[name] = GRAVITY * mu * part * slope.down[1] / slope.tangent * track.times[-1] ** 2 / 2
+            exact[name] = (
+                GRAVITY
+                * mu
+                * part
+                * slope.down[1]
+                / slope.tangent
+                * track.times[-1] ** 2
+                / 2
+            )
             ways[name] = track.moved[-1] @ slope.down
         switch = abs(ways["holds"]) > CREEP or ways["slips"] < exact["slips"] / 2
-        return {"switch": float(switch), "distance": abs(ways["slides"] / exact["slides"] - 1)}
+        return {
+            "switch": float(switch),
+            "distance": abs(ways["slides"] / exact["slides"] - 1),
+        }
 
     return [Case(scene((920, 330), 0.8, objects, walls), measure)]
 
@@ -72,8 +97,16 @@ def _tipping(draw: Draw) -> list[Case]:
     objects, walls = {}, {}
     for k, (name, part) in enumerate({"holds": 0.99, "tips": 1.01}.items()):
         side = draw.sign()
-        slope = Slope((60 + 340 * k + (0 if side > 0 else 260), 110), part * ratio, side, 290)
-        objects[name] = box(slope.point(80, size[1] / 2), size, slope.turned, mass=draw.mass(), **surface)
+        slope = Slope(
+            (60 + 340 * k + (0 if side > 0 else 260), 110), part * ratio, side, 290
+        )
+        objects[name] = box(
+            slope.point(80, size[1] / 2),
+            size,
+            slope.turned,
+            mass=draw.mass(),
+            **surface,
+        )
         walls[f"{name}-slope"] = slope.wall(**surface)
     # about its lower edge a block falls as cosh(t sqrt(3 g/(4 r))), begun by the little that it stands beyond balance
     beyond = np.arctan(1.01 * ratio) - np.arctan(ratio)
@@ -81,7 +114,9 @@ def _tipping(draw: Draw) -> list[Case]:
 
     def measure(run: Run) -> Errors:
         holds, tips = run.track("holds"), run.track("tips")
-        stood = np.abs(holds.angle).max() < 0.01 and np.hypot(*holds.moved.T).max() < 0.5
+        stood = (
+            np.abs(holds.angle).max() < 0.01 and np.hypot(*holds.moved.T).max() < 0.5
+        )
         return {"switch": float(not (stood and np.abs(tips.angle).max() > 0.3))}
 
     return [Case(scene((720, 300), duration, objects, walls), measure)]
@@ -94,16 +129,34 @@ SEAMS = (0.0, 0.1, 0.3, 0.5)
 def _seams(draw: Draw) -> list[Case]:
     """Distance to rest over floors made of segments, of separate pieces, and of one outline that is cut into pieces."""
     gap = SEAMS[draw.index] if draw.index < len(SEAMS) else draw.number(0, 0.5, 3)
-    mu, speed, size = draw.number(0.25, 0.4, 3), draw.number(280, 330, 0), (draw.number(28, 40, 0), 20.0)
+    mu, speed, size = (
+        draw.number(0.25, 0.4, 3),
+        draw.number(280, 330, 0),
+        (draw.number(28, 40, 0), 20.0),
+    )
     surface = {"friction": mu, "elasticity": draw.number(0, 0.3)}
     way = speed**2 / (2 * mu * GRAVITY)
-    cuts = sorted(round(70 + part * way, 2) for part in (draw.number(0.2, 0.4), draw.number(0.5, 0.8)))
+    cuts = sorted(
+        round(70 + part * way, 2)
+        for part in (draw.number(0.2, 0.4), draw.number(0.5, 0.8))
+    )
     edges = [20.0, *cuts, 420.0]
     spans = [(a + gap * (k > 0), b) for k, (a, b) in enumerate(pairwise(edges))]
-    walls = {f"floor-{k}": segment((a, 80), (b, 80), **surface) for k, (a, b) in enumerate(spans, 1)}
-    pieces = [{"outline": [[a, 180.0], [b, 180.0], [b, 200.0], [a, 200.0]]} for a, b in spans]
+    walls = {
+        f"floor-{k}": segment((a, 80), (b, 80), **surface)
+        for k, (a, b) in enumerate(spans, 1)
+    }
+    pieces = [
+        {"outline": [[a, 180.0], [b, 180.0], [b, 200.0], [a, 200.0]]} for a, b in spans
+    ]
     left, right = cuts
-    below = [[420.0, 300.0], [right, 285.0], [right - 20, 300.0], [left + 5, 284.0], [20.0, 300.0]]
+    below = [
+        [420.0, 300.0],
+        [right, 285.0],
+        [right - 20, 300.0],
+        [left + 5, 284.0],
+        [20.0, 300.0],
+    ]
     objects: dict[str, Document] = {
         "shelf": {"shape": {"polygons": pieces}, "motion": "static", **surface},
         "comb": {
@@ -114,12 +167,24 @@ def _seams(draw: Draw) -> list[Case]:
     }
     riders = {"on-segments": 80, "on-pieces": 180, "on-one-outline": 280}
     for name, y in riders.items():
-        objects[name] = box((60, y - size[1] / 2), size, mass=draw.mass(), velocity=[speed, 0], **surface)
+        objects[name] = box(
+            (60, y - size[1] / 2),
+            size,
+            mass=draw.mass(),
+            velocity=[speed, 0],
+            **surface,
+        )
 
     def measure(run: Run) -> Errors:
-        return {"distance": worst([abs(run.track(name).moved[-1, 0] / way - 1) for name in riders])}
+        return {
+            "distance": worst(
+                [abs(run.track(name).moved[-1, 0] / way - 1) for name in riders]
+            )
+        }
 
-    return [Case(scene((440, 320), speed / (mu * GRAVITY) + 0.1, objects, walls), measure)]
+    return [
+        Case(scene((440, 320), speed / (mu * GRAVITY) + 0.1, objects, walls), measure)
+    ]
 
 
 def _pulled(draw: Draw) -> list[Case]:
@@ -134,12 +199,16 @@ def _pulled(draw: Draw) -> list[Case]:
     middle = 320 - 90 * side
     for k, mass in enumerate(masses):
         size = (slab if k == 0 else width, height)
-        objects[f"block-{k}"] = box((middle, 240 - height * (k + 0.5)), size, mass=mass, **surface)
+        objects[f"block-{k}"] = box(
+            (middle, 240 - height * (k + 0.5)), size, mass=mass, **surface
+        )
     more: Document = {}
     if draw.index % 2:  # by a script, at a speed that friction does not reach in time
         speed = side * draw.number(1.2, 1.6) * mu * GRAVITY * time
         center = objects["block-0"]["shape"]["box"]["center"]
-        objects["block-0"]["motion"] = {"path": [[0, *center], [1, center[0] + speed, center[1]]]}
+        objects["block-0"]["motion"] = {
+            "path": [[0, *center], [1, center[0] + speed, center[1]]]
+        }
         del objects["block-0"]["mass"]
     else:  # by a force that takes it along at 2 to 3 times mu g
         drag = mu * GRAVITY * (sum(masses[1:]) + sum(masses))
@@ -162,13 +231,25 @@ def _pulled(draw: Draw) -> list[Case]:
 def _combined(draw: Draw) -> list[Case]:
     """Distance to rest of one block under both rules of combining."""
     of_block, of_floor = draw.number(0.3, 0.9, 3), draw.number(0.3, 0.9, 3)
-    speed, size = draw.number(150, 250, 0), (draw.number(40, 60, 0), draw.number(16, 24, 0))
-    block = box((60, 120 - size[1] / 2), size, mass=draw.mass(), velocity=[speed, 0], friction=of_block)
+    speed, size = (
+        draw.number(150, 250, 0),
+        (draw.number(40, 60, 0), draw.number(16, 24, 0)),
+    )
+    block = box(
+        (60, 120 - size[1] / 2),
+        size,
+        mass=draw.mass(),
+        velocity=[speed, 0],
+        friction=of_block,
+    )
     floor = segment((20, 120), (480, 120), friction=of_floor)
 
     def measure(geometric: Run, multiplied: Run) -> Errors:
         errors = []
-        for run, mu in ((geometric, sqrt(of_block * of_floor)), (multiplied, of_block * of_floor)):
+        for run, mu in (
+            (geometric, sqrt(of_block * of_floor)),
+            (multiplied, of_block * of_floor),
+        ):
             way = run.track("block").moved[-1, 0]
             errors.append(abs(way * 2 * mu * GRAVITY / speed**2 - 1))
         return {"distance": worst(errors)}

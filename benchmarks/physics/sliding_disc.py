@@ -40,7 +40,10 @@ def coupling(epsilon: float) -> tuple[float, float]:
     first, second = complete(1 / epsilon)
     return (
         4 / (3 * pi) * ((squared + 1) * second - (squared - 1) * first),
-        4 / (9 * pi) * epsilon * ((4 - 2 * squared) * second + (2 * squared - 5 + 3 / squared) * first),
+        4
+        / (9 * pi)
+        * epsilon
+        * ((4 - 2 * squared) * second + (2 * squared - 5 + 3 / squared) * first),
     )
 
 
@@ -83,5 +86,9 @@ def stop(speed: float, spin: float, radius: float, mu: float, gravity: float) ->
     speeds, surface, ways, turns = np.transpose(states)
     sign = 1 if spin >= 0 else -1
     return Stop(
-        np.array(times), speeds, sign * surface / radius, float(ways[-1]), sign * float(turns[-1]) / radius
+        np.array(times),
+        speeds,
+        sign * surface / radius,
+        float(ways[-1]),
+        sign * float(turns[-1]) / radius,
     )

@@ -32,17 +32,26 @@ def _pyramid(draw: Draw) -> list[Case]:
     for level in range(1, 7):
         for k in range(1, 8 - level):
             at = (220 + (k - (8 - level) / 2) * apart, 260 - (level - 0.5) * size[1])
-            objects[f"box-{level}-{k}"] = box(at, size, mass=draw.number(60, 180, 0), **surface)
+            objects[f"box-{level}-{k}"] = box(
+                at, size, mass=draw.number(60, 180, 0), **surface
+            )
     floor = {"floor": segment((0, 260), (440, 260), **surface)}
 
     def still(run: Run) -> Errors:
-        return {"at rest": worst([np.hypot(*run.track(name).moved.T).max() for name in objects])}
+        return {
+            "at rest": worst(
+                [np.hypot(*run.track(name).moved.T).max() for name in objects]
+            )
+        }
 
     label, (taken, falls) = list(TAKEN.items())[draw.index]
     changed = {name: thing for name, thing in objects.items() if name not in taken}
     if not taken:
         x, y = changed[falls]["shape"]["box"]["center"]
-        changed[falls] = {**changed[falls], "shape": {"box": {"center": [x, y - 5.0], "size": list(size)}}}
+        changed[falls] = {
+            **changed[falls],
+            "shape": {"box": {"center": [x, y - 5.0], "size": list(size)}},
+        }
 
     def fallen(run: Run) -> Errors:
         way = float(run.track(falls).moved[-1, 1])
@@ -123,7 +132,10 @@ def _weights(draw: Draw) -> list[Case]:
 def _falling_over(draw: Draw) -> list[Case]:
     """Deviation of the spin, over the last one that counts; displacement of the middle aside, over the height."""
     size = (draw.number(10, 24), draw.number(80, 130))
-    lean, side = draw.number(5, 20) + float(np.degrees(atan2(size[0], size[1]))), draw.sign()
+    lean, side = (
+        draw.number(5, 20) + float(np.degrees(atan2(size[0], size[1]))),
+        draw.sign(),
+    )
     mass, half = draw.mass(), np.array(size) / 2
 
     def height(angle: Array) -> Array:
@@ -132,7 +144,12 @@ def _falling_over(draw: Draw) -> list[Case]:
     start = np.radians(lean)
     objects = {
         "plank": box(
-            (180, 160 - float(height(start))), size, side * lean, mass=mass, friction=0.0, elasticity=0.0
+            (180, 160 - float(height(start))),
+            size,
+            side * lean,
+            mass=mass,
+            friction=0.0,
+            elasticity=0.0,
         )
     }
 
@@ -140,7 +157,9 @@ def _falling_over(draw: Draw) -> list[Case]:
         track, body = run.track("plank"), run.body("plank")
         angle = start + side * track.angle
         falling = angle < np.radians(80)
-        falling &= np.arange(len(angle)) < (np.argmin(falling) or len(angle))  # up to the first time
+        falling &= np.arange(len(angle)) < (
+            np.argmin(falling) or len(angle)
+        )  # up to the first time
         lever = half[0] * np.cos(angle) - half[1] * np.sin(angle)
         drop = np.maximum(height(np.array(start)) - height(angle), 0)
         exact = np.sqrt(2 * GRAVITY * drop / (body.moment / body.mass + lever**2))

@@ -73,7 +73,11 @@ def circle(center: At, radius: float, **keys: Any) -> Document:
 
 def box(center: At, size: Point, angle: float = 0.0, **keys: Any) -> Document:
     """An object with a rectangle for a shape; `angle` in degrees."""
-    shape = {"center": points(center), "size": list(size), **({"angle": angle} if angle else {})}
+    shape = {
+        "center": points(center),
+        "size": list(size),
+        **({"angle": angle} if angle else {}),
+    }
     return {"shape": {"box": shape}, **keys}
 
 
@@ -116,7 +120,10 @@ class Slope:
     def point(self, along: float, above: float = 0.0) -> Point:
         """px: so far down from the upper end, so far above the surface."""
         (dx, dy), (x, y) = self.down, self.top
-        return x + along * dx + above * dy * self.side, y + along * dy - above * dx * self.side
+        return (
+            x + along * dx + above * dy * self.side,
+            y + along * dy - above * dx * self.side,
+        )
 
     def wall(self, **keys: Any) -> Document:
         """The boundary itself."""

@@ -23,9 +23,15 @@ def lines(rows: Sequence[dict[str, Any]]) -> list[str]:
             _cell(row, lambda one, row=row: _name(row, one) + _bar(one)),
             _cell(
                 row,
-                lambda one: quantity(one["error"], one["unit"]) + ("" if one["passed"] else " **missed**"),
+                lambda one: (
+                    quantity(one["error"], one["unit"])
+                    + ("" if one["passed"] else " **missed**")
+                ),
             ),
-            *(_cell(row, lambda one, name=name: _engine(one, name)) for name in ENGINES),
+            *(
+                _cell(row, lambda one, name=name: _engine(one, name))
+                for name in ENGINES
+            ),
         ]
         for row in rows
     ]
@@ -42,7 +48,11 @@ def _name(row: dict[str, Any], measure: dict[str, Any]) -> str:
 
 
 def _bar(measure: dict[str, Any]) -> str:
-    return "as stated" if measure["unit"] == "switch" else quantity(measure["bar"], measure["unit"])
+    return (
+        "as stated"
+        if measure["unit"] == "switch"
+        else quantity(measure["bar"], measure["unit"])
+    )
 
 
 def _engine(measure: dict[str, Any], name: str) -> str:

@@ -32,7 +32,11 @@ def _break(draw: Draw) -> list[Case]:
         "elasticity": draw.number(0.9, 0.98) if draw.index else 0.95,
     }  # fmt: skip
     apart, axis = 2 * radius - overlap, 300.0
-    objects = {"cue": circle((120, axis), radius, velocity=[draw.number(800, 1400, 0), 0], **ball)}
+    objects = {
+        "cue": circle(
+            (120, axis), radius, velocity=[draw.number(800, 1400, 0), 0], **ball
+        )
+    }
     mirrored = [("cue", "cue")]
     for i in range(5):
         for j in range(i + 1):
@@ -44,11 +48,22 @@ def _break(draw: Draw) -> list[Case]:
         off = 0.0
         for name, partner in mirrored:
             a, b = run.track(name).at, run.track(partner).at
-            off = max(off, float(np.hypot(a[:, 0] - b[:, 0], a[:, 1] + b[:, 1] - 2 * axis).max()))
-        broken = all(np.hypot(*run.track(name).moved[-1]) > radius for name in ("ball-5-1", "ball-5-5"))
+            off = max(
+                off,
+                float(np.hypot(a[:, 0] - b[:, 0], a[:, 1] + b[:, 1] - 2 * axis).max()),
+            )
+        broken = all(
+            np.hypot(*run.track(name).moved[-1]) > radius
+            for name in ("ball-5-1", "ball-5-5")
+        )
         return {"mirror": off if broken else 1000.0}
 
-    return [Case(scene((1000, 600), 1.0, objects, world=_table(0.2 if rolling else 0.0)), measure)]
+    return [
+        Case(
+            scene((1000, 600), 1.0, objects, world=_table(0.2 if rolling else 0.0)),
+            measure,
+        )
+    ]
 
 
 def _puck(draw: Draw) -> list[Case]:
@@ -56,12 +71,17 @@ def _puck(draw: Draw) -> list[Case]:
     mu = draw.number(0.2, 0.5, 3)
     objects, ends = {}, {}
     for k, name in enumerate(("disc", "plate")):
-        angle, speed = radians(draw.number(-70, 70, 0) + 180 * k), draw.number(150, 320, 0)
+        angle, speed = (
+            radians(draw.number(-70, 70, 0) + 180 * k),
+            draw.number(150, 320, 0),
+        )
         velocity = [speed * cos(angle), speed * sin(angle)]
         keys = {"mass": draw.mass(), "friction": mu, "velocity": velocity}
         at, size = (320 + 60 - 120 * k, 270), draw.number(12, 28)
         objects[name] = (
-            circle(at, size, **keys) if k == 0 else box(at, (2 * size, size), draw.number(0, 90, 0), **keys)
+            circle(at, size, **keys)
+            if k == 0
+            else box(at, (2 * size, size), draw.number(0, 90, 0), **keys)
         )
         ends[name] = np.array(velocity) * speed / (2 * mu * GRAVITY)
 
@@ -88,17 +108,27 @@ def mean_distance(width: float, height: float) -> float:
 def _spinning(draw: Draw) -> list[Case]:
     """Angle turned to rest over its closed form; spin after half the time, its deviation over the first."""
     mu = draw.number(0.1, 0.3, 3)
-    radius, width, height = draw.number(16, 32), draw.number(30, 60), draw.number(30, 60)
+    radius, width, height = (
+        draw.number(16, 32),
+        draw.number(30, 60),
+        draw.number(30, 60),
+    )
     objects, exact = {}, {}
     slowing = {
         "disc": 4 * mu * GRAVITY / (3 * radius),
-        "plate": 12 * mu * GRAVITY * mean_distance(width, height) / (width**2 + height**2),
+        "plate": 12
+        * mu
+        * GRAVITY
+        * mean_distance(width, height)
+        / (width**2 + height**2),
     }
     for k, (name, deceleration) in enumerate(slowing.items()):
         spin = draw.sign() * round(degrees(deceleration * draw.number(0.6, 1.0)), 0)
         keys = {"mass": draw.mass(), "friction": mu, "spin": spin}
         at = (100 + 140 * k, 90)
-        objects[name] = circle(at, radius, **keys) if k == 0 else box(at, (width, height), **keys)
+        objects[name] = (
+            circle(at, radius, **keys) if k == 0 else box(at, (width, height), **keys)
+        )
         exact[name] = (radians(spin), deceleration)
 
     def measure(run: Run) -> Errors:
@@ -108,7 +138,9 @@ def _spinning(draw: Draw) -> list[Case]:
             half = track.sample(abs(spin) / deceleration / 2)
             slower = abs(spin) - deceleration * track.times[half]
             errors.append(abs(abs(track.spin[half]) - slower) / abs(spin))
-            errors.append(abs(track.angle[-1] * 2 * deceleration / (spin * abs(spin)) - 1))
+            errors.append(
+                abs(track.angle[-1] * 2 * deceleration / (spin * abs(spin)) - 1)
+            )
             errors.append(1.0 if abs(track.spin[-1]) > STILL * abs(spin) else 0.0)
         return {"spin": worst(errors)}
 
@@ -128,7 +160,10 @@ def _coupled(draw: Draw) -> list[Case]:
             speed, spin, radius, angle = *FARKAS[:3], 0.0
         else:
             speed, radius = draw.number(120, 300, 0), draw.number(15, 30)
-            angle, spin = radians(draw.number(-60, 60, 0)), speed / radius / draw.number(0.3, 3)
+            angle, spin = (
+                radians(draw.number(-60, 60, 0)),
+                speed / radius / draw.number(0.3, 3),
+            )
         turn = draw.sign() * round(degrees(spin), 6)
         objects[name] = circle(
             (80, 160 + 240 * k), radius, mass=draw.mass(), friction=mu,
@@ -140,17 +175,26 @@ def _coupled(draw: Draw) -> list[Case]:
         errors: list[float] = []
         for name, (angle, end) in exact.items():
             track = run.track(name)
-            errors.append(np.hypot(*(track.moved[-1] / end.way - (cos(angle), sin(angle)))))
+            errors.append(
+                np.hypot(*(track.moved[-1] / end.way - (cos(angle), sin(angle))))
+            )
             errors.append(abs(track.angle[-1] / end.turned - 1))
-            for motion, exactly in ((track.speed, end.speeds), (np.abs(track.spin), np.abs(end.spins))):
-                errors.append(_rest(track.times, motion) / end.times[-1] - 1)  # they stop together
+            for motion, exactly in (
+                (track.speed, end.speeds),
+                (np.abs(track.spin), np.abs(end.spins)),
+            ):
+                errors.append(
+                    _rest(track.times, motion) / end.times[-1] - 1
+                )  # they stop together
                 at_times = np.interp(track.times, end.times, exactly, right=0)
                 errors.append(np.abs(motion - at_times).max() / motion[0])
         return {"motion": worst(np.abs(errors).tolist())}
 
     ends: list[Stop] = [end for _, end in exact.values()]
     duration = max(end.times[-1] for end in ends) + 0.1
-    return [Case(scene((560, 540), duration, objects, world=_table(mu)), measure, rate=480)]
+    return [
+        Case(scene((560, 540), duration, objects, world=_table(mu)), measure, rate=480)
+    ]
 
 
 def _rest(times: Array, motion: Array) -> float:
@@ -168,7 +212,11 @@ def _struck(draw: Draw) -> list[Case]:
 def _struck_balls(draw: Draw) -> Case:
     """Back spin, top spin, and a roll across the way, which bends it; three lanes of one direction."""
     mu, turned = draw.number(0.15, 0.3, 3), draw.angle()
-    lanes = {"back-spin": (-1.0, 0.0, -1), "top-spin": (1.8, 0.0, 0), "masse": (0.0, 1.0, 1)}
+    lanes = {
+        "back-spin": (-1.0, 0.0, -1),
+        "top-spin": (1.8, 0.0, 0),
+        "masse": (0.0, 1.0, 1),
+    }
     objects, exact, longest = {}, {}, 0.0
     for name, (along, across, lane) in lanes.items():
         angle, speed, radius = (
@@ -191,17 +239,24 @@ def _struck_balls(draw: Draw) -> Case:
             roll=[round(degrees(natural[1] / radius), 9), round(degrees(-natural[0] / radius), 9)],
         )  # fmt: skip
         exact[name] = (5 * velocity + 2 * natural) / 7
-        longest = max(longest, 2 * float(np.hypot(*(velocity - natural))) / (7 * mu * GRAVITY))
+        longest = max(
+            longest, 2 * float(np.hypot(*(velocity - natural))) / (7 * mu * GRAVITY)
+        )
 
     def measure(run: Run) -> Errors:
         tracks = {name: run.track(name) for name in exact}
         return {
             "roll": worst(
-                [np.hypot(*(t.velocity[-1] - exact[name])) / t.speed[0] for name, t in tracks.items()]
+                [
+                    np.hypot(*(t.velocity[-1] - exact[name])) / t.speed[0]
+                    for name, t in tracks.items()
+                ]
             )
         }
 
-    return Case(scene((600, 600), longest + 0.1, objects, world=_table(mu)), measure, "struck")
+    return Case(
+        scene((600, 600), longest + 0.1, objects, world=_table(mu)), measure, "struck"
+    )
 
 
 def _follow_shot(draw: Draw) -> Case:
@@ -211,8 +266,17 @@ def _follow_shot(draw: Draw) -> Case:
     nothing between the balls, which would spoil the closed form by mu²/10.
     """
     mu = draw.number(0.15, 0.3, 3)
-    angle, speed, radius = radians(draw.number(-25, 25, 0)), draw.number(200, 320, 0), draw.number(12, 20)
-    ball = {"solid": "sphere", "mass": draw.mass(), "friction": mu**2 / 10, "elasticity": 1.0}
+    angle, speed, radius = (
+        radians(draw.number(-25, 25, 0)),
+        draw.number(200, 320, 0),
+        draw.number(12, 20),
+    )
+    ball = {
+        "solid": "sphere",
+        "mass": draw.mass(),
+        "friction": mu**2 / 10,
+        "elasticity": 1.0,
+    }
     way = np.array([cos(angle), sin(angle)])
     objects = {
         "cue": circle((60, 180), radius, velocity=(speed * way).tolist(), **ball),
@@ -225,7 +289,9 @@ def _follow_shot(draw: Draw) -> Case:
         return {"follow shot": worst(np.hypot(*np.transpose(off)) / speed)}
 
     duration = 40 / speed + 2 * speed / (7 * mu * GRAVITY) + 0.1
-    return Case(scene((460, 360), duration, objects, world=_table(10.0)), measure, "follow")
+    return Case(
+        scene((460, 360), duration, objects, world=_table(10.0)), measure, "follow"
+    )
 
 
 ROWS = (

@@ -49,12 +49,16 @@ class Balls:
     def at(self, time: float) -> Array:
         """(N, 2) px, where nothing is met before."""
         s = time - self.time
-        return np.asarray(self.places + s * self.velocities + np.array([0.0, self.pull * s * s / 2]))
+        return np.asarray(
+            self.places + s * self.velocities + np.array([0.0, self.pull * s * s / 2])
+        )
 
     def go(self, time: float) -> None:
         """To a later moment, before the next blow."""
         places = self.at(time)
-        self.velocities = self.velocities + np.array([0.0, self.pull * (time - self.time)])
+        self.velocities = self.velocities + np.array(
+            [0.0, self.pull * (time - self.time)]
+        )
         self.places, self.time = places, time
 
 
@@ -68,7 +72,9 @@ class Meet:
     """Another ball; -1 left, -2 right, -3 floor, -4 the far side of a table."""
 
 
-def made(rng: Rng, fault: str | None, fps: float, seconds: float = 1.6) -> Tracks | None:
+def made(
+    rng: Rng, fault: str | None, fps: float, seconds: float = 1.6
+) -> Tracks | None:
     """A clip, right or with one fault; None where it would not show."""
     top = bool(rng.random() < 0.4)
     if fault == "gravity changes" and top:
@@ -100,7 +106,10 @@ def _drawn(rng: Rng, top: bool) -> Balls:
     for k in range(count):
         while True:
             places[k] = rng.uniform((50, 50), (462, 460 if top else 330))
-            if all(np.hypot(*(places[k] - places[m])) > radii[k] + radii[m] + 12 for m in range(k)):
+            if all(
+                np.hypot(*(places[k] - places[m])) > radii[k] + radii[m] + 12
+                for m in range(k)
+            ):
                 break
     velocities = rng.uniform(-330, 330, (count, 2)) * ((1, 1) if top else (1, 0.5))
     if top and rng.random() < 0.5:
@@ -135,7 +144,10 @@ def _next(balls: Balls) -> Meet | None:
         for m in range(k):
             if frozenset((k, m)) in balls.ghosts:
                 continue
-            apart, way = balls.places[k] - balls.places[m], balls.velocities[k] - balls.velocities[m]
+            apart, way = (
+                balls.places[k] - balls.places[m],
+                balls.velocities[k] - balls.velocities[m],
+            )
             a, b = float(way @ way), float(apart @ way)
             c = float(apart @ apart) - (radius + balls.radii[m]) ** 2
             if b < 0 and b * b > a * c:
@@ -196,12 +208,20 @@ def _run(
     return places, blows
 
 
-def _calm(blows: list[tuple[float, int, int]], ball: int, start: float, end: float) -> bool:
-    return not any(start < time < end for time, one, other in blows if ball in (one, other))
+def _calm(
+    blows: list[tuple[float, int, int]], ball: int, start: float, end: float
+) -> bool:
+    return not any(
+        start < time < end for time, one, other in blows if ball in (one, other)
+    )
 
 
 def _wronged(
-    balls: Balls, times: Array, fault: str, blows: list[tuple[float, int, int]], rng: Rng
+    balls: Balls,
+    times: Array,
+    fault: str,
+    blows: list[tuple[float, int, int]],
+    rng: Rng,
 ) -> Array | None:
     end = float(times[-1])
     count = len(balls.radii)
@@ -216,16 +236,28 @@ def _wronged(
         factor = float(rng.choice([rng.uniform(0.1, 0.6), rng.uniform(1.6, 2.5)]))
         seen = any(_calm(blows, k, moment - FREE, moment) for k in order)
         seen &= any(_calm(blows, k, moment - 0.05, moment + FREE) for k in order)
-        return run(lambda b: setattr(b, "pull", b.pull * factor), moment) if seen else None
+        return (
+            run(lambda b: setattr(b, "pull", b.pull * factor), moment) if seen else None
+        )
     if fault == "a jump":
         for k in order:
             if _calm(blows, k, moment - FREE, moment + FREE):
-                angle, far = rng.uniform(0, 2 * np.pi), max(30.0, float(rng.uniform(1.5, 4)) * balls.radii[k])
-                there = _state(balls, moment).places[k] + far * np.array([np.cos(angle), np.sin(angle)])
-                if (there < balls.radii[k] + 2).any() or (there > ROOM - balls.radii[k] - 2).any():
+                angle, far = (
+                    rng.uniform(0, 2 * np.pi),
+                    max(30.0, float(rng.uniform(1.5, 4)) * balls.radii[k]),
+                )
+                there = _state(balls, moment).places[k] + far * np.array(
+                    [np.cos(angle), np.sin(angle)]
+                )
+                if (there < balls.radii[k] + 2).any() or (
+                    there > ROOM - balls.radii[k] - 2
+                ).any():
                     continue
                 return run(
-                    lambda b, k=k, a=angle, f=far: _shift(b, k, f * np.array([np.cos(a), np.sin(a)])), moment
+                    lambda b, k=k, a=angle, f=far: _shift(
+                        b, k, f * np.array([np.cos(a), np.sin(a)])
+                    ),
+                    moment,
                 )
         return None
     if fault == "one through another":
@@ -241,7 +273,10 @@ def _wronged(
         if (other >= 0) != (wanted == "ball") or time < FREE or time > end - FREE:
             continue
         both = [one, other] if other >= 0 else [one]
-        if not all(_calm(blows, k, time - FREE, time) and _calm(blows, k, time, time + FREE) for k in both):
+        if not all(
+            _calm(blows, k, time - FREE, time) and _calm(blows, k, time, time + FREE)
+            for k in both
+        ):
             continue
         before = _state(balls, time - 1e-6)
         if other < 0:
@@ -255,17 +290,28 @@ def _wronged(
             apart = after.places[one] - after.places[other]
             ratio = balls.masses[one] / balls.masses[other]
             old = before.velocities[other]
-            ways = [old, old + 0.5 * ratio * change, old + ratio * change[::-1] * (1, -1)]
+            ways = [
+                old,
+                old + 0.5 * ratio * change,
+                old + ratio * change[::-1] * (1, -1),
+            ]
             for k in rng.permutation(3).tolist():
-                parts = (after.velocities[one] - ways[k]) @ apart > 20 * np.hypot(*apart)
+                parts = (after.velocities[one] - ways[k]) @ apart > 20 * np.hypot(
+                    *apart
+                )
                 if np.hypot(*change) > 60 and parts:
-                    return run(lambda b, m=other, v=ways[k]: b.velocities.__setitem__(m, v), time + 1e-6)
+                    return run(
+                        lambda b, m=other, v=ways[k]: b.velocities.__setitem__(m, v),
+                        time + 1e-6,
+                    )
     return None
 
 
 def _state(balls: Balls, time: float) -> Balls:
     state = _copy(balls)
-    while (meet := _next(state)) is not None and state.time + max(meet.time, 0.0) < time:
+    while (meet := _next(state)) is not None and state.time + max(
+        meet.time, 0.0
+    ) < time:
         state.go(state.time + max(meet.time, 0.0))
         _blow(state, meet)
     state.go(time)
@@ -283,5 +329,9 @@ def _faster(balls: Balls, k: int, speed: float) -> None:
 def _deep(places: Array, radii: Array, one: int, other: int) -> bool:
     away = places[:, one] - places[:, other]
     ticks = np.linspace(0, len(away) - 1, 8 * len(away))
-    fine = np.hypot(*(np.interp(ticks, np.arange(len(away)), away[:, k]) for k in (0, 1)))
-    return bool(fine.min() < radii[one] + radii[other] - 0.8 * min(radii[one], radii[other]))
+    fine = np.hypot(
+        *(np.interp(ticks, np.arange(len(away)), away[:, k]) for k in (0, 1))
+    )
+    return bool(
+        fine.min() < radii[one] + radii[other] - 0.8 * min(radii[one], radii[other])
+    )

@@ -25,14 +25,20 @@ def counted(answers: Sequence[Said]) -> list[dict[str, Any]]:
     """A row for all clips of a source, family, fault and tracker: how many, called wrong, not asked; scores."""
     groups: dict[tuple[str, ...], list[Said]] = {}
     for one in answers:
-        groups.setdefault((one.tracker, one.source, one.family, one.fault), []).append(one)
+        groups.setdefault((one.tracker, one.source, one.family, one.fault), []).append(
+            one
+        )
     return [
         {
             **dict(zip(("tracker", "source", "family", "fault"), key, strict=True)),
             "clips": len(group),
-            "called_wrong": sum(one.score is not None and one.score < EVEN for one in group),
+            "called_wrong": sum(
+                one.score is not None and one.score < EVEN for one in group
+            ),
             "not_asked": sum(one.score is None for one in group),
-            "scores": [None if one.score is None else round(one.score, 3) for one in group],
+            "scores": [
+                None if one.score is None else round(one.score, 3) for one in group
+            ],
         }
         for key, group in groups.items()
     ]
@@ -43,7 +49,12 @@ def findings(rows: Sequence[Row], seeds: range) -> Findings:
     trackers, sources = _known(rows, "tracker"), _known(rows, "source")
     exact = trackers[0]
     bars = tuple(
-        Bar(f"balanced accuracy, {source}, {exact} tracks", _part(found), f"{BAR:.0%}", found >= BAR)
+        Bar(
+            f"balanced accuracy, {source}, {exact} tracks",
+            _part(found),
+            f"{BAR:.0%}",
+            found >= BAR,
+        )
         for source in sources
         if (found := balanced(_only(rows, source=source, tracker=exact))) is not None
     )
@@ -61,7 +72,13 @@ def findings(rows: Sequence[Row], seeds: range) -> Findings:
     shares = {source: _table(rows, source, trackers) for source in sources}
     more = {"seeds": [seeds.start, seeds.stop - 1], "balanced_accuracy": shares}
     return Findings(
-        "plausibility", "Right and wrong clips", sentences, tuple(sections), list(rows), bars, more
+        "plausibility",
+        "Right and wrong clips",
+        sentences,
+        tuple(sections),
+        list(rows),
+        bars,
+        more,
     )
 
 
@@ -102,7 +119,12 @@ def _told(rows: Sequence[Row]) -> tuple[tuple[int, int], tuple[int, int]] | None
 
 def _counts(rows: Iterable[Row], right: bool) -> Counts:
     some = [row for row in rows if (row["fault"] == RIGHT) is right]
-    return Counts(*(sum(row[key] for row in some) for key in ("clips", "called_wrong", "not_asked")))
+    return Counts(
+        *(
+            sum(row[key] for row in some)
+            for key in ("clips", "called_wrong", "not_asked")
+        )
+    )
 
 
 def _about() -> tuple[str, ...]:
@@ -122,8 +144,22 @@ def _confusion(rows: Sequence[Row], trackers: list[str], sources: list[str]) -> 
         for source in sources:
             mine = _only(rows, tracker=tracker, source=source)
             right, wrong = _counts(mine, True), _counts(mine, False)
-            cells = (right.right, right.wrong, wrong.right, wrong.wrong, right.unasked + wrong.unasked)
-            lines.append((tracker, source, _part(balanced(mine)), _range(interval(mine)), *map(str, cells)))
+            cells = (
+                right.right,
+                right.wrong,
+                wrong.right,
+                wrong.wrong,
+                right.unasked + wrong.unasked,
+            )
+            lines.append(
+                (
+                    tracker,
+                    source,
+                    _part(balanced(mine)),
+                    _range(interval(mine)),
+                    *map(str, cells),
+                )
+            )
     told = (
         "right, called right",
         "right, called wrong",
@@ -132,13 +168,20 @@ def _confusion(rows: Sequence[Row], trackers: list[str], sources: list[str]) -> 
         "not asked",
     )
     note = "95 %: where balanced accuracy would lie with other clips, as if each were drawn apart from the others."
-    return Table(("tracks", "source", "balanced accuracy", "95 %", *told), tuple(lines), note=note)
+    return Table(
+        ("tracks", "source", "balanced accuracy", "95 %", *told),
+        tuple(lines),
+        note=note,
+    )
 
 
 def _by_fault(rows: Sequence[Row], trackers: list[str]) -> Table:
     lines = []
     for fault in (fault for fault in _known(rows, "fault") if fault != RIGHT):
-        counts = (_counts(_only(rows, fault=fault, tracker=tracker), False) for tracker in trackers)
+        counts = (
+            _counts(_only(rows, fault=fault, tracker=tracker), False)
+            for tracker in trackers
+        )
         lines.append((fault, *(_share(one.wrong, one.clips) for one in counts)))
     return Table(("called wrong", *trackers), tuple(lines))
 
@@ -146,18 +189,31 @@ def _by_fault(rows: Sequence[Row], trackers: list[str]) -> Table:
 def _by_family(rows: Sequence[Row], trackers: list[str]) -> Table:
     lines = []
     for family in _known(rows, "family"):
-        counts = (_counts(_only(rows, family=family, tracker=tracker), True) for tracker in trackers)
+        counts = (
+            _counts(_only(rows, family=family, tracker=tracker), True)
+            for tracker in trackers
+        )
         lines.append((family, *(_share(one.right, one.clips) for one in counts)))
     return Table(("called right", *trackers), tuple(lines))
 
 
-def _table(rows: Sequence[Row], source: str, trackers: list[str]) -> dict[str, float | None]:
-    found = {tracker: balanced(_only(rows, source=source, tracker=tracker)) for tracker in trackers}
-    return {tracker: None if value is None else round(value, 4) for tracker, value in found.items()}
+def _table(
+    rows: Sequence[Row], source: str, trackers: list[str]
+) -> dict[str, float | None]:
+    found = {
+        tracker: balanced(_only(rows, source=source, tracker=tracker))
+        for tracker in trackers
+    }
+    return {
+        tracker: None if value is None else round(value, 4)
+        for tracker, value in found.items()
+    }
 
 
 def _only(rows: Sequence[Row], **what: str) -> list[Row]:
-    return [row for row in rows if all(row[key] == value for key, value in what.items())]
+    return [
+        row for row in rows if all(row[key] == value for key, value in what.items())
+    ]
 
 
 def _known(rows: Iterable[Row], key: str) -> list[str]:
@@ -176,7 +232,9 @@ def _part(value: float | None) -> str:
     return "-" if value is None else f"{100 * value:.1f} %"
 
 
-def interval_of_mean(first: tuple[int, int], second: tuple[int, int]) -> tuple[float, float]:
+def interval_of_mean(
+    first: tuple[int, int], second: tuple[int, int]
+) -> tuple[float, float]:
     """The 95 % interval of the mean of two independent shares (count, total), by Wilson's of each (Newcombe 1998).
 
     >>> [round(end, 3) for end in interval_of_mean((69, 72), (349, 366))]
@@ -185,5 +243,8 @@ def interval_of_mean(first: tuple[int, int], second: tuple[int, int]) -> tuple[f
     shares = [count / total for count, total in (first, second)]
     (low, high), (lower, higher) = wilson(*first), wilson(*second)
     middle = sum(shares) / 2
-    below, above = hypot(shares[0] - low, shares[1] - lower), hypot(high - shares[0], higher - shares[1])
+    below, above = (
+        hypot(shares[0] - low, shares[1] - lower),
+        hypot(high - shares[0], higher - shares[1]),
+    )
     return middle - below / 2, middle + above / 2

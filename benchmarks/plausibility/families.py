@@ -33,7 +33,11 @@ def _number(rng: Rng, low: float, high: float) -> float:
 
 
 def _side(rng: Rng, seconds: float = 2.0) -> Data:
-    return {"view": "side", "pixels_per_meter": _number(rng, 80, 300), "duration": seconds}
+    return {
+        "view": "side",
+        "pixels_per_meter": _number(rng, 80, 300),
+        "duration": seconds,
+    }
 
 
 def _mass(rng: Rng, area: float) -> float:
@@ -41,9 +45,17 @@ def _mass(rng: Rng, area: float) -> float:
     return round(0.2 * area * float(np.exp(rng.uniform(-1, 1) * np.log(3))), 2)
 
 
-def _ball(rng: Rng, x: float, y: float, radius: float, velocity: tuple[float, float] = (0.0, 0.0)) -> Data:
+def _ball(
+    rng: Rng,
+    x: float,
+    y: float,
+    radius: float,
+    velocity: tuple[float, float] = (0.0, 0.0),
+) -> Data:
     return {
-        "shape": {"circle": {"center": [round(x, 2), round(y, 2)], "radius": round(radius, 2)}},
+        "shape": {
+            "circle": {"center": [round(x, 2), round(y, 2)], "radius": round(radius, 2)}
+        },
         "mass": _mass(rng, 3.14 * radius**2),
         "solid": str(rng.choice(["sphere", "disc"])),
         "friction": _number(rng, 0.1, 0.7),
@@ -56,7 +68,11 @@ def _ball(rng: Rng, x: float, y: float, radius: float, velocity: tuple[float, fl
 def _box(rng: Rng, x: float, y: float, w: float, h: float, angle: float = 0.0) -> Data:
     return {
         "shape": {
-            "box": {"center": [round(x, 2), round(y, 2)], "size": [round(w, 2), round(h, 2)], "angle": angle}
+            "box": {
+                "center": [round(x, 2), round(y, 2)],
+                "size": [round(w, 2), round(h, 2)],
+                "angle": angle,
+            }
         },
         "mass": _mass(rng, w * h),
         "friction": _number(rng, 0.2, 0.7),
@@ -81,7 +97,13 @@ def bouncing(rng: Rng) -> Data:
             speed = (_number(rng, -250, 250), _number(rng, -200, 100))
             bodies[f"ball-{k}"] = _ball(rng, *at, _number(rng, 9, 24), speed)
         else:
-            box = _box(rng, *at, _number(rng, 20, 40), _number(rng, 15, 40), _number(rng, -40, 40))
+            box = _box(
+                rng,
+                *at,
+                _number(rng, 20, 40),
+                _number(rng, 15, 40),
+                _number(rng, -40, 40),
+            )
             bodies[f"box-{k}"] = box | {
                 "velocity": [_number(rng, -200, 200), 0.0],
                 "spin": _number(rng, -200, 200),
@@ -101,7 +123,9 @@ def meeting(rng: Rng) -> Data:
             speed = _number(rng, 150, 400)
             start = (x + side * (speed * when + 14), y - _number(rng, -12, 12))
             velocity = (-side * speed, -pull * when / 2)
-            bodies[f"ball-{k}{'ab'[side > 0]}"] = _ball(rng, *start, _number(rng, 12, 22), velocity)
+            bodies[f"ball-{k}{'ab'[side > 0]}"] = _ball(
+                rng, *start, _number(rng, 12, 22), velocity
+            )
     return {"world": world, "objects": bodies}
 
 
@@ -118,7 +142,9 @@ def sliding(rng: Rng) -> Data:
         for m in range(int(rng.integers(1, 3))):
             x, speed = 50 + 130.0 * m, _number(rng, 0, 450)
             if rng.random() < 0.5:
-                bodies[f"block-{k}{m}"] = _box(rng, x, y - 12, 34, 24) | {"velocity": [speed, 0]}
+                bodies[f"block-{k}{m}"] = _box(rng, x, y - 12, 34, 24) | {
+                    "velocity": [speed, 0]
+                }
             else:
                 bodies[f"ball-{k}{m}"] = _ball(rng, x, y - 14, 14, (speed, 0))
     return {"world": _side(rng, 1.6), "objects": bodies, "boundaries": tables}
@@ -137,8 +163,13 @@ def ramp(rng: Rng) -> Data:
             bodies[f"ball-{k}"] = _ball(rng, float(x), float(y), 14) | {"spin": 0}
         else:
             x, y = np.array(top) + far * along + 12 * up
-            bodies[f"block-{k}"] = _box(rng, float(x), float(y), 36, 24, round(float(np.degrees(angle)), 4))
-    walls = {"slope": _wall(rng, top, end), "floor": _wall(rng, (-300, 490), (900, 490))}
+            bodies[f"block-{k}"] = _box(
+                rng, float(x), float(y), 36, 24, round(float(np.degrees(angle)), 4)
+            )
+    walls = {
+        "slope": _wall(rng, top, end),
+        "floor": _wall(rng, (-300, 490), (900, 490)),
+    }
     return {"world": _side(rng), "objects": bodies, "boundaries": walls}
 
 
@@ -151,7 +182,11 @@ def stack(rng: Rng) -> Data:
             x, y = 300 + (size + 2) * (k + row / 2), 480 - size * (row + 0.5)
             bodies[f"box-{row}{k}"] = _box(rng, x, y, size, size)
     bodies["ball"] = _ball(
-        rng, 60, _number(rng, 330, 450), 16, (_number(rng, 250, 500), _number(rng, -150, 0))
+        rng,
+        60,
+        _number(rng, 330, 450),
+        16,
+        (_number(rng, 250, 500), _number(rng, -150, 0)),
     )
     return {
         "world": _side(rng, 1.5),
@@ -163,7 +198,10 @@ def stack(rng: Rng) -> Data:
 def dominoes(rng: Rng) -> Data:
     """A row, the first of which falls."""
     height, gap = _number(rng, 60, 100), _number(rng, 30, 48)
-    bodies = {f"domino-{k}": _box(rng, 60 + gap * k, 450 - height / 2, 12, height) for k in range(8)}
+    bodies = {
+        f"domino-{k}": _box(rng, 60 + gap * k, 450 - height / 2, 12, height)
+        for k in range(8)
+    }
     bodies["domino-0"] |= {"spin": _number(rng, 80, 200)}
     return {
         "world": _side(rng, 1.5),
@@ -175,7 +213,9 @@ def dominoes(rng: Rng) -> Data:
 def pendulum(rng: Rng) -> Data:
     """A bob on a pin, and a ball that bounces beside it."""
     long, angle = _number(rng, 90, 160), np.radians(rng.uniform(20, 80))
-    bob = _ball(rng, 150 + long * float(np.sin(angle)), 60 + long * float(np.cos(angle)), 16) | {"spin": 0}
+    bob = _ball(
+        rng, 150 + long * float(np.sin(angle)), 60 + long * float(np.cos(angle)), 16
+    ) | {"spin": 0}
     ball = _ball(rng, 400, _number(rng, 100, 250), 15)
     return {
         "world": _side(rng),
@@ -189,10 +229,17 @@ def table_top(rng: Rng) -> Data:
     """Discs on a table, some of them moving."""
     bodies: Data = {}
     for k in range(int(rng.integers(4, 9))):
-        x, y = 90 + 110 * (k % 4) + rng.uniform(-20, 20), 120 + 160 * (k // 4) + rng.uniform(-30, 30)
+        x, y = (
+            90 + 110 * (k % 4) + rng.uniform(-20, 20),
+            120 + 160 * (k // 4) + rng.uniform(-30, 30),
+        )
         moves = k % 2 == 0
-        speed = (_number(rng, -350, 350), _number(rng, -350, 350)) if moves else (0.0, 0.0)
-        bodies[f"disc-{k}"] = _ball(rng, x, y, _number(rng, 14, 28), speed) | {"solid": "disc"}
+        speed = (
+            (_number(rng, -350, 350), _number(rng, -350, 350)) if moves else (0.0, 0.0)
+        )
+        bodies[f"disc-{k}"] = _ball(rng, x, y, _number(rng, 14, 28), speed) | {
+            "solid": "disc"
+        }
     world = {
         "view": "top",
         "pixels_per_meter": 200,
@@ -205,11 +252,20 @@ def table_top(rng: Rng) -> Data:
 def billiards(rng: Rng) -> Data:
     """A cue ball at some others, between cushions."""
     bodies: Data = {
-        "cue": _ball(rng, 70, 256 + rng.uniform(-8, 8), 13, (_number(rng, 500, 1100), _number(rng, -40, 40)))
+        "cue": _ball(
+            rng,
+            70,
+            256 + rng.uniform(-8, 8),
+            13,
+            (_number(rng, 500, 1100), _number(rng, -40, 40)),
+        )
     }
     for k in range(int(rng.integers(2, 7))):
         row, column = divmod(k, 2)
-        x, y = 250 + 60 * row + rng.uniform(-8, 8), 230 + 56 * column + rng.uniform(-8, 8)
+        x, y = (
+            250 + 60 * row + rng.uniform(-8, 8),
+            230 + 56 * column + rng.uniform(-8, 8),
+        )
         bodies[f"ball-{k}"] = _ball(rng, x, y, 13)
     for ball in bodies.values():
         ball |= {
@@ -221,7 +277,12 @@ def billiards(rng: Rng) -> Data:
             "elasticity": 0.93,
         }
     frame = _wall(rng, (20, 20), (492, 20), (492, 492), (20, 492), (20, 20))
-    world = {"view": "top", "pixels_per_meter": 230, "table": {"friction": 0.6}, "duration": 2.0}
+    world = {
+        "view": "top",
+        "pixels_per_meter": 230,
+        "table": {"friction": 0.6},
+        "duration": 2.0,
+    }
     return {"world": world, "objects": bodies, "boundaries": {"cushions": frame}}
 
 

@@ -42,12 +42,16 @@ def _free(trajectory: Trajectory, body: int, start: float, end: float) -> bool:
     """Whether it touches nothing between two moments, all of them in the clip."""
     if start < 0 or end > trajectory.times[-1]:
         return False
-    return all(last < start or first > end for first, last, _ in _touches(trajectory, body))
+    return all(
+        last < start or first > end for first, last, _ in _touches(trajectory, body)
+    )
 
 
 def _velocity(trajectory: Trajectory, body: int, time: float) -> Array:
     k = int(np.searchsorted(trajectory.times, time))
-    return np.asarray(trajectory.velocities[min(k, len(trajectory.times) - 1), body, :2])
+    return np.asarray(
+        trajectory.velocities[min(k, len(trajectory.times) - 1), body, :2]
+    )
 
 
 def _moved(world: World, body: int, velocity: Array) -> World:
@@ -63,7 +67,11 @@ def gravity(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | No
     if world.view is View.TOP or world.joints:
         return None
     moment = float(rng.uniform(0.3, 0.65)) * float(times[-1])
-    flying = [k for k in range(len(world.bodies)) if _free(run, k, moment - 1.2 * FREE, moment)]
+    flying = [
+        k
+        for k in range(len(world.bodies))
+        if _free(run, k, moment - 1.2 * FREE, moment)
+    ]
     if not flying:
         return None
     factor = float(rng.choice([rng.uniform(0.1, 0.6), rng.uniform(1.6, 2.5)]))
@@ -73,7 +81,11 @@ def gravity(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | No
 
     poses = in_two(world, times, moment, change)
     # and something must still fly after it
-    return poses if any(_free(run, k, moment - FREE, moment + FREE) for k in flying) else None
+    return (
+        poses
+        if any(_free(run, k, moment - FREE, moment + FREE) for k in flying)
+        else None
+    )
 
 
 def energy(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
@@ -89,16 +101,29 @@ def energy(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | Non
     ]
     for body, begin, end, other in blows:
         if other < count and not (
-            _free(run, other, begin - FREE, begin - 1e-6) and _free(run, other, end + 1e-6, end + FREE)
+            _free(run, other, begin - FREE, begin - 1e-6)
+            and _free(run, other, end + 1e-6, end + FREE)
         ):
             continue
         still = np.zeros(2) if other >= count else _velocity(run, other, begin - 0.004)
         later = np.zeros(2) if other >= count else _velocity(run, other, end + 0.006)
-        came, parts = _velocity(run, body, begin - 0.004) - still, _velocity(run, body, end + 0.006) - later
+        came, parts = (
+            _velocity(run, body, begin - 0.004) - still,
+            _velocity(run, body, end + 0.006) - later,
+        )
         if np.hypot(*came) < 60 or np.hypot(*parts) < 20:
             continue
-        faster = later + parts / np.hypot(*parts) * np.hypot(*came) * float(rng.uniform(1.35, 2.0))
-        poses = in_two(world, times, end + 0.002, partial(_moved, body=body, velocity=faster), (body,), 0.15)
+        faster = later + parts / np.hypot(*parts) * np.hypot(*came) * float(
+            rng.uniform(1.35, 2.0)
+        )
+        poses = in_two(
+            world,
+            times,
+            end + 0.002,
+            partial(_moved, body=body, velocity=faster),
+            (body,),
+            0.15,
+        )
         if poses is not None:
             return poses
     return None
@@ -107,7 +132,11 @@ def energy(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | Non
 def jump(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
     """Something that moves freely is elsewhere from one frame to the next."""
     moment = float(rng.uniform(0.25, 0.75)) * float(times[-1])
-    free = [k for k in range(len(world.bodies)) if _free(run, k, moment - FREE, moment + FREE)]
+    free = [
+        k
+        for k in range(len(world.bodies))
+        if _free(run, k, moment - FREE, moment + FREE)
+    ]
     if not free or world.joints:
         return None
     body = int(rng.choice(free))
@@ -126,12 +155,17 @@ def jump(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
     return None
 
 
-def _room(world: World, run: Trajectory, body: int, moment: float, shift: Array) -> bool:
+def _room(
+    world: World, run: Trajectory, body: int, moment: float, shift: Array
+) -> bool:
     sample = int(np.searchsorted(run.times, moment))
     place = run.poses[min(sample, len(run.times) - 1), body, :2] + shift
     reach = world.bodies[body].reach
     for k, other in enumerate(world.bodies):
-        if k != body and np.hypot(*(run.poses[sample, k, :2] - place)) < reach + other.reach + 3:
+        if (
+            k != body
+            and np.hypot(*(run.poses[sample, k, :2] - place)) < reach + other.reach + 3
+        ):
             return False
     for wall in world.walls:
         for chain in wall.chains:
@@ -160,18 +194,29 @@ def momentum(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
             if other >= count or end - begin > SHORT:
                 continue
             alone = all(
-                _free(run, k, begin - FREE, begin - 1e-6) and _free(run, k, end + 1e-6, end + FREE)
+                _free(run, k, begin - FREE, begin - 1e-6)
+                and _free(run, k, end + 1e-6, end + FREE)
                 for k in (body, other)
             )
-            change = _velocity(run, body, end + 0.006) - _velocity(run, body, begin - 0.004)
+            change = _velocity(run, body, end + 0.006) - _velocity(
+                run, body, begin - 0.004
+            )
             if not alone or np.hypot(*change) < 60:
                 continue
             old = _velocity(run, other, begin - 0.004) + 0.006 * world.gravity
             ratio = world.bodies[body].mass / world.bodies[other].mass
-            ways = [old, old + 0.5 * ratio * change, old + ratio * change[::-1] * (1, -1)]
-            apart = np.subtract(*run.poses[int(np.searchsorted(run.times, end)), [body, other], :2])
+            ways = [
+                old,
+                old + 0.5 * ratio * change,
+                old + ratio * change[::-1] * (1, -1),
+            ]
+            apart = np.subtract(
+                *run.poses[int(np.searchsorted(run.times, end)), [body, other], :2]
+            )
             for k in rng.permutation(3).tolist():
-                if (_velocity(run, body, end + 0.006) - ways[k]) @ apart > 20 * np.hypot(*apart):
+                if (
+                    _velocity(run, body, end + 0.006) - ways[k]
+                ) @ apart > 20 * np.hypot(*apart):
                     poses = in_two(
                         world,
                         times,
@@ -190,23 +235,36 @@ def passing(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | No
     count = len(world.bodies)
     if world.joints:
         return None
-    pairs = [tuple(pair) for pair in run.contacts.touch_pairs.tolist() if max(pair) < count]
+    pairs = [
+        tuple(pair) for pair in run.contacts.touch_pairs.tolist() if max(pair) < count
+    ]
     for at in rng.permutation(len(pairs)).tolist():
         one, other = pairs[at]
         closing = _velocity(run, one, 0.0) - _velocity(run, other, 0.0)
         if np.hypot(*closing) < 60:
             continue
         poses = np.empty((len(times), count, 3))
-        for left_out, taken in ((one, [k for k in range(count) if k != one]), (other, [other, one])):
+        for left_out, taken in (
+            (one, [k for k in range(count) if k != one]),
+            (other, [other, one]),
+        ):
             kept = [k for k in range(count) if k != left_out]
-            alone = simulate(replace(world, bodies=tuple(world.bodies[k] for k in kept)), times)
+            alone = simulate(
+                replace(world, bodies=tuple(world.bodies[k] for k in kept)), times
+            )
             for k in taken:
                 if k in kept:
                     poses[:, k] = alone.poses[:, kept.index(k)]
         away = np.hypot(*(poses[:, one, :2] - poses[:, other, :2]).T)
-        fine = np.interp(np.linspace(0, len(times) - 1, 8 * len(times)), np.arange(len(times)), away)
+        fine = np.interp(
+            np.linspace(0, len(times) - 1, 8 * len(times)), np.arange(len(times)), away
+        )
         a, b = world.bodies[one], world.bodies[other]
-        if a.radius and b.radius and fine.min() < a.radius + b.radius - 0.8 * min(a.radius, b.radius):
+        if (
+            a.radius
+            and b.radius
+            and fine.min() < a.radius + b.radius - 0.8 * min(a.radius, b.radius)
+        ):
             return poses
     return None
 

@@ -28,4 +28,8 @@ def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:
     reach = np.array([max(form.reach, 4.0) for form in tracks.forms])
     places = tracks.places + rng.normal(0, sigma, tracks.places.shape)
     turned = rng.normal(0, 1, tracks.places.shape[:2]) * sigma / reach
-    return replace(tracks, places=places, angles=None if tracks.angles is None else tracks.angles + turned)
+    return replace(
+        tracks,
+        places=places,
+        angles=None if tracks.angles is None else tracks.angles + turned,
+    )

@@ -80,11 +80,17 @@ def gravity(motion: Motion) -> list[Evidence]:
         if flight.terms[2, 1] < 0 and own < TUNING.lift * size:
             continue
         sure = TUNING.sure * np.sqrt(2) * _few(flight)
-        apart = float(np.hypot(*(flight.terms[2] - pulled))) - sure * flight.error(flight.middle, 2)
+        apart = float(np.hypot(*(flight.terms[2] - pulled))) - sure * flight.error(
+            flight.middle, 2
+        )
         way = "is pulled upwards" if flight.terms[2, 1] < 0 else "falls"
         frames = f"frames {flight.first} to {flight.last}"
         text = f"{motion.tracks.names[k]}: {way} at {own:.0f} px/s² over {frames}, all flights at {size:.0f}"
-        deviation = apart / size if apart > 0 and not _kinked(motion, k, flight, pulled) else 0.0
+        deviation = (
+            apart / size
+            if apart > 0 and not _kinked(motion, k, flight, pulled)
+            else 0.0
+        )
         found.append(Evidence(deviation, (flight.first + flight.last) // 2, (k,), text))
     return found
 
@@ -92,12 +98,22 @@ def gravity(motion: Motion) -> list[Evidence]:
 def _kinked(motion: Motion, body: int, flight: Segment, pulled: Array) -> bool:
     """Whether a fall as all others' with one small impact in it explains the places as well."""
     rows = slice(flight.first, flight.last + 1)
-    path, s = motion.tracks.places[rows, body], motion.tracks.times[rows] - flight.middle
-    left = float(((path - np.stack([np.ones_like(s), s, s * s / 2], axis=1) @ flight.terms) ** 2).sum())
+    path, s = (
+        motion.tracks.places[rows, body],
+        motion.tracks.times[rows] - flight.middle,
+    )
+    left = float(
+        (
+            (path - np.stack([np.ones_like(s), s, s * s / 2], axis=1) @ flight.terms)
+            ** 2
+        ).sum()
+    )
     off, best = path - np.outer(s * s / 2, pulled), np.inf
     for at in (s[1:-2] + s[2:-1]) / 2:
         columns = np.stack([np.ones_like(s), s, np.maximum(s - at, 0.0)], axis=1)
-        best = min(best, float(((off - columns @ (np.linalg.pinv(columns) @ off)) ** 2).sum()))
+        best = min(
+            best, float(((off - columns @ (np.linalg.pinv(columns) @ off)) ** 2).sum())
+        )
     return best <= left + 9 * float(motion.sigma[body]) ** 2
 
 
@@ -110,15 +126,21 @@ def momentum(motion: Motion) -> list[Evidence]:
     """Each meeting of two that are free, from above or in flight; what is missing over what passes between them."""
     found = []
     for impact in motion.impacts:
-        if len(impact.parts) < 2 or not all(_measured(motion, part) for part in impact.parts):
+        if len(impact.parts) < 2 or not all(
+            _measured(motion, part) for part in impact.parts
+        ):
             continue
         one, other = impact.parts
         masses = motion.tracks.masses
         off = TUNING.guessed if masses is None else TUNING.known
         weights = (
-            np.array([form.reach**2 or 1.0 for form in motion.tracks.forms]) if masses is None else masses
+            np.array([form.reach**2 or 1.0 for form in motion.tracks.forms])
+            if masses is None
+            else masses
         )
-        ratios = float(weights[other.body] / weights[one.body]) * np.geomspace(1 / off, off, 121)
+        ratios = float(weights[other.body] / weights[one.body]) * np.geomspace(
+            1 / off, off, 121
+        )
         total = np.hypot(*(one.change[:, None] + ratios * other.change[:, None]))
         error = TUNING.sure * np.hypot(one.error(), ratios * other.error())
         passed = np.hypot(*one.change) + ratios * np.hypot(*other.change)
@@ -132,7 +154,11 @@ def momentum(motion: Motion) -> list[Evidence]:
 
 def _measured(motion: Motion, part: Turn) -> bool:
     """Whether nothing else acts on it, and its velocities are known."""
-    if not motion.moves(part.body) or part.before is part.after or part.after.first > part.before.last + 1:
+    if (
+        not motion.moves(part.body)
+        or part.before is part.after
+        or part.after.first > part.before.last + 1
+    ):
         return False  # what lies between may have been another impact
     pulled = motion.gravity
     if motion.tracks.view is View.TOP or motion.tracks.flat:
@@ -141,18 +167,27 @@ def _measured(motion: Motion, part: Turn) -> bool:
         return False
     size = float(np.hypot(*pulled))
     errors = [
-        (segment.error(part.time, 2), segment.terms[2] - pulled) for segment in (part.before, part.after)
+        (segment.error(part.time, 2), segment.terms[2] - pulled)
+        for segment in (part.before, part.after)
     ]
-    return all(error < 0.2 * size and np.hypot(*off) < 0.2 * size + 2 * error for error, off in errors)
+    return all(
+        error < 0.2 * size and np.hypot(*off) < 0.2 * size + 2 * error
+        for error, off in errors
+    )
 
 
 def energy(motion: Motion) -> list[Evidence]:
     """Each impact of round bodies: parting over closing speed along the change of velocity, less what spin gave."""
     found = []
     for impact in motion.impacts:
-        if not all(motion.tracks.forms[part.body].round for part in impact.parts if part.shown):
+        if not all(
+            motion.tracks.forms[part.body].round for part in impact.parts if part.shown
+        ):
             continue
-        spins = [TUNING.spin * float(part.arrives @ part.arrives) * part.shown for part in impact.parts]
+        spins = [
+            TUNING.spin * float(part.arrives @ part.arrives) * part.shown
+            for part in impact.parts
+        ]
         usual = [_usual(motion, part.body) for part in impact.parts]
         gain = max(
             _gain(part.arrives, part.leaves, part.error(), spin, own)
@@ -223,7 +258,9 @@ def _dense(motion: Motion, body: int) -> Array:
     """(PARTS (T - 1) + 1, 2) px: between frames too; NaN where a segment ends, since what was hit turns there."""
     path = motion.tracks.places[:, body]
     frames, ticks = np.arange(len(path)), np.arange(PARTS * (len(path) - 1) + 1) / PARTS
-    dense = np.stack([np.interp(ticks, frames, path[:, axis]) for axis in (0, 1)], axis=1)
+    dense = np.stack(
+        [np.interp(ticks, frames, path[:, axis]) for axis in (0, 1)], axis=1
+    )
     for segment in motion.segments[body]:
         dense[PARTS * segment.last + 1 : PARTS * (segment.last + 1)] = np.nan
     return dense
@@ -243,15 +280,25 @@ def _worst_step(motion: Motion, body: int, first: int, last: int) -> Evidence:
     sigma, form = float(motion.sigma[body]), motion.tracks.forms[body]
     steps = motion.steps[first : last - 1, body]
     lengths = np.hypot(*steps.T)
-    fall = 0.0 if motion.gravity is None else float(np.hypot(*motion.gravity)) * motion.tracks.step**2 / 2
+    fall = (
+        0.0
+        if motion.gravity is None
+        else float(np.hypot(*motion.gravity)) * motion.tracks.step**2 / 2
+    )
     worst, frame, excess = 0.0, first, 0.0
     for k in range(1, len(steps) - 1):
         off = _beyond(steps, k)
         if off <= TUNING.jump * sigma:
             continue
-        usual = float(np.concatenate([lengths[max(k - 3, 0) : k], lengths[k + 2 : k + 5]]).max(initial=0.0))
+        usual = float(
+            np.concatenate([lengths[max(k - 3, 0) : k], lengths[k + 2 : k + 5]]).max(
+                initial=0.0
+            )
+        )
         allowed = TUNING.jump * sigma + _shoved(motion, body, first + k, usual) + fall
-        deviation = max(0.0, off - allowed) / max(usual, 0.3 * form.reach, 10 * sigma, 3.0)
+        deviation = max(0.0, off - allowed) / max(
+            usual, 0.3 * form.reach, 10 * sigma, 3.0
+        )
         if not all(
             any(s.good and s.first <= at <= s.last for s in motion.segments[body])
             for at in (first + k, first + k + 1)
@@ -266,11 +313,15 @@ def _worst_step(motion: Motion, body: int, first: int, last: int) -> Evidence:
 def _beyond(steps: Array, k: int) -> float:
     """px by which a step is none that the velocity before, the one after, or a change between the two makes."""
     before = [steps[k - 1]] + ([2 * steps[k - 1] - steps[k - 2]] if k >= 2 else [])
-    after = [steps[k + 1]] + ([2 * steps[k + 1] - steps[k + 2]] if k + 2 < len(steps) else [])
+    after = [steps[k + 1]] + (
+        [2 * steps[k + 1] - steps[k + 2]] if k + 2 < len(steps) else []
+    )
     found = []
     for a in before:
         for way in (b - a for b in after):
-            part = np.clip((steps[k] - a) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+            part = np.clip(
+                (steps[k] - a) @ way / max(float(way @ way), 1e-12), 0.0, 1.0
+            )
             found.append(float(np.hypot(*(steps[k] - a - part * way))))
     return min(found)
 
@@ -305,12 +356,30 @@ class Question(NamedTuple):
 
 
 QUESTIONS = {
-    "gravity": Question("all that flies falls alike", 0.2, gravity, "nothing flies freely for long enough"),
-    "momentum": Question("bodies that meet push each other", 0.3, momentum, "no two free bodies meet alone"),
-    "energy": Question(
-        "nothing parts faster than it came", 0.2, energy, "no impact of round bodies is clear"
+    "gravity": Question(
+        "all that flies falls alike",
+        0.2,
+        gravity,
+        "nothing flies freely for long enough",
     ),
-    "overlap": Question("nothing goes through another", 0.1, overlap, "no two outlines come near each other"),
+    "momentum": Question(
+        "bodies that meet push each other",
+        0.3,
+        momentum,
+        "no two free bodies meet alone",
+    ),
+    "energy": Question(
+        "nothing parts faster than it came",
+        0.2,
+        energy,
+        "no impact of round bodies is clear",
+    ),
+    "overlap": Question(
+        "nothing goes through another",
+        0.1,
+        overlap,
+        "no two outlines come near each other",
+    ),
     "jumps": Question("nothing jumps", 0.5, jumps, "no track goes on for 6 frames"),
 }
 
@@ -341,7 +410,10 @@ class Verdict:
     @property
     def overall(self) -> float | None:
         """The least of what was asked; None where nothing could be."""
-        return min((s for name in self.answers if (s := self.score(name)) is not None), default=None)
+        return min(
+            (s for name in self.answers if (s := self.score(name)) is not None),
+            default=None,
+        )
 
     @property
     def wrong(self) -> bool | None:
@@ -355,7 +427,11 @@ class Verdict:
 
     def faults(self) -> list[tuple[str, Evidence]]:
         """Question and evidence of all that is called wrong, the worst first."""
-        found = [(name, evidence) for name, asked in self.answers.items() for evidence in asked]
+        found = [
+            (name, evidence)
+            for name, asked in self.answers.items()
+            for evidence in asked
+        ]
         found.sort(key=lambda pair: score(pair[0], pair[1].deviation))
         return [pair for pair in found if score(pair[0], pair[1].deviation) < EVEN]
 
@@ -369,8 +445,13 @@ class Verdict:
             "frames": len(tracks.times),
             "fps": round(1 / tracks.step, 6),
             "bodies": len(tracks.names),
-            "noise_px": {n: round(float(s), 4) for n, s in zip(tracks.names, self.motion.sigma, strict=True)},
-            "gravity_px_s2": None if pulled is None else [round(float(g), 3) for g in pulled],
+            "noise_px": {
+                n: round(float(s), 4)
+                for n, s in zip(tracks.names, self.motion.sigma, strict=True)
+            },
+            "gravity_px_s2": None
+            if pulled is None
+            else [round(float(g), 3) for g in pulled],
             "score": None if self.overall is None else round(self.overall, 4),
             "verdict": self.word,
             "questions": {name: self._answer(name) for name in self.answers},
@@ -422,17 +503,35 @@ def findings(verdicts: Sequence[Verdict]) -> Findings:
     wrong = [v for v in verdicts if v.wrong]
     judged = sum(v.wrong is not None for v in verdicts)
     rows = tuple(
-        (v.tracks.name, v.word, *(number(s) for s in (v.overall, *map(v.score, QUESTIONS)))) for v in verdicts
+        (
+            v.tracks.name,
+            v.word,
+            *(number(s) for s in (v.overall, *map(v.score, QUESTIONS))),
+        )
+        for v in verdicts
     )
     table = Table(("clip", "verdict", "score", *QUESTIONS), rows)
     sections = [Section("Scores", (ABOUT,), (table,)), *map(_section, verdicts)]
     sentences = [f"{len(wrong)} of {counted(judged, 'clip')} called wrong."]
     if unasked := [v.tracks.name for v in verdicts if v.wrong is None]:
-        sentences.append(f"Nothing could be asked of {', '.join(unasked[:5])}: that is no verdict.")
+        sentences.append(
+            f"Nothing could be asked of {', '.join(unasked[:5])}: that is no verdict."
+        )
     count = f"{len(wrong)} of {judged}" if judged else "nothing could be asked"
     bar = Bar("clips called wrong", count, "0", not wrong and judged > 0)
-    title, records = "Is the motion physically possible?", [v.as_dict() for v in verdicts]
-    return Findings("plausibility", title, tuple(sentences), tuple(sections), records, (bar,), {"even": EVEN})
+    title, records = (
+        "Is the motion physically possible?",
+        [v.as_dict() for v in verdicts],
+    )
+    return Findings(
+        "plausibility",
+        title,
+        tuple(sentences),
+        tuple(sections),
+        records,
+        (bar,),
+        {"even": EVEN},
+    )
 
 
 def _section(verdict: Verdict) -> Section:
@@ -445,9 +544,13 @@ def _section(verdict: Verdict) -> Section:
     rows = []
     for name, found in verdict.answers.items():
         worst = (
-            f"frame {found[0].frame}: {found[0].text}" if found else f"not asked: {QUESTIONS[name].why_not}"
+            f"frame {found[0].frame}: {found[0].text}"
+            if found
+            else f"not asked: {QUESTIONS[name].why_not}"
         )
         worst = worst if not found or found[0].deviation > 0 else "nothing beyond noise"
-        rows.append((QUESTIONS[name].text, str(len(found)), number(verdict.score(name)), worst))
+        rows.append(
+            (QUESTIONS[name].text, str(len(found)), number(verdict.score(name)), worst)
+        )
     table = Table(("what must hold", "asked", "score", "the worst"), tuple(rows))
     return Section(tracks.name, (about,), (table,))

@@ -59,7 +59,9 @@ def runs(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
     >>> runs(np.array([True, True, False, True]))
     [(0, 2), (3, 4)]
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
+    edges = np.flatnonzero(
+        np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8))
+    )
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
@@ -73,7 +75,11 @@ def noise(tracks: Tracks) -> Array:
     shake only as they move. Where nothing is known, the median of the others is taken.
     """
     own = np.array([_noise(tracks, k) for k in range(len(tracks.names))])
-    typical = float(np.median(own[np.isfinite(own)])) if np.isfinite(own).any() else tracks.floor
+    typical = (
+        float(np.median(own[np.isfinite(own)]))
+        if np.isfinite(own).any()
+        else tracks.floor
+    )
     own = np.where(np.isfinite(own), own, typical)
     return np.asarray(np.maximum(np.clip(own, typical / 2, None), tracks.floor))
 
@@ -86,8 +92,12 @@ def _noise(tracks: Tracks, body: int) -> float:
         moved = np.hypot(*(path[3:] - path[:-3]).T) > 2 * tracks.floor
         parts.append(np.abs(np.diff(path, 3, axis=0))[moved])
     values = np.concatenate(parts)
-    to_sigma = 1.4826 / np.sqrt(20)  # median -> standard deviation, of a normal distribution; 1 + 9 + 9 + 1
-    return to_sigma * float(np.median(values)) if len(values) > TUNING.fewest else np.nan
+    to_sigma = 1.4826 / np.sqrt(
+        20
+    )  # median -> standard deviation, of a normal distribution; 1 + 9 + 9 + 1
+    return (
+        to_sigma * float(np.median(values)) if len(values) > TUNING.fewest else np.nan
+    )
 
 
 # ---- segments ----------------------------------------------------------------------------------------------------
@@ -162,7 +172,9 @@ def _costs(path: Array) -> Array:
     n = len(path)
     costs = np.zeros((min(n, TUNING.longest) + 1, n))
     for length in range(TUNING.fewest, min(n, TUNING.longest) + 1):
-        windows = np.lib.stride_tricks.sliding_window_view(path, length, axis=0)  # (m, 2, length)
+        windows = np.lib.stride_tricks.sliding_window_view(
+            path, length, axis=0
+        )  # (m, 2, length)
         off = windows - windows[..., :1]
         left = (off**2).sum(axis=2) - ((off @ _basis(length)) ** 2).sum(axis=2)
         costs[length, : n - length + 1] = np.maximum(left, 0.0).sum(axis=1)
@@ -173,7 +185,9 @@ def _costs(path: Array) -> Array:
 def _basis(length: int) -> Array:
     """(length, 3): orthonormal, spans parabolas."""
     grid = np.linspace(-1.0, 1.0, length)
-    return np.asarray(np.linalg.qr(np.stack([np.ones(length), grid, grid**2], axis=1))[0])
+    return np.asarray(
+        np.linalg.qr(np.stack([np.ones(length), grid, grid**2], axis=1))[0]
+    )
 
 
 def _fitted(path: Array, times: Array, first: int, sigma: float) -> Segment:
@@ -184,7 +198,10 @@ def _fitted(path: Array, times: Array, first: int, sigma: float) -> Segment:
     terms, spread, residual = np.zeros((3, 2)), np.full((3, 3), np.inf), 0.0
     terms[:order] = inverse @ path
     if n >= TUNING.fewest:
-        residual = float(np.sqrt(((path - columns @ terms) ** 2).sum() / (2 * (n - 3)))) / sigma
+        residual = (
+            float(np.sqrt(((path - columns @ terms) ** 2).sum() / (2 * (n - 3))))
+            / sigma
+        )
         spread = inverse @ inverse.T * (sigma * max(1.0, residual)) ** 2
     return Segment(first, first + n - 1, middle, terms, spread, residual)
 
@@ -227,7 +244,11 @@ class Turn:
         """Of the change, px/s, or of the place by which both miss each other (`order` 0), px."""
         if self.before is self.after:
             return self.before.error(self.time, order)
-        return float(np.hypot(self.before.error(self.time, order), self.after.error(self.time, order)))
+        return float(
+            np.hypot(
+                self.before.error(self.time, order), self.after.error(self.time, order)
+            )
+        )
 
 
 # ---- motion ------------------------------------------------------------------------------------------------------
@@ -252,7 +273,10 @@ class Motion:
                 segment
                 for first, last in runs(tracks.seen[:, k])
                 for segment in segments(
-                    tracks.places[first:last, k], tracks.times[first:last], first, float(self.sigma[k])
+                    tracks.places[first:last, k],
+                    tracks.times[first:last],
+                    first,
+                    float(self.sigma[k]),
                 )
             ]
             for k in range(len(tracks.names))
@@ -269,38 +293,60 @@ class Motion:
                 [
                     self._turn(body, before, after)
                     for before, after in pairwise(good)
-                    if after.first - before.last <= TUNING.widest and seen[before.last : after.first].all()
+                    if after.first - before.last <= TUNING.widest
+                    and seen[before.last : after.first].all()
                 ]
             )
         return found
 
     def _turn(self, body: int, before: Segment, after: Segment) -> Turn:
         times, step = self.tracks.times, self.tracks.step
-        ticks = np.linspace(times[before.last] - step / 2, times[after.first] + step / 2, 41)
+        ticks = np.linspace(
+            times[before.last] - step / 2, times[after.first] + step / 2, 41
+        )
         turn = Turn(body, before, after, _nearest(ticks, [(before, after)]))
         a, b = before.terms[2], after.terms[2]
         smooth = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2) * step
         least = max(6 * self.sigma[body], 0.4) / step  # px/s: changes below it are none
-        enough = max(TUNING.sure * turn.error(), TUNING.smooth * smooth * (after.first - before.last), least)
+        enough = max(
+            TUNING.sure * turn.error(),
+            TUNING.smooth * smooth * (after.first - before.last),
+            least,
+        )
         return replace(turn, sudden=bool(np.hypot(*turn.change) > enough))
 
-    def parted(self, body: int, segment: Segment, time: float) -> tuple[Segment, Segment] | None:
+    def parted(
+        self, body: int, segment: Segment, time: float
+    ) -> tuple[Segment, Segment] | None:
         """One segment as two that meet at a moment: how much of an impact may not have shown; None for few frames."""
         tracks = self.tracks
         frames = np.arange(segment.first, segment.last + 1)
-        frames = frames[np.abs(tracks.times[frames] - time) <= TUNING.parted * tracks.step]
-        sides = [frames[tracks.times[frames] < time], frames[tracks.times[frames] > time]]
+        frames = frames[
+            np.abs(tracks.times[frames] - time) <= TUNING.parted * tracks.step
+        ]
+        sides = [
+            frames[tracks.times[frames] < time],
+            frames[tracks.times[frames] > time],
+        ]
         if min(map(len, sides)) < TUNING.fewest:
             return None
         before, after = (
-            _fitted(tracks.places[side, body], tracks.times[side], int(side[0]), float(self.sigma[body]))
+            _fitted(
+                tracks.places[side, body],
+                tracks.times[side],
+                int(side[0]),
+                float(self.sigma[body]),
+            )
             for side in sides
         )
         return before, after
 
     def turns_near(self, body: int, time: float, frames: float) -> bool:
         """Whether it turns suddenly within some frames of a moment."""
-        return any(t.sudden and abs(t.time - time) <= frames * self.tracks.step for t in self.turns[body])
+        return any(
+            t.sudden and abs(t.time - time) <= frames * self.tracks.step
+            for t in self.turns[body]
+        )
 
     @cached_property
     def flights(self) -> list[tuple[int, Segment]]:
@@ -321,7 +367,9 @@ class Motion:
         falls = [segment for _, segment in self.flights if segment.terms[2, 1] > 0]
         if not falls:
             return None
-        weighed = np.repeat([s.terms[2] for s in falls], [s.count for s in falls], axis=0)
+        weighed = np.repeat(
+            [s.terms[2] for s in falls], [s.count for s in falls], axis=0
+        )
         return np.asarray(np.sort(weighed, axis=0)[(len(weighed) - 1) // 2])
 
     def _guided(self, body: int) -> bool:
@@ -332,7 +380,10 @@ class Motion:
             off = float(np.hypot(*(a.terms[2] - b.terms[2])))
             error = float(np.hypot(a.error(turn.time, 2), b.error(turn.time, 2)))
             size = max(float(np.hypot(*a.terms[2])), float(np.hypot(*b.terms[2])))
-            fast = max(np.hypot(*turn.arrives), np.hypot(*turn.leaves)) * self.tracks.step > 0.5
+            fast = (
+                max(np.hypot(*turn.arrives), np.hypot(*turn.leaves)) * self.tracks.step
+                > 0.5
+            )
             smooth += not turn.sudden and fast and off > max(3 * error, 0.15 * size)
         return smooth >= 2
 
@@ -344,19 +395,27 @@ class Motion:
             return False
         a, error = segment.terms[2], segment.error(first, 2)
         size = float(np.hypot(*a))
-        enough = size >= 5 * error and size * (last - first) ** 2 / 8 >= max(5 * self.sigma[body], 1.5)
+        enough = size >= 5 * error and size * (last - first) ** 2 / 8 >= max(
+            5 * self.sigma[body], 1.5
+        )
         if not enough or segment.residual > 2.5:
             return False
         vx, vy = segment.at(segment.middle, 1)
         speed = float(np.hypot(vx, vy))
         plumb = abs(a[0]) < TUNING.plumb * size + 2 * error
-        curved = speed > 0 and abs(a[0] * vy - a[1] * vx) / speed > max(4 * error, 0.25 * size)
+        curved = speed > 0 and abs(a[0] * vy - a[1] * vx) / speed > max(
+            4 * error, 0.25 * size
+        )
         return (plumb or curved) and self.alone(body, segment, 1.0)
 
     def alone(self, body: int, segment: Segment, margin: float) -> bool:
         """Whether other bodies are farther away, px, in all but its first and last frame."""
         inner, forms = slice(segment.first + 1, segment.last), self.tracks.forms
-        gaps = [self.gap(body, k)[inner] for k in range(len(forms)) if k != body and forms[k].reach > 0]
+        gaps = [
+            self.gap(body, k)[inner]
+            for k in range(len(forms))
+            if k != body and forms[k].reach > 0
+        ]
         return all(np.nanmin(gap, initial=np.inf) > margin for gap in gaps)
 
     @cached_property
@@ -367,7 +426,9 @@ class Motion:
     def moves(self, body: int) -> bool:
         """Whether it ever moves: what never does may be nailed down."""
         path = self.tracks.places[self.tracks.seen[:, body], body]
-        away = np.hypot(*(path - np.median(path, axis=0)).T) if len(path) else np.zeros(1)
+        away = (
+            np.hypot(*(path - np.median(path, axis=0)).T) if len(path) else np.zeros(1)
+        )
         return bool(np.quantile(away, 0.95) > max(2.0, 6 * self.sigma[body]))
 
     def free(self, body: int) -> bool:
@@ -389,11 +450,17 @@ class Motion:
 
     def _gap(self, one: int, other: int) -> Array:
         a, b = self.tracks.forms[one], self.tracks.forms[other]
-        gap = np.hypot(*(self.tracks.places[:, one] - self.tracks.places[:, other]).T) - a.reach - b.reach
+        gap = (
+            np.hypot(*(self.tracks.places[:, one] - self.tracks.places[:, other]).T)
+            - a.reach
+            - b.reach
+        )
         if not (a.round and b.round):
             close = np.flatnonzero(gap < 0.5 * (a.reach + b.reach))
             shapes = [[piece[close] for piece in self._shapes[k]] for k in (one, other)]
-            parted = [_separation(mine, others) for mine in shapes[0] for others in shapes[1]]
+            parted = [
+                _separation(mine, others) for mine in shapes[0] for others in shapes[1]
+            ]
             gap[close] = np.min(parted, axis=0)
         return np.asarray(gap)
 
@@ -405,13 +472,17 @@ class Motion:
         circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
         for k, form in enumerate(self.tracks.forms):
             angle = (
-                np.zeros(len(self.tracks.times)) if self.tracks.angles is None else self.tracks.angles[:, k]
+                np.zeros(len(self.tracks.times))
+                if self.tracks.angles is None
+                else self.tracks.angles[:, k]
             )
             c, s = np.cos(angle), np.sin(angle)
             turns = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1)
             pieces = form.pieces or (form.reach * circle,)
             place = self.tracks.places[:, k, None]
-            found.append([np.einsum("tij,kj->tki", turns, piece) + place for piece in pieces])
+            found.append(
+                [np.einsum("tij,kj->tki", turns, piece) + place for piece in pieces]
+            )
         return found
 
     def near(self, body: int, first: int, last: int) -> list[int]:
@@ -429,7 +500,11 @@ class Motion:
         """px that two bodies may still be apart in every frame and yet touch in between."""
         rate = np.abs(np.diff(self.gap(one, other)[max(first - 1, 0) : last + 2]))
         # what hits half-way between two frames is half a step away in both
-        return 1.5 + 0.65 * float(np.nanmax(rate, initial=0.0)) + 3 * self.shake(one, other)
+        return (
+            1.5
+            + 0.65 * float(np.nanmax(rate, initial=0.0))
+            + 3 * self.shake(one, other)
+        )
 
 
 def _separation(a: Array, b: Array) -> Array:
@@ -438,7 +513,10 @@ def _separation(a: Array, b: Array) -> Array:
     for mine in (a, b):
         along = np.roll(mine, -1, axis=1) - mine
         size = np.hypot(along[..., 0], along[..., 1])
-        normal = np.stack([along[..., 1], -along[..., 0]], axis=1) / np.maximum(size, 1e-12)[:, None]
+        normal = (
+            np.stack([along[..., 1], -along[..., 0]], axis=1)
+            / np.maximum(size, 1e-12)[:, None]
+        )
         on_a, on_b = a @ normal, b @ normal  # (T, K, sides)
         gap = np.maximum(on_b.min(1) - on_a.max(1), on_a.min(1) - on_b.max(1))
         widest = np.maximum(widest, np.where(size > 1e-9, gap, -np.inf).max(axis=1))
@@ -447,7 +525,9 @@ def _separation(a: Array, b: Array) -> Array:
 
 def _nearest(ticks: Array, parts: list[tuple[Segment, Segment]]) -> float:
     """s: the tick at which the segments before and after are nearest to each other."""
-    missed = [sum(float(np.sum((b.at(t) - a.at(t)) ** 2)) for a, b in parts) for t in ticks]
+    missed = [
+        sum(float(np.sum((b.at(t) - a.at(t)) ** 2)) for a, b in parts) for t in ticks
+    ]
     return float(ticks[int(np.argmin(missed))])
 
 
@@ -470,7 +550,12 @@ class Impact:
 def _impacts(motion: Motion) -> list[Impact]:
     found: list[Impact] = []
     step = motion.tracks.step
-    for turn in (turn for turns in motion.turns for turn in turns if turn.sudden and motion.free(turn.body)):
+    for turn in (
+        turn
+        for turns in motion.turns
+        for turn in turns
+        if turn.sudden and motion.free(turn.body)
+    ):
         impact = _impact(motion, turn)
         if impact is None or not _single(impact, step):
             continue
@@ -512,7 +597,10 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
     other = others[0]
     for body in set(motion.near(other.body, first, last)) - {turn.body}:
         gap = motion.gap(other.body, body)[first : last + 1]
-        if motion.turns_near(body, turn.time, TUNING.late) or np.nanmin(gap, initial=np.inf) < 2.0:
+        if (
+            motion.turns_near(body, turn.time, TUNING.late)
+            or np.nanmin(gap, initial=np.inf) < 2.0
+        ):
             return None  # a third has a part in it
     ticks = turn.time + np.linspace(-motion.tracks.step / 2, motion.tracks.step / 2, 41)
     time = _nearest(ticks, [(turn.before, turn.after), (other.before, other.after)])
@@ -525,8 +613,15 @@ def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
         if abs(other.time - turn.time) <= TUNING.same * motion.tracks.step:
             return replace(other, time=turn.time)
     for segment in motion.segments[body]:
-        if segment.good and segment.first <= turn.before.last and turn.after.first <= segment.last:
-            before, after = motion.parted(body, segment, turn.time) or (segment, segment)
+        if (
+            segment.good
+            and segment.first <= turn.before.last
+            and turn.after.first <= segment.last
+        ):
+            before, after = motion.parted(body, segment, turn.time) or (
+                segment,
+                segment,
+            )
             return Turn(body, before, after, turn.time, shown=False)
     return None
 

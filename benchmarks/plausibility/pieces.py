@@ -33,19 +33,26 @@ def continued(world: World, trajectory: Trajectory, sample: int) -> World:
                 rings=tuple(ring @ turn for ring in body.rings),
                 velocity=np.array([vx, vy]),
                 spin=float(spin),
-                roll=trajectory.rolls[sample, k].copy() if trajectory.rolls.shape[1] else body.roll,
+                roll=trajectory.rolls[sample, k].copy()
+                if trajectory.rolls.shape[1]
+                else body.roll,
             )
         )
     joints = tuple(
         replace(
             joint,
             first_at=joint.first_at @ turns[joint.first],
-            second_at=joint.second_at if joint.second is None else joint.second_at @ turns[joint.second],
+            second_at=joint.second_at
+            if joint.second is None
+            else joint.second_at @ turns[joint.second],
         )
         for joint in world.joints
     )
     return replace(
-        world, bodies=tuple(bodies), joints=joints, duration=world.duration - float(trajectory.times[sample])
+        world,
+        bodies=tuple(bodies),
+        joints=joints,
+        duration=world.duration - float(trajectory.times[sample]),
     )
 
 
@@ -62,11 +69,15 @@ def in_two(
     None where one of `calm` touches something within some seconds after it, so that no one could tell.
     """
     before, after = times[times <= moment], times[times > moment]
-    first = simulate(world, np.append(before, moment) if before[-1] < moment else before)
+    first = simulate(
+        world, np.append(before, moment) if before[-1] < moment else before
+    )
     then = change(continued(world, first, len(first.times) - 1))
     rest = simulate(then, np.concatenate([[0.0], after - moment]))
     for pair, begin in zip(
-        rest.contacts.touch_pairs.tolist(), rest.contacts.touch_times[:, 0].tolist(), strict=True
+        rest.contacts.touch_pairs.tolist(),
+        rest.contacts.touch_times[:, 0].tolist(),
+        strict=True,
     ):
         if 0.004 < begin < seconds and set(pair) & set(calm):
             return None

@@ -24,7 +24,10 @@ SEEDS = 24
 def plausibility(folder: Path) -> list[dict]:
     """The answers for the clips of the calibration, and of each bundled scene and variant."""
     said = trial(range(HELD_OUT, HELD_OUT + SEEDS), os.cpu_count() or 1)
-    rows = [{key: value for key, value in row.items() if key != "scores"} for row in counted(said)]
+    rows = [
+        {key: value for key, value in row.items() if key != "scores"}
+        for row in counted(said)
+    ]
     return [*rows, *scenes(), *studio()]
 
 
@@ -39,9 +42,15 @@ def scenes() -> list[dict]:
             "score": verdict.overall,
             "asked": {},
         }
-        row["asked"] = {name: len(found) for name, found in verdict.answers.items() if found}
-        row["faults"] = [f"{name}: {evidence.text}" for name, evidence in verdict.faults()[:3]]
-        rows.append(row | {"score": None if row["score"] is None else round(row["score"], 4)})
+        row["asked"] = {
+            name: len(found) for name, found in verdict.answers.items() if found
+        }
+        row["faults"] = [
+            f"{name}: {evidence.text}" for name, evidence in verdict.faults()[:3]
+        ]
+        rows.append(
+            row | {"score": None if row["score"] is None else round(row["score"], 4)}
+        )
     return rows
 
 
@@ -63,12 +72,19 @@ def studio() -> list[dict]:
         rows.append(_row(f"{name}, film", "poses", [judge(posed)]))
     for path in sorted((ROOT / "studio/truth").glob("*/clips/clips.json")):
         told = json.loads(path.read_text())
-        clips = [_posed(told["scene"], clip["set"], told["times_s"], clip["poses"]) for clip in told["clips"]]
-        rows.append(_row(f"{path.parent.parent.name}, clips", "poses", list(map(judge, clips))))
+        clips = [
+            _posed(told["scene"], clip["set"], told["times_s"], clip["poses"])
+            for clip in told["clips"]
+        ]
+        rows.append(
+            _row(f"{path.parent.parent.name}, clips", "poses", list(map(judge, clips)))
+        )
     return rows
 
 
-def _posed(scene: str, overrides: Sequence[str], times: list[float], objects: dict) -> Tracks:
+def _posed(
+    scene: str, overrides: Sequence[str], times: list[float], objects: dict
+) -> Tracks:
     loaded = pipeline.load(ROOT / scene, tuple(overrides))
     world = pipeline.compile(loaded, pipeline.percepts(loaded)).world
     poses = np.array([objects[body.name] for body in world.bodies]).transpose(1, 0, 2)
@@ -86,6 +102,8 @@ def _row(name: str, tracks: str, verdicts: list[Verdict]) -> dict:
         "not_asked": len(verdicts) - len(scores),
         "least": round(min(scores), 4) if scores else None,
         "faults": [
-            f"{name}: {evidence.text}" for verdict in verdicts for name, evidence in verdict.faults()[:1]
+            f"{name}: {evidence.text}"
+            for verdict in verdicts
+            for name, evidence in verdict.faults()[:1]
         ][:3],
     }

@@ -102,12 +102,19 @@ class Tracks:
     def holding(self, names: Sequence[str]) -> Tracks:
         """With these bodies held. Raises InputError for names that are not there."""
         if unknown := set(names) - set(self.names):
-            found, fix = f'"{", ".join(sorted(unknown))}"', f"it has {', '.join(self.names[:8])}"
+            found, fix = (
+                f'"{", ".join(sorted(unknown))}"',
+                f"it has {', '.join(self.names[:8])}",
+            )
             raise InputError.of(self.name, found, "is none of its bodies", fix)
-        return replace(self, held=self.held | {self.names.index(name) for name in names})
+        return replace(
+            self, held=self.held | {self.names.index(name) for name in names}
+        )
 
 
-def read(path: Path, fps: float | None = None, view: View = View.SIDE) -> Iterator[Tracks]:
+def read(
+    path: Path, fps: float | None = None, view: View = View.SIDE
+) -> Iterator[Tracks]:
     """Every clip that a path holds; `fps` and `view` of tables. Raises InputError."""
     from physgen.batch.clips import clip_folders
 
@@ -136,7 +143,12 @@ def from_scene(path: Path, variant: str | None = None) -> Tracks:
     world = pipeline.compile(scene, pipeline.percepts(scene)).world
     trajectory = pipeline.simulate(world)
     name = path.parent.name if path.name == "scene.yaml" else path.stem
-    return from_world(f"{name}-{variant}" if variant else name, world, trajectory.times, trajectory.poses)
+    return from_world(
+        f"{name}-{variant}" if variant else name,
+        world,
+        trajectory.times,
+        trajectory.poses,
+    )
 
 
 def from_clip(folder: Path) -> Tracks:
@@ -153,12 +165,16 @@ def from_clip(folder: Path) -> Tracks:
         with np.load(path, allow_pickle=False) as file:
             times, names, poses = (file[key] for key in ("times", "names", "poses"))
     except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise InputError.of(str(path), "", f"cannot be read: {error}", "render the clip again") from None
+        raise InputError.of(
+            str(path), "", f"cannot be read: {error}", "render the clip again"
+        ) from None
     names = tuple(map(str, names))
     source = Path(folder.resolve(), manifest.source or "")
     if source.is_file():
         try:
-            scene = pipeline.load(source, manifest.overrides, manifest.variant, allow_outside=True)
+            scene = pipeline.load(
+                source, manifest.overrides, manifest.variant, allow_outside=True
+            )
             world = pipeline.compile(scene, pipeline.percepts(scene)).world
         except InputError:  # the scene was changed since: its motion alone is judged
             world = None
@@ -168,7 +184,17 @@ def from_clip(folder: Path) -> Tracks:
     view = View(str(document.get("world", {}).get("view", "side")))
     about = "poses without outlines: the scene is missing or has changed"
     forms = (disc(0.0),) * len(names)
-    return Tracks(name, times, names, poses[..., :2], poses[..., 2], forms, view, LIMITS.exact, about)
+    return Tracks(
+        name,
+        times,
+        names,
+        poses[..., :2],
+        poses[..., 2],
+        forms,
+        view,
+        LIMITS.exact,
+        about,
+    )
 
 
 def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
@@ -198,10 +224,23 @@ def _outline(body: Body) -> Outline:
 
 
 def _held(world: World) -> frozenset[int]:
-    held = {k for k, body in enumerate(world.bodies) if body.motion is not Motion.DYNAMIC}
-    held |= {k for one in world.fields for k in one.bodies} | {push.body for push in world.pushes}
-    held |= {k for joint in world.joints for k in (joint.first, joint.second) if k is not None}
-    spun = {k for k, body in enumerate(world.bodies) if world.view is View.TOP and _overspun(body)}
+    held = {
+        k for k, body in enumerate(world.bodies) if body.motion is not Motion.DYNAMIC
+    }
+    held |= {k for one in world.fields for k in one.bodies} | {
+        push.body for push in world.pushes
+    }
+    held |= {
+        k
+        for joint in world.joints
+        for k in (joint.first, joint.second)
+        if k is not None
+    }
+    spun = {
+        k
+        for k, body in enumerate(world.bodies)
+        if world.view is View.TOP and _overspun(body)
+    }
     return frozenset(held | spun)
 
 
@@ -210,12 +249,22 @@ def _overspun(body: Body) -> bool:
     if body.solid is not Solid.SPHERE or body.radius is None or not np.any(body.roll):
         return False
     rolling = body.radius * np.array([-body.roll[1], body.roll[0]])
-    return not np.allclose(rolling, body.velocity, rtol=0, atol=1e-6 * np.abs(body.velocity).max(initial=1.0))
+    return not np.allclose(
+        rolling,
+        body.velocity,
+        rtol=0,
+        atol=1e-6 * np.abs(body.velocity).max(initial=1.0),
+    )
 
 
 # ---- tables ------------------------------------------------------------------------------------------------------
 
-RANGES = {"frame": (0.0, 1e6), "x": (-1e6, 1e6), "y": (-1e6, 1e6), "radius": (1e-3, 1e6)}
+RANGES = {
+    "frame": (0.0, 1e6),
+    "x": (-1e6, 1e6),
+    "y": (-1e6, 1e6),
+    "radius": (1e-3, 1e6),
+}
 """Columns beside `name`, with what they may hold: frames, px."""
 
 
@@ -228,9 +277,15 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     first = min(row["frame"] for row in rows)
     count = int(max(row["frame"] for row in rows) - first) + 1
     if count == 1 or count * len(names) > LIMITS.cells:
-        found, expected = f"{count:,} frames of {len(names):,} bodies", "are no motion, or too many"
+        found, expected = (
+            f"{count:,} frames of {len(names):,} bodies",
+            "are no motion, or too many",
+        )
         raise InputError.of(
-            str(path), found, expected, f"give 2 frames or more, up to {LIMITS.cells:,} cells"
+            str(path),
+            found,
+            expected,
+            f"give 2 frames or more, up to {LIMITS.cells:,} cells",
         )
     places = np.full((count, len(names), 2), np.nan)
     radii: list[list[float]] = [[] for _ in names]
@@ -238,13 +293,17 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
         frame, k = int(row["frame"] - first), names.index(owner)
         if np.isfinite(places[frame, k, 0]):
             fix = "give each body a name of its own"
-            raise InputError.of(str(path), f'"{owner}"', f"is twice in frame {row['frame']:g}", fix)
+            raise InputError.of(
+                str(path), f'"{owner}"', f"is twice in frame {row['frame']:g}", fix
+            )
         places[frame, k] = row["x"], row["y"]
         radii[k] += [row["radius"]] if "radius" in row else []
     forms = tuple(disc(float(np.median(own or [0.0]))) for own in radii)
     source = "a table" + ("" if fps else f", {LIMITS.fps:g} frames a second assumed")
     times = np.arange(count, dtype=np.float64) / (fps or LIMITS.fps)
-    return Tracks(path.stem, times, tuple(names), places, None, forms, view, LIMITS.table, source)
+    return Tracks(
+        path.stem, times, tuple(names), places, None, forms, view, LIMITS.table, source
+    )
 
 
 def _lines(path: Path) -> list[dict[str, str]]:
@@ -252,16 +311,22 @@ def _lines(path: Path) -> list[dict[str, str]]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
-            heads = reader.fieldnames = [head.strip().lower() for head in reader.fieldnames or ()]
+            heads = reader.fieldnames = [
+                head.strip().lower() for head in reader.fieldnames or ()
+            ]
             lines = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         fix = "save it as UTF-8 with commas"
-        raise InputError.of(str(path), "", f"cannot be read as CSV: {error}", fix) from None
+        raise InputError.of(
+            str(path), "", f"cannot be read as CSV: {error}", fix
+        ) from None
     if missing := [column for column in ("frame", "x", "y") if column not in heads]:
         found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,radius"
         raise InputError.of(str(path), found, f"lack {', '.join(missing)}", fix)
     if not lines:
-        raise InputError.of(str(path), "", "has no tracks", "write a line a frame and body")
+        raise InputError.of(
+            str(path), "", "has no tracks", "write a line a frame and body"
+        )
     return lines
 
 
@@ -282,6 +347,14 @@ def _row(path: Path, number: int, line: dict[str, str]) -> dict[str, float]:
             expected = f"is no {kind} from {low:g} to {high:g}"
             place = Place(str(path), number, 1)
             raise InputError(
-                [Problem(place, column, f'"{cell[:40]}"', expected, "write px, and count frames")]
+                [
+                    Problem(
+                        place,
+                        column,
+                        f'"{cell[:40]}"',
+                        expected,
+                        "write px, and count frames",
+                    )
+                ]
             )
     return found

@@ -49,17 +49,23 @@ TRACKERS: dict[str, Tracker] = {
     "exact": lambda tracks, rng: films.stranger(tracks),
     "0.25 px": lambda tracks, rng: films.shaken(films.stranger(tracks), 0.25, rng),
     "0.5 px": lambda tracks, rng: films.shaken(films.stranger(tracks), 0.5, rng),
-    "0.5 px, masses known": lambda tracks, rng: films.shaken(films.weighed(tracks), 0.5, rng),
+    "0.5 px, masses known": lambda tracks, rng: films.shaken(
+        films.weighed(tracks), 0.5, rng
+    ),
     "1 px": lambda tracks, rng: films.shaken(films.stranger(tracks), 1.0, rng),
 }
 
 
 def trial(
-    seeds: range, workers: int = 1, show: Callable[[str, int, int], None] = lambda what, done, total: None
+    seeds: range,
+    workers: int = 1,
+    show: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> list[Said]:
     """All clips of all seeds; the same whatever `workers`."""
     jobs = [
-        (family, seed, k) for seed in seeds for k, family in enumerate((*families.FAMILIES, *[OTHER] * 3))
+        (family, seed, k)
+        for seed in seeds
+        for k, family in enumerate((*families.FAMILIES, *[OTHER] * 3))
     ]
     said: list[Said] = []
     with ProcessPoolExecutor(max(workers, 1)) as pool:
@@ -79,18 +85,38 @@ def _one(job: tuple[str, int, int]) -> list[Said]:
     for fault, tracks in clips:
         for tracker, track in TRACKERS.items():
             verdict = judge(track(tracks, rng))
-            said.append(_said(OTHER if family == OTHER else OWN, family, fault, seed, fps, tracker, verdict))
+            said.append(
+                _said(
+                    OTHER if family == OTHER else OWN,
+                    family,
+                    fault,
+                    seed,
+                    fps,
+                    tracker,
+                    verdict,
+                )
+            )
     return said
 
 
 def _said(
-    source: str, family: str, fault: str, seed: int, fps: float, tracker: str, verdict: Verdict
+    source: str,
+    family: str,
+    fault: str,
+    seed: int,
+    fps: float,
+    tracker: str,
+    verdict: Verdict,
 ) -> Said:
-    deviations = {name: found[0].deviation for name, found in verdict.answers.items() if found}
+    deviations = {
+        name: found[0].deviation for name, found in verdict.answers.items() if found
+    }
     return Said(source, family, fault, seed, fps, tracker, verdict.overall, deviations)
 
 
-def _own(family: str, rng: np.random.Generator, fps: float) -> Iterator[tuple[str, Tracks]]:
+def _own(
+    family: str, rng: np.random.Generator, fps: float
+) -> Iterator[tuple[str, Tracks]]:
     world = families.world_of(family, rng)
     times = np.arange(int(world.duration * fps + 1e-9) + 1) / fps
     fine = simulate(world, np.arange(int(world.duration * FINE) + 1) / FINE)

@@ -6,7 +6,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from physgen.batch.values import EXAMPLES, Distribution, Value, read_distribution, read_values
+from physgen.batch.values import (
+    EXAMPLES,
+    Distribution,
+    Value,
+    read_distribution,
+    read_values,
+)
 from physgen.problems import InputError, Place, Problem, RefusedError
 from physgen.scene.overlay import parse_key
 from physgen.text import KeyPath, quoted
@@ -59,7 +65,9 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
         try:
             axes.append(_read_axis(argument))
         except RefusedError as error:
-            problems.append(Problem(Key("", argument).place, "", "", error.expected, error.fix))
+            problems.append(
+                Problem(Key("", argument).place, "", "", error.expected, error.fix)
+            )
     for n, later in enumerate(axes):
         for former in axes[:n]:
             if _covers(later.path, former.path):
@@ -76,14 +84,19 @@ def _read_axis(argument: str) -> Axis:
     """Raises RefusedError."""
     key, equals, values = (part.strip() for part in argument.partition("="))
     if not equals:
-        raise RefusedError("has no =", f"write KEY=VALUES, in quotes where it has spaces, e.g. {EXAMPLE}")
+        raise RefusedError(
+            "has no =",
+            f"write KEY=VALUES, in quotes where it has spaces, e.g. {EXAMPLE}",
+        )
     if parse_key(key) is None:
         found = f"{quoted(key)} is not a dotted key" if key else "has no key"
         raise RefusedError(found, f"write e.g. {EXAMPLE}")
     if values.startswith("~"):
         return Drawn(key, argument, read_distribution(values))
     if (call := re.match(r"(\w+)\s*\(", values)) and call[1] in EXAMPLES:
-        raise RefusedError("is text as it stands", f"a distribution begins with ~: {key}=~{values}")
+        raise RefusedError(
+            "is text as it stands", f"a distribution begins with ~: {key}=~{values}"
+        )
     return Listed(key, argument, read_values(values))
 
 

@@ -34,9 +34,13 @@ def checked_folders(roots: Sequence[Path]) -> list[Path]:
     real = {root: root.resolve() for root in roots}
     for n, root in enumerate(roots):
         for other in roots[:n]:
-            if real[root].is_relative_to(real[other]) or real[other].is_relative_to(real[root]):
+            if real[root].is_relative_to(real[other]) or real[other].is_relative_to(
+                real[root]
+            ):
                 found = f"and {other} hold the same clips"
-                problems += InputError.of(str(root), "", found, "name only one of them").problems
+                problems += InputError.of(
+                    str(root), "", found, "name only one of them"
+                ).problems
     if problems:
         raise InputError(problems)
     return list(roots)
@@ -55,18 +59,25 @@ def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     try:
         with os.scandir(folder) as entries:
             shown = (entry for entry in entries if not entry.name.startswith("."))
-            inside = {e.name: os.path.isdir(e) if e.is_symlink() else e.is_dir() for e in shown}
+            inside = {
+                e.name: os.path.isdir(e) if e.is_symlink() else e.is_dir()
+                for e in shown
+            }
     except OSError:  # it may not be read, or has gone since
         return
     if inside.get(MANIFEST) is False:
         manifest = _read(folder / MANIFEST)
-        if manifest is None or (manifest.get("manifest") == 1 and "samples" in manifest):
+        if manifest is None or (
+            manifest.get("manifest") == 1 and "samples" in manifest
+        ):
             yield FoundClip(folder, name, manifest)
             return
     elif looks_like_clip(inside):
         yield FoundClip(folder, name, None)
         return
-    for below in sorted((name for name, is_folder in inside.items() if is_folder), key=natural):
+    for below in sorted(
+        (name for name, is_folder in inside.items() if is_folder), key=natural
+    ):
         path = folder / below
         if not (
             path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve())
@@ -77,7 +88,9 @@ def _below(folder: Path, name: str) -> Iterator[FoundClip]:
 def _read(path: Path) -> Mapping[str, Any] | None:
     """None: it cannot be read and may be a clip's; web pages have a file of that name, too."""
     try:
-        data = json.loads(path.read_bytes()) if path.is_file() else None  # reading a pipe never ends
+        data = (
+            json.loads(path.read_bytes()) if path.is_file() else None
+        )  # reading a pipe never ends
     except (OSError, ValueError, RecursionError):
         return None
     return data if isinstance(data, dict) or data is None else {}
@@ -92,14 +105,18 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
             fix = "name folders that were rendered into"
             problems += InputError.of(str(root), "", "is no folder", fix).problems
             continue
-        below = {os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])}
+        below = {
+            os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])
+        }
         if not below:
             fix = "name a folder that physgen rendered into, e.g. out"
             problems += InputError.of(str(root), "", "holds no clip", fix).problems
         found = {**below, **found}
     if problems:
         raise InputError(problems)
-    return sorted(found.values(), key=lambda folder: [natural(part) for part in folder.parts])
+    return sorted(
+        found.values(), key=lambda folder: [natural(part) for part in folder.parts]
+    )
 
 
 @dataclass(frozen=True)
@@ -139,7 +156,15 @@ def read_manifest(folder: Path) -> Manifest:
             frames=tuple(map(str, data["unrefined" if refined else "frames"])),
             refined=refined,
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ):
         found = "is damaged: it is no manifest that can be read"
         raise InputError.of(str(path), "", found, "render the scene again") from None
 

@@ -81,7 +81,12 @@ def read_splits(text: str, seed: int) -> Splits:
         shares[name] = value
     total = sum(shares.values())
     if abs(total - 1) > 1e-6:
-        raise InputError.of("--split", f'"{text}"', f"adds up to {total:.6g}", "make the shares add up to 1")
+        raise InputError.of(
+            "--split",
+            f'"{text}"',
+            f"adds up to {total:.6g}",
+            "make the shares add up to 1",
+        )
     return Splits(tuple(shares.items()), seed)
 
 
@@ -95,19 +100,25 @@ def key(name: str) -> str:
     return f"{text}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:10]}"
 
 
-def read_sample(clip: FoundClip, splits: Splits) -> tuple[dict[str, Path], dict[str, Any]]:
+def read_sample(
+    clip: FoundClip, splits: Splits
+) -> tuple[dict[str, Path], dict[str, Any]]:
     """The files of a clip by their names in the data set, with all labels, and its metadata as JSON.
 
     Raises InputError where the clip cannot be used.
     """
     manifest = clip.manifest
     if manifest is None:
-        raise InputError.of(str(clip.folder), "", "has no manifest that can be read", "render it again")
+        raise InputError.of(
+            str(clip.folder), "", "has no manifest that can be read", "render it again"
+        )
     try:
         members = _members(clip.folder, manifest["files"])
         return members, _about(clip, manifest, members, splits)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        raise InputError.of(str(clip.folder), "", "has a damaged manifest", "render it again") from None
+        raise InputError.of(
+            str(clip.folder), "", "has a damaged manifest", "render it again"
+        ) from None
 
 
 def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
@@ -116,7 +127,9 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     Raises InputError where a file is missing, or there is no video.
     """
     if VIDEO not in files:
-        raise InputError.of(str(folder), "", f"has no {VIDEO}", "render it with --export")
+        raise InputError.of(
+            str(folder), "", f"has no {VIDEO}", "render it with --export"
+        )
     chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
     chosen |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
@@ -125,12 +138,17 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
         if not (folder / file).is_file():
-            raise InputError.of(str(folder / file), "", "is missing", "render the clip again")
+            raise InputError.of(
+                str(folder / file), "", "is missing", "render the clip again"
+            )
     return {name: folder / file for name, file in chosen.items()}
 
 
 def _about(
-    clip: FoundClip, manifest: Mapping[str, Any], members: Collection[str], splits: Splits
+    clip: FoundClip,
+    manifest: Mapping[str, Any],
+    members: Collection[str],
+    splits: Splits,
 ) -> dict[str, Any]:
     document, video = manifest["document"], manifest["video"]
     photo = photo_of(document, manifest["inputs"])
@@ -145,7 +163,9 @@ def _about(
         "scene": scene_name(Path(source)) if source else str(manifest["scene"]),
         "variant": manifest["variant"] or "",
         # as text: readers that make columns of it need the same ones in every clip
-        "parameters": json.dumps(dict(map(_parameter, manifest["overrides"])), ensure_ascii=False),
+        "parameters": json.dumps(
+            dict(map(_parameter, manifest["overrides"])), ensure_ascii=False
+        ),
         "split": splits.of(photo),
         "photo": photo,
         "frames": frames,
@@ -199,7 +219,9 @@ class DatasetSummary:
         return self.counts.total()
 
 
-def write_sample(home: Path, members: Mapping[str, Path], about: Mapping[str, Any], rows: BinaryIO) -> None:
+def write_sample(
+    home: Path, members: Mapping[str, Path], about: Mapping[str, Any], rows: BinaryIO
+) -> None:
     """Writes the folder of a clip, and its row in the table of its split."""
     for name, file in members.items():
         place = home / name
@@ -231,7 +253,9 @@ def gather(
     with atomic_folder(out.resolve()) as folder:
         with ExitStack() as stack:
             rows: dict[Path, BinaryIO] = {}
-            for total, (members, about) in enumerate(_samples(roots, splits, summary, warn), 1):
+            for total, (members, about) in enumerate(
+                _samples(roots, splits, summary, warn), 1
+            ):
                 split = folder / about["split"]
                 if split not in rows:
                     split.mkdir()
@@ -254,7 +278,10 @@ def gather(
 
 
 def _samples(
-    roots: Sequence[Path], splits: Splits, summary: DatasetSummary, warn: Callable[[Problem], None]
+    roots: Sequence[Path],
+    splits: Splits,
+    summary: DatasetSummary,
+    warn: Callable[[Problem], None],
 ) -> Iterator[tuple[Mapping[str, Path], Mapping[str, Any]]]:
     keys: set[str] = set()
     for clip in find_clips(roots):
@@ -262,7 +289,12 @@ def _samples(
             members, about = read_sample(clip, splits)
             if about["key"] in keys:
                 found = f"is called {about['key']}, as another clip is"
-                raise InputError.of(str(clip.folder), "", found, "give one of their folders another name")
+                raise InputError.of(
+                    str(clip.folder),
+                    "",
+                    found,
+                    "give one of their folders another name",
+                )
         except InputError as error:
             summary.left_out += 1
             for problem in error.problems:
@@ -283,6 +315,10 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
             fix = "name a folder beside it with -o"
             raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)
     if out.exists() and any(out.iterdir()):
-        raise InputError.of(str(out), "", "is not empty", "choose another folder with -o, or remove it")
+        raise InputError.of(
+            str(out), "", "is not empty", "choose another folder with -o, or remove it"
+        )
     if out.is_mount() or out.resolve() == Path.cwd():
-        raise InputError.of(str(out), "", "cannot be replaced", "name a new folder in it with -o")
+        raise InputError.of(
+            str(out), "", "cannot be replaced", "name a new folder in it with -o"
+        )

@@ -22,7 +22,10 @@ EACH_OBJECT = ("x", "y", "angle_degrees", *ALL_OBJECTS)
 
 def columns(tracked: Sequence[str]) -> tuple[str, ...]:
     """Columns of all objects together, then `objects.NAME.` of each tracked one."""
-    return (*ALL_OBJECTS, *(f"objects.{name}.{column}" for name in tracked for column in EACH_OBJECT))
+    return (
+        *ALL_OBJECTS,
+        *(f"objects.{name}.{column}" for name in tracked for column in EACH_OBJECT),
+    )
 
 
 def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
@@ -38,11 +41,15 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
     speeds = np.hypot(trajectory.velocities[..., 0], trajectory.velocities[..., 1])
     rests = rest_times(trajectory)
     touches = trajectory.contacts.touch_pairs
-    begins = np.where(new_touches(trajectory), trajectory.contacts.touch_times[:, 0], np.inf)
+    begins = np.where(
+        new_touches(trajectory), trajectory.contacts.touch_times[:, 0], np.inf
+    )
     cells: dict[str, Cell] = {"touches": len(touches)}
     if trajectory.names:
         cells["peak_speed"] = float(speeds.max())
-        cells["rest_time"] = None if None in rests else max(rest for rest in rests if rest is not None)
+        cells["rest_time"] = (
+            None if None in rests else max(rest for rest in rests if rest is not None)
+        )
         cells["first_touch"] = _earliest(begins)
     for body, name in enumerate(trajectory.names):
         if name not in tracked:

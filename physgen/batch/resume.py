@@ -49,7 +49,11 @@ def _data_version() -> str:
     digest = sha256()
     package = Path(physgen.__file__).parent
     beside = [path for path in package.rglob("*") if path.suffix in (".yaml", ".json")]
-    shipped = [path for folder in ("schemas", "templates") for path in Path(str(resource(folder))).rglob("*")]
+    shipped = [
+        path
+        for folder in ("schemas", "templates")
+        for path in Path(str(resource(folder))).rglob("*")
+    ]
     for path in sorted(path for path in (*beside, *shipped) if path.is_file()):
         digest.update(f"{path.name} ".encode() + path.read_bytes())
     return digest.hexdigest()
@@ -63,7 +67,9 @@ def unchanged_clip(
     `scene` is the file of its scene; `digest` returns a file's SHA-256.
     """
     try:
-        manifest: Mapping[str, Any] = json.loads((folder / "manifest.json").read_bytes())
+        manifest: Mapping[str, Any] = json.loads(
+            (folder / "manifest.json").read_bytes()
+        )
         if not unchanged_inputs(manifest, mark, scene, digest):
             return None
         for name, sha in manifest["files"].items():
@@ -88,9 +94,14 @@ def unchanged_inputs(
     inputs: Mapping[str, str] = manifest["inputs"]
     document = manifest["document"]
     named = [scene, *([home / document["image"]] if "image" in document else [])]
-    if any(_relative(home, path) not in inputs for path in named):  # a link that leads elsewhere now
+    if any(
+        _relative(home, path) not in inputs for path in named
+    ):  # a link that leads elsewhere now
         return False
-    if any(digest(Path(os.path.normpath(home / name))) != sha for name, sha in inputs.items()):
+    if any(
+        digest(Path(os.path.normpath(home / name))) != sha
+        for name, sha in inputs.items()
+    ):
         return False
     return not set(_maps(home, document)) - inputs.keys()
 
@@ -100,7 +111,11 @@ def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    found = [entry for entry in os.scandir(folder) if entry.name.endswith(".png") or entry.name in DATA]
+    found = [
+        entry
+        for entry in os.scandir(folder)
+        if entry.name.endswith(".png") or entry.name in DATA
+    ]
     return [_relative(home, Path(entry.path)) for entry in found]
 
 
@@ -114,6 +129,8 @@ def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:
     found = []
     for data in manifest["warnings"]:
         place = Place(str(data["file"]), int(data["line"]), int(data["column"]))
-        path, what, expected, fix = (str(data[name]) for name in ("path", "found", "expected", "fix"))
+        path, what, expected, fix = (
+            str(data[name]) for name in ("path", "found", "expected", "fix")
+        )
         found.append(Problem(place, path, what, expected, fix, Severity.WARNING))
     return found

@@ -48,7 +48,9 @@ class Refiner:
             plan = self.plan()
             choice = plan.choices.get("refine")
             model = (
-                None if choice is None else (choice.name, choice.weights, file_stamp(Path(choice.weights)))
+                None
+                if choice is None
+                else (choice.name, choice.weights, file_stamp(Path(choice.weights)))
             )
             return repr((model, plan.device, plan.dtype, plan.options))
         except InputError as error:  # reported where a clip is refined
@@ -68,14 +70,18 @@ class Job:
     out: str = "out"
     """The folder of results."""
     refiner: Refiner = DEFAULT_REFINER
-    tracked: tuple[str, ...] | None = None  # objects with outcomes of their own; None: no outcomes are needed
+    tracked: tuple[str, ...] | None = (
+        None  # objects with outcomes of their own; None: no outcomes are needed
+    )
     pictures: bool = False
     """Whether the process that makes the clip also makes its pictures for the gallery of `out`."""
 
     @property
     def name(self) -> str:
         """Of the clip's folder. Raises InputError where the scene's name cannot be one."""
-        return self.options.name or pipeline.output_name(self.scene, self.options.variant)
+        return self.options.name or pipeline.output_name(
+            self.scene, self.options.variant
+        )
 
     @property
     def folder(self) -> Path:
@@ -87,7 +93,12 @@ class Job:
         """Identifies all options of the clip, the refining model, and the code."""
         draw_seed = self.options.draw_seed if self.options.draws else 0
         options = replace(
-            self.options, command=(), models=(), cached=True, allow_outside=False, draw_seed=draw_seed
+            self.options,
+            command=(),
+            models=(),
+            cached=True,
+            allow_outside=False,
+            draw_seed=draw_seed,
         )
         return self.options.mark or clip_mark(options, self.refiner.identity())
 
@@ -132,9 +143,15 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
     try:
         options = replace(job.options, name=job.name, mark=job.mark)
         if options.cached:
-            manifest = unchanged_clip(job.folder, job.mark, Path(job.scene), _warm().hash)
-            if manifest and manifest["source"] == source_of(Path(job.scene), job.folder):
-                return Done(job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED)
+            manifest = unchanged_clip(
+                job.folder, job.mark, Path(job.scene), _warm().hash
+            )
+            if manifest and manifest["source"] == source_of(
+                Path(job.scene), job.folder
+            ):
+                return Done(
+                    job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED
+                )
         folder = pipeline.render_scene(
             job.scene,
             job.out,
@@ -165,7 +182,9 @@ def _refiners(refiner: Refiner) -> pipeline.Refiners:
     return pipeline.Refiners(refiner.plan)
 
 
-def failed(job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0) -> Done:
+def failed(
+    job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0
+) -> Done:
     """The result of a job that raised `error`."""
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
@@ -184,11 +203,18 @@ def describe_failure(error: Exception) -> tuple[str, str]:
     from physgen.batch.workers import LostError
 
     if isinstance(error, MemoryError | LostError):
-        found = "ran out of memory" if isinstance(error, MemoryError) else f"failed: {error}"
+        found = (
+            "ran out of memory"
+            if isinstance(error, MemoryError)
+            else f"failed: {error}"
+        )
         return found, "try fewer --jobs or a smaller scene"
     frames = traceback.extract_tb(error.__traceback__)[-1:]
     at = "".join(f" in {Path(frame.filename).name}:{frame.lineno}" for frame in frames)
-    return f"failed: {type(error).__name__}{at}: {error}", "this is a fault of physgen's: please report it"
+    return (
+        f"failed: {type(error).__name__}{at}: {error}",
+        "this is a fault of physgen's: please report it",
+    )
 
 
 def record_failure(done: Done, out: Path, gallery: bool) -> None:

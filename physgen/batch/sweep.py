@@ -74,18 +74,29 @@ class Sweep:
             indices.insert(0, index)
         values = self._values(iter(indices), draw_number)
         variant = self.variants[rest]
-        numbers = [f"{rest:02d}"] * (len(self.variants) > 1) + [f"{index:02d}" for index in indices]
+        numbers = [f"{rest:02d}"] * (len(self.variants) > 1) + [
+            f"{index:02d}" for index in indices
+        ]
         numbers += [f"{draw_number:04d}"] * bool(self.samples)
         parts = [variant] if variant is not None and len(self.variants) > 1 else []
-        parts += [f"{key}={short_text(value)}" for key, value in zip(self._short_keys, values, strict=True)]
-        return Point(number, clip_name(numbers, parts), variant, values, self.set_to(values))
+        parts += [
+            f"{key}={short_text(value)}"
+            for key, value in zip(self._short_keys, values, strict=True)
+        ]
+        return Point(
+            number, clip_name(numbers, parts), variant, values, self.set_to(values)
+        )
 
     def __iter__(self) -> Iterator[Point]:
         return map(self.__getitem__, range(len(self)))
 
     @property
     def _sizes(self) -> list[int]:
-        return [*(len(axis.values) for axis in self._grid), max(self.samples, 1), len(self.variants)]
+        return [
+            *(len(axis.values) for axis in self._grid),
+            max(self.samples, 1),
+            len(self.variants),
+        ]
 
     @cached_property
     def _grid(self) -> tuple[Listed, ...]:
@@ -93,7 +104,10 @@ class Sweep:
 
     @cached_property
     def _short_keys(self) -> list[str]:
-        return [".".join(parts) for parts in shortest_names([axis.key for axis in self.axes])]
+        return [
+            ".".join(parts)
+            for parts in shortest_names([axis.key for axis in self.axes])
+        ]
 
     def _values(self, indices: Iterator[int], draw_number: int) -> tuple[Value, ...]:
         found = []
@@ -101,17 +115,23 @@ class Sweep:
             if isinstance(axis, Listed):
                 found.append(axis.values[next(indices)])
             else:
-                found.append(axis.distribution.at(draw(self.seed, same_key(axis), draw_number)))
+                found.append(
+                    axis.distribution.at(draw(self.seed, same_key(axis), draw_number))
+                )
         return tuple(found)
 
     def set_to(self, values: Sequence[Value]) -> tuple[str, ...]:
         """`KEY=VALUE` for each axis."""
-        return tuple(f"{axis.key}={value.text}" for axis, value in zip(self.axes, values, strict=True))
+        return tuple(
+            f"{axis.key}={value.text}"
+            for axis, value in zip(self.axes, values, strict=True)
+        )
 
     def typical(self) -> tuple[Value, ...]:
         """The first value of each list and the median of each distribution."""
         return tuple(
-            axis.values[0] if isinstance(axis, Listed) else axis.distribution.at(0.5) for axis in self.axes
+            axis.values[0] if isinstance(axis, Listed) else axis.distribution.at(0.5)
+            for axis in self.axes
         )
 
 
@@ -135,18 +155,31 @@ def planned(
 
     drawn = [axis for axis in axes if isinstance(axis, Drawn)]
     if drawn and samples is None:
-        wrong(str(drawn[0].place), "is a distribution without a number of draws", "add e.g. --samples 100")
+        wrong(
+            str(drawn[0].place),
+            "is a distribution without a number of draws",
+            "add e.g. --samples 100",
+        )
     if not drawn:
         fix = "give a key a distribution, e.g. 'objects.ball.mass=~uniform(100, 200)'"
         for flag, given in (("--samples", samples), ("--seed", seed)):
             if given is not None:
                 wrong(flag, "has nothing to draw", fix)
     if not axes and len(variants) == 1:
-        wrong("sweep", "has no keys to vary", "write e.g. objects.ball.mass=100:900:9, or --variant all")
-    sweep = Sweep(tuple(axes), tuple(variants), (samples or 0) if drawn else 0, seed or 0)
+        wrong(
+            "sweep",
+            "has no keys to vary",
+            "write e.g. objects.ball.mass=100:900:9, or --variant all",
+        )
+    sweep = Sweep(
+        tuple(axes), tuple(variants), (samples or 0) if drawn else 0, seed or 0
+    )
     count = prod(sweep._sizes)
     if count > MAX_CLIPS:
-        found = " x ".join(f"{size:,}" for size in sweep._sizes if size > 1) + f" are {count:,} clips"
+        found = (
+            " x ".join(f"{size:,}" for size in sweep._sizes if size > 1)
+            + f" are {count:,} clips"
+        )
         fix = f"make at most {MAX_CLIPS:,}; draws (KEY=~uniform(a, b) --samples N) cover many keys with few"
         wrong("sweep", found, fix)
     if problems:
@@ -173,7 +206,11 @@ def short_text(value: Value) -> str:
     ['-500', '0.3', '12346', '1.5e-7', 'true', 'none', '256x256', 'a_b_c']
     """
     data = value.data
-    if isinstance(data, list) and 0 < len(data) <= 4 and all(isinstance(item, int | float) for item in data):
+    if (
+        isinstance(data, list)
+        and 0 < len(data) <= 4
+        and all(isinstance(item, int | float) for item in data)
+    ):
         return "x".join(map(_short_scalar, data))
     return _short_scalar(value.text if isinstance(data, list | dict) else data)
 
@@ -183,12 +220,18 @@ def _short_scalar(data: Any) -> str:
         return {None: "none", True: "true", False: "false"}[data]
     if isinstance(data, int | float):
         size = abs(data)
-        text = f"{data:.0f}" if (size < 1e7 and data % 1 == 0) or 1e3 <= size < 1e7 else f"{data:.4g}"
+        text = (
+            f"{data:.0f}"
+            if (size < 1e7 and data % 1 == 0) or 1e3 <= size < 1e7
+            else f"{data:.4g}"
+        )
         return re.sub(r"e\+?(-?)0*", r"e\1", text)
     return re.sub(r"[^\w.+-]+", "_", str(data)).strip("_.")[:MAX_VALUE_LENGTH] or "_"
 
 
-def check_values(sweep: Sweep, opened: Opened, overrides: Sequence[str] = ()) -> tuple[str, ...]:
+def check_values(
+    sweep: Sweep, opened: Opened, overrides: Sequence[str] = ()
+) -> tuple[str, ...]:
     """Loads the scene with a typical value of every key; returns the names of all objects that can move.
 
     `overrides` are those of `--set`. Raises InputError where these values make no scene: then a key is misspelt, or no
@@ -196,18 +239,31 @@ def check_values(sweep: Sweep, opened: Opened, overrides: Sequence[str] = ()) ->
     """
     typical = sweep.typical()
     variants = sweep.variants[:MAX_CHECKED_VARIANTS]
-    scenes = collect(partial(_scene, sweep, opened, overrides, typical, variant) for variant in variants)
-    movable = (item.name for scene in scenes for item in scene.objects if item.motion.value != "static")
+    scenes = collect(
+        partial(_scene, sweep, opened, overrides, typical, variant)
+        for variant in variants
+    )
+    movable = (
+        item.name
+        for scene in scenes
+        for item in scene.objects
+        if item.motion.value != "static"
+    )
     return tuple(dict.fromkeys(movable))
 
 
 def _scene(
-    sweep: Sweep, opened: Opened, overrides: Sequence[str], values: Sequence[Value], variant: str | None
+    sweep: Sweep,
+    opened: Opened,
+    overrides: Sequence[str],
+    values: Sequence[Value],
+    variant: str | None,
 ) -> Scene:
     """Raises InputError whose problems point to the sweep's arguments in place of `--set`."""
     ours = sweep.set_to(values)
     places = {
-        quoted(f"--set {text}", "", 80): axis.place for text, axis in zip(ours, sweep.axes, strict=True)
+        quoted(f"--set {text}", "", 80): axis.place
+        for text, axis in zip(ours, sweep.axes, strict=True)
     }
     try:
         return opened.scene((*overrides, *ours), variant)
@@ -221,16 +277,35 @@ def _scene(
 def table_columns(sweep: Sweep, outcomes: Sequence[str]) -> tuple[str, ...]:
     """Columns of the table: the clip, its values, its state, its outcomes and its files."""
     keys = (axis.key for axis in sweep.axes)
-    return ("number", "name", "variant", "folder", *keys, "state", "error", *outcomes, "video", "manifest")
+    return (
+        "number",
+        "name",
+        "variant",
+        "folder",
+        *keys,
+        "state",
+        "error",
+        *outcomes,
+        "video",
+        "manifest",
+    )
 
 
 def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
     """Cells by the names of columns; paths are relative to the sweep's folder."""
-    cells: dict[str, Cell] = {"number": point.number, "name": point.name, "variant": point.variant or ""}
+    cells: dict[str, Cell] = {
+        "number": point.number,
+        "name": point.name,
+        "variant": point.variant or "",
+    }
     for axis, value in zip(sweep.axes, point.values, strict=True):
         cells[axis.key] = value.cell
     if done.folder is None:
-        errors = (str(problem) for problem in done.problems if problem.severity is Severity.ERROR)
+        errors = (
+            str(problem)
+            for problem in done.problems
+            if problem.severity is Severity.ERROR
+        )
         return cells | {"state": "failed", "error": " | ".join(errors)}
     files: dict[str, Cell] = {
         "folder": point.name,
@@ -248,7 +323,10 @@ def keep_other_table(table: Path, made: Path, keep: Callable[[Path], None]) -> N
 
 def _names(table: Path) -> list[str | None]:
     """The columns of a table and the names of its clips; nothing where it is none."""
-    with table.open(encoding="utf-8", errors="replace", newline="") as text, suppress(csv.Error):
+    with (
+        table.open(encoding="utf-8", errors="replace", newline="") as text,
+        suppress(csv.Error),
+    ):
         rows = csv.DictReader(text)
         return [*(rows.fieldnames or ()), *(row.get("name") for row in rows)]
     return []

@@ -31,7 +31,9 @@ EXAMPLES = {
 NO_LOGARITHM = "has no logarithm: 0 lies between its ends, or is one"
 _CALL = re.compile(r"~\s*(\w*)\s*(?:\((.*)\))?", re.DOTALL).fullmatch
 _RANGE = re.compile(r"[-+.\d][^:\s]*(?::[^:\s]*)+").fullmatch
-_DECIMAL = re.compile(r"[-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][-+]?\d{1,3})?").fullmatch
+_DECIMAL = re.compile(
+    r"[-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][-+]?\d{1,3})?"
+).fullmatch
 
 
 @dataclass(frozen=True)
@@ -63,11 +65,17 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
     nodes = root.value if root is not None else []
     spans = [(node.start_mark.index - 1, node.end_mark.index - 1) for node in nodes]
     begins, ends = [begin for begin, _ in spans], [end for _, end in spans]
-    if any("#" in text[begin:end] for begin, end in zip([0, *ends], [*begins, len(text)], strict=True)):
+    if any(
+        "#" in text[begin:end]
+        for begin, end in zip([0, *ends], [*begins, len(text)], strict=True)
+    ):
         fix = "put text that holds # in quotes within quotes"
         raise RefusedError("holds # after a space, which begins a comment", fix)
     for node, (begin, end) in zip(nodes, spans, strict=True):
-        yield text[begin:end].strip(), isinstance(node, yaml.ScalarNode) and node.style is None
+        yield (
+            text[begin:end].strip(),
+            isinstance(node, yaml.ScalarNode) and node.style is None,
+        )
 
 
 def read_values(text: str) -> tuple[Value, ...]:
@@ -79,7 +87,10 @@ def read_values(text: str) -> tuple[Value, ...]:
             raise RefusedError("mixes values and a distribution", fix)
         found += _read_range(part) if bare and _RANGE(part) else [_read_value(part)]
     if not found:
-        raise RefusedError("has no values", "write some, with commas between them; null takes a key away")
+        raise RefusedError(
+            "has no values",
+            "write some, with commas between them; null takes a key away",
+        )
     seen: set[str] = set()
     for value in found:
         if (same := repr(value.data)) in seen:
@@ -93,7 +104,9 @@ def _read_value(text: str) -> Value:
         return parse_yaml(text)
     except InputError as error:
         problem = error.problems[0]
-        raise RefusedError(f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix) from None
+        raise RefusedError(
+            f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix
+        ) from None
 
 
 def parse_yaml(text: str) -> Value:
@@ -110,23 +123,36 @@ def _read_range(text: str) -> list[Value]:
     """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises RefusedError."""
     parts = text.split(":")
     fix = "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes"
-    if len(parts) not in (3, 4) or not all(map(_DECIMAL, parts[:2])) or parts[3:] not in ([], ["log"]):
+    if (
+        len(parts) not in (3, 4)
+        or not all(map(_DECIMAL, parts[:2]))
+        or parts[3:] not in ([], ["log"])
+    ):
         raise RefusedError("is not start:end:count", fix)
     count = int(parts[2]) if re.fullmatch("[0-9]{1,18}", parts[2]) else 0
     if not 2 <= count <= MAX_COUNT:
         raise RefusedError(f"has no count from 2 to {MAX_COUNT:,} behind its ends", fix)
     begin, end = map(Fraction, parts[:2])
     if begin == end:
-        raise RefusedError("ends where it begins", f"write {parts[0]} alone, or another end")
+        raise RefusedError(
+            "ends where it begins", f"write {parts[0]} alone, or another end"
+        )
     if not parts[3:]:
         exact = [begin + (end - begin) * Fraction(k, count - 1) for k in range(count)]
     elif begin * end > 0:
-        inner = (_log_between(float(begin), float(end), k / (count - 1)) for k in range(1, count - 1))
+        inner = (
+            _log_between(float(begin), float(end), k / (count - 1))
+            for k in range(1, count - 1)
+        )
         exact = [begin, *map(Fraction, inner), end]
     else:
         raise RefusedError(NO_LOGARITHM, "take both above 0, or both below")
     return [
-        number_value(int(value) if value.denominator == 1 and abs(value) < EXACT_INT else float(value))
+        number_value(
+            int(value)
+            if value.denominator == 1 and abs(value) < EXACT_INT
+            else float(value)
+        )
         for value in exact
     ]
 
@@ -144,7 +170,9 @@ class Distribution:
     """Distribution of the values of one key."""
 
     name: str  # one of EXAMPLES
-    numbers: tuple[float, ...] = ()  # both ends; of a normal distribution its mean and its standard deviation
+    numbers: tuple[
+        float, ...
+    ] = ()  # both ends; of a normal distribution its mean and its standard deviation
     values: tuple[Value, ...] = ()  # of a choice; a repeated value is drawn more often
 
     def at(self, share: float) -> Value:
@@ -165,14 +193,20 @@ def read_distribution(text: str) -> Distribution:
     name = call[1].lower() if call else ""
     if call is None or name not in EXAMPLES:
         close = nearest(name, EXAMPLES)
-        fix = f"did you mean {EXAMPLES[close]}?" if close else f"write {listed(EXAMPLES.values())}"
+        fix = (
+            f"did you mean {EXAMPLES[close]}?"
+            if close
+            else f"write {listed(EXAMPLES.values())}"
+        )
         raise RefusedError(f"names no {'known ' * bool(name)}distribution", fix)
     parts = [part for part, _ in split(call[2] or "")]
     if name == "choice":
         found = Distribution(name, values=tuple(map(_read_value, parts)))
         fault = "has not two values to choose from" if len(parts) < 2 else ""
     else:
-        found = Distribution(name, tuple(float(part) for part in parts if _DECIMAL(part)))
+        found = Distribution(
+            name, tuple(float(part) for part in parts if _DECIMAL(part))
+        )
         fault = _fault(found, len(parts))
     if fault:
         raise RefusedError(fault, f"write e.g. {EXAMPLES[name]}")
@@ -186,8 +220,16 @@ def _fault(found: Distribution, parts: int) -> str:
         if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):
             return "does not hold a mean and a standard deviation"
         return "" if numbers[1] > 0 else f"has a standard deviation of {numbers[1]:g}"
-    if len(numbers) != 2 or parts != 2 or not all(map(isfinite, (*numbers, numbers[1] - numbers[0]))):
+    if (
+        len(numbers) != 2
+        or parts != 2
+        or not all(map(isfinite, (*numbers, numbers[1] - numbers[0])))
+    ):
         return "does not hold two numbers"
     if numbers[0] >= numbers[1]:
         return "goes down, or nowhere"
-    return NO_LOGARITHM if found.name == "loguniform" and numbers[0] * numbers[1] <= 0 else ""
+    return (
+        NO_LOGARITHM
+        if found.name == "loguniform" and numbers[0] * numbers[1] <= 0
+        else ""
+    )

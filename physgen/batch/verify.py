@@ -59,8 +59,12 @@ class MotionDifference:
     def text(self) -> str:
         """For a person."""
         before, now = self.counts
-        counts = f"{counted(before, 'sample')} then, {now} now; " if before != now else ""
-        apart = few([f"{name} by up to {rounded(px)} px" for name, px in self.objects.items()])
+        counts = (
+            f"{counted(before, 'sample')} then, {now} now; " if before != now else ""
+        )
+        apart = few(
+            [f"{name} by up to {rounded(px)} px" for name, px in self.objects.items()]
+        )
         return f"{counts}from sample {self.sample} ({self.time:.3f} s){': ' * bool(apart)}{apart}"
 
 
@@ -77,7 +81,9 @@ class FrameDifference:
         before, now = self.counts
         parts = [f"{counted(before, 'frame')} then, {now} now"] if before != now else []
         if self.differ:
-            parts.append(f"frames from {self.frame}, {self.differ} of {min(before, now)}")
+            parts.append(
+                f"frames from {self.frame}, {self.differ} of {min(before, now)}"
+            )
         return "; ".join(parts)
 
 
@@ -106,7 +112,11 @@ class Verdict:
         """
         parts: list[str] = []
         if self.outcome is Outcome.EQUAL:
-            counts = ((self.samples, "sample"), (self.frames, "frame"), (self.files, "file"))
+            counts = (
+                (self.samples, "sample"),
+                (self.frames, "frame"),
+                (self.files, "file"),
+            )
             parts.append(", ".join(counted(number, noun) for number, noun in counts))
         parts += [f"since then {few(self.changed)}"] if self.changed else []
         parts += [str(problem) for problem in self.problems]
@@ -114,22 +124,35 @@ class Verdict:
         parts += [f"motion {self.motion.text()}"] if self.motion else []
         parts += [self.pictures.text()] if self.pictures else []
         if self.motion or self.pictures:
-            causes = few(self.elsewhere) if self.elsewhere else "" if self.changed else NO_CAUSE
+            causes = (
+                few(self.elsewhere)
+                if self.elsewhere
+                else ""
+                if self.changed
+                else NO_CAUSE
+            )
             parts += [causes] if causes else []
         return f"{self.clip}: {self.outcome.value}: {'; '.join([*parts, *self.notes])}"
 
     def as_dict(self) -> dict[str, Any]:
         """For a program."""
         problems = [problem.as_dict() for problem in self.problems]
-        return asdict(replace(self, problems=())) | {"outcome": self.outcome.value, "problems": problems}
+        return asdict(replace(self, problems=())) | {
+            "outcome": self.outcome.value,
+            "problems": problems,
+        }
 
 
-def verify(request: VerifyRequest, progress: pipeline.Progress = pipeline.silent) -> Verdict:
+def verify(
+    request: VerifyRequest, progress: pipeline.Progress = pipeline.silent
+) -> Verdict:
     """Renders the clip's scene again and compares; what is wrong with the clip or its scene is in the verdict."""
     try:
         return _verify(request, progress)
     except InputError as error:
-        return Verdict(str(request.folder), Outcome.UNKNOWN, problems=tuple(error.problems))
+        return Verdict(
+            str(request.folder), Outcome.UNKNOWN, problems=tuple(error.problems)
+        )
     except Exception as error:  # a manifest is untrusted, and other clips wait
         return failed(request, error)
 
@@ -145,7 +168,9 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     manifest = read_manifest(folder)
     damaged = _damaged_files(folder, manifest.files, progress)
     path = request.scene or _source(manifest, folder)
-    scene = pipeline.load(path, manifest.overrides, manifest.variant, request.allow_outside)
+    scene = pipeline.load(
+        path, manifest.overrides, manifest.variant, request.allow_outside
+    )
     here = {"machine": f"{platform.machine()} {platform.system()}"}
     there = {"machine": manifest.machine}
     warm = Stages(Keep.NOTHING)
@@ -168,7 +193,9 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
         frames=len(manifest.frames),
         files=len(manifest.files),
         changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
-        elsewhere=tuple(changed_environment({**manifest.versions, **there}, {**versions(), **here})),
+        elsewhere=tuple(
+            changed_environment({**manifest.versions, **there}, {**versions(), **here})
+        ),
         damaged=tuple(f"{name} {what}" for name, what in damaged.items()),
         motion=motion,
         pictures=pictures,
@@ -221,7 +248,9 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
         return None
 
 
-def _motion_difference(folder: Path, samples: Sequence[str], now: Trajectory) -> MotionDifference | None:
+def _motion_difference(
+    folder: Path, samples: Sequence[str], now: Trajectory
+) -> MotionDifference | None:
     """None for equal motions; `samples` are the hashes of the old one."""
     hashes = now.sample_hashes()
     if hashes == list(samples):
@@ -231,15 +260,29 @@ def _motion_difference(folder: Path, samples: Sequence[str], now: Trajectory) ->
     time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
     found = MotionDifference(first, time, counts)
     then = _stored_motion(folder / "trajectory.npz", samples)
-    if then is None or then.names != now.names or not np.array_equal(then.times, now.times):
+    if (
+        then is None
+        or then.names != now.names
+        or not np.array_equal(then.times, now.times)
+    ):
         return found
     between = then.poses[..., :2] - now.poses[..., :2]
-    apart = dict(zip(now.names, np.hypot(between[..., 0], between[..., 1]).max(axis=0).tolist(), strict=True))
-    order = sorted((name for name in apart if apart[name]), key=lambda name: -apart[name])
+    apart = dict(
+        zip(
+            now.names,
+            np.hypot(between[..., 0], between[..., 1]).max(axis=0).tolist(),
+            strict=True,
+        )
+    )
+    order = sorted(
+        (name for name in apart if apart[name]), key=lambda name: -apart[name]
+    )
     return replace(found, objects={name: apart[name] for name in order})
 
 
-def _frame_difference(then: Sequence[str], now: Sequence[str]) -> FrameDifference | None:
+def _frame_difference(
+    then: Sequence[str], now: Sequence[str]
+) -> FrameDifference | None:
     """None for equal frames, by their hashes."""
     if list(then) == list(now):
         return None
@@ -264,7 +307,9 @@ def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[s
             yield f"{quoted(name, '', 80)} {change}"
 
 
-def changed_environment(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+def changed_environment(
+    then: Mapping[str, str], now: Mapping[str, str]
+) -> Iterator[str]:
     """A sentence for each version or property of the machine that differs, of those that are known of both."""
     for name, value in then.items():
         if name in now and now[name] != value:

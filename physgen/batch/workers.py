@@ -73,7 +73,11 @@ class Child:
         except (EOFError, OSError):
             code = self._process.wait()
             names = {int(one): one.name for one in signal.Signals}
-            how = f"ended by {names.get(-code, -code)}" if code < 0 else f"ended with exit code {code}"
+            how = (
+                f"ended by {names.get(-code, -code)}"
+                if code < 0
+                else f"ended with exit code {code}"
+            )
             raise LostError(f"its process {'was ' * (code < 0)}{how}") from None
         if error is not None:
             raise error
@@ -119,7 +123,10 @@ def run_parallel(
             while len(busy) < workers:
                 if again:
                     number, item, tries = again.pop()
-                elif pulled < due + AHEAD * workers and (entry := next(source, None)) is not None:
+                elif (
+                    pulled < due + AHEAD * workers
+                    and (entry := next(source, None)) is not None
+                ):
                     (number, item), tries = entry, 0
                     pulled += 1
                 else:

@@ -46,17 +46,28 @@ class Parser(argparse.ArgumentParser):
     ) -> None:
         """A flag with a value; `names` are separated by a space."""
         kind = _output(kind) if names.startswith("-o ") else kind
-        self.add_argument(*names.split(), metavar=metavar, type=kind, default=default, help=help, **more)
+        self.add_argument(
+            *names.split(),
+            metavar=metavar,
+            type=kind,
+            default=default,
+            help=help,
+            **more,
+        )
 
     def flag(self, name: str, help: str) -> None:
         """A flag without a value; `--no-NAME` sets NAME, which is true otherwise, to false."""
         if name.startswith("--no-"):
-            self.add_argument(name, dest=name[5:].replace("-", "_"), action="store_false", help=help)
+            self.add_argument(
+                name, dest=name[5:].replace("-", "_"), action="store_false", help=help
+            )
         else:
             self.add_argument(name, action="store_true", help=help)
 
     def parse_known_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+        self,
+        args: Sequence[str] | None = None,
+        namespace: argparse.Namespace | None = None,
     ) -> tuple[argparse.Namespace, list[str]]:
         """As argparse, which by itself takes all arguments of one kind in one go."""
         if not self.mixed:
@@ -68,7 +79,9 @@ class Parser(argparse.ArgumentParser):
             self.mixed = True
 
     def parse_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+        self,
+        args: Sequence[str] | None = None,
+        namespace: argparse.Namespace | None = None,
     ) -> argparse.Namespace:
         """As argparse; an unknown flag is reported by its command, with the nearest flag that the command has."""
         options, unknown = self.parse_known_args(args, namespace)
@@ -92,18 +105,32 @@ class Parser(argparse.ArgumentParser):
         if not text.startswith("-"):
             return f"{text} is one argument too many"
         flag = text.partition("=")[0]
-        close = get_close_matches(flag, re.findall(r"--[\w-]+", self.format_help()), 1, 0.7)
-        return f"there is no flag {flag}" + (f", did you mean {close[0]}?" if close else "")
+        close = get_close_matches(
+            flag, re.findall(r"--[\w-]+", self.format_help()), 1, 0.7
+        )
+        return f"there is no flag {flag}" + (
+            f", did you mean {close[0]}?" if close else ""
+        )
 
     def error(self, message: str) -> NoReturn:
         """Print what was wrong, a line each, and a hint; for a word that is none of several, the nearest of them."""
-        wrong = re.fullmatch(r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message)
+        wrong = re.fullmatch(
+            r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message
+        )
         if wrong is not None:
-            close = get_close_matches(wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6)
+            close = get_close_matches(
+                wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6
+            )
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
-        lines = [quoted(text, "", LONGEST_MESSAGE) for text in dict.fromkeys([*self.wrong, message])]
-        self.exit(WRONG_INPUT, "".join(f"{self.prog}: {line}; see {self.prog} --help\n" for line in lines))
+        lines = [
+            quoted(text, "", LONGEST_MESSAGE)
+            for text in dict.fromkeys([*self.wrong, message])
+        ]
+        self.exit(
+            WRONG_INPUT,
+            "".join(f"{self.prog}: {line}; see {self.prog} --help\n" for line in lines),
+        )
 
 
 def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -111,10 +138,14 @@ def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
 
     def read(text: str) -> Any:
         if not text.strip() or "\0" in text:
-            raise argparse.ArgumentTypeError("is no name; write the path of a new file or folder")
+            raise argparse.ArgumentTypeError(
+                "is no name; write the path of a new file or folder"
+            )
         long = max(len(os.fsencode(part)) for part in text.split("/"))
         if long > LONGEST_NAME:
-            raise argparse.ArgumentTypeError(f"has a name of {long} bytes; write at most {LONGEST_NAME}")
+            raise argparse.ArgumentTypeError(
+                f"has a name of {long} bytes; write at most {LONGEST_NAME}"
+            )
         return kind(text)
 
     return read
@@ -137,9 +168,15 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
     def read(text: str) -> int:
         digits = text.removeprefix("-")
-        value = int(text) if digits.isascii() and digits.isdecimal() and len(digits) < 20 else low - 1
+        value = (
+            int(text)
+            if digits.isascii() and digits.isdecimal() and len(digits) < 20
+            else low - 1
+        )
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not a whole number from {low} to {high}")
+            raise argparse.ArgumentTypeError(
+                f"{text} is not a whole number from {low} to {high}"
+            )
         return value
 
     return read
@@ -158,13 +195,17 @@ def positive(text: str) -> float:
     except ValueError:
         value = 0.0
     if not 0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text} is not a number above 0 and up to 1000000")
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a number above 0 and up to 1000000"
+        )
     return value
 
 
 def names(text: str) -> list[str]:
     """`a,b` -> names, each once."""
-    return list(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
+    return list(
+        dict.fromkeys(name for part in text.split(",") if (name := part.strip()))
+    )
 
 
 def among(known: Sequence[str]) -> Callable[[str], list[str]]:
@@ -173,7 +214,9 @@ def among(known: Sequence[str]) -> Callable[[str], list[str]]:
     def read(text: str) -> list[str]:
         wrong = [name for name in names(text) if name not in known]
         if wrong or not names(text):
-            raise argparse.ArgumentTypeError(f"{', '.join(wrong) or text} is not among {', '.join(known)}")
+            raise argparse.ArgumentTypeError(
+                f"{', '.join(wrong) or text} is not among {', '.join(known)}"
+            )
         return names(text)
 
     return read
@@ -187,12 +230,16 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
         values = ()
     if len(values) != count or not all(abs(v) < 1e6 for v in values):
         form = ",".join(("120", "80", "60", "60")[:count])
-        raise InputError.of(flag, f'"{text}"', f"is not {count} numbers", f"write e.g. {form}")
+        raise InputError.of(
+            flag, f'"{text}"', f"is not {count} numbers", f"write e.g. {form}"
+        )
     return values
 
 
 def check_scene_name(output: Path | None) -> None:
     """Refuses an output that would overwrite a photo, or that no command reads as a scene."""
-    if output is not None and (output.suffix not in (".yaml", ".yml") or output.is_dir()):
+    if output is not None and (
+        output.suffix not in (".yaml", ".yml") or output.is_dir()
+    ):
         fix = "end it in .yaml; without -o the scene is printed"
         raise InputError.of("-o", f'"{output}"', "is no name for a scene file", fix)

@@ -13,7 +13,16 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
-from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, names, seed
+from physgen.cli.arguments import (
+    FORMATS,
+    WRONG_INPUT,
+    Parser,
+    among,
+    count,
+    draws,
+    names,
+    seed,
+)
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
 from physgen.problems import InputError, collect
 
@@ -31,7 +40,11 @@ GALLERY_CLIPS = 20_000
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     """The jobs of `render`: scenes times variants. Raises InputError."""
-    clips = [(path, variant) for path in options.scenes for variant in variants_of(path, options)]
+    clips = [
+        (path, variant)
+        for path in options.scenes
+        for variant in variants_of(path, options)
+    ]
     calls: list[Callable[[], Any]] = [partial(job_maker, options)]
     calls += [partial(_motion_edits, *clip, options) for clip in clips]
     make, *pushed = collect(calls)
@@ -40,7 +53,9 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
         yield make(*clip, edits, preview=preview)
 
 
-def _motion_edits(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
+def _motion_edits(
+    path: str, variant: str | None, options: argparse.Namespace
+) -> tuple[str, ...]:
     """Edits by --push, --drop and --kick; how to keep them is printed. Raises InputError."""
     if not (options.push or options.drop or options.kick):
         return ()
@@ -58,7 +73,9 @@ def _motion_edits(path: str, variant: str | None, options: argparse.Namespace) -
         for name in above:
             part = part.setdefault(name, {})
         part[last] = value
-    print_error(f"{path}: to keep this motion, write\n{indent(scene_text(kept), '  ').rstrip()}")
+    print_error(
+        f"{path}: to keep this motion, write\n{indent(scene_text(kept), '  ').rstrip()}"
+    )
     return tuple(f"{key}={flow_text(value, ())}" for key, value in edits.items())
 
 
@@ -72,7 +89,11 @@ def preview_edits(
         opened = _opened(path, options.allow_outside)
         scene = opened.scene((*options.set, *further), variant)
         fixed = not scene.world.until_rest
-        world = scene.world if fixed else pipeline.compile(scene, pipeline.percepts(scene)).world
+        world = (
+            scene.world
+            if fixed
+            else pipeline.compile(scene, pipeline.percepts(scene)).world
+        )
     except InputError:  # reported when it is rendered
         return ()
     film, length = scene.render, world.duration * scene.render.slow
@@ -81,9 +102,15 @@ def preview_edits(
     edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
     edits += [] if fixed else [f"world.duration={world.duration}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
-    given = [edit.partition("=")[0] for edit in (*options.set, *further)]  # the user's own edits stay
+    given = [
+        edit.partition("=")[0] for edit in (*options.set, *further)
+    ]  # the user's own edits stay
     if not {"render.size", "render.scale"} & set(given):
-        edits += [f"render.{key}=" for key in ("size", "scale") if getattr(film, key) is not None]
+        edits += [
+            f"render.{key}="
+            for key in ("size", "scale")
+            if getattr(film, key) is not None
+        ]
     return tuple(edits)
 
 
@@ -114,7 +141,9 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         allow_outside=options.allow_outside,
         formats=tuple(Format(name) for name in options.format),
         command=tuple(options.command_line),
-        models=tuple(f"--{flag}={value}" for flag, value in models.items() if value is not None),
+        models=tuple(
+            f"--{flag}={value}" for flag, value in models.items() if value is not None
+        ),
         draws=options.fan,
         draw_seed=options.fan_seed,
         cached=options.cache,
@@ -175,7 +204,9 @@ def check_names(jobs: list[Job]) -> None:
         name = pipeline.output_name(job.scene, job.options.variant)
         if name in seen:
             expected = f"would be written over {seen[name]}: both are called {name}"
-            problems += InputError.of(job.scene, "", expected, "render them into two folders").problems
+            problems += InputError.of(
+                job.scene, "", expected, "render them into two folders"
+            ).problems
         seen.setdefault(name, job.scene)
     if problems:
         raise InputError(problems)
@@ -196,7 +227,9 @@ class Tally:
         self.counts[done.state.name.lower()] += 1
         if done.folder is not None:
             with suppress(OSError):  # another run may be replacing the clip
-                self.newest = max(self.newest, (done.folder / "manifest.json").stat().st_mtime)
+                self.newest = max(
+                    self.newest, (done.folder / "manifest.json").stat().st_mtime
+                )
 
     def new_warnings(self, done: Done) -> Iterator[str]:
         """Problems of a clip that were not printed for another clip of the scene."""
@@ -208,7 +241,11 @@ class Tally:
 
     def __str__(self) -> str:
         parts = [f"{self.counts.total():,} clips: {self.counts['made']:,} made"]
-        parts += [f"{self.counts[name]:,} {name}" for name in ("unchanged", "failed") if self.counts[name]]
+        parts += [
+            f"{self.counts[name]:,} {name}"
+            for name in ("unchanged", "failed")
+            if self.counts[name]
+        ]
         return ", ".join(parts)
 
 
@@ -239,7 +276,10 @@ def make_all(
     _announce(bar, 1, count)
     workers = min(options.jobs, count)
     work = run if workers > 1 else partial(run, progress=bar.show)
-    with cleaned_up(out), closing(run_parallel(work, jobs, workers, failed)) as done_ones:
+    with (
+        cleaned_up(out),
+        closing(run_parallel(work, jobs, workers, failed)) as done_ones,
+    ):
         for done in done_ones:
             bar.clear()
             if done.disk_full:  # every further clip would fail the same way
@@ -255,13 +295,17 @@ def make_all(
     bar.clear()
     bar.prefix = ""
     files = finish()
-    older = not index.exists() or index.stat().st_mtime < tally.newest  # an interrupted run wrote none
+    older = (
+        not index.exists() or index.stat().st_mtime < tally.newest
+    )  # an interrupted run wrote none
     is_new = tally.counts["made"] or tally.counts["failed"] or older
     if gallery and not tally.disk_full and is_new:
         from physgen.report.gallery import write_gallery
 
         if tally.counts.total() > GALLERY_CLIPS:
-            print_error(f"{out}: too many clips for one gallery; physgen gallery shows parts of them")
+            print_error(
+                f"{out}: too many clips for one gallery; physgen gallery shows parts of them"
+            )
         elif out.is_dir():
             write_gallery([out], index, progress=bar.show, keep=print_backup)
             bar.clear()
@@ -295,10 +339,16 @@ def _print_done(done: Done, as_json: bool) -> None:
 
 
 def _sum_up(
-    tally: Tally, count: int, index: Path | None, files: Sequence[str], options: argparse.Namespace
+    tally: Tally,
+    count: int,
+    index: Path | None,
+    files: Sequence[str],
+    options: argparse.Namespace,
 ) -> int:
     """Prints the last line; returns the exit code."""
-    made, unchanged, failed = (tally.counts[name] for name in ("made", "unchanged", "failed"))
+    made, unchanged, failed = (
+        tally.counts[name] for name in ("made", "unchanged", "failed")
+    )
     if options.json:
         line = {
             "clips": count,
@@ -333,7 +383,9 @@ def part(text: str) -> slice:
     first, _, step = text.partition("/")
     if first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step):
         return slice(int(first) - 1, None, int(step))
-    raise argparse.ArgumentTypeError(f"{text} is no part; write e.g. 2/8, the second of 8 machines")
+    raise argparse.ArgumentTypeError(
+        f"{text} is no part; write e.g. 2/8, the second of 8 machines"
+    )
 
 
 def add_clips(parser: Parser) -> None:
@@ -341,7 +393,13 @@ def add_clips(parser: Parser) -> None:
     parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
     about = "make the K-th of N parts of the clips, one on each machine; see docs/batches.md"
     parser.option("--part", "K/N", part, about)
-    parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
+    parser.option(
+        "--format",
+        "LIST",
+        among(FORMATS),
+        "any of mp4,gif,webp,png; default: mp4",
+        ["mp4"],
+    )
     about = (
         "simulate N draws of the values that `from` marks as uncertain, and report which outcomes the photo decides; "
         "see docs/rendering.md"
@@ -350,12 +408,19 @@ def add_clips(parser: Parser) -> None:
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
     about = "refine the clip by a video diffusion model: animatediff, or none; see physgen backends"
     parser.option("--refine", "NAME[:WEIGHTS]", str, about)
-    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
+    parser.option(
+        "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
+    )
     about = "full (the default), or none"
     parser.add_argument("--report", choices=REPORTS, help=about)
-    about = "ground truth beside the clip, in truth/: any of the formats of physgen export"
+    about = (
+        "ground truth beside the clip, in truth/: any of the formats of physgen export"
+    )
     parser.option("--export", "LIST", names, about, ())
-    parser.flag("--preview", "a quick look: at most 24 frames of the photo's size, without a report")
+    parser.flag(
+        "--preview",
+        "a quick look: at most 24 frames of the photo's size, without a report",
+    )
     parser.flag("--no-cache", "render existing clips again")
     parser.flag("--json", "print a line of JSON for each clip, and one at the end")
 

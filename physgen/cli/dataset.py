@@ -41,9 +41,15 @@ def dataset(options: argparse.Namespace) -> int:
         there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
         fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
         expected = f"has no clip in {', '.join(empty)}: {there}"
-        print_problem(Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING))
+        print_problem(
+            Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING)
+        )
     if options.json:
-        line = {"dataset": str(options.output), "clips": done.counts, "left_out": done.left_out}
+        line = {
+            "dataset": str(options.output),
+            "clips": done.counts,
+            "left_out": done.left_out,
+        }
         print_line(json.dumps({**line, "files": [str(path) for path in done.files]}))
     else:
         for path in done.files:
@@ -56,11 +62,15 @@ def dataset(options: argparse.Namespace) -> int:
 def add(parser: Parser) -> None:
     about = "folders of rendered or exported clips, at any depth"
     parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
-    parser.option("-o --output", "DATASET", Path, "folder of the data set", required=True)
+    parser.option(
+        "-o --output", "DATASET", Path, "folder of the data set", required=True
+    )
     shares = "train=0.8,validation=0.1,test=0.1"
     about = f"shares of the photos: all clips of a photo are in the same split; default: {shares}"
     parser.option("--split", "SHARES", str, about, shares)
-    parser.option("--seed", "S", seed, "determines which photo is in which split; default: 0", 0)
+    parser.option(
+        "--seed", "S", seed, "determines which photo is in which split; default: 0", 0
+    )
     parser.flag("--json", "print a line of JSON")
 
 

@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from physgen.cli.arguments import Command, Parser, whole
-from physgen.cli.output import OK, Bar, print_backup, print_error, print_line, print_problem
+from physgen.cli.output import (
+    OK,
+    Bar,
+    print_backup,
+    print_error,
+    print_line,
+    print_problem,
+)
 from physgen.cli.perceive import add_backends
 from physgen.files import install
 from physgen.problems import InputError
@@ -28,13 +35,17 @@ def edit(options: argparse.Namespace) -> int:
         what = f"needs {' and '.join(missing)}, not installed here"
         raise InputError.of("physgen edit", "", what, install("edit"))
     if options.output.exists() and not options.output.is_dir():
-        raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
+        raise InputError.of(
+            str(options.output), "", "is a file", "name a folder with -o"
+        )
     scene, host = _scene(options), options.host.strip() or LOOPBACK[0]
     from physgen.edit.app import Editor
     from physgen.edit.draft import BusyError
 
     try:
-        editor = Editor(scene, host, options.port, options.allow_outside, options.output)
+        editor = Editor(
+            scene, host, options.port, options.allow_outside, options.output
+        )
     except BusyError as busy:
         print_error(f"{scene}: is open in an editor already, at this address")
         _print_address(options, scene, busy.address)
@@ -52,7 +63,9 @@ def edit(options: argparse.Namespace) -> int:
             import threading
             import webbrowser
 
-            threading.Thread(target=webbrowser.open, args=(editor.once(),), daemon=True).start()
+            threading.Thread(
+                target=webbrowser.open, args=(editor.once(),), daemon=True
+            ).start()
         if sys.stderr.isatty():
             print_error("Ctrl-C ends it")
         with suppress(KeyboardInterrupt):
@@ -87,14 +100,20 @@ def edit_file(options: argparse.Namespace) -> int:
     try:
         merged = {"kind": "merge", "objects": names}
         is_merge = options.command == "merge"
-        made: Any = correct(Live(path), text, merged) if is_merge else edited(text, ops[options.command])
+        made: Any = (
+            correct(Live(path), text, merged)
+            if is_merge
+            else edited(text, ops[options.command])
+        )
     except EditError as error:
         raise InputError.of(str(path), "", error.message, error.fix) from None
     Opened(path, options.allow_outside, made.text).scene()
     write_with_backup(
         path.resolve(),
         made.text.encode("utf-8"),
-        lambda kept: print_error(f"{path}: {made.what}; {kept.name} is as it was before"),
+        lambda kept: print_error(
+            f"{path}: {made.what}; {kept.name} is as it was before"
+        ),
     )
     print_line(str(path))
     return OK
@@ -107,20 +126,28 @@ def _scene(options: argparse.Namespace) -> Path:
         return path
     scene = path.with_name(f"{path.stem}.yaml")
     if scene.exists():
-        print_error(f"{scene}: is there already and is opened; move it away to start again")
+        print_error(
+            f"{scene}: is there already and is opened; move it away to start again"
+        )
         return scene
     from physgen import pipeline
     from physgen.cli.perceive import crew_of
 
     bar = Bar()
     crew = crew_of(options)
-    pipeline.perceive(path, scene, crew=crew, progress=bar.show, warn=print_problem, keep=print_backup)
+    pipeline.perceive(
+        path, scene, crew=crew, progress=bar.show, warn=print_problem, keep=print_backup
+    )
     bar.clear()
     return scene
 
 
 def _print_address(options: argparse.Namespace, scene: Path, address: str) -> None:
-    print_line(json.dumps({"scene": str(scene), "address": address}) if options.json else address)
+    print_line(
+        json.dumps({"scene": str(scene), "address": address})
+        if options.json
+        else address
+    )
 
 
 def add(parser: Parser) -> None:
@@ -131,7 +158,9 @@ def add(parser: Parser) -> None:
     parser.add_argument("scene", metavar="SCENE or PHOTO", type=Path, help=about)
     about = "folder of what is rendered from the page; default: out"
     parser.option("-o --output", "DIR", Path, about, Path("out"))
-    parser.option("--port", "N", whole(0, 65535), "port to listen at; default: a free one")
+    parser.option(
+        "--port", "N", whole(0, 65535), "port to listen at; default: a free one"
+    )
     about = "name or address to listen at; default: 127.0.0.1, which only this machine can reach"
     parser.option("--host", "HOST", str, about, LOOPBACK[0])
     parser.flag("--no-browser", "only print the address")
@@ -141,7 +170,9 @@ def add(parser: Parser) -> None:
 
 
 def _add_file_edit(extra: Sequence[str], parser: Parser) -> None:
-    parser.add_argument("scene", metavar="SCENE", type=Path, help="the file, which is changed")
+    parser.add_argument(
+        "scene", metavar="SCENE", type=Path, help="the file, which is changed"
+    )
     count: Any = {"merge": 2, "remove": "+"}.get(parser.prog.split()[-1], 1)
     parser.add_argument("objects", metavar="NAME", nargs=count, help="an object")
     if "to" in extra:
@@ -150,10 +181,26 @@ def _add_file_edit(extra: Sequence[str], parser: Parser) -> None:
 
 
 FILE_EDITS = tuple(
-    Command(name, about, f"physgen {name} scene.yaml {example}", partial(_add_file_edit, extra), edit_file)
+    Command(
+        name,
+        about,
+        f"physgen {name} scene.yaml {example}",
+        partial(_add_file_edit, extra),
+        edit_file,
+    )
     for name, about, example, extra in (
-        ("rename", "Renames an object, wherever the scene names it.", "ball-1 cue-ball", ["to"]),
-        ("merge", "Makes one object of two, under the name of the first.", "mug-1 mug-2", []),
+        (
+            "rename",
+            "Renames an object, wherever the scene names it.",
+            "ball-1 cue-ball",
+            ["to"],
+        ),
+        (
+            "merge",
+            "Makes one object of two, under the name of the first.",
+            "mug-1 mug-2",
+            [],
+        ),
         ("remove", "Removes objects from a scene and from the picture.", "ball-2", []),
     )
 )

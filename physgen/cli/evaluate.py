@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import Command, Parser, count, seed, whole
-from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_json, print_problems
+from physgen.cli.output import (
+    FAILED,
+    OK,
+    Bar,
+    print_backup,
+    print_error,
+    print_json,
+    print_problems,
+)
 from physgen.files import install
 from physgen.problems import InputError, collect
 
@@ -55,7 +63,14 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
 def add_segmentation(parser: Parser) -> None:
     about = "photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and photo.assets/masks.png"
     parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
-    parser.option("--backend", "ROLE=NAME", str, "what segments: segment=NAME", [], action="append")
+    parser.option(
+        "--backend",
+        "ROLE=NAME",
+        str,
+        "what segments: segment=NAME",
+        [],
+        action="append",
+    )
     add_output(parser)
 
 
@@ -67,7 +82,9 @@ def run_segmentation(options: argparse.Namespace) -> int:
     chosen = choices(options.backend)
     if set(chosen) - {"segment"}:
         role = f'"{", ".join(sorted(set(chosen) - {"segment"}))}"'
-        raise InputError.of("--backend", role, "has no part in this", "write segment=NAME")
+        raise InputError.of(
+            "--backend", role, "has no part in this", "write segment=NAME"
+        )
     found, warnings = pairs(options.folder)
     print_problems(warnings)
     check_folder(options.output)
@@ -84,7 +101,14 @@ def run_segmentation(options: argparse.Namespace) -> int:
 def add_fid(parser: Parser) -> None:
     about = "a method's clips: a folder of videos, of physgen's clips or of folders of frames; its name is the method's"
     parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="+", help=about)
-    parser.option("--reference", "DIR", Path, "the same of what is true", action="append", required=True)
+    parser.option(
+        "--reference",
+        "DIR",
+        Path,
+        "the same of what is true",
+        action="append",
+        required=True,
+    )
     about = "inception-2015-12-05.pt, the TorchScript file of published FIDs"
     parser.option("--inception", "FILE", Path, about, required=True)
     parser.option("--frames", "N", count, "frames of each clip, evenly; default: all")
@@ -93,7 +117,13 @@ def add_fid(parser: Parser) -> None:
         "reference's do not; default: 0"
     )
     parser.option("--skip", "N", count, about, 0)
-    parser.option("--size", "PX", whole(16, 4096), "the shorter side of all frames; default: 256", 256)
+    parser.option(
+        "--size",
+        "PX",
+        whole(16, 4096),
+        "the shorter side of all frames; default: 256",
+        256,
+    )
     about = "resamplings of clips for intervals, 0 for none; default: 200"
     parser.option("--draws", "N", whole(0, 10_000), about, 200)
     add_output(parser)
@@ -141,7 +171,9 @@ def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
     if len(named) < len(paths) or REFERENCE in named:
         names = ", ".join(path.resolve().stem for path in paths)
         fix = "give each method's folder a name of its own"
-        raise InputError.of("evaluate fid", names, f'are names of one thing, or "{REFERENCE}"', fix)
+        raise InputError.of(
+            "evaluate fid", names, f'are names of one thing, or "{REFERENCE}"', fix
+        )
     return named
 
 
@@ -178,7 +210,10 @@ def run_study(options: argparse.Namespace) -> int:
         raise InputError.of("--key", "", "is missing: answers are read with it", fix)
     if len(options.paths) > 1:
         raise InputError.of(
-            str(options.paths[1]), "", "is a second folder", "name one that holds all methods' folders"
+            str(options.paths[1]),
+            "",
+            "is a second folder",
+            "name one that holds all methods' folders",
         )
     page: Path = options.output or Path("study.html")
     check_page(page)
@@ -188,20 +223,38 @@ def run_study(options: argparse.Namespace) -> int:
     bar.clear()
     key = write_study(made, page, print_backup)
     if left_out := set(methods.scenes) - set(methods.complete):
-        print_error(f"left out, since not every method has made them: {', '.join(sorted(left_out))}")
+        print_error(
+            f"left out, since not every method has made them: {', '.join(sorted(left_out))}"
+        )
     if (size := page.stat().st_size / 1e6) > MAILED:
-        print_error(f"{page} has {size:.0f} MB, more than most mailboxes take: name fewer with --videos")
+        print_error(
+            f"{page} has {size:.0f} MB, more than most mailboxes take: name fewer with --videos"
+        )
     count, scenes = len(methods.names), len(made.key.scenes)
     if options.json:
-        record = {"page": str(page), "key": str(key), "study": made.key.study, "clips": len(made.clips)}
-        print_json({**record, "methods": made.key.methods, "scenes": made.key.scenes, "seed": options.seed})
+        record = {
+            "page": str(page),
+            "key": str(key),
+            "study": made.key.study,
+            "clips": len(made.clips),
+        }
+        print_json(
+            {
+                **record,
+                "methods": made.key.methods,
+                "scenes": made.key.scenes,
+                "seed": options.seed,
+            }
+        )
         return OK
     print(page)
     several = f"{count} method{'s' * (count != 1)}, {scenes} scene{'s' * (scenes != 1)}"
     clips = f"{len(made.clips)} clip{'s' * (len(made.clips) != 1)}"
     print_error(f"{clips}: {several}. Send {page.name} to those who rate.")
     if count == 1:
-        print_error("It is of one method alone: there is nothing to compare its scores with.")
+        print_error(
+            "It is of one method alone: there is nothing to compare its scores with."
+        )
     print_error(
         f"{key} says which clip is of which method: keep it to yourself, and read answers with --key {key}"
     )
@@ -214,7 +267,9 @@ def _read_study(options: argparse.Namespace) -> int:
     from physgen.evaluate.study import read_key
 
     if options.videos is not None:
-        raise InputError.of("--videos", "", "has no part in reading answers", "leave it out, or --key")
+        raise InputError.of(
+            "--videos", "", "has no part in reading answers", "leave it out, or --key"
+        )
     check_folder(options.output)
     key = read_key(options.key)
     answers = read_answers(files_in(options.paths, options.key), key)
@@ -249,7 +304,9 @@ MEASURES = (
 
 
 def add(parser: Parser) -> None:
-    kinds: Any = parser.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True)
+    kinds: Any = parser.add_subparsers(
+        title="measures", metavar="MEASURE", dest="what", required=True
+    )
     for measure in MEASURES:
         sub = kinds.add_parser(
             measure.name,
@@ -264,7 +321,9 @@ def add(parser: Parser) -> None:
 
 def evaluate(options: argparse.Namespace) -> int:
     """Run the measure that was chosen."""
-    return next(measure for measure in MEASURES if measure.name == options.what).run(options)
+    return next(measure for measure in MEASURES if measure.name == options.what).run(
+        options
+    )
 
 
 EVALUATE = Command(

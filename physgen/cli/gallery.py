@@ -15,16 +15,27 @@ def gallery(options: argparse.Namespace) -> int:
     from physgen.report.gallery import write_gallery
 
     folders: list[Path] = options.folders
-    index = options.output or (folders[0] if len(folders) == 1 else Path()) / "index.html"
+    index = (
+        options.output or (folders[0] if len(folders) == 1 else Path()) / "index.html"
+    )
     if not index.is_dir() and not clips_in(folders):
         fix = "physgen render scene.yaml -o DIR makes some"
-        raise InputError.of(", ".join(map(str, folders)), "", "holds no clips of physgen", fix)
+        raise InputError.of(
+            ", ".join(map(str, folders)), "", "holds no clips of physgen", fix
+        )
     bar = Bar()
-    made = write_gallery(folders, index, title=options.title, progress=bar.show, keep=print_backup)
+    made = write_gallery(
+        folders, index, title=options.title, progress=bar.show, keep=print_backup
+    )
     bar.clear()
     if options.json:
         print_json(
-            {"index": str(made.index), "clips": made.clips, "failures": made.failures, "bytes": made.bytes}
+            {
+                "index": str(made.index),
+                "clips": made.clips,
+                "failures": made.failures,
+                "bytes": made.bytes,
+            }
         )
     else:
         print(made.index)
@@ -36,7 +47,9 @@ def add(parser: Parser) -> None:
     parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
     about = "write the page here, pictures beside it; default: index.html in DIR, or here for several"
     parser.option("-o --output", "FILE", Path, about)
-    parser.option("--title", "TEXT", str, "title of the page; default: the names of the folders")
+    parser.option(
+        "--title", "TEXT", str, "title of the page; default: the names of the folders"
+    )
     parser.flag("--json", "print what was written as JSON")
 
 

@@ -12,9 +12,27 @@ from contextlib import suppress
 from errno import ENAMETOOLONG
 
 from physgen import __version__
-from physgen.cli import dataset, edit, evaluate, export, gallery, perceive, render, simulate, sweep, verify
+from physgen.cli import (
+    dataset,
+    edit,
+    evaluate,
+    export,
+    gallery,
+    perceive,
+    render,
+    simulate,
+    sweep,
+    verify,
+)
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser
-from physgen.cli.output import FAILED, INTERRUPTED, OK, print_error, print_json, print_problems
+from physgen.cli.output import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    print_error,
+    print_json,
+    print_problems,
+)
 from physgen.files import final_name
 from physgen.problems import InputError
 from physgen.signals import install_handler
@@ -35,8 +53,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     parser = build_parser()
     for before, text in zip(["", *given], given, strict=False):
-        if URL.match(text) and (before in ("-o", "--output") or not before.startswith("-")):
-            parser.error(f"{text}: URLs are not read or written; mount the store, or copy the files")
+        if URL.match(text) and (
+            before in ("-o", "--output") or not before.startswith("-")
+        ):
+            parser.error(
+                f"{text}: URLs are not read or written; mount the store, or copy the files"
+            )
     options = parser.parse_args(given)
     options.command_line = ["physgen", *given]
     with suppress(ValueError):  # not the main thread, which alone gets signals
@@ -47,7 +69,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print_problems(error.problems)
         if getattr(options, "json", False) and options.command in BATCHES:
-            print_json({"passed": False, "problems": [problem.as_dict() for problem in error.problems]})
+            print_json(
+                {
+                    "passed": False,
+                    "problems": [problem.as_dict() for problem in error.problems],
+                }
+            )
         return WRONG_INPUT
     except KeyboardInterrupt:
         print_error("interrupted")
@@ -58,7 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = f"{final_name(str(error.filename))}: " if error.filename else ""
         if error.errno == ENAMETOOLONG:
-            print_error(f"{where}is too long a name; write the path of a file that is there")
+            print_error(
+                f"{where}is too long a name; write the path of a file that is there"
+            )
             return WRONG_INPUT
         print_error(f"{where}{error.strerror or error}")
         return FAILED
@@ -80,7 +109,10 @@ def build_parser() -> Parser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS.values():
         sub = commands.add_parser(
-            command.name, help=command.about, description=command.about, epilog=f"example: {command.example}"
+            command.name,
+            help=command.about,
+            description=command.about,
+            epilog=f"example: {command.example}",
         )
         sub.set_defaults(command=command.name)
         command.add(sub)
@@ -92,7 +124,9 @@ def build_parser() -> Parser:
 def schema(options: argparse.Namespace) -> int:
     from physgen.files import resource
 
-    sys.stdout.write(resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8"))
+    sys.stdout.write(
+        resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8")
+    )
     return OK
 
 

@@ -37,7 +37,9 @@ def print_problem(problem: Problem) -> None:
 
 def print_backup(kept: Path) -> None:
     """One line to stderr for a file that stood in the way."""
-    print_error(f"{str(kept).rpartition('~')[0]}: was there already and differed; kept as {kept.name}")
+    print_error(
+        f"{str(kept).rpartition('~')[0]}: was there already and differed; kept as {kept.name}"
+    )
 
 
 def print_json(data: Any) -> None:
@@ -74,7 +76,9 @@ class Bar:
         if self.as_json:
             self._print_json(stage, done, total)
         else:
-            self.write(self.prefix + (f"{stage} {done}/{total}" if total > 1 else stage))
+            self.write(
+                self.prefix + (f"{stage} {done}/{total}" if total > 1 else stage)
+            )
 
     def write(self, text: str) -> None:
         """Put a text in the line."""
@@ -93,6 +97,10 @@ class Bar:
         import json
 
         now = time.monotonic()
-        if stage != self._last[0] or now - self._last[1] >= JSON_INTERVAL or done >= total:
+        if (
+            stage != self._last[0]
+            or now - self._last[1] >= JSON_INTERVAL
+            or done >= total
+        ):
             self._last = stage, now
             print_error(json.dumps({"progress": stage, "done": done, "total": total}))

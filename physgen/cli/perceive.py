@@ -10,8 +10,23 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.cli.arguments import Command, Parser, check_scene_name, coordinates, names, whole
-from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem, write_result
+from physgen.cli.arguments import (
+    Command,
+    Parser,
+    check_scene_name,
+    coordinates,
+    names,
+    whole,
+)
+from physgen.cli.output import (
+    OK,
+    Bar,
+    print_backup,
+    print_error,
+    print_json,
+    print_problem,
+    write_result,
+)
 from physgen.problems import InputError, Place, Problem, collect
 
 if TYPE_CHECKING:
@@ -27,7 +42,11 @@ def perceive(options: argparse.Namespace) -> int:
     if options.refresh is None and len(options.image) > 1:
         return _perceive_many(options)
     out = options.output
-    if options.image and out and (out.is_dir() or not (out.suffix or out.exists() or out.name == "-")):
+    if (
+        options.image
+        and out
+        and (out.is_dir() or not (out.suffix or out.exists() or out.name == "-"))
+    ):
         options.output = out / f"{options.image[0].stem}.yaml"
     bar, boxes, output = Bar(), len(options.box), options.output or options.refresh
     checks: list[Callable[[], Any]] = [
@@ -53,7 +72,9 @@ def perceive(options: argparse.Namespace) -> int:
     if options.refresh:
         from physgen.pipeline.perceiving import refresh
 
-        text = refresh(options.refresh, output, allow_outside=options.allow_outside, **settings)
+        text = refresh(
+            options.refresh, output, allow_outside=options.allow_outside, **settings
+        )
     else:
         settings |= {"masks": options.masks, "side": options.side}
         text = pipeline.perceive(options.image[0], output, **settings)
@@ -71,20 +92,43 @@ def _perceive_many(options: argparse.Namespace) -> int:
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
     fix = "leave it out, or name one photo"
-    wrong = [("perceive", flag, "is for one photo", fix) for flag, value in single.items() if value]
+    wrong = [
+        ("perceive", flag, "is for one photo", fix)
+        for flag, value in single.items()
+        if value
+    ]
     if options.output is None or options.output.suffix in (".yaml", ".yml"):
-        wrong += [("perceive", f"{len(names)} photos", "go into a folder", "name it: -o FOLDER")]
-    wrong += [(str(one), "", "is not there", "name a photo") for one in options.image if not one.is_file()]
-    wrong += [("perceive", f'"{name}"', "is the name of two photos", "rename one") for name in twins]
+        wrong += [
+            (
+                "perceive",
+                f"{len(names)} photos",
+                "go into a folder",
+                "name it: -o FOLDER",
+            )
+        ]
+    wrong += [
+        (str(one), "", "is not there", "name a photo")
+        for one in options.image
+        if not one.is_file()
+    ]
+    wrong += [
+        ("perceive", f'"{name}"', "is the name of two photos", "rename one")
+        for name in twins
+    ]
     if wrong:
-        raise InputError(Problem(Place(file), "", found, what, fix) for file, found, what, fix in wrong)
+        raise InputError(
+            Problem(Place(file), "", found, what, fix)
+            for file, found, what, fix in wrong
+        )
     crew = crew_of(options, keep=True)
     failed: list[Problem] = []
     bar = Bar()
     for k, image in enumerate(options.image):
         output = options.output / f"{names[k]}.yaml"
 
-        def step(stage: str, done: int, total: int, k: int = k, name: str = image.name) -> None:
+        def step(
+            stage: str, done: int, total: int, k: int = k, name: str = image.name
+        ) -> None:
             bar.show(f"{name}: {stage}", k * total + done, len(options.image) * total)
 
         try:
@@ -122,22 +166,37 @@ def _plan(options: argparse.Namespace) -> Plan:
     from physgen.registry import CONFIGURATION, load_plan
 
     if options.config is None and Path(CONFIGURATION).is_file():
-        print_error(f"{CONFIGURATION}: the one in this folder is not read; --config {CONFIGURATION} reads it")
+        print_error(
+            f"{CONFIGURATION}: the one in this folder is not read; --config {CONFIGURATION} reads it"
+        )
     return load_plan(options.backend, profile=options.profile, config=options.config)
 
 
 def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     """The scene determines its photo and its masks. Raises InputError."""
     if not options.refresh and not options.image:
-        raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
-    beside = {"IMAGE": (options.image or [None])[0], "--masks": options.masks, "--side": options.side}
+        raise InputError.of(
+            "perceive",
+            "",
+            "was given no photo",
+            "name one, or a scene: --refresh SCENE",
+        )
+    beside = {
+        "IMAGE": (options.image or [None])[0],
+        "--masks": options.masks,
+        "--side": options.side,
+    }
     place, wrong = Place("perceive"), "cannot be used with --refresh"
     problems = [
         Problem(place, "", f'"{value}"', wrong, f"leave {flag} or --refresh out")
         for flag, value in beside.items()
         if options.refresh and value is not None
     ]
-    if options.refresh and not options.output and options.refresh.suffix not in (".yaml", ".yml"):
+    if (
+        options.refresh
+        and not options.output
+        and options.refresh.suffix not in (".yaml", ".yml")
+    ):
         fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
         problems.append(Problem(place, "", "--refresh", "needs -o", fix))
     if problems:
@@ -149,7 +208,9 @@ def import_(options: argparse.Namespace) -> int:
 
     check_scene_name(options.output)
     bar = Bar()
-    text = pipeline.import_physgen(options.path, options.output, bar.show, print_problem, print_backup)
+    text = pipeline.import_physgen(
+        options.path, options.output, bar.show, print_problem, print_backup
+    )
     bar.clear()
     write_result(text, options.output)
     return OK
@@ -179,7 +240,10 @@ def list_backends(options: argparse.Namespace) -> int:
         return OK
     for line in listing_lines(rows):
         print(line)
-    print("\n* is used unless --backend, --profile or --config chooses another", file=sys.stderr)
+    print(
+        "\n* is used unless --backend, --profile or --config chooses another",
+        file=sys.stderr,
+    )
     return OK
 
 
@@ -191,13 +255,27 @@ def add_perceive(parser: Parser) -> None:
         "boxes and points are used again, and new --box and --point correct or add objects"
     )
     parser.option("--refresh", "SCENE", Path, about)
-    parser.flag("--allow-outside", "with --refresh: the scene may read files outside its folder")
-    parser.option("-o --output", "SCENE", Path, "write the scene here (assets beside it); default: stdout")
+    parser.flag(
+        "--allow-outside", "with --refresh: the scene may read files outside its folder"
+    )
+    parser.option(
+        "-o --output",
+        "SCENE",
+        Path,
+        "write the scene here (assets beside it); default: stdout",
+    )
     about = "label map of the photo's size: an id or colour for each object, 0 or black for none"
     parser.option("--masks", "FILE", Path, about)
     about = "box around an object; may be repeated"
     parser.option("--box", "X,Y,W,H", str, about, [], action="append")
-    parser.option("--point", "X,Y", str, "point on an object; may be repeated", [], action="append")
+    parser.option(
+        "--point",
+        "X,Y",
+        str,
+        "point on an object; may be repeated",
+        [],
+        action="append",
+    )
     about = "what an object is; may be repeated"
     parser.option("--label", "NAME=TEXT", str, about, [], action="append")
     about = "longest side of the scene's photo, px; default: at most 1600"
@@ -216,13 +294,22 @@ def add_backends(parser: Parser) -> None:
     parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
     about = "a set of backends: offline or models"
     parser.add_argument("--profile", metavar="NAME", choices=list(PROFILES), help=about)
-    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
+    parser.option(
+        "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
+    )
 
 
 def add_import(parser: Parser) -> None:
-    parser.add_argument("kind", choices=("physgen",), help="a folder of the paper's code")
+    parser.add_argument(
+        "kind", choices=("physgen",), help="a folder of the paper's code"
+    )
     parser.add_argument("path", metavar="PATH", type=Path, help="the folder")
-    parser.option("-o --output", "SCENE", Path, "write the scene here (assets beside it); default: stdout")
+    parser.option(
+        "-o --output",
+        "SCENE",
+        Path,
+        "write the scene here (assets beside it); default: stdout",
+    )
 
 
 def add_list(parser: Parser) -> None:

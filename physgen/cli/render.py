@@ -19,7 +19,10 @@ def render(options: argparse.Namespace) -> int:
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+", help="a scene file")
     parser.option(
-        "-o --output", "DIR", str, "folder of the results; default: out, or out/preview for previews"
+        "-o --output",
+        "DIR",
+        str,
+        "folder of the results; default: out, or out/preview for previews",
     )
     about = (
         "push an object: ball-1=right, ball-1=up-left, ball-1=30@2 m/s (degrees, 90 is down), in place of the push "

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, positive
 from physgen.cli.clips import add_overlays, variants_of
-from physgen.cli.output import OK, Bar, print_backup, print_json, print_line, print_problems
+from physgen.cli.output import (
+    OK,
+    Bar,
+    print_backup,
+    print_json,
+    print_line,
+    print_problems,
+)
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError, Problem, Severity
 from physgen.text import value_text
@@ -31,15 +38,24 @@ COLUMNS = {
 def show(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
-    scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
+    scene = pipeline.load(
+        options.scene, options.set, _one_variant(options), options.allow_outside
+    )
     rows = object_rows(scene, pipeline.compile(scene, pipeline.percepts(scene)))
     if options.json:
         print_json({"objects": rows})
         return OK
-    table = [list(COLUMNS.values()), *([_cell(row[key]) for key in COLUMNS] for row in rows)]
+    table = [
+        list(COLUMNS.values()),
+        *([_cell(row[key]) for key in COLUMNS] for row in rows),
+    ]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for line in table:
-        print_line("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())
+        print_line(
+            "  ".join(
+                text.ljust(width) for text, width in zip(line, widths, strict=True)
+            ).rstrip()
+        )
     return OK
 
 
@@ -50,19 +66,36 @@ def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
 
     rows = []
     held_by = supports(scene, compiled)
-    for item, body, under in zip(scene.objects, compiled.world.bodies, held_by, strict=True):
+    for item, body, under in zip(
+        scene.objects, compiled.world.bodies, held_by, strict=True
+    ):
         speed = hypot(*body.velocity) / scene.world.pixels_per_meter
         stated = scene.document["objects"][item.name].get("confidence")
-        seen = source(item.provenance["mask"]).sure if "mask" in item.provenance else stated
+        seen = (
+            source(item.provenance["mask"]).sure
+            if "mask" in item.provenance
+            else stated
+        )
         support = ["static"] if item.motion.value == "static" else under
-        values = (item.name, item.label, round(body.mass, 4), item.friction, item.elasticity, round(speed, 3))
+        values = (
+            item.name,
+            item.label,
+            round(body.mass, 4),
+            item.friction,
+            item.elasticity,
+            round(speed, 3),
+        )
         rows.append(dict(zip(COLUMNS, (*values, support, seen), strict=True)))
     return rows
 
 
 def _cell(value: Any) -> str:
     if isinstance(value, list):
-        return ", ".join(value[:3]) + (f" and {len(value) - 3} more" if len(value) > 3 else "") or "-"
+        return (
+            ", ".join(value[:3])
+            + (f" and {len(value) - 3} more" if len(value) > 3 else "")
+            or "-"
+        )
     return value_text(value) or "-"
 
 
@@ -96,7 +129,11 @@ def check(options: argparse.Namespace) -> int:
 def _counted(problems: Iterable[Problem]) -> str:
     """How many there are of each kind."""
     kinds = [problem.severity for problem in problems]
-    parts = [f"{count} {kind.value}{'s' * (count != 1)}" for kind in Severity if (count := kinds.count(kind))]
+    parts = [
+        f"{count} {kind.value}{'s' * (count != 1)}"
+        for kind in Severity
+        if (count := kinds.count(kind))
+    ]
     return ", ".join(parts) or "no problems"
 
 
@@ -105,7 +142,9 @@ def simulate(options: argparse.Namespace) -> int:
     from physgen.simulate.trajectory import is_trajectory
 
     kind = _trajectory_kind(options.output)
-    scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
+    scene = pipeline.load(
+        options.scene, options.set, _one_variant(options), options.allow_outside
+    )
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
     print_problems(pipeline.lint(scene, compiled, maps))
@@ -117,7 +156,11 @@ def simulate(options: argparse.Namespace) -> int:
     if kind == "npz":
         trajectory.save(options.output)
     if options.output is None or kind != "npz":
-        text = trajectory.as_json() if options.json or kind == "json" else trajectory.as_csv()
+        text = (
+            trajectory.as_json()
+            if options.json or kind == "json"
+            else trajectory.as_csv()
+        )
         if options.output is None:
             sys.stdout.write(text)
         else:
@@ -133,14 +176,19 @@ def _trajectory_kind(output: Path | None) -> str:
         return ""
     if output.suffix not in (".npz", ".csv", ".json") or output.is_dir():
         raise InputError.of(
-            "-o", f'"{output}"', "is no name for a trajectory", "end it in .npz, .csv or .json"
+            "-o",
+            f'"{output}"',
+            "is no name for a trajectory",
+            "end it in .npz, .csv or .json",
         )
     return output.suffix[1:]
 
 
 def _one_variant(options: argparse.Namespace) -> str | None:
     if options.variant == "all":
-        raise InputError.of("--variant", "all", "names more than one", "write one name, or use render")
+        raise InputError.of(
+            "--variant", "all", "names more than one", "write one name, or use render"
+        )
     return str(options.variant) if options.variant else None
 
 
@@ -159,7 +207,12 @@ def add_check(parser: Parser) -> None:
 
 def add_simulate(parser: Parser) -> None:
     parser.add_argument("scene", metavar="SCENE")
-    parser.option("-o --output", "FILE", Path, "write here; .npz, .csv or .json; default: CSV on stdout")
+    parser.option(
+        "-o --output",
+        "FILE",
+        Path,
+        "write here; .npz, .csv or .json; default: CSV on stdout",
+    )
     parser.option("--rate", "HZ", positive, "samples per second; default: the video's")
     parser.flag("--json", "print everything as JSON")
     add_overlays(parser)

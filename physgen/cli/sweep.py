@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import Command, Parser, names, number_of_clips, seed
-from physgen.cli.clips import add_clips, add_overlays, job_maker, make_all, preview_edits
+from physgen.cli.clips import (
+    add_clips,
+    add_overlays,
+    job_maker,
+    make_all,
+    preview_edits,
+)
 from physgen.cli.output import OK, print_backup, print_line
 from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
@@ -35,7 +41,9 @@ def sweep(options: argparse.Namespace) -> int:
         fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
         raise InputError.of(options.scene, "", "is no scene file", fix)
     opened = Opened(Path(options.scene), options.allow_outside)
-    variants = [None, *opened.variants] if options.variant == "all" else [options.variant]
+    variants = (
+        [None, *opened.variants] if options.variant == "all" else [options.variant]
+    )
     plan = planned(read_axes(options.axes), variants, options.samples, options.seed)
     objects = check_values(plan, opened, options.set)
     return _listed(plan, options) if options.dry_run else _made(plan, objects, options)
@@ -75,7 +83,10 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
         raise InputError.of("-o", f'"{out}"', "is a file", "name a folder")
     if (out / TABLE).is_dir():
         raise InputError.of(
-            "-o", f'"{out}"', f"holds a folder {TABLE}, where the table would go", "name another"
+            "-o",
+            f'"{out}"',
+            f"holds a folder {TABLE}, where the table would go",
+            "name another",
         )
     out.mkdir(parents=True, exist_ok=True)
     running: deque[Point] = deque()  # jobs end in the order in which they begin
@@ -86,8 +97,17 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
             running.append(point)
             preview: tuple[str, ...] = ()
             if options.preview:
-                preview = preview_edits(options.scene, point.variant, options, point.overrides)
-            yield make(options.scene, point.variant, point.overrides, point.name, tracked, preview)
+                preview = preview_edits(
+                    options.scene, point.variant, options, point.overrides
+                )
+            yield make(
+                options.scene,
+                point.variant,
+                point.overrides,
+                point.name,
+                tracked,
+                preview,
+            )
 
     if options.part:  # the table is written by the run that finds all clips
         return make_all(jobs(), len(numbers), options, gallery=False)
@@ -104,7 +124,9 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
             jobs(),
             len(plan),
             options,
-            on_done=lambda done: rows.add(files.table_row(plan, running.popleft(), done)),
+            on_done=lambda done: rows.add(
+                files.table_row(plan, running.popleft(), done)
+            ),
             finish=finish,
         )
 
@@ -116,8 +138,16 @@ def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, .
     for name in chosen:
         if name not in objects:
             close = nearest(name, objects)
-            fix = f'did you mean "{close}"?' if close else f"write any of {listed(objects[:30])}"
-            problems.append(Problem(Place("--track"), "", f'"{name}"', "is no object that can move", fix))
+            fix = (
+                f'did you mean "{close}"?'
+                if close
+                else f"write any of {listed(objects[:30])}"
+            )
+            problems.append(
+                Problem(
+                    Place("--track"), "", f'"{name}"', "is no object that can move", fix
+                )
+            )
     if problems:
         raise InputError(problems)
     return tuple(chosen)
@@ -134,10 +164,15 @@ def add(parser: Parser) -> None:
     about = "draws of the distributions, at each point of the grid"
     parser.option("--samples", "N", number_of_clips, about)
     parser.option("--seed", "S", seed, "seed of the draws; default: 0")
-    parser.flag("--dry-run", "print the clips as CSV, or with --json as lines, and render nothing")
+    parser.flag(
+        "--dry-run",
+        "print the clips as CSV, or with --json as lines, and render nothing",
+    )
     about = "objects with outcomes of their own in the table; default: all, if there are at most 32"
     parser.option("--track", "NAMES", names, about)
-    parser.option("-o --output", "DIR", str, "folder of the sweep; default: out/<scene>-sweep")
+    parser.option(
+        "-o --output", "DIR", str, "folder of the sweep; default: out/<scene>-sweep"
+    )
     add_clips(parser)
     add_overlays(parser)
 

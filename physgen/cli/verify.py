@@ -20,26 +20,45 @@ def verify(options: argparse.Namespace) -> int:
     from physgen.batch.workers import run_parallel
 
     folders = clip_folders(options.folders)
-    requests = [VerifyRequest(folder, options.scene, options.allow_outside) for folder in folders]
+    requests = [
+        VerifyRequest(folder, options.scene, options.allow_outside)
+        for folder in folders
+    ]
     many = len(requests) > 1
     bar = Bar()
     work = batch.verify if many else partial(batch.verify, progress=bar.show)
     counts: Counter[Outcome] = Counter()
-    with closing(run_parallel(work, requests, min(options.jobs, len(requests)), batch.failed)) as verdicts:
+    with closing(
+        run_parallel(work, requests, min(options.jobs, len(requests)), batch.failed)
+    ) as verdicts:
         for verdict in verdicts:
             bar.clear()
             counts[verdict.outcome] += 1
-            line = json.dumps(verdict.as_dict(), ensure_ascii=False) if options.json else verdict.line()
+            line = (
+                json.dumps(verdict.as_dict(), ensure_ascii=False)
+                if options.json
+                else verdict.line()
+            )
             print_line(line)
             if many:
                 bar.show("clips", counts.total(), len(requests))
     bar.clear()
-    code = WRONG_INPUT if counts[Outcome.UNKNOWN] else FAILED if counts[Outcome.DIFFERS] else OK
+    code = (
+        WRONG_INPUT
+        if counts[Outcome.UNKNOWN]
+        else FAILED
+        if counts[Outcome.DIFFERS]
+        else OK
+    )
     if options.json:
         outcomes = {outcome.name.lower(): counts[outcome] for outcome in Outcome}
         print(json.dumps({"clips": len(requests), **outcomes, "passed": code == OK}))
     elif many:
-        parts = [f"{counts[outcome]} {outcome.value}" for outcome in Outcome if counts[outcome]]
+        parts = [
+            f"{counts[outcome]} {outcome.value}"
+            for outcome in Outcome
+            if counts[outcome]
+        ]
         print_error(f"{len(requests):,} clips: {', '.join(parts)}")
     return code
 

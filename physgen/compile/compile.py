@@ -9,10 +9,31 @@ from math import inf, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.shapes import U16, Shapes, shapes_of, snapped_to_boundaries, walls_of
-from physgen.compile.world import Body, Field, Joint, Push, World, placed_outline, rest_pose, surface
+from physgen.compile.shapes import (
+    U16,
+    Shapes,
+    shapes_of,
+    snapped_to_boundaries,
+    walls_of,
+)
+from physgen.compile.world import (
+    Body,
+    Field,
+    Joint,
+    Push,
+    World,
+    placed_outline,
+    rest_pose,
+    surface,
+)
 from physgen.geometry.convex import convex_pieces
-from physgen.geometry.polygon import Array, Disc, Outline, mass_properties, mean_distance
+from physgen.geometry.polygon import (
+    Array,
+    Disc,
+    Outline,
+    mass_properties,
+    mean_distance,
+)
 from physgen.problems import InputError, Limit, Problem
 from physgen.scene import scene as model
 from physgen.scene.load import EARTH
@@ -25,11 +46,17 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
 
     def push(force: model.Force) -> Push:
         body = index[force.object]
-        at = np.zeros(2) if force.at is None else np.array(force.at) - bodies[body].center
+        at = (
+            np.zeros(2)
+            if force.at is None
+            else np.array(force.at) - bodies[body].center
+        )
         end = force.start
         if force.load is not Load.IMPULSE:
             end += inf if force.duration is None else force.duration
-        return Push(body, force.load, np.array(force.vector), force.torque, at, force.start, end)
+        return Push(
+            body, force.load, np.array(force.vector), force.torque, at, force.start, end
+        )
 
     return tuple(push(force) for force in scene.forces)
 
@@ -46,7 +73,9 @@ def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
 
 def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Joint:
     first, second = (ends[0], ends[1]) if len(ends) == 2 else (ends[0], None)
-    here, there = (np.array(point, np.float64) for point in (item.points[0], item.points[-1]))
+    here, there = (
+        np.array(point, np.float64) for point in (item.points[0], item.points[-1])
+    )
     return Joint(
         name=item.name,
         kind=item.kind,
@@ -70,9 +99,23 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
     fields = []
     for item in scene.fields:
         named = sorted({index[name] for name in item.objects})
-        acted_on = tuple(k for k in named if bodies[k].motion is Motion.DYNAMIC) if named else every
+        acted_on = (
+            tuple(k for k in named if bodies[k].motion is Motion.DYNAMIC)
+            if named
+            else every
+        )
         vector = np.array(item.vector, np.float64)
-        fields.append(Field(item.name, item.kind, acted_on, vector, item.drag, item.strength, item.soften))
+        fields.append(
+            Field(
+                item.name,
+                item.kind,
+                acted_on,
+                vector,
+                item.drag,
+                item.strength,
+                item.soften,
+            )
+        )
     pulls = sum(len(field.bodies) for field in fields)
     if pulls > Limit.PULLS.most:
         raise Limit.PULLS.error(scene.place("fields"), "fields", f"{pulls:,} pulls")
@@ -98,7 +141,11 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
             sound = False
             path = mass_path(scene, body.name)
             expected = f"and a moment of inertia of {body.moment:.2g} g·px² cannot be simulated"
-            fix = "make it heavier or larger" if body.moment < 1 else "make it lighter or smaller"
+            fix = (
+                "make it heavier or larger"
+                if body.moment < 1
+                else "make it lighter or smaller"
+            )
             yield Problem(scene.place(path), path, f"{body.mass:.4g} g", expected, fix)
     if not sound or not dynamic:
         return
@@ -156,24 +203,38 @@ def check_steps(scene: Scene) -> None:
     """Raises InputError where a simulation would take days."""
     steps = scene.world.duration * scene.world.steps_per_second
     if steps > Limit.STEPS.most:
-        raise Limit.STEPS.error(scene.place("world.duration"), "world", f"{steps:,.0f} steps")
+        raise Limit.STEPS.error(
+            scene.place("world.duration"), "world", f"{steps:,.0f} steps"
+        )
 
 
 def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
     """The world of a scene with these `shapes`. Raises InputError."""
-    shown = snapped_to_boundaries(scene, shapes.outlines, [it is None for it in shapes.written])
+    shown = snapped_to_boundaries(
+        scene, shapes.outlines, [it is None for it in shapes.written]
+    )
     outlines = tuple(map(placed_outline, shown, scene.objects))
     problems: list[Problem] = []
     bodies = []
     for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
         try:
-            bodies.append(replace(_body(item, outline, scene), rest=rest_pose(before, item, scene)))
+            bodies.append(
+                replace(
+                    _body(item, outline, scene), rest=rest_pose(before, item, scene)
+                )
+            )
         except InputError as error:
             problems += error.problems
         except ValueError as error:
             path = f"objects.{item.name}.shape"
             problems.append(
-                Problem(scene.place(path), path, "the outline", str(error), "draw it with a larger area")
+                Problem(
+                    scene.place(path),
+                    path,
+                    "the outline",
+                    str(error),
+                    "draw it with a larger area",
+                )
             )
     problems = problems or list(mass_problems(scene, bodies))
     if problems:
@@ -183,7 +244,9 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
         view=scene.world.view,
         gravity=np.array(scene.world.gravity, np.float64),
         pixels_per_meter=scene.world.pixels_per_meter,
-        press=EARTH * scene.world.pixels_per_meter if scene.world.view is View.TOP else 0.0,
+        press=EARTH * scene.world.pixels_per_meter
+        if scene.world.view is View.TOP
+        else 0.0,
         table=surface(scene.world.table_friction, 0.0, scene.world.combine),
         combine=scene.world.combine,
         duration=scene.world.duration,
@@ -223,7 +286,9 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     if properties.area <= 1e-6:
         raise ValueError("has no area")
     center = properties.center
-    mass = item.mass if item.mass is not None else (item.density or 1.0) * properties.area
+    mass = (
+        item.mass if item.mass is not None else (item.density or 1.0) * properties.area
+    )
     if isinstance(outline, Disc):
         radius: float | None = outline.radius
         moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
@@ -260,7 +325,12 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
 
 def _roll(item: Object, radius: float | None, view: View) -> Array:
     """rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
-    if view is not View.TOP or item.solid is not Solid.SPHERE or radius is None or item.roll == "none":
+    if (
+        view is not View.TOP
+        or item.solid is not Solid.SPHERE
+        or radius is None
+        or item.roll == "none"
+    ):
         return np.zeros(2)
     if item.roll == "natural":
         vx, vy = item.velocity
@@ -270,20 +340,28 @@ def _roll(item: Object, radius: float | None, view: View) -> Array:
 
 def _path(item: Object, center: Array, scene: Scene) -> Array:
     """(K, 4): s, x px, y px, rad. Raises InputError where it does not start where the shape is."""
-    path = np.array([(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64).reshape(-1, 4)
+    path = np.array(
+        [(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64
+    ).reshape(-1, 4)
     if len(path):
         off = path[0, 1:3] - center
         if np.hypot(*off) > 0.5 or path[0, 3] != 0:
             (x, y), key = center, f"objects.{item.name}.motion.path"
             fix = f"begin with [{path[0, 0]:g}, {x:.2f}, {y:.2f}]"
             expected = "is not where the object is"
-            raise InputError([Problem(scene.place(key), key, "the first knot", expected, fix)])
+            raise InputError(
+                [Problem(scene.place(key), key, "the first knot", expected, fix)]
+            )
         path[:, 1:3] -= off
     return path
 
 
 def _circle(radius: float) -> Array:
     """Corners for drawing, close enough that no chord is off by a twentieth of a pixel."""
-    count = int(np.clip(np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360))
+    count = int(
+        np.clip(
+            np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360
+        )
+    )
     angle = np.arange(count) * (2 * np.pi / count)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

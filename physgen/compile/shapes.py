@@ -38,7 +38,9 @@ U16 = NDArray[np.uint16]
 PixelMask = NDArray[np.bool_]
 
 
-def object_labels(scene: Scene, labels: U16 | None, written: list[Outline | None]) -> U16:
+def object_labels(
+    scene: Scene, labels: U16 | None, written: list[Outline | None]
+) -> U16:
     """(H, W) ids by object: from masks.png, an outline or, with none of these, the written shape.
 
     `written` holds the outline of every explicit shape, None where it is fitted. Nearer layers win shared pixels.
@@ -52,20 +54,28 @@ def object_labels(scene: Scene, labels: U16 | None, written: list[Outline | None
         if mask is not None:
             out[mask] = k + 1
         if (mask is None and outline is None) or (mask is not None and not mask.any()):
-            problems.append(_mask_problem(scene, f"objects.{item.name}.mask", item, mask))
+            problems.append(
+                _mask_problem(scene, f"objects.{item.name}.mask", item, mask)
+            )
         elif mask is None and outline is not None:
             box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
             out[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]][box >= 0.5] = k + 1
     shown = np.bincount(out.ravel(), minlength=len(scene.objects) + 1)
     if not problems:
-        hidden = (k for k, outline in enumerate(written) if outline is None and not shown[k + 1])
+        hidden = (
+            k
+            for k, outline in enumerate(written)
+            if outline is None and not shown[k + 1]
+        )
         problems = [_hidden(scene, scene.objects[k]) for k in hidden]
     if problems:
         raise InputError(problems)
     return out
 
 
-def mask_pixels(mask: Mask | None, size: tuple[int, int], labels: U16 | None) -> NDArray[np.bool_] | None:
+def mask_pixels(
+    mask: Mask | None, size: tuple[int, int], labels: U16 | None
+) -> NDArray[np.bool_] | None:
     """(H, W): what a mask covers; None where there is none, or an id without a map to be found in."""
     match mask:
         case MaskId(id=identity):
@@ -84,10 +94,15 @@ def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
     return canvas > 0
 
 
-def _mask_problem(scene: Scene, path: str, item: Object | Boundary, mask: PixelMask | None) -> Problem:
+def _mask_problem(
+    scene: Scene, path: str, item: Object | Boundary, mask: PixelMask | None
+) -> Problem:
     """The mask at `path` has no pixel; None: it is an id, and the scene has no photo."""
     found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
-    expected, fix = "covers no pixel", "write an id that masks.png holds, or an outline inside the photo"
+    expected, fix = (
+        "covers no pixel",
+        "write an id that masks.png holds, or an outline inside the photo",
+    )
     if mask is None:
         expected = "is an id, and masks.png is read beside a photo only"
         fix = "write image: photo.png, or an outline"
@@ -97,19 +112,27 @@ def _mask_problem(scene: Scene, path: str, item: Object | Boundary, mask: PixelM
 def _hidden(scene: Scene, item: Object) -> Problem:
     path = f"objects.{item.name}.mask"
     fix = "write its shape, or give it a layer in front of theirs"
-    return Problem(scene.place(path), path, item.name, "is hidden behind the masks of others", fix)
+    return Problem(
+        scene.place(path), path, item.name, "is hidden behind the masks of others", fix
+    )
 
 
 @dataclass(frozen=True)
 class Fitted:
     """What the masks of objects and boundaries became, fitted together so that neighbours touch."""
 
-    objects: dict[int, Outline]  # by id in the objects' label map, those alone whose shape is fitted
-    walls: dict[int, Region]  # by index in `Scene.boundaries`, those alone that are masks
+    objects: dict[
+        int, Outline
+    ]  # by id in the objects' label map, those alone whose shape is fitted
+    walls: dict[
+        int, Region
+    ]  # by index in `Scene.boundaries`, those alone that are masks
     scenery: PixelMask  # (H, W): pixels that show a boundary and no object
 
 
-def fit_masks(scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]) -> Fitted:
+def fit_masks(
+    scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]
+) -> Fitted:
     """Outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
 
     A boundary shares its lines with what its mask touches. One whose mask lies across another's is fitted alone, as if
@@ -125,7 +148,9 @@ def fit_masks(scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[in
             continue
         mask = mask_pixels(item.mask, scene.size, labels)
         if mask is None or not mask.any():
-            problems.append(_mask_problem(scene, f"boundaries.{item.name}.mask", item, mask))
+            problems.append(
+                _mask_problem(scene, f"boundaries.{item.name}.mask", item, mask)
+            )
             continue
         scenery |= mask
         if together[mask].any():
@@ -137,7 +162,9 @@ def fit_masks(scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[in
         raise InputError(problems)
     ids = [*fitted, *shared.values()]
     fits = fit_outlines(together, ids, never_discs=set(shared.values())) if ids else {}
-    walls = {k: fit for k, i in shared.items() if isinstance(fit := fits[i], Region)} | alone
+    walls = {
+        k: fit for k, i in shared.items() if isinstance(fit := fits[i], Region)
+    } | alone
     return Fitted({i: fits[i] for i in fitted}, walls, scenery & (of_objects == 0))
 
 
@@ -147,10 +174,16 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
         if k not in regions:
             return (np.array(item.points, np.float64),)
-        return tuple(np.concatenate([points, points[:1]]) for points, _ in regions[k].borders)
+        return tuple(
+            np.concatenate([points, points[:1]]) for points, _ in regions[k].borders
+        )
 
     return tuple(
-        Wall(item.name, chains(k, item), surface(item.friction, item.elasticity, scene.world.combine))
+        Wall(
+            item.name,
+            chains(k, item),
+            surface(item.friction, item.elasticity, scene.world.combine),
+        )
         for k, item in enumerate(scene.boundaries)
     )
 
@@ -167,14 +200,19 @@ class Shapes:
     @property
     def outlines(self) -> tuple[Outline, ...]:
         """Written or fitted, photo frame."""
-        return tuple(self.fits.objects[k + 1] if it is None else it for k, it in enumerate(self.written))
+        return tuple(
+            self.fits.objects[k + 1] if it is None else it
+            for k, it in enumerate(self.written)
+        )
 
 
 def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
     """`labels` (H, W) is the photo's label map, None for a scene without one. Raises InputError."""
     written = [_written(item, labels) for item in scene.objects]
     of_objects = object_labels(scene, labels, written)
-    fits = fit_masks(scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None])
+    fits = fit_masks(
+        scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None]
+    )
     return Shapes(tuple(written), of_objects, fits)
 
 
@@ -187,8 +225,16 @@ def _written(item: Object, labels: U16 | None) -> Outline | None:
     """Outline of an explicit shape, or of one that is stored for the mask as it is; None where it is fitted."""
     shape: Shape | None = item.shape
     if isinstance(shape, Auto):
-        known = isinstance(item.mask, MaskId) and labels is not None and shape.stored is not None
-        shape = shape.stored if known and mask_crc(labels, item.mask.id) == shape.crc else None  # type: ignore[arg-type, union-attr]
+        known = (
+            isinstance(item.mask, MaskId)
+            and labels is not None
+            and shape.stored is not None
+        )
+        shape = (
+            shape.stored
+            if known and mask_crc(labels, item.mask.id) == shape.crc
+            else None
+        )  # type: ignore[arg-type, union-attr]
     return None if shape is None else shape_outline(shape)
 
 
@@ -213,7 +259,8 @@ def snapped_to_boundaries(
         if (line := _Line.of(a, b, gravity / strength)) is not None
     ]
     return tuple(
-        _stood(outline, lines) if fit else outline for outline, fit in zip(outlines, fitted, strict=True)
+        _stood(outline, lines) if fit else outline
+        for outline, fit in zip(outlines, fitted, strict=True)
     )
 
 
@@ -253,7 +300,11 @@ def _stood(outline: Outline, lines: list[_Line]) -> Outline:
         below = height[along]
         above = (mass_properties(outline).center - line.start) @ line.up > BAND
         if above and len(below) and -BAND <= below.min() <= BAND:
-            outline = Region(tuple(Ring(_flat(ring.outer, line), ring.holes) for ring in outline.rings))
+            outline = Region(
+                tuple(
+                    Ring(_flat(ring.outer, line), ring.holes) for ring in outline.rings
+                )
+            )
     return outline
 
 

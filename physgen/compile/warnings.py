@@ -30,15 +30,23 @@ class WarningLimits:
 
     away: float = 0.5  # px by which a view may be moved without anyone seeing it
     reach: int = 5  # px beyond a mask's border that its soft coverage may reach
-    pairs: int = 200  # overlapping pairs that are named, about; further ones are counted
-    overlap: float = 0.25  # px of overlap at t = 0 that the engine resolves without anyone seeing it
+    pairs: int = (
+        200  # overlapping pairs that are named, about; further ones are counted
+    )
+    overlap: float = (
+        0.25  # px of overlap at t = 0 that the engine resolves without anyone seeing it
+    )
     near: float = 42 / 512
     """Of the photo's longer side: around what is covered `background.png` need not be the photo; rims and contact
     shadows are filled there."""
     over: int = 5
     """px a side of the squares over which differences are averaged: what compression leaves of a photo is gone then."""
-    levels: int = 8  # grey levels of such a mean from which on a pixel is not the photo's
-    least: int = 64  # such pixels in one piece from which on a map counts as different: 8 x 8 px
+    levels: int = (
+        8  # grey levels of such a mean from which on a pixel is not the photo's
+    )
+    least: int = (
+        64  # such pixels in one piece from which on a map counts as different: 8 x 8 px
+    )
     missed: float = 0.03
     """Part of a mask that its shape may miss, or by which it may reach beyond what the photo shows of any object."""
     seen: float = 0.08
@@ -47,7 +55,9 @@ class WarningLimits:
     The photo also shows a top, an inside or a rim nearer the lens."""
     thin: int = 5  # px: threads and wires narrower than this need no shape
     frames: int = 1800  # a minute of video at 30 a second: more is seldom meant
-    draws: float = 0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
+    draws: float = (
+        0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
+    )
     support: float = 4.0
     """px below an object in which its support must lie; outlines and floors of photos are off by as much."""
 
@@ -59,11 +69,23 @@ TOUCH = 1e-6  # px of overlap that rounding makes of none
 SAMPLES = 32  # places along a boundary within an object at which its depth is taken
 
 
-def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
+def lint(
+    scene: Scene, compiled: Compiled, maps: Percepts | None = None
+) -> list[Problem]:
     """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
-    rules = (_overlaps, _unsupported, _without_effect, _missed_masks, _views, _followed, _long)
+    rules = (
+        _overlaps,
+        _unsupported,
+        _without_effect,
+        _missed_masks,
+        _views,
+        _followed,
+        _long,
+    )
     found = [problem for rule in rules for problem in rule(scene, compiled)]
-    return by_place([*found, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)])
+    return by_place(
+        [*found, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)]
+    )
 
 
 def warning(scene: Scene, path: str, found: str, expected: str, fix: str) -> Problem:
@@ -74,10 +96,18 @@ def warning(scene: Scene, path: str, found: str, expected: str, fix: str) -> Pro
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """What a reader would expect to change the clip, and does not."""
     motion = {item.name: item.motion for item in scene.objects}
-    above, let_go = scene.world.view is View.TOP, "take it out, or write motion: dynamic"
+    above, let_go = (
+        scene.world.view is View.TOP,
+        "take it out, or write motion: dynamic",
+    )
     if scene.world.table_friction > 0 and not above:
-        found, why = f"{scene.world.table_friction:g}", "has no effect seen from the side"
-        yield warning(scene, "world.table.friction", found, why, "take it out, or write view: top")
+        found, why = (
+            f"{scene.world.table_friction:g}",
+            "has no effect seen from the side",
+        )
+        yield warning(
+            scene, "world.table.friction", found, why, "take it out, or write view: top"
+        )
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         path, dynamic = f"objects.{item.name}", item.motion is Motion.DYNAMIC
         fixed = f"has no effect on an object whose motion is {item.motion.value}"
@@ -85,10 +115,20 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if not dynamic and (any(item.velocity) or item.spin):
             key = "velocity" if any(item.velocity) else "spin"
             yield warning(scene, f"{path}.{key}", key, fixed, let_go)
-        if item.rolling > 0 and not (dynamic and (sphere if above else body.radius is not None)):
-            why = fixed if not dynamic else f"has no effect: only {'spheres' if above else 'circles'} roll"
-            yield warning(scene, f"{path}.rolling", f"{item.rolling:g}", why, "take it out")
-        if item.roll != "natural" and not (dynamic and sphere and above and scene.world.table_friction > 0):
+        if item.rolling > 0 and not (
+            dynamic and (sphere if above else body.radius is not None)
+        ):
+            why = (
+                fixed
+                if not dynamic
+                else f"has no effect: only {'spheres' if above else 'circles'} roll"
+            )
+            yield warning(
+                scene, f"{path}.rolling", f"{item.rolling:g}", why, "take it out"
+            )
+        if item.roll != "natural" and not (
+            dynamic and sphere and above and scene.world.table_friction > 0
+        ):
             why = "has no effect: only dynamic spheres on a tabletop with friction roll"
             yield warning(scene, f"{path}.roll", "roll", why, "take it out")
     for k, force in enumerate(scene.forces):
@@ -124,10 +164,16 @@ def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if was.get("label", item.label) != item.label:
             ours = item.provenance.keys() & was.keys()
             keys = [key for key in ("mass", "friction", "elasticity") if key in ours]
-            now = [f"{key} {getattr(item, key):g}" for key in keys if not equal(getattr(item, key), was[key])]
+            now = [
+                f"{key} {getattr(item, key):g}"
+                for key in keys
+                if not equal(getattr(item, key), was[key])
+            ]
             if now:
                 why = f"is not what was perceived, and gives {', '.join(now)}"
-                yield warning(scene, f"objects.{item.name}.label", quoted(item.label), why, fix)
+                yield warning(
+                    scene, f"objects.{item.name}.label", quoted(item.label), why, fix
+                )
 
 
 def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -151,7 +197,13 @@ def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
                 found = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
                 expected = f"is too near the photo's border for zoom {sight.zoom:g}: the view stops at [{x:g}, {y:g}]"
-                yield warning(scene, f"{path}.center", found, expected, "zoom in further, or move it there")
+                yield warning(
+                    scene,
+                    f"{path}.center",
+                    found,
+                    expected,
+                    "zoom in further, or move it there",
+                )
         end = compiled.world.duration
         if sight.time > end:
             expected = f"is after the end of the motion at {end:g} s: this view is never reached"
@@ -172,17 +224,27 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
     return not (maps.coverage[scenery & ~near] > 0.5).any()
 
 
-def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Iterator[Problem]:
+def photo_differs(
+    scene: Scene, compiled: Compiled, maps: Percepts | None
+) -> Iterator[Problem]:
     """A photo that was edited since its maps were made: where no object is, the clip shows `background.png`.
 
     Where `clean.png` is more like the photo than like the background, the background was painted on purpose.
     """
-    if maps is None or maps.coverage is None or maps.background is None or scene.image is None:
+    if (
+        maps is None
+        or maps.coverage is None
+        or maps.background is None
+        or scene.image is None
+    ):
         return
-    if not maps_cover_masks(maps, compiled.labels, compiled.scenery):  # it is made anew, of the photo
+    if not maps_cover_masks(
+        maps, compiled.labels, compiled.scenery
+    ):  # it is made anew, of the photo
         return
     bare = ~_grown(
-        (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0), round(LIMITS.near * max(scene.size))
+        (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0),
+        round(LIMITS.near * max(scene.size)),
     )
     if cv2.norm(maps.rgb, maps.background, cv2.NORM_INF, bare.astype(np.uint8)) == 0:
         return
@@ -205,11 +267,19 @@ def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> It
 def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
     """Doubtful ids that no region has, or an object."""
     owners, named = (
-        {name: one["mask"] for name, one in entries.items() if isinstance(one.get("mask"), int)}
+        {
+            name: one["mask"]
+            for name, one in entries.items()
+            if isinstance(one.get("mask"), int)
+        }
         for entries in (scene.document["objects"], scene.document.get("doubtful", {}))
     )
     owners = {mask: name for name, mask in owners.items()}
-    there = set(np.unique(maps.labels).tolist()) if named and maps is not None else set(named.values())
+    there = (
+        set(np.unique(maps.labels).tolist())
+        if named and maps is not None
+        else set(named.values())
+    )
     for name, mask in named.items():
         if mask in owners:
             fix = f"delete this entry, or objects.{owners[mask]}"
@@ -217,7 +287,9 @@ def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
             yield warning(scene, f"doubtful.{name}.mask", str(mask), expected, fix)
         elif mask not in there:
             fix = "write the mask of the entry that was an object"
-            yield warning(scene, f"doubtful.{name}.mask", str(mask), "is no id in masks.png", fix)
+            yield warning(
+                scene, f"doubtful.{name}.mask", str(mask), "is no id in masks.png", fix
+            )
 
 
 def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
@@ -229,14 +301,22 @@ def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
 
 def _grown(mask: Mask, by: int) -> Mask:
     """(H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0)
+    return np.asarray(
+        cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8))
+        > 0
+    )
 
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Written shapes that differ from the object's mask."""
-    for k, (item, outline) in enumerate(zip(scene.objects, compiled.shapes.written, strict=True)):
+    for k, (item, outline) in enumerate(
+        zip(scene.objects, compiled.shapes.written, strict=True)
+    ):
         mask = compiled.labels == k + 1
-        area, (x, y, w, h) = np.count_nonzero(mask), cv2.boundingRect(mask.astype(np.uint8))
+        area, (x, y, w, h) = (
+            np.count_nonzero(mask),
+            cv2.boundingRect(mask.astype(np.uint8)),
+        )
         if outline is None or item.mask is None or not area:
             continue
         hull = outline_shape(outline).convex_hull.buffer(LIMITS.seen * area**0.5)
@@ -246,7 +326,9 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         right, bottom = (around.max(axis=0) + LIMITS.thin).tolist()
         here = np.s_[top:bottom, left:right]
         cover, (x0, y0) = coverage_box(outline, (0, 0, mask.shape[1], mask.shape[0]))
-        box = np.s_[y0 - top : y0 - top + cover.shape[0], x0 - left : x0 - left + cover.shape[1]]
+        box = np.s_[
+            y0 - top : y0 - top + cover.shape[0], x0 - left : x0 - left + cover.shape[1]
+        ]
         mask = mask[here]
         seen = np.zeros(mask.shape, np.uint8)
         cv2.fillPoly(seen, [corners - np.array([left, top], np.int32)], 1)
@@ -256,12 +338,20 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         path, fix = f"objects.{item.name}.shape", "correct the outline or the mask"
         if scene.document["objects"][item.name].get("shape") != "outline":
             fix = f"write shape: outline, or {fix}"
-        for part, text in ((mask & (seen == 0), "misses {:.0%} of"), (bare, "reaches {:.0%} beyond")):
+        for part, text in (
+            (mask & (seen == 0), "misses {:.0%} of"),
+            (bare, "reaches {:.0%} beyond"),
+        ):
             if not part.size:  # a shape beyond the picture
                 continue
-            share = cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_OPEN, thin).sum() / area
+            share = (
+                cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_OPEN, thin).sum()
+                / area
+            )
             if share > LIMITS.missed:
-                yield warning(scene, path, "the shape", f"{text.format(share)} its mask", fix)
+                yield warning(
+                    scene, path, "the shape", f"{text.format(share)} its mask", fix
+                )
 
 
 def _filled(mask: Mask) -> Mask:
@@ -291,16 +381,36 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
                 if depth > LIMITS.overlap:
                     named += 1
-                    yield warning(scene, path, item.name, f"overlaps {other} by {depth:.1f} px at t = 0", fix)
+                    yield warning(
+                        scene,
+                        path,
+                        item.name,
+                        f"overlaps {other} by {depth:.1f} px at t = 0",
+                        fix,
+                    )
         for wall in compiled.world.walls if item.motion is Motion.DYNAMIC else ():
             depth = max(
-                (depth_across(shapes[i], shapely.LineString(chain)) for chain in wall.chains), default=0.0
+                (
+                    depth_across(shapes[i], shapely.LineString(chain))
+                    for chain in wall.chains
+                ),
+                default=0.0,
             )
             if depth > LIMITS.overlap:
-                expected = f"reaches {depth:.1f} px across boundary {wall.name} at t = 0"
-                yield warning(scene, path, item.name, expected, "move the boundary or the object")
+                expected = (
+                    f"reaches {depth:.1f} px across boundary {wall.name} at t = 0"
+                )
+                yield warning(
+                    scene, path, item.name, expected, "move the boundary or the object"
+                )
     if more:
-        yield warning(scene, "objects", f"{more:,} more pairs", "lie so near that they may overlap, too", fix)
+        yield warning(
+            scene,
+            "objects",
+            f"{more:,} more pairs",
+            "lie so near that they may overlap, too",
+            fix,
+        )
 
 
 def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
@@ -308,7 +418,9 @@ def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
     inside = shape.intersection(wall)
     if inside.length == 0:
         return 0.0
-    points = shapely.points(shapely.get_coordinates(shapely.segmentize(inside, inside.length / SAMPLES)))
+    points = shapely.points(
+        shapely.get_coordinates(shapely.segmentize(inside, inside.length / SAMPLES))
+    )
     return float(shapely.distance(points, shape.boundary).max())
 
 
@@ -326,7 +438,9 @@ def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
     down = gravity / float(np.hypot(*gravity)) * LIMITS.support
     shapes = [outline_shape(outline) for outline in compiled.outlines]
     chains = [
-        (wall.name, shapely.LineString(chain)) for wall in compiled.world.walls for chain in wall.chains
+        (wall.name, shapely.LineString(chain))
+        for wall in compiled.world.walls
+        for chain in wall.chains
     ]
     names = [item.name for item in scene.objects] + [name for name, _ in chains]
     others = shapely.STRtree([*shapes, *(line for _, line in chains)])
@@ -342,14 +456,25 @@ def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
 
 def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Objects of a photo, at rest where they are in it, with nothing under them or under what they are joined to."""
-    if scene.image is None or scene.world.view is View.TOP or not compiled.world.gravity.any():
+    if (
+        scene.image is None
+        or scene.world.view is View.TOP
+        or not compiled.world.gravity.any()
+    ):
         return
     held_by = supports(scene, compiled)
-    hanging = [i for group in _joined(scene) if not any(held_by[k] for k in group) for i in group]
+    hanging = [
+        i
+        for group in _joined(scene)
+        if not any(held_by[k] for k in group)
+        for i in group
+    ]
     for item in (scene.objects[i] for i in sorted(hanging)):
         if not (any(item.velocity) or item.place):
             expected = "is supported by nothing and falls at once"
-            fix = "put a boundary under it, hold it with a joint, or write motion: static"
+            fix = (
+                "put a boundary under it, hold it with a joint, or write motion: static"
+            )
             yield warning(scene, f"objects.{item.name}", item.name, expected, fix)
 
 

@@ -13,8 +13,27 @@ from typing import Generic, TypeVar
 import numpy as np
 import shapely
 
-from physgen.geometry.polygon import Array, Disc, Outline, Pose, Region, Ring, mass_properties, rotation
-from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Object, Scene, Solid, View
+from physgen.geometry.polygon import (
+    Array,
+    Disc,
+    Outline,
+    Pose,
+    Region,
+    Ring,
+    mass_properties,
+    rotation,
+)
+from physgen.scene.scene import (
+    Combine,
+    FieldKind,
+    JointKind,
+    Load,
+    Motion,
+    Object,
+    Scene,
+    Solid,
+    View,
+)
 from physgen.text import name_ranges
 
 
@@ -91,12 +110,16 @@ class Body:
         points = shapely.points(corners)
         shapes = shapely.polygons(shapely.linearrings(corners, indices=owner))
         away = np.where(
-            owner[:, None] > np.arange(len(pairs)), shapely.distance(points[:, None], shapes), np.inf
+            owner[:, None] > np.arange(len(pairs)),
+            shapely.distance(points[:, None], shapes),
+            np.inf,
         )
         for k, (width, _) in enumerate(pairs[1:], 1):
             # a union takes long, and is needed only for what may be a limb
             if away[owner == k].min(axis=1).max() > 0.999 * width:
-                beyond = shapely.distance(points[owner == k], shapely.union_all(shapes[:k]))
+                beyond = shapely.distance(
+                    points[owner == k], shapely.union_all(shapes[:k])
+                )
                 size = width if beyond.max() > width else size
         return size
 
@@ -243,7 +266,10 @@ class Pairing(Generic[Names]):
 
 def pair_table(world: World) -> list[Pairing[str]]:
     """The pair coefficients in use, as they are shown; see `pairings`."""
-    return [Pairing(_names(p.first), _names(p.second), p.friction, p.elasticity) for p in pairings(world)]
+    return [
+        Pairing(_names(p.first), _names(p.second), p.friction, p.elasticity)
+        for p in pairings(world)
+    ]
 
 
 def pairings(world: World) -> list[Pairing[list[str]]]:
@@ -262,13 +288,24 @@ def pairings(world: World) -> list[Pairing[list[str]]]:
     for i, (a, first) in enumerate(rows):
         for b, second in (*rows[i:], *walls.items()):
             if second is not first or len(first) > 1:
-                pairs.append(Pairing(first, second, a.friction * b.friction, a.elasticity * b.elasticity))
+                pairs.append(
+                    Pairing(
+                        first,
+                        second,
+                        a.friction * b.friction,
+                        a.elasticity * b.elasticity,
+                    )
+                )
     return pairs
 
 
 def _names(names: Sequence[str]) -> str:
     shown = name_ranges(names)
-    return shown if shown.count(",") < 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"
+    return (
+        shown
+        if shown.count(",") < 3
+        else f"{names[0]}, {names[1]} and {len(names) - 2} more"
+    )
 
 
 def placed_outline(outline: Outline, item: Object) -> Outline:
@@ -283,7 +320,12 @@ def placed_outline(outline: Outline, item: Object) -> Outline:
 
     if isinstance(outline, Disc):
         return Disc(np.array([x, y]), outline.radius)
-    return Region(tuple(Ring(there(ring.outer), tuple(map(there, ring.holes))) for ring in outline.rings))
+    return Region(
+        tuple(
+            Ring(there(ring.outer), tuple(map(there, ring.holes)))
+            for ring in outline.rings
+        )
+    )
 
 
 def rest_pose(outline: Outline, item: Object, scene: Scene) -> Array | None:
@@ -300,7 +342,10 @@ def photo_poses(world: World) -> tuple[Pose, ...]:
     """The poses in which the photo shows the bodies; empty where all begin so."""
     if all(body.rest is None for body in world.bodies):
         return ()
-    shown = (np.append(body.center, 0.0) if body.rest is None else body.rest for body in world.bodies)
+    shown = (
+        np.append(body.center, 0.0) if body.rest is None else body.rest
+        for body in world.bodies
+    )
     return tuple(Pose(float(x), float(y), float(angle)) for x, y, angle in shown)
 
 
@@ -330,7 +375,9 @@ def appearance(scene: Scene, world: World) -> tuple[object, ...]:
     it is filmed, so its camera counts.
     """
     render, settings = scene.render, scene.world
-    camera = () if scene.image is not None else (render.scale, render.size, render.camera)
+    camera = (
+        () if scene.image is not None else (render.scale, render.size, render.camera)
+    )
     bodies = [
         (body.center, body.radius, body.pieces, body.rings, body.solid)
         for body in world_in_photo(world).bodies

@@ -119,7 +119,9 @@ class Nothing(Body):
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": {}}}}
 TOKEN_HEADER = APIKeyHeader(name=TOKEN, scheme_name="token", auto_error=False)
 """For the description: `Guard` has checked the token already."""
-api = APIRouter(default_response_class=JSONResponse, dependencies=[Security(TOKEN_HEADER)])
+api = APIRouter(
+    default_response_class=JSONResponse, dependencies=[Security(TOKEN_HEADER)]
+)
 
 
 # Reading
@@ -148,15 +150,21 @@ def photo(served: Served) -> Response:
 
 @api.get("/api/mask", responses=PNG, response_class=Response)
 def mask(
-    served: Served, object: Annotated[str, Query(min_length=1)], variant: Words | None = None
+    served: Served,
+    object: Annotated[str, Query(min_length=1)],
+    variant: Words | None = None,
 ) -> Response:
     """The mask of an object."""
-    return Response(served.session.mask(variant or None, object), media_type="image/png")
+    return Response(
+        served.session.mask(variant or None, object), media_type="image/png"
+    )
 
 
 @api.get("/api/motion/{key}")
 def motion(
-    served: Served, key: str, start: Annotated[int, Query(alias="from", ge=0, le=MAX_SAMPLE)] = 0
+    served: Served,
+    key: str,
+    start: Annotated[int, Query(alias="from", ge=0, le=MAX_SAMPLE)] = 0,
 ) -> Response:
     """A further part of a motion, from a sample on."""
     return _present(served.session.live.more(key, start))
@@ -177,7 +185,9 @@ def _present(found: Mapping[str, Any] | None) -> Response:
 
 
 @api.get("/api/events")
-def events(served: Served, run: str = "", since: Annotated[int, Query(ge=0, le=MAX_EVENT)] = 0) -> Response:
+def events(
+    served: Served, run: str = "", since: Annotated[int, Query(ge=0, le=MAX_EVENT)] = 0
+) -> Response:
     """What happened since an event of a run of the server."""
     served.session.look_outside()
     return JSONResponse(served.events.since(run, since))
@@ -243,10 +253,13 @@ def render(served: Served, body: Render) -> Response:
     unknown = set(body.variants or ()) - {None, *served.session.variants()}
     if unknown:
         raise impossible(
-            f"the scene has no variant {quoted(str(unknown.pop()))}", "choose one of its variants"
+            f"the scene has no variant {quoted(str(unknown.pop()))}",
+            "choose one of its variants",
         )
     served.session.save_for_rendering(body.version)
-    job = served.rendering.start(body.variants, body.format or "mp4", body.refine is not False)
+    job = served.rendering.start(
+        body.variants, body.format or "mp4", body.refine is not False
+    )
     return JSONResponse({"job": job})
 
 

@@ -41,7 +41,14 @@ SCHEMA = "scene-1.schema.json"
 _PART = re.compile(r"edit/[a-z][a-z0-9_-]{0,40}\.(js|css)").fullmatch
 
 
-HANDLED = (EditError, InputError, RequestValidationError, HTTPException, OSError, Exception)
+HANDLED = (
+    EditError,
+    InputError,
+    RequestValidationError,
+    HTTPException,
+    OSError,
+    Exception,
+)
 
 
 # The application
@@ -78,7 +85,10 @@ def page(served: Served, once: str | None = None) -> Response:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return Response(environment.get_template("edit.html.j2").render(), media_type="text/html; charset=utf-8")
+    return Response(
+        environment.get_template("edit.html.j2").render(),
+        media_type="text/html; charset=utf-8",
+    )
 
 
 def static(name: str) -> Response:
@@ -86,14 +96,19 @@ def static(name: str) -> Response:
     data = None
     with suppress(FileNotFoundError):
         if name == "player.js":
-            scripts = [resource("templates", "player", f"{script}.js").read_bytes() for script in PLAYER]
+            scripts = [
+                resource("templates", "player", f"{script}.js").read_bytes()
+                for script in PLAYER
+            ]
             data = b'"use strict";\n' + b"\n".join(scripts)
         elif name == SCHEMA:
             data = resource("schemas", name).read_bytes()
         elif name in STYLES or _PART(name):
             data = resource("templates", *name.split("/")).read_bytes()
     if data is None:
-        raise EditError(Why.ABSENT, f"there is no {name[:80]}", "open the address as it was printed")
+        raise EditError(
+            Why.ABSENT, f"there is no {name[:80]}", "open the address as it was printed"
+        )
     return Response(data, media_type=guess_type(name)[0])
 
 
@@ -106,7 +121,9 @@ async def _answer(request: Request, error: Exception) -> Response:
             return JSONResponse(error.body(), error.why.value)
         case InputError():  # a problem of the scene that no edit expected
             first = error.problems[0]
-            problems = [problem.as_dict() | {"object": None} for problem in error.problems]
+            problems = [
+                problem.as_dict() | {"object": None} for problem in error.problems
+            ]
             status, fix = Why.IMPOSSIBLE.value, first.fix
             message = " ".join(part for part in (first.found, first.expected) if part)
         case RequestValidationError():
@@ -115,16 +132,28 @@ async def _answer(request: Request, error: Exception) -> Response:
             status, fix = Why.MALFORMED.value, "see /api/openapi.json"
             message = f"{where}: {wrong['msg']}"[:300]
         case HTTPException():
-            status, message, fix = error.status_code, str(error.detail).lower(), "see /api/openapi.json"
+            status, message, fix = (
+                error.status_code,
+                str(error.detail).lower(),
+                "see /api/openapi.json",
+            )
             headers = error.headers
         case OSError():  # the disk is full, or may not be written
-            where = f"{Path(error.filename).name}: " if isinstance(error.filename, str) else ""
+            where = (
+                f"{Path(error.filename).name}: "
+                if isinstance(error.filename, str)
+                else ""
+            )
             message = f"{where}{(error.strerror or 'it could not be read or written').lower()}"
             status, fix = 507, "make room, or correct the permissions, and try again"
         case _:
             status, message = 500, f"the editor failed: {type(error).__name__}"
             fix = "undo, and please report it"
-    return JSONResponse({"error": {"message": message, "fix": fix}, "problems": problems}, status, headers)
+    return JSONResponse(
+        {"error": {"message": message, "fix": fix}, "problems": problems},
+        status,
+        headers,
+    )
 
 
 # Checks of requests
@@ -155,7 +184,10 @@ def result_headers(host: str) -> dict[str, str]:
         "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
         f"font-src data:; img-src {own}; media-src {own}; base-uri 'none'; form-action 'none'"
     )
-    return HEADERS | {"Content-Security-Policy": policy, "Cross-Origin-Resource-Policy": "cross-origin"}
+    return HEADERS | {
+        "Content-Security-Policy": policy,
+        "Cross-Origin-Resource-Policy": "cross-origin",
+    }
 
 
 class Guard:
@@ -172,10 +204,17 @@ class Guard:
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 is_result = scope["path"].startswith(RESULT)
-                chosen = result_headers(f"{self.host}:{self.port}") if is_result else HEADERS
-                own = [(key.lower().encode(), value.encode()) for key, value in chosen.items()]
+                chosen = (
+                    result_headers(f"{self.host}:{self.port}") if is_result else HEADERS
+                )
+                own = [
+                    (key.lower().encode(), value.encode())
+                    for key, value in chosen.items()
+                ]
                 names = {key for key, _ in own}
-                message["headers"] = [(k, v) for k, v in message["headers"] if k not in names] + own
+                message["headers"] = [
+                    (k, v) for k, v in message["headers"] if k not in names
+                ] + own
             await send(message)
 
         try:
@@ -190,11 +229,17 @@ class Guard:
     def _check(self, scope: Scope) -> None:
         headers, path = Headers(scope=scope), scope["path"]
         fix = "open the address as it was printed"
-        if [key for key, _ in scope["headers"]].count(b"host") != 1 or not self.is_ours(headers["host"]):
+        if [key for key, _ in scope["headers"]].count(b"host") != 1 or not self.is_ours(
+            headers["host"]
+        ):
             raise EditError(Why.FOREIGN, "the Host header names another server", fix)
         is_foreign = headers.get("origin", own := f"http://{headers['host']}") != own
         site = headers.get("sec-fetch-site")
-        if site in ("cross-site", "same-site") and path != "/" and not path.startswith(RESULT):
+        if (
+            site in ("cross-site", "same-site")
+            and path != "/"
+            and not path.startswith(RESULT)
+        ):
             is_foreign = True
         if is_foreign:
             raise EditError(Why.FOREIGN, "another site's page asks", fix)
@@ -204,7 +249,11 @@ class Guard:
         if not secrets.compare_digest(given.encode(), self.token.encode()):
             raise EditError(Why.UNTRUSTED, "the token is missing or wrong", fix)
         length = headers.get("content-length", "0")
-        if length.isascii() and length.isdecimal() and (len(length) > 12 or int(length) > BODY):
+        if (
+            length.isascii()
+            and length.isdecimal()
+            and (len(length) > 12 or int(length) > BODY)
+        ):
             raise too_large()
 
     def is_ours(self, host: str) -> bool:
@@ -242,16 +291,24 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
         more = message.get("more_body", False)
         if len(data) > BODY:
             raise too_large()
-    kind = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
+    kind = (
+        Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
+    )
     if data and kind != "application/json":
-        raise EditError(Why.KIND, "the body is not declared as JSON", "send Content-Type: application/json")
+        raise EditError(
+            Why.KIND,
+            "the body is not declared as JSON",
+            "send Content-Type: application/json",
+        )
     if ESCAPED_SURROGATE.search(data):
         with suppress(ValueError):  # what is no JSON is refused by its reader
             try:
                 json.dumps(json.loads(data), ensure_ascii=False).encode()
             except UnicodeEncodeError:
                 raise EditError(
-                    Why.MALFORMED, "half a character is no text", "send whole characters"
+                    Why.MALFORMED,
+                    "half a character is no text",
+                    "send whole characters",
                 ) from None
     parts = iter([{"type": "http.request", "body": bytes(data), "more_body": False}])
 
@@ -263,7 +320,9 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
 
 def too_large() -> EditError:
     """A body beyond its limit."""
-    return EditError(Why.TOO_LARGE, f"the body is larger than {BODY // 2**20} MiB", "send less")
+    return EditError(
+        Why.TOO_LARGE, f"the body is larger than {BODY // 2**20} MiB", "send less"
+    )
 
 
 # The server
@@ -300,7 +359,9 @@ class Editor:
         except BaseException:
             self.session.close()
             raise
-        self.services = Services(self.session, events, self.rendering, self.token, set())
+        self.services = Services(
+            self.session, events, self.rendering, self.token, set()
+        )
         config = uvicorn.Config(
             Guard(application(self.services), self.token, host, self.port),
             access_log=False,
@@ -346,5 +407,7 @@ def _listening(host: str, port: int | None) -> socket.socket:
         where = f"--port {port}" if port else f"--host {host}"
         reason = (error.strerror or str(error)).lower()
         fix = "leave it out, and a free port of this machine is taken"
-        raise InputError.of(where, "", f"cannot be listened on: {reason}", fix) from None
+        raise InputError.of(
+            where, "", f"cannot be listened on: {reason}", fix
+        ) from None
     return made

@@ -85,7 +85,10 @@ class Painted:
 
 
 def correct(
-    live: Live, text: str, op: Mapping[str, Any], segmenter: PromptSegmenter | None = None
+    live: Live,
+    text: str,
+    op: Mapping[str, Any],
+    segmenter: PromptSegmenter | None = None,
 ) -> Corrected:
     """One operation on masks; see docs/editor.md. Where maps change, the new text names a new folder for all of them.
 
@@ -104,13 +107,19 @@ def correct(
         new = without_comments(new, [op["set"] for op in work.ops if "set" in op], ours)
         bodies = live.state(new).compiled.world.bodies
         if work.gone is not None:
-            what += "".join(f"; it weighs {one.mass:.4g} g now" for one in bodies if one.name in work.masks)
+            what += "".join(
+                f"; it weighs {one.mass:.4g} g now"
+                for one in bodies
+                if one.name in work.masks
+            )
     except BaseException as error:
         if out is not None:
             shutil.rmtree(out, ignore_errors=True)
         if isinstance(error, InputError):
             problem = error.problems[0]
-            message = f"then {problem.path or 'the scene'} {problem.found} {problem.expected}"
+            message = (
+                f"then {problem.path or 'the scene'} {problem.found} {problem.expected}"
+            )
             raise impossible(message, problem.fix) from error
         raise
     return Corrected(new, what, next(iter(work.fresh), None), out)
@@ -141,10 +150,14 @@ def _finish(work: Correction, out: Path) -> None:
         made["mask"] = painted.stored[name]
         entries[name] = {**made, "shape": document.shape_entry(one.outline)}
         work.ops += (
-            [{"add": ["objects", name], "value": made}] if name in work.fresh else written(work, name, made)
+            [{"add": ["objects", name], "value": made}]
+            if name in work.fresh
+            else written(work, name, made)
         )
     for name in painted.stored.keys() - objects.keys():
-        work.ops.append({"set": ["objects", name, "mask"], "value": painted.stored[name]})
+        work.ops.append(
+            {"set": ["objects", name, "mask"], "value": painted.stored[name]}
+        )
     _write_maps(work, out, painted, list(objects.values()))
     _write_record(out, entries, painted.after)
 
@@ -160,12 +173,23 @@ def _write_record(folder: Path, entries: Mapping[str, Data], labels: U16) -> Non
             id_ = str(entry["mask"])
             was: Data = known[id_] if isinstance(known.get(id_), dict) else {}
             if file == RECORD:  # a velocity is the user's where it differs
-                known[id_] = {"velocity": [0, 0], **was, **entry} | {"velocity": was.get("velocity", [0, 0])}
+                known[id_] = {"velocity": [0, 0], **was, **entry} | {
+                    "velocity": was.get("velocity", [0, 0])
+                }
             else:
                 solid = {"solid": entry["solid"]} if "solid" in entry else {}
-                stored = {"crc": mask_crc(labels, entry["mask"]), "shape": entry["shape"]}
-                known[id_] = {**{key: was[key] for key in was.keys() & {"solid"}}, **solid, **stored}
-        write_atomic(folder / file, json.dumps(found, ensure_ascii=False).encode() + b"\n")
+                stored = {
+                    "crc": mask_crc(labels, entry["mask"]),
+                    "shape": entry["shape"],
+                }
+                known[id_] = {
+                    **{key: was[key] for key in was.keys() & {"solid"}},
+                    **solid,
+                    **stored,
+                }
+        write_atomic(
+            folder / file, json.dumps(found, ensure_ascii=False).encode() + b"\n"
+        )
 
 
 def _paint(work: Correction) -> Painted:
@@ -185,11 +209,22 @@ def _paint(work: Correction) -> Painted:
             continue
         was, now = (part == ids[item.name] for part in (labels, after))
         if was.any() and count(now) < min(count(was), SMALLEST_OBJECT):
-            raise impossible(f"nothing would be left of {item.name}", "delete it first, or merge the two")
+            raise impossible(
+                f"nothing would be left of {item.name}",
+                "delete it first, or merge the two",
+            )
         if not isinstance(item.mask, MaskId) and (was != now).any():
-            moved.append(item.name)  # an outline in the file would be drawn over what was painted
-    own = {item.name: item.mask.id for item in scene.objects if isinstance(item.mask, MaskId)}
-    used = {item.mask.id for item in scene.boundaries if isinstance(item.mask, MaskId)} | set(own.values())
+            moved.append(
+                item.name
+            )  # an outline in the file would be drawn over what was painted
+    own = {
+        item.name: item.mask.id
+        for item in scene.objects
+        if isinstance(item.mask, MaskId)
+    }
+    used = {
+        item.mask.id for item in scene.boundaries if isinstance(item.mask, MaskId)
+    } | set(own.values())
     free = iter(range(max({int(work.maps.labels.max()), *used}) + 1, 65536))
     new = before.copy()
     new[np.isin(before, [own[name] for name in (*moved, work.gone) if name in own])] = 0
@@ -197,10 +232,14 @@ def _paint(work: Correction) -> Painted:
     for name in moved:
         identity = own[name] if name in own else next(free, None)
         if identity is None:
-            raise impossible("the label map has no id left", "merge objects, or delete some")
+            raise impossible(
+                "the label map has no id left", "merge objects, or delete some"
+            )
         new[after == ids[name]] = stored[name] = identity
     scenery = work.sight.compiled.scenery
-    touched = np.isin(labels, cleared) | np.isin(after, [ids[name] for name in corrected])
+    touched = np.isin(labels, cleared) | np.isin(
+        after, [ids[name] for name in corrected]
+    )
     union_before = (labels > 0) | ((before > 0) & ~scenery)
     union = (after > 0) | ((new > 0) & ~scenery)
     return Painted(after, ids, stored, before, new, touched, union, union_before)
@@ -211,7 +250,9 @@ def _photo_objects(work: Correction, painted: Painted) -> dict[str, PhotoObject]
     names = (*work.masks, *work.fresh)
     ids = [painted.ids[name] for name in names]
     fits = fit_outlines(painted.labels, ids)
-    placed = snapped_to_boundaries(work.scene, tuple(fits[i] for i in ids), [True] * len(ids))
+    placed = snapped_to_boundaries(
+        work.scene, tuple(fits[i] for i in ids), [True] * len(ids)
+    )
     return {
         name: photo_object(i, outline, _label(work, name), work.scene.size)
         for name, i, outline in zip(names, ids, placed, strict=True)
@@ -233,7 +274,9 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
     source = name if name in work.masks else next(iter(work.masks))
     made = changed_entry(work, source, name, one, labels)
     written_as = work.was(source)
-    if "mass" in written_as and "mass" not in table_keys(written_as):  # a mass that is not the table's
+    if "mass" in written_as and "mass" not in table_keys(
+        written_as
+    ):  # a mass that is not the table's
         if work.gone is not None:
             made["mass"] = float(f"{joined_mass(work, source, work.gone):.4g}")
         elif work.fresh:
@@ -244,7 +287,11 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
 
 def _set_provenance(work: Correction, name: str, made: Data) -> None:
     """`from` and `prompt` name the source of the mask; a mask that a user drew has none."""
-    sources = {key: value for key, value in (made.pop("from", None) or {}).items() if key != "mask"}
+    sources = {
+        key: value
+        for key, value in (made.pop("from", None) or {}).items()
+        if key != "mask"
+    }
     made.pop("prompt", None)
     if name in work.found:
         sure, prompt = work.found[name]
@@ -257,20 +304,28 @@ def _set_provenance(work: Correction, name: str, made: Data) -> None:
 # Maps
 
 
-def _write_maps(work: Correction, folder: Path, painted: Painted, objects: Sequence[PhotoObject]) -> None:
+def _write_maps(
+    work: Correction, folder: Path, painted: Painted, objects: Sequence[PhotoObject]
+) -> None:
     """Write into `folder`, which holds all maps as they were, those that change."""
     maps = work.maps
     if (painted.before != painted.after).any() or not (folder / "masks.png").is_file():
         doubtful = np.where(painted.before == 0, maps.labels, np.uint16(0))
-        _write_map(folder / "masks.png", np.where(painted.after == 0, doubtful, painted.after))
+        _write_map(
+            folder / "masks.png", np.where(painted.after == 0, doubtful, painted.after)
+        )
     part = _window(painted.touched | (painted.union != painted.union_before))
     touched, union = painted.touched[part], painted.union[part]
     near = dilate(union != painted.union_before[part], SOFT)
     known = {one.name: getattr(maps, one.name) for one in fields(maps)}
-    cut: dict[str, Any] = {name: None if values is None else values[part] for name, values in known.items()}
+    cut: dict[str, Any] = {
+        name: None if values is None else values[part] for name, values in known.items()
+    }
     here = Percepts(**cut)
     if here.coverage is not None and near.any():
-        made = registry.make("matte")(np.ascontiguousarray(here.rgb), union.astype(np.uint16))
+        made = registry.make("matte")(
+            np.ascontiguousarray(here.rgb), union.astype(np.uint16)
+        )
         coverage = np.where(near, made, here.coverage)
         _patch(folder / "coverage.png", part, near, coverage)
         where = dilate(touched, PATCHED_AROUND) | near
@@ -287,9 +342,13 @@ def _write_maps(work: Correction, folder: Path, painted: Painted, objects: Seque
     if here.normals is not None and objects:
         by = -np.array([part[1].start, part[0].start], np.float64)
         labels = np.ascontiguousarray(painted.labels[part])
-        there = [replace(one, outline=translated_outline(one.outline, by)) for one in objects]
+        there = [
+            replace(one, outline=translated_outline(one.outline, by)) for one in objects
+        ]
         guess = BoundaryGuess(work.scene.world.view, 0.0, "", ())
-        normals = registry.make("normals")(np.ascontiguousarray(here.rgb), labels, there, guess)
+        normals = registry.make("normals")(
+            np.ascontiguousarray(here.rgb), labels, there, guess
+        )
         where = np.isin(labels, [one.id for one in objects]) | (touched & (labels == 0))
         _patch(folder / "normals.png", part, where, normals, signed=True)
 
@@ -308,10 +367,15 @@ def _window(mask: Mask) -> Window:
 
 def _write_map(path: Path, picture: U8 | U16) -> None:
     """(H, W) or (H, W, 3) RGB, whole or not at all; what another name links to stays as it is."""
-    write_atomic(path, png_bytes(picture, 1 if picture.shape[0] * picture.shape[1] > LARGE else 4))
+    write_atomic(
+        path,
+        png_bytes(picture, 1 if picture.shape[0] * picture.shape[1] > LARGE else 4),
+    )
 
 
-def _patch(path: Path, part: Window, where: Mask, values: NDArray[Any], *, signed: bool = False) -> None:
+def _patch(
+    path: Path, part: Window, where: Mask, values: NDArray[Any], *, signed: bool = False
+) -> None:
     """Write values of 0..1 (-1..1 where `signed`) into a window of a stored map, in its own depth."""
     stored = read_channels(path)
     if stored.ndim == 3:
@@ -319,7 +383,9 @@ def _patch(path: Path, part: Window, where: Mask, values: NDArray[Any], *, signe
     stored = stored.copy()
     full = np.iinfo(stored.dtype).max
     middle = (full + 1) // 2 if signed else 0
-    new = np.clip(np.rint(values * (middle - 1 if signed else full)) + middle, 0, full).astype(stored.dtype)
+    new = np.clip(
+        np.rint(values * (middle - 1 if signed else full)) + middle, 0, full
+    ).astype(stored.dtype)
     if (new[where] != stored[part][where]).any():
         stored[part][where] = new[where]
         _write_map(path, stored)

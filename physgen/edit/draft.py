@@ -56,8 +56,14 @@ class Draft:
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             fix = "copy the scene to a folder that you may write to"
-            raise InputError.of(str(path), "", f"cannot have a draft beside it: {reason}", fix) from None
-        if self.folder.is_symlink() or found.st_uid != os.getuid() or found.st_mode & 0o077:
+            raise InputError.of(
+                str(path), "", f"cannot have a draft beside it: {reason}", fix
+            ) from None
+        if (
+            self.folder.is_symlink()
+            or found.st_uid != os.getuid()
+            or found.st_mode & 0o077
+        ):
             raise self._strange("is a draft of another user or machine")
         self._lock_file = self.folder / "lock"
         self._lock = FileLock(self._lock_file, timeout=0)
@@ -65,10 +71,14 @@ class Draft:
             self._lock.acquire()
         except Timeout:
             address = self.folder / "address"  # not there while the other one starts
-            raise BusyError(address.read_text("utf-8") if address.is_file() else "") from None
+            raise BusyError(
+                address.read_text("utf-8") if address.is_file() else ""
+            ) from None
 
     def _strange(self, what: str) -> InputError:
-        return InputError.of(str(self.folder), "", what, "move the folder away, or remove it")
+        return InputError.of(
+            str(self.folder), "", what, "move the folder away, or remove it"
+        )
 
     def load(self) -> Unsaved | None:
         """What `store` wrote last; None where there is nothing. Raises InputError."""
@@ -81,7 +91,9 @@ class Draft:
 
     def store(self, unsaved: Unsaved) -> None:
         """Write it to the disk; what was stored before stays until this is complete. Raises OSError."""
-        if not self._lock_file.exists():  # the folder was removed: hold the new one, too
+        if (
+            not self._lock_file.exists()
+        ):  # the folder was removed: hold the new one, too
             self.folder.mkdir(mode=0o700, exist_ok=True)
             self._lock.release()
             self._lock.acquire()

@@ -34,7 +34,17 @@ from physgen.simulate.trajectory import Trajectory
 Data = dict[str, Any]
 
 _OBJECT = re.compile(r"(?:^|\.)objects\.([\w-]+)")
-SECTIONS = ("world", "objects", "boundaries", "forces", "joints", "fields", "light", "render", "refine")
+SECTIONS = (
+    "world",
+    "objects",
+    "boundaries",
+    "forces",
+    "joints",
+    "fields",
+    "light",
+    "render",
+    "refine",
+)
 
 
 def problem_data(problem: Problem, file: str) -> Data:
@@ -90,7 +100,11 @@ MAX_ROWS = 300
 
 def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
     """Rows as the page shows them: `kind`, `object`, `path`, `line`, `text`, `fix`, `ops`; None: the user decides."""
-    rows = [_row("error", p, p["message"], p["fix"]) for p in problems if p["severity"] == "error"]
+    rows = [
+        _row("error", p, p["message"], p["fix"])
+        for p in problems
+        if p["severity"] == "error"
+    ]
     if scene is not None:
         rows += [row for _, row in sorted(_unsure(scene), key=lambda doubt: doubt[0])]
     odd = (p for p in problems if p["severity"] != "error")
@@ -98,7 +112,13 @@ def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
     return rows[:MAX_ROWS]
 
 
-def _row(kind: str, at: Mapping[str, Any], text: str, fix: str, ops: Sequence[Data] | None = None) -> Data:
+def _row(
+    kind: str,
+    at: Mapping[str, Any],
+    text: str,
+    fix: str,
+    ops: Sequence[Data] | None = None,
+) -> Data:
     place = {key: at.get(key) for key in ("object", "path", "line")}
     return {"kind": kind, **place, "text": text, "fix": fix, "ops": ops}
 
@@ -107,18 +127,28 @@ def _unsure(scene: Scene) -> Iterator[tuple[float, Data]]:
     """Guesses about objects and boundaries that no user has confirmed, with their confidence."""
     provenance = Provenance(scene, None)
     for item in scene.objects:
-        yield from _of_one(scene, provenance, ("objects", item.name), item.provenance, item.name)
+        yield from _of_one(
+            scene, provenance, ("objects", item.name), item.provenance, item.name
+        )
     document = scene.document.get("boundaries") or {}
     for wall in scene.boundaries:
         guess = document.get(wall.name, {}).get("from")
         if isinstance(guess, str):
-            yield from _of_one(scene, provenance, ("boundaries", wall.name), {"": guess}, None)
+            yield from _of_one(
+                scene, provenance, ("boundaries", wall.name), {"": guess}, None
+            )
     if scene.light is not None and scene.light.provenance:
-        yield from _of_one(scene, provenance, ("light",), {"": scene.light.provenance}, None)
+        yield from _of_one(
+            scene, provenance, ("light",), {"": scene.light.provenance}, None
+        )
 
 
 def _of_one(
-    scene: Scene, provenance: Provenance, path: Sequence[str], sources: Mapping[str, str], name: str | None
+    scene: Scene,
+    provenance: Provenance,
+    path: Sequence[str],
+    sources: Mapping[str, str],
+    name: str | None,
 ) -> Iterator[tuple[float, Data]]:
     where = ".".join(path)
     found: list[tuple[float, str, str]] = []
@@ -128,23 +158,50 @@ def _of_one(
         if sure is None or sure >= SURE:
             continue
         if provenance.of(value, guess, written_at=f"{where}.from").kind == "guess":
-            found.append((sure, part, f"{part or path[-1]} ({guess.rpartition(' ')[0]}, {sure:.0%})"))
+            found.append(
+                (
+                    sure,
+                    part,
+                    f"{part or path[-1]} ({guess.rpartition(' ')[0]}, {sure:.0%})",
+                )
+            )
     found.sort()
     if found:
         least, first, _ = found[0]
         value = f"{where}.{first}" if first else where
-        at = {"object": name, "path": value, "line": _line(scene, value) or _line(scene, where)}
-        left = {key: one for key, one in sources.items() if key not in {key for _, key, _ in found}}
+        at = {
+            "object": name,
+            "path": value,
+            "line": _line(scene, value) or _line(scene, where),
+        }
+        left = {
+            key: one
+            for key, one in sources.items()
+            if key not in {key for _, key, _ in found}
+        }
         recorded = name is not None and f"{where}.from" not in scene.places
         ops: list[Data] = [{"unset": [*path, "from"]}]
         if left or recorded:  # in the file it counts before the record
             ops = [{"set": [*path, "from"], "value": left}]
-        yield least, _row("doubt", at, "; ".join(what for *_, what in found), "correct as it is", ops)
+        yield (
+            least,
+            _row(
+                "doubt",
+                at,
+                "; ".join(what for *_, what in found),
+                "correct as it is",
+                ops,
+            ),
+        )
 
 
 def _line(scene: Scene, path: str) -> int | None:
     place = scene.places.get(path)
-    return place.line if place is not None and place.line and place.file == scene.place("").file else None
+    return (
+        place.line
+        if place is not None and place.line and place.file == scene.place("").file
+        else None
+    )
 
 
 Array = NDArray[np.float64]
@@ -178,7 +235,9 @@ class MotionStream:
         finer = SUBSAMPLES if len(frames) * SUBSAMPLES * N <= MAX_SUBSAMPLED else 1
         times = frames
         if finer > 1 and len(frames) > 1:
-            between = frames[:-1, None] + np.diff(frames)[:, None] * (np.arange(finer) / finer)
+            between = frames[:-1, None] + np.diff(frames)[:, None] * (
+                np.arange(finer) / finer
+            )
             times = np.unique(np.concatenate([between.ravel(), frames]))
         self._frames = np.searchsorted(times, frames)
         self._running = Running(world, times, most=0)
@@ -217,9 +276,17 @@ class MotionStream:
         found["bodies"] = [
             {
                 "name": body.name,
-                **{name: packed(known.poses[start:upto, k, c]) for c, name in enumerate(COLUMNS[:3])},
-                **{name: packed(known.velocities[start:upto, k, c]) for c, name in enumerate(COLUMNS[3:])},
-                "q": [packed(part) for part in known.turns[start:upto, k].T] if turning else None,
+                **{
+                    name: packed(known.poses[start:upto, k, c])
+                    for c, name in enumerate(COLUMNS[:3])
+                },
+                **{
+                    name: packed(known.velocities[start:upto, k, c])
+                    for c, name in enumerate(COLUMNS[3:])
+                },
+                "q": [packed(part) for part in known.turns[start:upto, k].T]
+                if turning
+                else None,
             }
             for k, body in enumerate(self.world.bodies)
         ]
@@ -227,7 +294,10 @@ class MotionStream:
         if found["done"] and not self.problems:
             energy = known.energy
             found["energy"] = {name: packed(getattr(energy, name)) for name in ENERGY}
-            found["contacts"] = {"surfaces": list(known.contacts.surfaces), "touches": touches(known)}
+            found["contacts"] = {
+                "surfaces": list(known.contacts.surfaces),
+                "touches": touches(known),
+            }
         if start == 0:
             self._begin(found)
         return found
@@ -292,7 +362,9 @@ class CompiledScene:
     key: str  # of its photo and maps
     picture: str  # key of its picture
     read: Callable[[Scene], Percepts | None]
-    lints: list[tuple[Problem, ...]] = field(default_factory=list)  # empty until they are computed
+    lints: list[tuple[Problem, ...]] = field(
+        default_factory=list
+    )  # empty until they are computed
 
     @property
     def percepts(self) -> Percepts | None:
@@ -316,7 +388,9 @@ class Live:
         self._motions: Recent[MotionStream] = Recent(MAX_MOTIONS)
         self._sights: Recent[CompiledScene] = Recent(4)
 
-    def look(self, text: str, variant: str | None = None, *, motion_only: bool = False) -> Look:
+    def look(
+        self, text: str, variant: str | None = None, *, motion_only: bool = False
+    ) -> Look:
         """All that the page shows of a text, or its motion and problems alone, while the user drags something."""
         with self._lock:
             begun = time.perf_counter()
@@ -327,10 +401,17 @@ class Live:
                 return Look(rows, todo=tuple(todo(None, rows)))
             stream, motion = self._motion(known, begun)
             if motion_only:
-                return Look(tuple(self._row(p, known.scene) for p in stream.problems), motion=motion)
+                return Look(
+                    tuple(self._row(p, known.scene) for p in stream.problems),
+                    motion=motion,
+                )
             if not known.lints:
-                known.lints.append(tuple(lint(known.scene, known.compiled, known.percepts)))
-            rows = tuple(self._row(p, known.scene) for p in (*stream.problems, *known.lints[0]))
+                known.lints.append(
+                    tuple(lint(known.scene, known.compiled, known.percepts))
+                )
+            rows = tuple(
+                self._row(p, known.scene) for p in (*stream.problems, *known.lints[0])
+            )
             return Look(
                 rows,
                 scene_data(known.scene),
@@ -395,10 +476,15 @@ class Live:
 
         def make() -> CompiledScene:
             compiled = self._warm.compile(scene, seen)
-            masks = ([item.mask for item in scene.objects], [item.mask for item in scene.boundaries])
+            masks = (
+                [item.mask for item in scene.objects],
+                [item.mask for item in scene.boundaries],
+            )
             # of these and the maps follows whose pixels are whose: hashing those of a large photo takes long
             drawn = compiled.outlines if seen.percepts is None else ()
-            picture = key("picture", seen.key, *appearance(scene, compiled.world), drawn, masks)
+            picture = key(
+                "picture", seen.key, *appearance(scene, compiled.world), drawn, masks
+            )
             made = CompiledScene(scene, compiled, seen.key, picture, self._percepts)
             self._sights.of(picture, lambda: made)
             return made
@@ -415,11 +501,15 @@ class Live:
         stream = self._motions.of(name, lambda: MotionStream(name, known.scene, world))
         stream.scene = known.scene  # which may differ in labels or the frame rate
         part = stream.part(0, max(begun + FIRST, time.perf_counter() + FIRST / 3))
-        part["problems"] = [self._row(problem, known.scene) for problem in stream.problems]
+        part["problems"] = [
+            self._row(problem, known.scene) for problem in stream.problems
+        ]
         return stream, part
 
     def _row(self, problem: Problem, scene: Scene | None = None) -> Data:
-        if scene is not None and not problem.place.line and problem.path:  # found while simulating
+        if (
+            scene is not None and not problem.place.line and problem.path
+        ):  # found while simulating
             problem = replace(problem, place=scene.place(problem.path))
         return problem_data(problem, os.fspath(self.path))
 
@@ -466,7 +556,9 @@ class Pictures:
 
     def _stage(self, key: str, sight: CompiledScene) -> Stage:
         """With the poses in which objects were cut out of the photo."""
-        return self._stages.of(key, lambda: stage(sight.scene, sight.compiled, sight.percepts))
+        return self._stages.of(
+            key, lambda: stage(sight.scene, sight.compiled, sight.percepts)
+        )
 
 
 def photo_png(sight: CompiledScene) -> bytes:
@@ -483,7 +575,11 @@ def mask_png(sight: CompiledScene, name: str) -> bytes:
     names = [item.name for item in sight.scene.objects]
     if name not in names:
         raise impossible(f"no object is called {name!r}", "choose an object")
-    return _png(np.where(sight.compiled.labels == names.index(name) + 1, np.uint8(255), np.uint8(0)))
+    return _png(
+        np.where(
+            sight.compiled.labels == names.index(name) + 1, np.uint8(255), np.uint8(0)
+        )
+    )
 
 
 def _png(picture: NDArray[Any]) -> bytes:

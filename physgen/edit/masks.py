@@ -16,12 +16,26 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from physgen import registry
 from physgen.compile.shapes import fill_polygon
-from physgen.edit.object_entries import Correction, Data, Mask, changed_entry, new_entry, written
+from physgen.edit.object_entries import (
+    Correction,
+    Data,
+    Mask,
+    changed_entry,
+    new_entry,
+    written,
+)
 from physgen.edit.operations import replaced
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.scale import photo_object
 from physgen.perceive.document import object_names
-from physgen.perceive.roles import SMALLEST_OBJECT, Name, PhotoObject, PromptedMask, Rgb, Segments
+from physgen.perceive.roles import (
+    SMALLEST_OBJECT,
+    Name,
+    PhotoObject,
+    PromptedMask,
+    Rgb,
+    Segments,
+)
 from physgen.perceive.segment.prompts import Segmenter, segment_box, segment_point
 from physgen.pipeline.pushes import NEAR
 from physgen.pipeline.stages import Recent
@@ -85,7 +99,9 @@ class RelabelOp(BaseModel):
 
 
 MaskOp = BoxOp | PointOp | PolygonOp | BrushOp | MergeOp | SplitOp | RelabelOp
-_PARSER: TypeAdapter[MaskOp] = TypeAdapter(Annotated[MaskOp, Field(discriminator="kind")])
+_PARSER: TypeAdapter[MaskOp] = TypeAdapter(
+    Annotated[MaskOp, Field(discriminator="kind")]
+)
 
 
 def parse_op(op: Mapping[str, Any]) -> MaskOp:
@@ -95,7 +111,11 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"][1:])
-        message = f"{where}: {first['msg']}" if where else f"a mask operation is not known: {first['msg']}"
+        message = (
+            f"{where}: {first['msg']}"
+            if where
+            else f"a mask operation is not known: {first['msg']}"
+        )
         raise impossible(message[:300], "see docs/editor.md") from None
 
 
@@ -104,11 +124,19 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
     match op:
         case BoxOp():
             prompt = {"box": [round(v, 2) for v in op.box]}
-            return _prompted(work, op.object, op.kind == "new", finder.box(work.maps.rgb, op.box), prompt)
+            return _prompted(
+                work,
+                op.object,
+                op.kind == "new",
+                finder.box(work.maps.rgb, op.box),
+                prompt,
+            )
         case PointOp():
             x, y = op.point
             found = finder.point(work.maps.rgb, work.sight.key, (x, y))
-            return _prompted(work, op.object, False, found, {"point": [round(x, 2), round(y, 2)]})
+            return _prompted(
+                work, op.object, False, found, {"point": [round(x, 2), round(y, 2)]}
+            )
         case PolygonOp():
             return _polygon(work, op)
         case BrushOp():
@@ -121,14 +149,21 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
             return _relabel(work, op)
 
 
-def _prompted(work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data) -> str:
+def _prompted(
+    work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data
+) -> str:
     """Use the mask of a box or a point for an object that is there, or for a new one."""
     labels, number = work.labels, len(work.scene.objects)
     mask = found.mask
     if name is None and not is_new:
-        there, every = (np.bincount(part.ravel(), minlength=number + 1) for part in (labels[mask], labels))
+        there, every = (
+            np.bincount(part.ravel(), minlength=number + 1)
+            for part in (labels[mask], labels)
+        )
         k = int(there[1:].argmax()) + 1 if number else 0
-        if k and there[k] > max(SAME[0] * min(count(mask), int(every[k])), SAME[1] * int(every[k])):
+        if k and there[k] > max(
+            SAME[0] * min(count(mask), int(every[k])), SAME[1] * int(every[k])
+        ):
             name = work.scene.objects[k - 1].name
     own = 0 if name is None else work.index(name) + 1
     mask = mask & ((labels == 0) | (labels == own))
@@ -174,7 +209,9 @@ def _new(work: Correction, mask: Mask) -> str:
     one = photo_object(id_, fit_outlines(labels, [id_])[id_], "", size)
     guess: Mapping[int, Name] = registry.make("label")(work.maps.rgb, labels, [one])
     one = photo_object(id_, one.outline, guess[id_].label, size)
-    name = object_names([one], {k + 1: item.name for k, item in enumerate(work.scene.objects)})[id_]
+    name = object_names(
+        [one], {k + 1: item.name for k, item in enumerate(work.scene.objects)}
+    )[id_]
     work.entries[name] = new_entry(work, labels, one, name, guess[id_])
     work.fresh[name] = mask
     return name
@@ -188,11 +225,17 @@ def _merge(work: Correction, op: MergeOp) -> str:
     work.gone = other
     _, gone = replaced(dict(work.document), other, kept)
     work.ops = [{"merge": ["objects", other], "to": kept}]
-    away = cv2.distanceTransform((~work.mask(kept)).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    away = cv2.distanceTransform(
+        (~work.mask(kept)).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )
     gap = away[work.mask(other)].min(initial=np.inf) - 1
-    what = f"merge {other} into {kept}" + (f", without {' and '.join(gone)}" if gone else "")
+    what = f"merge {other} into {kept}" + (
+        f", without {' and '.join(gone)}" if gone else ""
+    )
     return what + (
-        f", {gap:.0f} px away: one rigid body now" if NEAR * max(away.shape) < gap < np.inf else ""
+        f", {gap:.0f} px away: one rigid body now"
+        if NEAR * max(away.shape) < gap < np.inf
+        else ""
     )
 
 
@@ -202,7 +245,9 @@ def _split(work: Correction, op: SplitOp) -> str:
     if (x0, y0) == (x1, y1):
         raise impossible("the line is a point", "draw it across the object")
     y, x = np.indices(mask.shape)
-    side = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) > 0  # to the right of the extended line
+    side = (x1 - x0) * (y - y0) - (y1 - y0) * (
+        x - x0
+    ) > 0  # to the right of the extended line
     larger, smaller = sorted((mask & side, mask & ~side), key=lambda part: -count(part))
     check_size(smaller, "one of the halves")
     taken = {item.name for item in work.scene.objects}
@@ -268,7 +313,9 @@ def _edit_errors() -> Iterator[None]:
         raise impossible(f"what is marked {problem.expected}", fix) from error
 
 
-def stroke(points: Sequence[Sequence[float]], radius: float, size: tuple[int, int]) -> Mask:
+def stroke(
+    points: Sequence[Sequence[float]], radius: float, size: tuple[int, int]
+) -> Mask:
     """(H, W): pixels whose centre is within a radius of a line; `size` is width, height. Raises EditError for too many.
 
     >>> int(stroke([(2, 2)], 1.0, (5, 5)).sum())
@@ -278,7 +325,9 @@ def stroke(points: Sequence[Sequence[float]], radius: float, size: tuple[int, in
     near = np.zeros((height, width), np.bool_)
     line = np.array(points, np.float64)
     work = 0
-    for a, b in zip(line[: max(len(line) - 1, 1)], line[1:] if len(line) > 1 else line, strict=True):
+    for a, b in zip(
+        line[: max(len(line) - 1, 1)], line[1:] if len(line) > 1 else line, strict=True
+    ):
         x0, y0 = np.floor(np.minimum(a, b) - radius).astype(int)
         x1, y1 = np.ceil(np.maximum(a, b) + radius).astype(int) + 1
         x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
@@ -286,10 +335,18 @@ def stroke(points: Sequence[Sequence[float]], radius: float, size: tuple[int, in
             continue
         work += int((x1 - x0) * (y1 - y0))
         if work > MAX_STROKE_WORK:
-            raise impossible("the stroke is too long for its width", "paint it in parts")
+            raise impossible(
+                "the stroke is too long for its width", "paint it in parts"
+            )
         y, x = np.mgrid[y0:y1, x0:x1]
         along, (dx, dy) = b - a, (x - a[0], y - a[1])
         length = float(along @ along)
-        part = np.clip((dx * along[0] + dy * along[1]) / length, 0, 1) if length > 0 else np.zeros(x.shape)
-        near[y0:y1, x0:x1] |= (dx - part * along[0]) ** 2 + (dy - part * along[1]) ** 2 <= radius**2 + 1e-9
+        part = (
+            np.clip((dx * along[0] + dy * along[1]) / length, 0, 1)
+            if length > 0
+            else np.zeros(x.shape)
+        )
+        near[y0:y1, x0:x1] |= (dx - part * along[0]) ** 2 + (
+            dy - part * along[1]
+        ) ** 2 <= radius**2 + 1e-9
     return near

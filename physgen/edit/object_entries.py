@@ -34,8 +34,12 @@ class Correction:
     text: str
     sight: CompiledScene
     maps: Percepts
-    document: Mapping[str, Any]  # the file's data, with what it extends, without defaults
-    masks: dict[str, Mask] = field(default_factory=dict)  # new pixels of objects that were there
+    document: Mapping[
+        str, Any
+    ]  # the file's data, with what it extends, without defaults
+    masks: dict[str, Mask] = field(
+        default_factory=dict
+    )  # new pixels of objects that were there
     fresh: dict[str, Mask] = field(default_factory=dict)  # pixels of new objects
     entries: dict[str, Data] = field(default_factory=dict)
     """Their entries, as far as they are known; masks, shapes and numbers come at the end."""
@@ -73,7 +77,9 @@ class Correction:
         """The object as perception describes it."""
         k = self.index(name)
         outline = self.sight.compiled.shapes.outlines[k]
-        return photo_object(k + 1, outline, self.scene.objects[k].label, self.scene.size)
+        return photo_object(
+            k + 1, outline, self.scene.objects[k].label, self.scene.size
+        )
 
 
 def begin(live: Live, text: str) -> Correction:
@@ -82,10 +88,15 @@ def begin(live: Live, text: str) -> Correction:
         sight = live.state(text)
         written = live.document(text)
     except InputError as error:
-        raise impossible(f"the scene has an error: {error.problems[0]}", "mend it first") from error
+        raise impossible(
+            f"the scene has an error: {error.problems[0]}", "mend it first"
+        ) from error
     percepts = sight.percepts
     if percepts is None:
-        raise impossible("the scene has no photo, so there is nothing to mask", "draw the object's shape")
+        raise impossible(
+            "the scene has no photo, so there is nothing to mask",
+            "draw the object's shape",
+        )
     scene, own = sight.scene, written.get("objects") or {}
     names = [item.name for item in scene.objects if item.name in own]
     plain = {**written, "objects": {name: dict(own[name] or {}) for name in names}}
@@ -99,7 +110,12 @@ def table_keys(was: Data) -> set[str]:
 
 
 def new_entry(
-    work: Correction, labels: U16, one: PhotoObject, name: str, label: Name | None, scale: float | None = None
+    work: Correction,
+    labels: U16,
+    one: PhotoObject,
+    name: str,
+    label: Name | None,
+    scale: float | None = None,
 ) -> Data:
     """The entry of a new object as perception writes it; `label` None: a user named it, with `one.label`.
 
@@ -123,7 +139,12 @@ def new_entry(
 
 
 def changed_entry(
-    work: Correction, source: str, name: str, one: PhotoObject, labels: U16, label: str | None = None
+    work: Correction,
+    source: str,
+    name: str,
+    one: PhotoObject,
+    labels: U16,
+    label: str | None = None,
 ) -> Data:
     """The entry of `source` as that of `name`, with the outline, or the label, of `one`; its mask is the caller's.
 
@@ -133,13 +154,17 @@ def changed_entry(
     ours = table_keys(was)
     scale = None
     if label is not None:
-        named = edited(work.text, [{"set": ["objects", name, "label"], "value": label}]).text
+        named = edited(
+            work.text, [{"set": ["objects", name, "label"], "value": label}]
+        ).text
         scale = work.live.state(named).scene.world.pixels_per_meter
     result = rewritten(was, new_entry(work, labels, one, name, None, scale), ours)
     if label is not None:
         result["label"] = label
         if "from" in result:
-            result["from"] = {key: who for key, who in result["from"].items() if key != "label"}
+            result["from"] = {
+                key: who for key, who in result["from"].items() if key != "label"
+            }
     if isinstance(result.get("shape"), Mapping):
         result["shape"] = document.shape_entry(one.outline)
     if not isinstance(one.outline, Disc):  # only round objects roll
@@ -148,21 +173,29 @@ def changed_entry(
         result.pop("roll", None)
         if "rolling" in ours:
             result.pop("rolling", None)
-            result["from"] = {key: who for key, who in result["from"].items() if key != "rolling"}
+            result["from"] = {
+                key: who for key, who in result["from"].items() if key != "rolling"
+            }
     path = result.get("motion")
     if isinstance(path, Mapping) and path.get("path"):  # of the centre
         old, new = (
-            mass_properties(outline).center for outline in (work.photo_object(source).outline, one.outline)
+            mass_properties(outline).center
+            for outline in (work.photo_object(source).outline, one.outline)
         )
         dx, dy = (new - old).tolist()
-        knots = [[t, round(x + dx, 2), round(y + dy, 2), *rest] for t, x, y, *rest in path["path"]]
+        knots = [
+            [t, round(x + dx, 2), round(y + dy, 2), *rest]
+            for t, x, y, *rest in path["path"]
+        ]
         result["motion"] = {**path, "path": knots}
     return result
 
 
 def joined_mass(work: Correction, *names: str) -> float:
     """g: the sum of masses."""
-    return sum(work.sight.compiled.world.bodies[work.index(name)].mass for name in names)
+    return sum(
+        work.sight.compiled.world.bodies[work.index(name)].mass for name in names
+    )
 
 
 def written(work: Correction, name: str, made: Data) -> list[Data]:
@@ -175,5 +208,11 @@ def written(work: Correction, name: str, made: Data) -> list[Data]:
         or was[key] != value
         or key == "from"  # the file may name what a user has changed since
     ]
-    gone = [key for key in was if key not in made and (key != "density" or "mass" not in made)]
-    return ops + [{"unset": [*path, key]} for key in gone]  # setting a mass drops the density
+    gone = [
+        key
+        for key in was
+        if key not in made and (key != "density" or "mass" not in made)
+    ]
+    return ops + [
+        {"unset": [*path, key]} for key in gone
+    ]  # setting a mass drops the density

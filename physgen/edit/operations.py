@@ -15,7 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    JsonValue,
+    TypeAdapter,
+    ValidationError,
+)
 
 from physgen.problems import InputError, impossible
 from physgen.scene import yaml_edit
@@ -44,7 +52,10 @@ def whole(value: object) -> object:
 
 
 Index = Annotated[int, Field(strict=True, ge=0, le=10**6), BeforeValidator(whole)]
-Path = Annotated[list[Annotated[str, Field(max_length=1000)] | Index], Field(min_length=1, max_length=64)]
+Path = Annotated[
+    list[Annotated[str, Field(max_length=1000)] | Index],
+    Field(min_length=1, max_length=64),
+]
 """Keys, and indices from 0."""
 
 
@@ -96,14 +107,18 @@ class Edited:
     what: str
 
 
-def edited(text: str, ops: Sequence[Op | Mapping[str, Any]], variant: str | None = None) -> Edited:
+def edited(
+    text: str, ops: Sequence[Op | Mapping[str, Any]], variant: str | None = None
+) -> Edited:
     """All operations, in order, in the file or in a variant. Raises EditError for the first that is impossible."""
     made: list[str] = []
     for op in ops:
         try:
             parsed = _PARSER.validate_python(op)
         except ValidationError:
-            raise impossible("an operation is not known", 'send {"set": [...], "value": ...}') from None
+            raise impossible(
+                "an operation is not known", 'send {"set": [...], "value": ...}'
+            ) from None
         target = Target(text, variant)
         try:
             made.append(_make(target, parsed))
@@ -141,7 +156,9 @@ def _make(target: Target, op: Op | MergeOp) -> str:
         if isinstance(seen, list) or (is_list and seen in (ABSENT, None)):
             value = [*(seen if isinstance(seen, list) else []), value]
         elif seen is not ABSENT:
-            raise impossible(f"{dotted(path)} is there already", "choose another name, or set it")
+            raise impossible(
+                f"{dotted(path)} is there already", "choose another name, or set it"
+            )
     assign(data, path, value)
     holder = reach(data, path[:-1])
     for rival in rivals(kind_of(path[:-1])).get(str(path[-1]), ()):
@@ -168,7 +185,10 @@ def short(value: Any) -> Any:
     if isinstance(value, float):
         if not math.isfinite(value):
             raise impossible("a number is not finite", "send a finite number")
-        if sum(map(str.isdigit, repr(value).partition("e")[0].strip("-0."))) >= EXACT_DIGITS:
+        if (
+            sum(map(str.isdigit, repr(value).partition("e")[0].strip("-0.")))
+            >= EXACT_DIGITS
+        ):
             value = float(f"{value:.6g}")
         return int(value) if value.is_integer() and abs(value) < 1e5 else value
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 1e5:
@@ -184,7 +204,9 @@ def short(value: Any) -> Any:
 def reach(data: Any, path: KeyPath) -> Any:
     """The value at a path of plain data; ABSENT where there is none."""
     for key in path:
-        held = isinstance(data, dict) or (isinstance(data, list) and isinstance(key, int) and key >= 0)
+        held = isinstance(data, dict) or (
+            isinstance(data, list) and isinstance(key, int) and key >= 0
+        )
         try:
             data = data[key] if held else None
         except (KeyError, IndexError):
@@ -201,12 +223,18 @@ def assign(data: Data, path: KeyPath, value: Any) -> None:
         if isinstance(holder, dict) and isinstance(key, str):
             if depth + 1 < len(path) and holder.get(key) is None:
                 holder[key] = {}
-        elif not isinstance(holder, list) or not isinstance(key, int) or key > len(holder):
+        elif (
+            not isinstance(holder, list)
+            or not isinstance(key, int)
+            or key > len(holder)
+        ):
             where = dotted(path[:depth]) or "the file"
             raise impossible(f"{where} has no {key}", "set the whole of it")
         elif key == len(holder):
             if depth + 1 < len(path):
-                raise impossible(f"{dotted(path[: depth + 1])} is not there", "set the whole list")
+                raise impossible(
+                    f"{dotted(path[: depth + 1])} is not there", "set the whole list"
+                )
             holder.append(value)
         if depth + 1 < len(path):
             holder = holder[key]
@@ -219,7 +247,11 @@ def take(data: Data, path: KeyPath) -> None:
     holder = reach(data, path[:-1])
     if isinstance(holder, dict):
         holder.pop(path[-1], None)
-    elif isinstance(holder, list) and isinstance(path[-1], int) and path[-1] < len(holder):
+    elif (
+        isinstance(holder, list)
+        and isinstance(path[-1], int)
+        and path[-1] < len(holder)
+    ):
         del holder[path[-1]]
 
 
@@ -233,14 +265,17 @@ class Target:
         self.text, self.variant = text, variant
         self._whole: Data = marked(text).data()
         if self._whole.get("extends") is not None:
-            raise impossible("the file extends another one", "edit the YAML beside, or that file")
+            raise impossible(
+                "the file extends another one", "edit the YAML beside, or that file"
+            )
         self.data = self._whole
         """The scene as the page shows it, without defaults."""
         if variant is not None:
             self._edits = reach(self._whole, ("variants", variant))
             if not isinstance(self._edits, dict):
                 raise impossible(
-                    f"there is no variant {variant[:64]}", "make it first, or edit the file itself"
+                    f"there is no variant {variant[:64]}",
+                    "make it first, or edit the file itself",
                 )
             self.data = _with_edits(self._whole, self._edits)
 
@@ -252,28 +287,58 @@ class Target:
         if self.variant is None:
             self.text = yaml_edit.write(self.text, data)
             return
-        changes = {path: value for path, value in _changes(self.data, data, ()) if path[0] not in SEALED}
+        changes = {
+            path: value
+            for path, value in _changes(self.data, data, ())
+            if path[0] not in SEALED
+        }
         if at is not None and any(path[: len(at)] == at for path in changes):
-            changes = {path: value for path, value in changes.items() if path[: len(at)] != at}
+            changes = {
+                path: value for path, value in changes.items() if path[: len(at)] != at
+            }
             changes[at] = reach(data, at)
         made: Data = {}
-        for path, value in sorted(changes.items(), key=lambda change: change[1] is ABSENT):
+        for path, value in sorted(
+            changes.items(), key=lambda change: change[1] is ABSENT
+        ):
             if parse_key(dotted(path)) != path:
-                raise impossible(f"a variant cannot change {dotted(path)[:80]}", "edit the file itself")
+                raise impossible(
+                    f"a variant cannot change {dotted(path)[:80]}",
+                    "edit the file itself",
+                )
             made[dotted(path)] = None if value is ABSENT else value
-        others = {key: value for key, value in self._edits.items() if not _is_below(key, changes)}
-        in_place = {key: value for key, value in self._edits.items() if key in made or key in others}
-        for edits in (in_place | made, others | made):  # a later key may override one that stays in its place
+        others = {
+            key: value
+            for key, value in self._edits.items()
+            if not _is_below(key, changes)
+        }
+        in_place = {
+            key: value
+            for key, value in self._edits.items()
+            if key in made or key in others
+        }
+        for edits in (
+            in_place | made,
+            others | made,
+        ):  # a later key may override one that stays in its place
             now = _with_edits(self._whole, edits)
-            if all(same(now.get(key), data.get(key)) for key in {*now, *data} - set(SEALED)):
+            if all(
+                same(now.get(key), data.get(key)) for key in {*now, *data} - set(SEALED)
+            ):
                 self._write_edits(edits)
                 return
-        raise impossible(f"variant {self.variant} cannot be changed so", "edit the file itself")
+        raise impossible(
+            f"variant {self.variant} cannot be changed so", "edit the file itself"
+        )
 
     def unset(self, path: KeyPath) -> None:
         """Remove a value: in a variant what the variant changes there, or else the value itself. Raises EditError."""
         if self.variant is not None and not isinstance(path[-1], int):
-            edits = {key: value for key, value in self._edits.items() if not _is_below(key, [path])}
+            edits = {
+                key: value
+                for key, value in self._edits.items()
+                if not _is_below(key, [path])
+            }
             if edits != self._edits:
                 self._write_edits(edits)
                 return
@@ -297,7 +362,9 @@ def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]
     """Paths at which plain data differs, with the new values; ABSENT for what goes."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in {**old, **new}:
-            yield from _changes(old.get(key, ABSENT), new.get(key, ABSENT), (*path, key))
+            yield from _changes(
+                old.get(key, ABSENT), new.get(key, ABSENT), (*path, key)
+            )
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for at, (one, other) in enumerate(zip(old, new, strict=True)):
             yield from _changes(one, other, (*path, at))
@@ -331,7 +398,9 @@ def _node(data: Any) -> Node:
 def _remove(target: Target, path: KeyPath) -> str:
     """Remove an entry and what refers to it; returns the name of the edit. Raises EditError."""
     if reach(target.data, path) is ABSENT:
-        raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
+        raise impossible(
+            f"{dotted(path)} is not there", "ask for the state and edit again"
+        )
     names = [str(path[-1])] if path[0] in NAMED else [dotted(path)]
     if len(path) == 2 and path[0] == "objects":
         data, gone = replaced(target.data, str(path[1]), None)
@@ -352,7 +421,10 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
     if target.variant is not None:
         raise impossible("a variant cannot give names", "do it in the file itself")
     if len(path) != 2 or path[0] not in NAMED or reach(target.data, path) is ABSENT:
-        raise impossible(f"{dotted(path)} has no name that can be changed", "name an object, a joint, ...")
+        raise impossible(
+            f"{dotted(path)} has no name that can be changed",
+            "name an object, a joint, ...",
+        )
     rule = published()["$defs"]["name"]
     if not re.fullmatch(rule["pattern"].strip("^$"), to):
         raise impossible("that is not a name", f"write {rule['x-pattern']}")
@@ -364,8 +436,12 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
             data, _ = replaced(target.data, old, to)
         else:
             data = deepcopy(target.data)
-            data[section] = {to if key == old else key: value for key, value in data[section].items()}
-            _change_edits(data, lambda key: (section, to, *key[2:]) if key[:2] == path else key)
+            data[section] = {
+                to if key == old else key: value for key, value in data[section].items()
+            }
+            _change_edits(
+                data, lambda key: (section, to, *key[2:]) if key[:2] == path else key
+            )
         target.write(data)
     return f"rename {old} to {to}"
 
@@ -380,7 +456,9 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
     if to is None or merged:
         del data["objects"][name]
     else:
-        data["objects"] = {to if key == name else key: value for key, value in data["objects"].items()}
+        data["objects"] = {
+            to if key == name else key: value for key, value in data["objects"].items()
+        }
     joints = list(data.get("joints") or {})
     forces = _refer(data, name, to, gone)
     if forces:
@@ -399,17 +477,27 @@ def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
     """Replace an object's name wherever a scene refers to it, in place; returns the number of forces that go."""
     forces, dropped = part.get("forces"), 0
     if isinstance(forces, list):
-        own = [force for force in forces if isinstance(force, dict) and force.get("object") == name]
+        own = [
+            force
+            for force in forces
+            if isinstance(force, dict) and force.get("object") == name
+        ]
         for force in own:
             force["object"] = to
         dropped = len(own) if to is None else 0
-        part["forces"] = [force for force in forces if to is not None or force not in own]
+        part["forces"] = [
+            force for force in forces if to is not None or force not in own
+        ]
     for section in ("joints", "fields"):
         for key, entry in _entries(part, section):
             names = entry.get("objects")
             if not isinstance(names, list) or name not in names:
                 continue
-            rest = list(dict.fromkeys(to if one == name else one for one in names if one != name or to))
+            rest = list(
+                dict.fromkeys(
+                    to if one == name else one for one in names if one != name or to
+                )
+            )
             if not rest or (section == "joints" and len(rest) < len(names)):
                 del part[section][key]
                 gone.append(f"{section[:-1]} {key}")
@@ -449,4 +537,8 @@ def _is_of_force(key: KeyPath) -> bool:
 def _entries(data: Data, section: str) -> list[tuple[str, Data]]:
     """The entries of a section that are mappings."""
     found = data.get(section)
-    return [(k, v) for k, v in found.items() if isinstance(v, dict)] if isinstance(found, dict) else []
+    return (
+        [(k, v) for k, v in found.items() if isinstance(v, dict)]
+        if isinstance(found, dict)
+        else []
+    )

@@ -65,7 +65,9 @@ class RenderJob:
         with self._lock:
             return {**self._status, "lines": list(self._status["lines"])}
 
-    def command(self, variant: str | None = None, format: str = "mp4", refine: bool = True) -> str:
+    def command(
+        self, variant: str | None = None, format: str = "mp4", refine: bool = True
+    ) -> str:
         """The command line that renders the same, quoted for a shell."""
         return shlex.join(["physgen", *self._arguments(variant, format, refine)])
 
@@ -74,13 +76,22 @@ class RenderJob:
         folders = [row["folder"] for row in self.status()["result"] or ()]
         try:
             path, root = (self.output / name).resolve(), self.output.resolve()
-            inside = any(path.is_relative_to((root / folder).resolve()) for folder in folders)
-            return path if inside and path.is_relative_to(root) and path.is_file() else None
+            inside = any(
+                path.is_relative_to((root / folder).resolve()) for folder in folders
+            )
+            return (
+                path
+                if inside and path.is_relative_to(root) and path.is_file()
+                else None
+            )
         except (OSError, ValueError):
             return None
 
     def start(
-        self, variants: Sequence[str | None] | None = None, format: str = "mp4", refine: bool = True
+        self,
+        variants: Sequence[str | None] | None = None,
+        format: str = "mp4",
+        refine: bool = True,
     ) -> str:
         """Start; returns the job's name. `variants` None: the file itself. Raises EditError."""
         wanted = [None] if variants is None else list(dict.fromkeys(variants))
@@ -91,7 +102,9 @@ class RenderJob:
         commands = [self._arguments(variant, format, refine) for variant in wanted]
         with self._lock:
             if self._status["running"]:
-                raise EditError(Why.STALE, "a run is under way", "wait for it, or stop it")
+                raise EditError(
+                    Why.STALE, "a run is under way", "wait for it, or stop it"
+                )
             self._stopped = False
             job = token_hex(8)
             self._status = {
@@ -100,9 +113,13 @@ class RenderJob:
                 "state": "running",
                 "running": True,
                 "stage": "starting",
-                "command": " && ".join(shlex.join(["physgen", *command]) for command in commands),
+                "command": " && ".join(
+                    shlex.join(["physgen", *command]) for command in commands
+                ),
             }
-            self._thread = Thread(target=self._run, args=(commands, wanted), daemon=True)
+            self._thread = Thread(
+                target=self._run, args=(commands, wanted), daemon=True
+            )
             self._thread.start()
         return job
 
@@ -129,7 +146,9 @@ class RenderJob:
         found += ["--allow-outside"] if self.allow_outside else []
         return found
 
-    def _run(self, commands: Sequence[Sequence[str]], variants: Sequence[str | None]) -> None:
+    def _run(
+        self, commands: Sequence[Sequence[str]], variants: Sequence[str | None]
+    ) -> None:
         error: Data | None = None
         for command, variant in zip(commands, variants, strict=True):
             if self._stopped or error:
@@ -138,12 +157,20 @@ class RenderJob:
                 code = self._run_one(command, variant)
                 error = self._failure(code) if code else None
             except OSError as failure:
-                error = {"message": f"cannot be started: {failure.strerror or failure}", "fix": ""}
+                error = {
+                    "message": f"cannot be started: {failure.strerror or failure}",
+                    "fix": "",
+                }
         with self._lock:
             state = "stopped" if self._stopped else "failed" if error else "done"
             self._process = None
             error = None if self._stopped else error
-            self._status |= {"state": state, "running": False, "stage": "", "error": error}
+            self._status |= {
+                "state": state,
+                "running": False,
+                "stage": "",
+                "error": error,
+            }
 
     def _run_one(self, command: Sequence[str], variant: str | None) -> int:
         """Run one command to its end; returns its exit code."""
@@ -171,12 +198,18 @@ class RenderJob:
             with self._lock:
                 if not isinstance(found, dict):
                     kept = (
-                        [*self._status["lines"], line.rstrip("\n")] if line.strip() else self._status["lines"]
+                        [*self._status["lines"], line.rstrip("\n")]
+                        if line.strip()
+                        else self._status["lines"]
                     )
                     self._status["lines"] = kept[-MAX_LINES:]
                 elif "progress" in found:
                     stage = STAGES.get(found["progress"], found["progress"])
-                    self._status |= {"stage": stage, "done": found["done"], "total": found["total"]}
+                    self._status |= {
+                        "stage": stage,
+                        "done": found["done"],
+                        "total": found["total"],
+                    }
                 elif found.get("clip") and found.get("folder"):
                     self._add_result(found, variant)
         return process.wait()

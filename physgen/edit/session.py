@@ -76,7 +76,11 @@ class History:
     @property
     def redo(self) -> str | None:
         """What would be done again; None at the end."""
-        return self._states[self._at + 1].what if self._at + 1 < len(self._states) else None
+        return (
+            self._states[self._at + 1].what
+            if self._at + 1 < len(self._states)
+            else None
+        )
 
     def push(self, state: State) -> None:
         """Add a state; what was undone before is forgotten. With the tag of the present state, its step grows."""
@@ -91,7 +95,10 @@ class History:
     def beside(self, by: int) -> State:
         """The state before (-1) or after (1) the present one. Raises EditError."""
         if not 0 <= self._at + by < len(self._states):
-            raise impossible(f"there is nothing to {'undo' if by < 0 else 'redo'}", "edit something first")
+            raise impossible(
+                f"there is nothing to {'undo' if by < 0 else 'redo'}",
+                "edit something first",
+            )
         return self._states[self._at + by]
 
     def step(self, by: int) -> None:
@@ -108,7 +115,9 @@ class History:
 class EditRequest(Body):
     """A request for an edit: the version and the variant it is about, and its name in the history."""
 
-    version: Annotated[int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(whole)]
+    version: Annotated[
+        int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(whole)
+    ]
     variant: Words | None = None
     what: Words | None = None
     tag: Words | None = None
@@ -120,7 +129,9 @@ class Session:
     Raises InputError where the file cannot be opened, BusyError where another editor has it.
     """
 
-    def __init__(self, path: Path, allow_outside: bool = False, send: Send = lambda event: None) -> None:
+    def __init__(
+        self, path: Path, allow_outside: bool = False, send: Send = lambda event: None
+    ) -> None:
         self.path, self.allow_outside = path, allow_outside
         self.real = Path(os.path.realpath(path))
         self._send = send
@@ -145,7 +156,10 @@ class Session:
         self._folders: list[str] = []
         if found is not None and found.text != found.saved:
             self.saved, self._folders = found.saved, found.folders
-            states = [State(found.saved if gone else text), State(found.text, "the edits of last time")]
+            states = [
+                State(found.saved if gone else text),
+                State(found.text, "the edits of last time"),
+            ]
         self.history = History(states)
         self._look_outside()
         self.recovered = not self.is_saved
@@ -172,7 +186,9 @@ class Session:
         """End. Returns the draft's folder where something is not saved."""
         with self._edits:
             for name in self._folders:
-                if name not in self.saved and (self.is_saved or name not in self.now.text):
+                if name not in self.saved and (
+                    self.is_saved or name not in self.now.text
+                ):
                     shutil.rmtree(self.path.with_name(name), ignore_errors=True)
             self.draft.close(keep=not self.is_saved)
             return None if self.is_saved else self.draft.folder
@@ -229,12 +245,20 @@ class Session:
             made = edited(now.text, ops, request.variant)
             text = made.text
             with suppress(InputError):  # a text with errors keeps its comments
-                ours = frozenset() if request.variant else self.live.state(now.text).scene.record.comments
-                text = without_comments(text, [op.set for op in ops if isinstance(op, SetOp)], ours)
+                ours = (
+                    frozenset()
+                    if request.variant
+                    else self.live.state(now.text).scene.record.comments
+                )
+                text = without_comments(
+                    text, [op.set for op in ops if isinstance(op, SetOp)], ours
+                )
             self._push(request, text, made.what)
         return self.state(request.variant)
 
-    def preview(self, request: EditRequest, ops: Sequence[Op | Mapping[str, Any]]) -> Data:
+    def preview(
+        self, request: EditRequest, ops: Sequence[Op | Mapping[str, Any]]
+    ) -> Data:
         """The motion that operations would give, without making them. Raises EditError."""
         with self._edits:
             text = self._current(request).text
@@ -247,7 +271,9 @@ class Session:
         with self._edits:
             self._current(request)
             text = text.removeprefix("\ufeff")
-            if self._crlf and "\r" not in text:  # fields of a page have no carriage returns
+            if (
+                self._crlf and "\r" not in text
+            ):  # fields of a page have no carriage returns
                 text = text.replace("\n", "\r\n")
             self._push(request, text, "edit the YAML")
         return self.state(request.variant)
@@ -287,7 +313,11 @@ class Session:
         if text == self.now.text:
             return
         if len(text.encode()) > Limit.BYTES.most:
-            raise EditError(Why.TOO_LARGE, f"the file would be {Limit.BYTES.expected}", Limit.BYTES.fix)
+            raise EditError(
+                Why.TOO_LARGE,
+                f"the file would be {Limit.BYTES.expected}",
+                Limit.BYTES.fix,
+            )
         tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
         self._add(State(text, request.what or what, tag, time.time()))
         self._changed()
@@ -299,10 +329,14 @@ class Session:
 
     def _store(self, state: State) -> None:
         """Write a state to the draft before it is answered."""
-        self.draft.store(Unsaved(text=state.text, saved=self.saved, folders=self._folders))
+        self.draft.store(
+            Unsaved(text=state.text, saved=self.saved, folders=self._folders)
+        )
 
     def _changed(self) -> None:
-        self._send({"type": "version", "version": self.history.version, "saved": self.is_saved})
+        self._send(
+            {"type": "version", "version": self.history.version, "saved": self.is_saved}
+        )
 
     # The file
 
@@ -336,10 +370,17 @@ class Session:
                 if resolve is None:
                     self.outside = "changed"
                     message = "another program changed the file"
-                    raise EditError(Why.STALE, message, "reload it, or overwrite it", {"conflict": True})
+                    raise EditError(
+                        Why.STALE,
+                        message,
+                        "reload it, or overwrite it",
+                        {"conflict": True},
+                    )
                 mine = self.now  # theirs is one undo away
                 self._add(State(theirs, BY_OTHERS))
-                self._add(replace(mine, what="keep mine over another program's", tag=None))
+                self._add(
+                    replace(mine, what="keep mine over another program's", tag=None)
+                )
             data = (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode()
             write_atomic(self.real, data, durable=True)
             self._set_saved(self.now.text)
@@ -369,7 +410,13 @@ class Session:
             outcome = self._look_outside()
             self._read = self._stamp
             if outcome is not None:
-                self._send({"type": "file", "outcome": outcome, "version": self.history.version})
+                self._send(
+                    {
+                        "type": "file",
+                        "outcome": outcome,
+                        "version": self.history.version,
+                    }
+                )
         except OSError:  # a full disk, say
             pass
         finally:
@@ -404,4 +451,6 @@ class Session:
             return None
         except (InputError, OSError):
             message = "another program wrote something that is no scene into the file"
-            raise EditError(Why.STALE, message, "put the file right, then save") from None
+            raise EditError(
+                Why.STALE, message, "put the file right, then save"
+            ) from None

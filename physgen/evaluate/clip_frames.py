@@ -48,7 +48,11 @@ class Source:
 
 def sources(paths: Iterable[Path]) -> list[Source]:
     """Clips of one side, in order. Raises InputError with every path that holds none."""
-    return [clip for clips in collect(partial(clips_in, path) for path in paths) for clip in clips]
+    return [
+        clip
+        for clips in collect(partial(clips_in, path) for path in paths)
+        for clip in clips
+    ]
 
 
 def clips_in(path: Path) -> list[Source]:
@@ -59,7 +63,9 @@ def clips_in(path: Path) -> list[Source]:
     """
     if not path.is_dir():
         if not path.is_file():
-            raise InputError.of(str(path), "", "no such file or folder", "check the path")
+            raise InputError.of(
+                str(path), "", "no such file or folder", "check the path"
+            )
         return [Source(path)]
     for name in RENDERED:
         if (path / name).exists():
@@ -71,7 +77,9 @@ def clips_in(path: Path) -> list[Source]:
             try:
                 found += clips_in(part)
             except InputError as error:
-                if any(problem.expected != "holds no clips" for problem in error.problems):
+                if any(
+                    problem.expected != "holds no clips" for problem in error.problems
+                ):
                     raise
         elif part.suffix.lower() in FILMS:
             found.append(Source(part))
@@ -79,7 +87,12 @@ def clips_in(path: Path) -> list[Source]:
         return [source for source in found if source.filmed] or found
     if any(part.suffix.lower() in SUFFIXES for part in inside):
         return [Source(path)]
-    raise InputError.of(str(path), "", "holds no clips", "name a folder of videos, or of folders of frames")
+    raise InputError.of(
+        str(path),
+        "",
+        "holds no clips",
+        "name a folder of videos, or of folders of frames",
+    )
 
 
 def _px(shape: tuple[int, ...]) -> str:
@@ -90,22 +103,33 @@ def _px(shape: tuple[int, ...]) -> str:
 class Rule:
     """Selection and size of frames, one for all clips that are compared."""
 
-    side: int = 256  # px that the shorter side becomes; all clips must have one aspect ratio
-    count: int | None = None  # frames of a clip, evenly from the first to the last; None: all
+    side: int = (
+        256  # px that the shorter side becomes; all clips must have one aspect ratio
+    )
+    count: int | None = (
+        None  # frames of a clip, evenly from the first to the last; None: all
+    )
 
     def frames(self, source: Source) -> list[U8]:
         """(H, W, 3) sRGB. Raises InputError for a clip that cannot be read, is empty, or is shorter than `count`."""
         frames = [self.sized(frame) for frame in source.frames()]
         if not frames:
             after = f" after the first {source.skip}" if source.skip else ""
-            raise InputError.of(str(source.path), "", f"has no frame{after}", "leave it out")
+            raise InputError.of(
+                str(source.path), "", f"has no frame{after}", "leave it out"
+            )
         if self.count is None:
             return frames
         if len(frames) < self.count:
             found = f"{len(frames)} frame{'s' * (len(frames) != 1)}"
             fix = f"give --frames {len(frames)}, or leave the clip out"
-            raise InputError.of(str(source.path), found, f"are fewer than --frames {self.count}", fix)
-        return [frames[k] for k in np.rint(np.linspace(0, len(frames) - 1, self.count)).astype(int)]
+            raise InputError.of(
+                str(source.path), found, f"are fewer than --frames {self.count}", fix
+            )
+        return [
+            frames[k]
+            for k in np.rint(np.linspace(0, len(frames) - 1, self.count)).astype(int)
+        ]
 
     def sized(self, frame: U8) -> U8:
         """Areas are averaged where the frame shrinks, so that nothing aliases; cubic where it grows."""

@@ -62,7 +62,9 @@ class Moments:
 
 def moments(features: F64, weights: F64 | None = None) -> Moments:
     """Of (N, D) features, each counted `weights` (N,) times. Raises ValueError for fewer than two pictures."""
-    counts = np.ones(len(features)) if weights is None else np.asarray(weights, np.float64)
+    counts = (
+        np.ones(len(features)) if weights is None else np.asarray(weights, np.float64)
+    )
     total = float(counts.sum())
     if total < 2:
         raise ValueError("a covariance needs two pictures or more")
@@ -85,7 +87,12 @@ def frechet(one: Moments, other: Moments) -> float:
     """
     shared = np.linalg.svd(one.root @ other.root.T, compute_uv=False)
     spread = float(np.square(one.root).sum() + np.square(other.root).sum())
-    return max(0.0, float(np.square(one.mean - other.mean).sum()) + spread - 2 * float(shared.sum()))
+    return max(
+        0.0,
+        float(np.square(one.mean - other.mean).sum())
+        + spread
+        - 2 * float(shared.sum()),
+    )
 
 
 @dataclass(frozen=True)
@@ -124,7 +131,9 @@ class Distance:
         """The middle 95 % of the draws, 0 or more."""
         if not self.draws:
             return None
-        low, high = np.quantile(self.draws, [(1 - CONSTANTS.level) / 2, (1 + CONSTANTS.level) / 2])
+        low, high = np.quantile(
+            self.draws, [(1 - CONSTANTS.level) / 2, (1 + CONSTANTS.level) / 2]
+        )
         return max(float(low), 0.0), max(float(high), 0.0)
 
 
@@ -143,24 +152,35 @@ def distances(
     """
     middle = reference.features.mean(axis=0)  # a common offset would cost digits
     reference = Cloud(reference.features - middle, reference.clips)
-    methods = {name: Cloud(one.features - middle, one.clips) for name, one in methods.items()}
-    draws = draws if min(side.count for side in (reference, *methods.values())) > 1 else 0
+    methods = {
+        name: Cloud(one.features - middle, one.clips) for name, one in methods.items()
+    }
+    draws = (
+        draws if min(side.count for side in (reference, *methods.values())) > 1 else 0
+    )
     found: dict[str, list[float]] = {name: [] for name in methods}
     random = np.random.default_rng(seed)
     for done in range(draws):
-        often = {count: _drawn(random, count) for count in sorted({side.count for side in methods.values()})}
+        often = {
+            count: _drawn(random, count)
+            for count in sorted({side.count for side in methods.values()})
+        }
         drawn = reference.weighted(_drawn(random, reference.count))
         for name, one in methods.items():
             found[name].append(frechet(drawn, one.weighted(often[one.count])))
         progress(done + 1, draws)
     whole = moments(reference.features)
-    values = {name: frechet(whole, moments(one.features)) for name, one in methods.items()}
+    values = {
+        name: frechet(whole, moments(one.features)) for name, one in methods.items()
+    }
     return {name: _around(value, found[name]) for name, value in values.items()}
 
 
 def _drawn(random: np.random.Generator, count: int) -> F64:
     """How often each of `count` clips comes in as many draws."""
-    return np.bincount(random.integers(0, count, count), minlength=count).astype(np.float64)
+    return np.bincount(random.integers(0, count, count), minlength=count).astype(
+        np.float64
+    )
 
 
 def _around(value: float, draws: Sequence[float]) -> Distance:
@@ -186,7 +206,9 @@ class Side:
 
     name: str
     lengths: list[int] = field(default_factory=list)  # frames of each clip
-    features: dict[str, list[F64]] = field(default_factory=dict)  # by kind, of each clip
+    features: dict[str, list[F64]] = field(
+        default_factory=dict
+    )  # by kind, of each clip
 
     def count(self, kind: str) -> int:
         """Number of pictures."""
@@ -210,7 +232,9 @@ class Measured:
 def flows(frames: Iterable[U8]) -> Iterator[F32]:
     """(H, W, 2) px from each frame to the next, right and down."""
     find = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    for one, other in pairwise(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames):
+    for one, other in pairwise(
+        cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames
+    ):
         yield np.asarray(find.calc(one, other, None), np.float32)  # type: ignore[call-overload]
 
 
@@ -245,13 +269,17 @@ def measure(
         def show(done: int, total: int, kind: str = kind) -> None:
             progress(f"draw {kind}", done, total)
 
-        found[kind] = distances(cloud(truth.features[kind]), clouds, settings.draws, settings.seed, show)
+        found[kind] = distances(
+            cloud(truth.features[kind]), clouds, settings.draws, settings.seed, show
+        )
     wide = truth.features[IMAGE][0].shape[1]
     warnings = tuple(_warnings(truth, sides, wide))
     return Measured(truth, sides, found, full, features, wide, settings, warnings)
 
 
-def _check(sides: Mapping[str, Sequence[Source]], settings: Settings, progress: Progress) -> float:
+def _check(
+    sides: Mapping[str, Sequence[Source]], settings: Settings, progress: Progress
+) -> float:
     """Read every clip once, before anything is computed; the px that are full colour, by the reference's motion."""
     problems: list[Problem] = []
     shape: tuple[tuple[int, int], Source] | None = None
@@ -272,7 +300,9 @@ def _check(sides: Mapping[str, Sequence[Source]], settings: Settings, progress: 
                 found = f"is {size[1] / size[0]:.3g} times as wide as high"
                 expected = f"and {other.path} is {first[1] / first[0]:.3g} times"
                 fix = "crop the clips to one shape"
-                problems.append(Problem(Place(str(clip.path)), "", found, expected, fix))
+                problems.append(
+                    Problem(Place(str(clip.path)), "", found, expected, fix)
+                )
             elif name == REFERENCE:
                 for moved in flows(frames):
                     speed = cv2.magnitude(moved[..., 0], moved[..., 1])
@@ -291,10 +321,14 @@ def _too_few(name: str, lengths: Sequence[int]) -> list[Problem]:
     place = Place("--reference" if name == REFERENCE else name)
     found = f"{counted(sum(lengths), 'frame')} in {counted(len(lengths), 'clip')}"
     expected = "make fewer than two pictures of motion"
-    return [Problem(place, "", found, expected, "name more clips, of two frames or more")]
+    return [
+        Problem(place, "", found, expected, "name more clips, of two frames or more")
+    ]
 
 
-def _add_clip(side: Side, clip: Source, features: Inception, settings: Settings, full: float) -> None:
+def _add_clip(
+    side: Side, clip: Source, features: Inception, settings: Settings, full: float
+) -> None:
     frames = settings.rule.frames(clip)
     side.lengths.append(len(frames))
     moving = [pictured(moved, full) for moved in flows(frames)]
@@ -316,11 +350,21 @@ def _warnings(truth: Side, sides: Mapping[str, Side], wide: int) -> Iterator[Pro
         for kind in KINDS:
             if (count := side.count(kind)) <= wide:
                 expected = f"for {wide} features: fewer pictures make a Fréchet distance larger"
-                yield warn(side, f"{count} pictures", f"{expected} ({kind})", "compare equal numbers")
+                yield warn(
+                    side,
+                    f"{count} pictures",
+                    f"{expected} ({kind})",
+                    "compare equal numbers",
+                )
         one, other = (float(np.median(a.lengths)) for a in (truth, side))
         if one != other:
             expected = f"beside the reference's {one:g}: flow is then over other times"
-            yield warn(side, f"{other:g} frames a clip", expected, f"give --frames {min(one, other):g}")
+            yield warn(
+                side,
+                f"{other:g} frames a clip",
+                expected,
+                f"give --frames {min(one, other):g}",
+            )
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
@@ -346,7 +390,12 @@ def findings(found: Measured, skipped: int = 0) -> Findings:
     }
     sentences = tuple(_sentences(found))
     return Findings(
-        "fid", "Frames and motion against a reference", sentences, sections, rows(found), more=more
+        "fid",
+        "Frames and motion against a reference",
+        sentences,
+        sections,
+        rows(found),
+        more=more,
     )
 
 
@@ -357,7 +406,10 @@ def rows(found: Measured) -> list[dict[str, Any]]:
             "method": name,
             **_counts(side),
             **{f"{kind}_fid": one[name].value for kind, one in found.found.items()},
-            **{f"{kind}_fid_95": one[name].interval for kind, one in found.found.items()},
+            **{
+                f"{kind}_fid_95": one[name].interval
+                for kind, one in found.found.items()
+            },
         }
         for name, side in found.methods.items()
     ]
@@ -377,7 +429,11 @@ def settings_record(found: Measured) -> dict[str, Any]:
 
 
 def _counts(side: Side) -> dict[str, Any]:
-    return {"clips": len(side.lengths), "frames": sum(side.lengths), "pairs": side.count(MOTION)}
+    return {
+        "clips": len(side.lengths),
+        "frames": sum(side.lengths),
+        "pairs": side.count(MOTION),
+    }
 
 
 def _number(value: float) -> str:
@@ -396,13 +452,22 @@ def _sentences(found: Measured) -> Iterator[str]:
     """The order of the methods."""
     for kind, one in found.found.items():
         order = sorted(one.items(), key=lambda pair: pair[1].value)
-        names = [f"{name} {_number(distance.value)}, 95 %: {_between(distance)}" for name, distance in order]
+        names = [
+            f"{name} {_number(distance.value)}, 95 %: {_between(distance)}"
+            for name, distance in order
+        ]
         yield f"{WORDS[kind]}{', the nearest first' * (len(order) > 1)}: {'; '.join(names)}."
 
 
 def _table(found: Measured, kind: str) -> Table:
     lines = tuple(
-        (name, str(len(side.lengths)), str(side.count(kind)), _number(one.value), _between(one))
+        (
+            name,
+            str(len(side.lengths)),
+            str(side.count(kind)),
+            _number(one.value),
+            _between(one),
+        )
         for name, side in found.methods.items()
         for one in (found.found[kind][name],)
     )

@@ -38,7 +38,9 @@ class Table:
     @property
     def numeric(self) -> list[bool]:
         """By column: whether all cells are numbers, which belong to the right."""
-        return [all(numeric(row[k]) for row in self.rows) for k in range(len(self.heads))]
+        return [
+            all(numeric(row[k]) for row in self.rows) for k in range(len(self.heads))
+        ]
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,9 @@ class Findings:
     title: str
     sentences: tuple[str, ...]  # the most important first
     sections: tuple[Section, ...]
-    rows: Sequence[Mapping[str, Any]]  # as JSON: numbers in full, None where nothing is known
+    rows: Sequence[
+        Mapping[str, Any]
+    ]  # as JSON: numbers in full, None where nothing is known
     bars: tuple[Bar, ...] = ()
     more: Mapping[str, Any] = field(default_factory=dict)
     """Beside `rows` in the JSON: settings, totals, versions."""
@@ -82,14 +86,26 @@ class Findings:
 
     def as_dict(self) -> dict[str, Any]:
         """As data."""
-        bars = [{"what": b.what, "found": b.found, "bar": b.bar, "passed": b.met} for b in self.bars]
+        bars = [
+            {"what": b.what, "found": b.found, "bar": b.bar, "passed": b.met}
+            for b in self.bars
+        ]
         rows = {"rows": list(self.rows), "bars": bars, "passed": self.passed}
         return {"measure": self.measure, **self.more, **rows}
 
 
 def as_json(findings: Findings) -> str:
     """What `--json` prints. Raises ValueError for a number that is not finite."""
-    return json.dumps(findings.as_dict(), indent=1, ensure_ascii=False, allow_nan=False, default=str) + "\n"
+    return (
+        json.dumps(
+            findings.as_dict(),
+            indent=1,
+            ensure_ascii=False,
+            allow_nan=False,
+            default=str,
+        )
+        + "\n"
+    )
 
 
 def text(findings: Findings) -> str:
@@ -98,7 +114,12 @@ def text(findings: Findings) -> str:
     for section in findings.sections:
         lines += ["", section.title, *_wrapped(section.sentences)]
         for table in section.tables:
-            lines += ["", *([table.title] if table.title else []), *columns(table), *_wrapped([table.note])]
+            lines += [
+                "",
+                *([table.title] if table.title else []),
+                *columns(table),
+                *_wrapped([table.note]),
+            ]
     if findings.bars:
         lines += ["", *map(str, findings.bars)]
     return "\n".join(lines) + "\n"
@@ -155,7 +176,10 @@ def check_folder(folder: Path | None) -> None:
 
 
 def write_page(
-    findings: Findings, folder: Path, command: Sequence[str], keep: Callable[[Path], None] = lambda kept: None
+    findings: Findings,
+    folder: Path,
+    command: Sequence[str],
+    keep: Callable[[Path], None] = lambda kept: None,
 ) -> Path:
     """`index.html` and `result.json`; those of an earlier run are replaced.
 

@@ -91,9 +91,13 @@ class Pair:
         if labels.shape != rgb.shape[:2]:
             found = f"{labels.shape[1]} x {labels.shape[0]} px"
             expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
-            raise InputError.of(str(self.truth), found, expected, "make it the photo's size")
+            raise InputError.of(
+                str(self.truth), found, expected, "make it the photo's size"
+            )
         ids = [i for i in np.unique(labels).tolist() if i not in (0, UNJUDGED)]
-        return Truth(rgb, tuple(runs(labels == i) for i in ids), runs(labels == UNJUDGED))
+        return Truth(
+            rgb, tuple(runs(labels == i) for i in ids), runs(labels == UNJUDGED)
+        )
 
 
 def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
@@ -101,10 +105,20 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     if not folder.exists():
         raise InputError.of(str(folder), "", "no such folder", "check the path")
     if not folder.is_dir():
-        raise InputError.of(str(folder), "", "is not a folder", "name the folder that holds the photos")
+        raise InputError.of(
+            str(folder), "", "is not a folder", "name the folder that holds the photos"
+        )
     found, warnings = list[Pair](), list[Problem]()
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not _hidden(path, folder)]
-    photos = [path for path in files if path.suffix.lower() in ENDINGS and not path.name.endswith(LABELS)]
+    files = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not _hidden(path, folder)
+    ]
+    photos = [
+        path
+        for path in files
+        if path.suffix.lower() in ENDINGS and not path.name.endswith(LABELS)
+    ]
     for path in photos:
         beside, assets = path.with_name(path.stem + LABELS), path.parent / ASSETS
         truth = beside if beside.is_file() else assets if path.stem == "photo" else None
@@ -112,7 +126,9 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
             found.append(Pair(path, truth))
         else:
             expected = "is left out: it has no label map"
-            warnings.append(Problem(Place(str(path)), "", "", expected, HOW, Severity.WARNING))
+            warnings.append(
+                Problem(Place(str(path)), "", "", expected, HOW, Severity.WARNING)
+            )
     if not found:
         raise InputError.of(str(folder), "", "holds no photo with a label map", HOW)
     matched: dict[Path, Path] = {}
@@ -120,11 +136,17 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
         other = matched.setdefault(one.truth, one.photo)
         if other != one.photo:
             names = f"{other.name} and {one.photo.name}"
-            raise InputError.of(str(one.truth), names, "could both be its photo", "keep one of them")
+            raise InputError.of(
+                str(one.truth), names, "could both be its photo", "keep one of them"
+            )
     for path in files:
         if path.name.endswith(LABELS) and path not in matched:
             place = Place(str(path))
-            warnings.append(Problem(place, "", "", "has no photo", "name both alike", Severity.WARNING))
+            warnings.append(
+                Problem(
+                    place, "", "", "has no photo", "name both alike", Severity.WARNING
+                )
+            )
     return _named(found, folder), warnings
 
 
@@ -140,8 +162,17 @@ def _named(found: list[Pair], folder: Path) -> list[Pair]:
     for pair in found:
         way = pair.photo.relative_to(folder)
         alone = pair.truth == pair.photo.parent / ASSETS
-        parts = way.parent.parts or (folder.resolve().name,) if alone else way.with_suffix("").parts
-        named.append(replace(pair, name=re.sub(r"[^\w.-]+", "-", "-".join(parts)).strip(".-") or "photo"))
+        parts = (
+            way.parent.parts or (folder.resolve().name,)
+            if alone
+            else way.with_suffix("").parts
+        )
+        named.append(
+            replace(
+                pair,
+                name=re.sub(r"[^\w.-]+", "-", "-".join(parts)).strip(".-") or "photo",
+            )
+        )
     return sorted(named, key=lambda pair: pair.name)
 
 
@@ -155,7 +186,9 @@ class Photo:
     name: str
     size: tuple[int, int]  # width and height, px
     true: Sequence[Runs]
-    unjudged: Sequence[Runs]  # regions that count for neither side: what is found mostly there is left out
+    unjudged: Sequence[
+        Runs
+    ]  # regions that count for neither side: what is found mostly there is left out
     found: Sequence[Runs]
     confidence: Floats
 
@@ -196,9 +229,13 @@ def match(photos: Sequence[Photo]) -> Matched:
     true, found = list[dict[str, Any]](), list[dict[str, Any]]()
     for k, photo in enumerate(photos):
         for crowd, some in ((0, photo.true), (1, photo.unjudged)):
-            true += [{"image_id": k, "iscrowd": crowd, "segmentation": one} for one in some]
+            true += [
+                {"image_id": k, "iscrowd": crowd, "segmentation": one} for one in some
+            ]
         for one, sure in zip(photo.found, photo.confidence.tolist(), strict=True):
-            found.append({"image_id": k, "iscrowd": 0, "segmentation": one, "score": sure})
+            found.append(
+                {"image_id": k, "iscrowd": 0, "segmentation": one, "score": sure}
+            )
     with contextlib.redirect_stdout(io.StringIO()):
         judge = COCOeval(_dataset(photos, true), _dataset(photos, found), "segm")
         judge.params.iouThrs = np.array(THRESHOLDS)
@@ -212,14 +249,23 @@ def match(photos: Sequence[Photo]) -> Matched:
             judged.append(Judged(np.zeros(0), np.zeros(0), 0))
             continue
         kept = ~np.asarray(one["dtIgnore"][0], np.bool_)
-        ids, matches = np.array(one["dtIds"])[kept], np.asarray(one["dtMatches"][0])[kept].astype(int)
+        ids, matches = (
+            np.array(one["dtIds"])[kept],
+            np.asarray(one["dtMatches"][0])[kept].astype(int),
+        )
         overlap = [
-            float(coco.iou([found[i - 1]["segmentation"]], [true[j - 1]["segmentation"]], [0])[0, 0])
+            float(
+                coco.iou(
+                    [found[i - 1]["segmentation"]], [true[j - 1]["segmentation"]], [0]
+                )[0, 0]
+            )
             if j
             else 0.0
             for i, j in zip(ids.tolist(), matches.tolist(), strict=True)
         ]
-        judged.append(Judged(np.array(one["dtScores"])[kept], np.array(overlap), len(photo.true)))
+        judged.append(
+            Judged(np.array(one["dtScores"])[kept], np.array(overlap), len(photo.true))
+        )
     return Matched(tuple(judged), np.asarray(judge.eval["precision"][:, :, 0, 0, 0]))
 
 
@@ -229,8 +275,15 @@ def _dataset(photos: Sequence[Photo], annotations: list[dict[str, Any]]) -> Any:
     from pycocotools.coco import COCO
 
     for k, one in enumerate(annotations, 1):
-        one |= {"id": k, "category_id": 1, "area": float(coco.area(one["segmentation"]))}
-    images = [{"id": k, "width": photo.size[0], "height": photo.size[1]} for k, photo in enumerate(photos)]
+        one |= {
+            "id": k,
+            "category_id": 1,
+            "area": float(coco.area(one["segmentation"])),
+        }
+    images = [
+        {"id": k, "width": photo.size[0], "height": photo.size[1]}
+        for k, photo in enumerate(photos)
+    ]
     dataset = COCO()
     dataset.dataset = {
         "images": images,
@@ -247,8 +300,13 @@ def counts(photos: Sequence[Judged]) -> dict[str, Any]:
 
     None where a value has no meaning.
     """
-    found, true = sum(len(one.confidence) for one in photos), sum(one.true for one in photos)
-    reached = np.concatenate([one.overlap[one.right] for one in photos] or [np.zeros(0)])
+    found, true = (
+        sum(len(one.confidence) for one in photos),
+        sum(one.true for one in photos),
+    )
+    reached = np.concatenate(
+        [one.overlap[one.right] for one in photos] or [np.zeros(0)]
+    )
     hit = len(reached)
     return {
         "said": found,
@@ -271,7 +329,9 @@ def calibration_error(photos: Sequence[Judged]) -> float | None:
         return None
     right = np.concatenate([one.right for one in photos])
     bins = np.clip(np.ceil(confidence * BINS) - 1, 0, BINS - 1).astype(int)
-    return float(np.abs(np.bincount(bins, right - confidence, BINS)).sum() / len(confidence))
+    return float(
+        np.abs(np.bincount(bins, right - confidence, BINS)).sum() / len(confidence)
+    )
 
 
 # ---- the measure -------------------------------------------------------------------------------------------------
@@ -283,7 +343,14 @@ def as_photo(name: str, truth: Truth, segments: Segments) -> Photo:
     ids = [i for i in np.unique(labels).tolist() if 0 < i <= len(segments.confidence)]
     confidence = np.array([segments.confidence[i - 1] for i in ids], np.float64)
     size = labels.shape[1], labels.shape[0]
-    return Photo(name, size, truth.masks, (truth.unjudged,), [runs(labels == i) for i in ids], confidence)
+    return Photo(
+        name,
+        size,
+        truth.masks,
+        (truth.unjudged,),
+        [runs(labels == i) for i in ids],
+        confidence,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,14 +368,18 @@ class Found:
 
 
 def evaluate(
-    pairs: Sequence[Pair], backend: str | Segment | None = None, progress: Progress = lambda *_: None
+    pairs: Sequence[Pair],
+    backend: str | Segment | None = None,
+    progress: Progress = lambda *_: None,
 ) -> Found:
     """Segment every photo by a backend, its name or the default, and judge.
 
     Raises InputError with every photo and map that cannot be read or does not fit, before anything is segmented.
     """
     require_pycocotools()
-    segment: Segment = backend if callable(backend) else registry.make("segment", backend)
+    segment: Segment = (
+        backend if callable(backend) else registry.make("segment", backend)
+    )
 
     def check(k: int, pair: Pair) -> None:
         progress("read", k, len(pairs))
@@ -321,14 +392,20 @@ def evaluate(
         truth = pair.read()
         photos.append(as_photo(pair.name, truth, segment(truth.rgb)))
     matched = match(photos)
-    rows = [{"photo": photo.name, **counts([one])} for photo, one in zip(photos, matched.photos, strict=True)]
+    rows = [
+        {"photo": photo.name, **counts([one])}
+        for photo, one in zip(photos, matched.photos, strict=True)
+    ]
     ap = matched.average_precision
     known = [value for value in ap if value is not None]
     total = {
         **counts(matched.photos),
         "ap50": ap[0],
         "ap": float(np.mean(known)) if known else None,
-        "ap_by_iou": [{"iou": round(iou, 2), "ap": value} for iou, value in zip(THRESHOLDS, ap, strict=True)],
+        "ap_by_iou": [
+            {"iou": round(iou, 2), "ap": value}
+            for iou, value in zip(THRESHOLDS, ap, strict=True)
+        ],
         "error": calibration_error(matched.photos),
     }
     return Found(rows, total)
@@ -342,7 +419,9 @@ PAPER = "The paper: precision 0.93 and recall 0.82 at the same IoU, on 10 photos
 
 def findings(found: Found) -> Findings:
     total = found.total
-    rows = tuple(_cells(row) for row in (*found.rows, {"photo": "all together", **total}))
+    rows = tuple(
+        _cells(row) for row in (*found.rows, {"photo": "all together", **total})
+    )
     heads = ("average precision at IoU", *(f"{iou:.2f}" for iou in THRESHOLDS))
     by_iou = ("all objects", *(_share(one["ap"]) for one in total["ap_by_iou"]))
     sections = (
@@ -358,7 +437,9 @@ def findings(found: Found) -> Findings:
         PAPER,
     )
     title = "Are objects found?"
-    return Findings("segmentation", title, sentences, sections, found.rows, more=found.as_dict())
+    return Findings(
+        "segmentation", title, sentences, sections, found.rows, more=found.as_dict()
+    )
 
 
 def _share(value: float | None) -> str:
@@ -367,4 +448,8 @@ def _share(value: float | None) -> str:
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     numbers = (str(row[key]) for key in ("true", "said", "hit"))
-    return (row["photo"], *numbers, *(_share(row[key]) for key in ("precision", "recall", "f", "iou")))
+    return (
+        row["photo"],
+        *numbers,
+        *(_share(row[key]) for key in ("precision", "recall", "f", "iou")),
+    )

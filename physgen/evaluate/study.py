@@ -96,13 +96,22 @@ class Methods:
     @property
     def complete(self) -> tuple[str, ...]:
         """Scenes that every method has made."""
-        return tuple(s for s in self.scenes if all((name, s) in self.films for name in self.names))
+        return tuple(
+            s
+            for s in self.scenes
+            if all((name, s) in self.films for name in self.names)
+        )
 
 
 def methods_in(folder: Path) -> Methods:
     """Folders in `folder` that hold clips are methods; raises InputError where there are none, or one scene twice."""
     if not folder.is_dir():
-        raise InputError.of(str(folder), "", "is no folder", "name a folder with a folder for each method")
+        raise InputError.of(
+            str(folder),
+            "",
+            "is no folder",
+            "name a folder with a folder for each method",
+        )
     beside = folder / PHOTOS
     films: dict[tuple[str, str], Path] = {}
     for home in _sorted(folder):
@@ -116,17 +125,23 @@ def methods_in(folder: Path) -> Methods:
             before = films.setdefault((home.name, scene), film)
             if before != film:
                 expected = f'are two clips of the scene "{scene}"'
-                raise InputError.of(str(home), f'"{before}" and "{film}"', expected, "leave one there")
+                raise InputError.of(
+                    str(home), f'"{before}" and "{film}"', expected, "leave one there"
+                )
     if not films:
         raise InputError.of(str(folder), "", "holds no methods", FORM)
-    names, scenes = (tuple(sorted({pair[k] for pair in films}, key=natural)) for k in (0, 1))
+    names, scenes = (
+        tuple(sorted({pair[k] for pair in films}, key=natural)) for k in (0, 1)
+    )
     pictures: dict[str, Path] = {}
     words: dict[str, str] = {}
     for path in _sorted(beside) if beside.is_dir() else ():
         if path.stem in scenes and path.suffix.lower() in PICTURES:
             pictures.setdefault(path.stem, path)
         elif path.stem in scenes and path.suffix.lower() == ".txt":
-            words[path.stem] = " ".join(path.read_text(encoding="utf-8", errors="replace").split())[:500]
+            words[path.stem] = " ".join(
+                path.read_text(encoding="utf-8", errors="replace").split()
+            )[:500]
     return Methods(folder, names, scenes, films, pictures, words)
 
 
@@ -142,7 +157,13 @@ def _films(home: Path) -> Iterator[tuple[str, Path]]:
             inside = [film for film in _sorted(path) if _is_film(film)]
             named = [film for film in inside if film.stem == "video"]
             if named or len(inside) == 1:
-                yield path.name, min(named or inside, key=lambda film: FILMS.index(film.suffix.lower()))
+                yield (
+                    path.name,
+                    min(
+                        named or inside,
+                        key=lambda film: FILMS.index(film.suffix.lower()),
+                    ),
+                )
         elif _is_film(path):
             yield path.stem, path
 
@@ -152,7 +173,9 @@ def _is_film(path: Path) -> bool:
     if path.suffix.lower() not in FILMS or not path.is_file():
         return False
     try:
-        return path.suffix.lower() not in (".gif", ".webp") or (is_picture(path) and plays(path))
+        return path.suffix.lower() not in (".gif", ".webp") or (
+            is_picture(path) and plays(path)
+        )
     except InputError:
         return False
 
@@ -161,9 +184,13 @@ def read_clip(path: Path) -> tuple[Video, float]:
     """A clip and its frames a second. Raises InputError for one that is no video."""
     clip = read_video(path)
     if clip.count < 2:
-        raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
+        raise InputError.of(
+            str(path), "", "has one frame: it is no video", "make at least two frames"
+        )
     if clip.fps is None:
-        raise InputError.of(str(path), "", "does not say how fast it plays", "save it as MP4")
+        raise InputError.of(
+            str(path), "", "does not say how fast it plays", "save it as MP4"
+        )
     return clip, clip.fps
 
 
@@ -198,8 +225,16 @@ class Key:
         return bool(pairs) and len(pairs) == len(self.clips) and pairs <= known
 
     def text(self) -> str:
-        clips = {name: {"method": method, "scene": scene} for name, (method, scene) in self.clips.items()}
-        record = {KEY: VERSION, "study": self.study, "seed": self.seed, "methods": self.methods}
+        clips = {
+            name: {"method": method, "scene": scene}
+            for name, (method, scene) in self.clips.items()
+        }
+        record = {
+            KEY: VERSION,
+            "study": self.study,
+            "seed": self.seed,
+            "methods": self.methods,
+        }
         record |= {"scenes": self.scenes, "clips": clips}
         return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
 
@@ -208,9 +243,16 @@ def read_key(path: Path) -> Key:
     """Raises InputError."""
     record = read_record(path, KEY)
     try:
-        clips = {name: (clip["method"], clip["scene"]) for name, clip in record["clips"].items()}
+        clips = {
+            name: (clip["method"], clip["scene"])
+            for name, clip in record["clips"].items()
+        }
         key = Key(
-            record["study"], int(record["seed"]), tuple(record["methods"]), tuple(record["scenes"]), clips
+            record["study"],
+            int(record["seed"]),
+            tuple(record["methods"]),
+            tuple(record["scenes"]),
+            clips,
         )
     except (KeyError, TypeError, ValueError, AttributeError):
         key = None
@@ -223,7 +265,10 @@ def read_key(path: Path) -> Key:
 def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     """Contents of a key or of a rater's answers. Raises InputError for a file that is not of that `kind`."""
     what, fix = {
-        KEY: ("the key of a study", "name the NAME.key.json that was made with the page, with --key"),
+        KEY: (
+            "the key of a study",
+            "name the NAME.key.json that was made with the page, with --key",
+        ),
         ANSWERS: ("a rater's answers", "name files that the page of a study saved"),
     }[kind]
     if not path.is_file():
@@ -237,7 +282,10 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     if record[kind] != VERSION:
         expected = f"is of a form that this physgen does not know (it knows {VERSION})"
         raise InputError.of(
-            str(path), f"{kind} {shown(record[kind])}", expected, "use the physgen that made it"
+            str(path),
+            f"{kind} {shown(record[kind])}",
+            expected,
+            "use the physgen that made it",
         )
     return record
 
@@ -271,7 +319,12 @@ def choose(methods: Methods, videos: int, seed: int) -> list[str]:
     scenes = methods.complete
     if not scenes:
         fix = "give all methods a clip of the same scene, under the same name"
-        raise InputError.of(str(methods.folder), ", ".join(methods.names), "have no scene in common", fix)
+        raise InputError.of(
+            str(methods.folder),
+            ", ".join(methods.names),
+            "have no scene in common",
+            fix,
+        )
     if len(scenes) <= videos:
         return list(scenes)
     drawn = np.random.default_rng(seed).choice(len(scenes), videos, replace=False)
@@ -279,7 +332,10 @@ def choose(methods: Methods, videos: int, seed: int) -> list[str]:
 
 
 def make(
-    methods: Methods, videos: int, seed: int = 0, progress: Progress = lambda stage, done, total: None
+    methods: Methods,
+    videos: int,
+    seed: int = 0,
+    progress: Progress = lambda stage, done, total: None,
 ) -> Study:
     """Encodes every clip; the same bytes on every run. Raises InputError with all clips that cannot be read."""
     scenes = choose(methods, videos, seed)
@@ -289,20 +345,35 @@ def make(
 
     def encode(done: int, method: str, scene: str) -> PageClip:
         progress("clips", done, len(pairs))
-        return PageClip(f"c{done + 1}", method, scene, *_encoded(methods.films[method, scene]))
+        return PageClip(
+            f"c{done + 1}", method, scene, *_encoded(methods.films[method, scene])
+        )
 
     def show(scene: str) -> None:
         photos[scene] = webp(within(read_photo(methods.photos[scene]).rgb), QUALITY)
 
-    calls: list[Callable[[], Any]] = [partial(encode, done, *pairs[k]) for done, k in enumerate(order)]
+    calls: list[Callable[[], Any]] = [
+        partial(encode, done, *pairs[k]) for done, k in enumerate(order)
+    ]
     calls += [partial(show, scene) for scene in scenes if scene in methods.photos]
     clips: list[PageClip] = collect(calls)[: len(order)]
     words = {scene: methods.words[scene] for scene in scenes if scene in methods.words}
     asked = [(question.claim, question.hint) for question in QUESTIONS]
-    parts = [seed, asked, SCALE, words, photos, [sha256(clip.film).hexdigest() for clip in clips]]
+    parts = [
+        seed,
+        asked,
+        SCALE,
+        words,
+        photos,
+        [sha256(clip.film).hexdigest() for clip in clips],
+    ]
     name = sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]
     key = Key(
-        name, seed, methods.names, tuple(scenes), {clip.name: (clip.method, clip.scene) for clip in clips}
+        name,
+        seed,
+        methods.names,
+        tuple(scenes),
+        {clip.name: (clip.method, clip.scene) for clip in clips},
     )
     return Study(tuple(clips), photos, words, key)
 
@@ -325,15 +396,24 @@ def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
 def check_page(page: Path) -> None:
     """Raises InputError where no page can be written."""
     if page.is_dir() or page.suffix.lower() not in (".html", ".htm"):
-        raise InputError.of("-o", f'"{page}"', "is no name for a page", "end it in .html, e.g. -o study.html")
+        raise InputError.of(
+            "-o",
+            f'"{page}"',
+            "is no name for a page",
+            "end it in .html, e.g. -o study.html",
+        )
 
 
-def write_study(study: Study, page: Path, keep: Callable[[Path], None] = lambda kept: None) -> Path:
+def write_study(
+    study: Study, page: Path, keep: Callable[[Path], None] = lambda kept: None
+) -> Path:
     """The page and its key, whose path is returned. Those of another study are kept as NAME~; `keep` is called."""
     check_page(page)
     page.parent.mkdir(parents=True, exist_ok=True)
     key = page.with_name(f"{page.stem}.key.json")
-    write_with_backup(key, study.key.text().encode(), keep)  # first: no page without its key
+    write_with_backup(
+        key, study.key.text().encode(), keep
+    )  # first: no page without its key
     write_with_backup(page, html(study).encode(), keep)
     return key
 
@@ -349,13 +429,18 @@ def html(study: Study) -> str:
         "study": study.key.study,
         "questions": [{"key": q.key, "claim": q.claim} for q in QUESTIONS],
         "clips": [
-            {"name": clip.name, "scene": scenes.index(clip.scene), "size": clip.size} for clip in study.clips
+            {"name": clip.name, "scene": scenes.index(clip.scene), "size": clip.size}
+            for clip in study.clips
         ],
         "scenes": [
-            {"photo": study.photos.get(scene, ""), "words": study.words.get(scene, "")} for scene in scenes
+            {"photo": study.photos.get(scene, ""), "words": study.words.get(scene, "")}
+            for scene in scenes
         ],
     }
-    parts = [resource("templates", "study", f"{part}.js").read_text(encoding="utf-8") for part in SCRIPTS]
+    parts = [
+        resource("templates", "study", f"{part}.js").read_text(encoding="utf-8")
+        for part in SCRIPTS
+    ]
     page: str = template("study.html.j2").render(
         title=TITLE,
         count=len(study.clips),
@@ -363,7 +448,10 @@ def html(study: Study) -> str:
         scale=SCALE,
         words=bool(study.words),
         photos=bool(study.photos),
-        films=[(clip.name, base64.b64encode(clip.film).decode("ascii")) for clip in study.clips],
+        films=[
+            (clip.name, base64.b64encode(clip.film).decode("ascii"))
+            for clip in study.clips
+        ],
         data=script_json(data),
         script='(() => {\n"use strict";\n' + "\n".join(parts) + "})();",
     )

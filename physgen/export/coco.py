@@ -31,18 +31,31 @@ class Coco(Writer):
         self._count = 0
         (folder / "images").mkdir()
         head = ",\n".join(
-            f'"{key}": {_lines(map(json.dumps, values))}' for key, values in _of_clip(clip).items()
+            f'"{key}": {_lines(map(json.dumps, values))}'
+            for key, values in _of_clip(clip).items()
         )
         info = json.dumps({"description": clip.name, "contributor": "physgen"})
-        self._file.write_text(f'{{\n"info": {info},\n{head},\n"annotations": [', encoding="utf-8")
+        self._file.write_text(
+            f'{{\n"info": {info},\n{head},\n"annotations": [', encoding="utf-8"
+        )
 
     def add(self, moment: Moment) -> None:
         """Visible objects go to `annotations`, those that are hidden completely to a list of their own."""
         view, clip = moment.view, self._clip
         name = f"images/{view.index:05d}.jpg"
         (self._folder / name).write_bytes(view.jpeg)
-        image = {"id": view.index + 1, "file_name": name, "width": view.size[0], "height": view.size[1]}
-        image |= {"video_id": 1, "video": clip.name, "frame_index": view.index, "time": round(view.time, 9)}
+        image = {
+            "id": view.index + 1,
+            "file_name": name,
+            "width": view.size[0],
+            "height": view.size[1],
+        }
+        image |= {
+            "video_id": 1,
+            "video": clip.name,
+            "frame_index": view.index,
+            "time": round(view.time, 9),
+        }
         self._images.append(json.dumps(image))
         with self._file.open("a", encoding="utf-8") as file:
             for presence in view.presences:
@@ -51,13 +64,19 @@ class Coco(Writer):
                     self._hidden.append(json.dumps(row))
                     continue
                 self._count += 1
-                file.write(("," if self._count > 1 else "") + "\n" + json.dumps({"id": self._count, **row}))
+                file.write(
+                    ("," if self._count > 1 else "")
+                    + "\n"
+                    + json.dumps({"id": self._count, **row})
+                )
 
     def close(self) -> None:
         """The frames, and the hidden objects."""
         hidden, images = _lines(self._hidden), _lines(self._images)
         with self._file.open("a", encoding="utf-8") as file:
-            file.write(f'\n],\n"hidden_annotations": {hidden},\n"images": {images}\n}}\n')
+            file.write(
+                f'\n],\n"hidden_annotations": {hidden},\n"images": {images}\n}}\n'
+            )
 
 
 def _lines(rows: Iterable[str]) -> str:
@@ -86,20 +105,32 @@ def _of_clip(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
         "videos": [video | {"neg_category_ids": [], "not_exhaustive_category_ids": []}],
         "tracks": [
             {"id": body + 1, "video_id": 1, "category_id": number, "name": name}
-            for body, (name, number) in enumerate(zip(clip.names, clip.classes, strict=True))
+            for body, (name, number) in enumerate(
+                zip(clip.names, clip.classes, strict=True)
+            )
         ],
     }
 
 
 def _annotation(clip: Clip, view: View, presence: Presence) -> dict[str, Any]:
     body = presence.body
-    row: dict[str, Any] = {"image_id": view.index + 1, "video_id": 1, "track_id": body + 1}
+    row: dict[str, Any] = {
+        "image_id": view.index + 1,
+        "video_id": 1,
+        "track_id": body + 1,
+    }
     row["category_id"] = clip.classes[body]
     whole = _run_lengths(presence.whole, presence.box, view)
     if presence.seen_area:
         partly = presence.seen_area < presence.whole_area
-        row["segmentation"] = _run_lengths(presence.seen, presence.box, view) if partly else whole
-        row |= {"area": presence.seen_area, "bbox": list(presence.seen_box), "iscrowd": 0}
+        row["segmentation"] = (
+            _run_lengths(presence.seen, presence.box, view) if partly else whole
+        )
+        row |= {
+            "area": presence.seen_area,
+            "bbox": list(presence.seen_box),
+            "iscrowd": 0,
+        }
     row |= {
         "visible_fraction": round(presence.visible, SHARE_DIGITS),
         "amodal_segmentation": whole,
@@ -115,4 +146,7 @@ def _run_lengths(mask: NDArray[np.bool_], box: Box, view: View) -> dict[str, Any
     (width, height), (x, y, w, h) = view.size, box
     picture = np.zeros((height, width), np.uint8, order="F")
     picture[y : y + h, x : x + w] = mask
-    return {"size": [height, width], "counts": str(coco.encode(picture)["counts"], "ascii")}
+    return {
+        "size": [height, width],
+        "counts": str(coco.encode(picture)["counts"], "ascii"),
+    }

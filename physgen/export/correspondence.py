@@ -64,7 +64,10 @@ def similarity(body: int, view: PosedView, other: PosedView) -> tuple[complex, c
     other_scale, other_shift = _lens(other.lens)
     if body < 0 or is_still(body, view, other):
         return complex(other_scale / scale), other_shift - other_scale / scale * shift
-    (x, y, angle), (to_x, to_y, to_angle) = view.poses[body].tolist(), other.poses[body].tolist()
+    (x, y, angle), (to_x, to_y, to_angle) = (
+        view.poses[body].tolist(),
+        other.poses[body].tolist(),
+    )
     turn, face = exp(1j * (to_angle - angle)), view.faces.get(body, 0.0)
     there = complex(to_x, to_y + face) - turn * (shift / scale + complex(x, y + face))
     return other_scale / scale * turn, other_scale * there + other_shift

@@ -18,7 +18,10 @@ FIRST_COLOURS = (
     (0, 64, 0), (128, 64, 0), (0, 191, 0), (128, 191, 0), (0, 64, 128), (128, 64, 128),
 )  # fmt: skip
 """sRGB of the first indices (Perazzi et al., CVPR 2016); later ones are grey, with their number as level."""
-PALETTE = (*FIRST_COLOURS, *((level, level, level) for level in range(len(FIRST_COLOURS), 256)))
+PALETTE = (
+    *FIRST_COLOURS,
+    *((level, level, level) for level in range(len(FIRST_COLOURS), 256)),
+)
 FULL_SIZE = "Full-Resolution"
 """DAVIS' name for the folder of pictures in their own size."""
 
@@ -45,7 +48,8 @@ class Davis(Writer):
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._images, self._masks = (
-            folder / name / FULL_SIZE / clip.name for name in ("JPEGImages", "Annotations")
+            folder / name / FULL_SIZE / clip.name
+            for name in ("JPEGImages", "Annotations")
         )
         lists = folder / "ImageSets" / "2017"
         for made in (self._images, self._masks, lists):

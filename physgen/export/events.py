@@ -20,7 +20,13 @@ from physgen.geometry.polygon import Array, rotation
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts
 from physgen.scene.scene import Load, Motion, Play, Point
-from physgen.simulate.trajectory import REST_SPEED, REST_TURN, Trajectory, rest_times, resting_mask
+from physgen.simulate.trajectory import (
+    REST_SPEED,
+    REST_TURN,
+    Trajectory,
+    rest_times,
+    resting_mask,
+)
 
 
 @dataclass(frozen=True)
@@ -70,8 +76,12 @@ class Event:
     surfaces: tuple[int, ...]
     """One, or the two of a collision: the one that moves faster towards the other first."""
     at: Point  # px of the photo: the point of contact or of a push; else the centre of mass
-    until: float | None = None  # s: the end of a lasting push; None: it outlasts the clip, or has no length
-    impulse: float | None = None  # g·px/s: of a collision or an impulse, without lasting pressure
+    until: float | None = (
+        None  # s: the end of a lasting push; None: it outlasts the clip, or has no length
+    )
+    impulse: float | None = (
+        None  # g·px/s: of a collision or an impulse, without lasting pressure
+    )
     vector: Point | None = None
     """Of a collision the unit vector in which the second pushes the first; of a push g·px/s or g·px/s²; else px/s."""
     torque: float = 0.0  # g·px²/s²
@@ -96,7 +106,12 @@ def events(clip: Clip) -> tuple[Event, ...]:
         *_borders(world, seen, clip.shot),
     ]
     order = list(EventKind)
-    return tuple(sorted(found, key=lambda event: (event.time, order.index(event.kind), event.surfaces)))
+    return tuple(
+        sorted(
+            found,
+            key=lambda event: (event.time, order.index(event.kind), event.surfaces),
+        )
+    )
 
 
 def _resampled(world: World, clip: Trajectory) -> Trajectory:
@@ -109,7 +124,9 @@ def _resampled(world: World, clip: Trajectory) -> Trajectory:
     step = LIMITS.after / world.steps_per_second
     pushes = np.array([push.start for push in world.pushes])
     every = np.unique(
-        np.concatenate([even, begins, begins - LIMITS.before, begins - step, begins + step, pushes])
+        np.concatenate(
+            [even, begins, begins - LIMITS.before, begins - step, begins + step, pushes]
+        )
     )
     return whole.sampled(every[(every >= 0) & (every <= end)])
 
@@ -136,32 +153,59 @@ def _pushes(world: World, seen: Trajectory) -> Iterator[Event]:
         sudden = push.load is Load.IMPULSE
         until = push.end if not sudden and push.end <= last else None
         impulse = float(np.hypot(*push.vector)) if sudden else None
-        yield Event(EventKind.PUSH, push.start, (push.body,), at, until, impulse, vector, push.torque)
+        yield Event(
+            EventKind.PUSH,
+            push.start,
+            (push.body,),
+            at,
+            until,
+            impulse,
+            vector,
+            push.torque,
+        )
 
 
 def _collision(world: World, seen: Trajectory, impact: Impact) -> Event:
     step = LIMITS.after / world.steps_per_second
     # where other impacts came earlier in the same engine step, the sample just before is after them
     earlier = (impact.time - LIMITS.before, impact.time - step)
-    samples = [*(_sample(seen, time) for time in earlier), _sample(seen, impact.time) - 1]
-    nearing = max((_nearing(world, seen, k, impact) for k in samples if k >= 0), key=sum, default=(0.0, 0.0))
+    samples = [
+        *(_sample(seen, time) for time in earlier),
+        _sample(seen, impact.time) - 1,
+    ]
+    nearing = max(
+        (_nearing(world, seen, k, impact) for k in samples if k >= 0),
+        key=sum,
+        default=(0.0, 0.0),
+    )
     pair, way = impact.pair, impact.way
     if nearing[1] > nearing[0] and pair[1] < len(world.bodies):
         pair, way = pair[::-1], -way
     at, vector = _pair(impact.at), _pair(way)
     return Event(
-        EventKind.COLLISION, impact.time, pair, at, None, impact.impulse, vector, closing=sum(nearing)
+        EventKind.COLLISION,
+        impact.time,
+        pair,
+        at,
+        None,
+        impact.impulse,
+        vector,
+        closing=sum(nearing),
     )
 
 
-def _nearing(world: World, seen: Trajectory, sample: int, impact: Impact) -> tuple[float, float]:
+def _nearing(
+    world: World, seen: Trajectory, sample: int, impact: Impact
+) -> tuple[float, float]:
     """px/s at which the contact point of each surface approaches the other, along the impact's direction."""
     speeds = [0.0, 0.0]
     for n, (k, sign) in enumerate(zip(impact.pair, (-1.0, 1.0), strict=True)):
         if k < len(world.bodies):
             x, y, spin = seen.velocities[sample, k]
             arm = impact.at - seen.poses[sample, k, :2]
-            speeds[n] = sign * float(np.array([x - spin * arm[1], y + spin * arm[0]]) @ impact.way)
+            speeds[n] = sign * float(
+                np.array([x - spin * arm[1], y + spin * arm[0]]) @ impact.way
+            )
     return speeds[0], speeds[1]
 
 
@@ -171,7 +215,9 @@ def _motions(world: World, seen: Trajectory) -> Iterator[Event]:
     for k, (body, rest) in enumerate(zip(world.bodies, rest_times(seen), strict=True)):
         poses = seen.poses[:, k]
         turned = np.abs(poses[:, 2] - poses[0, 2])
-        reach = np.maximum(np.hypot(*(poses[:, :2] - poses[0, :2]).T), turned * body.reach)
+        reach = np.maximum(
+            np.hypot(*(poses[:, :2] - poses[0, :2]).T), turned * body.reach
+        )
         gone = np.flatnonzero(reach > least)
         if not len(gone):
             continue
@@ -186,17 +232,25 @@ def _crossing(times: Array, values: Array, at: int) -> float:
     return float(times[at - 1] + low / (low - high) * (times[at] - times[at - 1]))
 
 
-def _start(world: World, seen: Trajectory, k: int, gone: int, resting: NDArray[np.bool_]) -> Event:
+def _start(
+    world: World, seen: Trajectory, k: int, gone: int, resting: NDArray[np.bool_]
+) -> Event:
     """`gone` is the first sample away from the place at t = 0."""
     body, poses, velocities = world.bodies[k], seen.poses[:, k], seen.velocities[:, k]
     if body.motion is Motion.SCRIPTED:
         moves = bool(np.abs(velocities[0]).max() > 0)
     else:  # by the scene; an impulse at t = 0 does not count
-        slow = np.hypot(*body.velocity) < REST_SPEED and abs(body.spin) < radians(REST_TURN)
+        slow = np.hypot(*body.velocity) < REST_SPEED and abs(body.spin) < radians(
+            REST_TURN
+        )
         moves = not slow or bool(body.roll.any())
     if moves:
-        return Event(EventKind.MOVING, 0.0, (k,), _pair(poses[0]), vector=_pair(velocities[0]))
-    at = max(np.flatnonzero(resting[: gone + 1]).tolist(), default=0)  # an impulse at t = 0 shows at once
+        return Event(
+            EventKind.MOVING, 0.0, (k,), _pair(poses[0]), vector=_pair(velocities[0])
+        )
+    at = max(
+        np.flatnonzero(resting[: gone + 1]).tolist(), default=0
+    )  # an impulse at t = 0 shows at once
     at += at > 0  # after a rest, it moves in the first sample that shows it
     time, place = float(seen.times[at]), _pair(poses[at])
     return Event(EventKind.MOVE, time, (k,), place, vector=_pair(velocities[gone]))
@@ -206,7 +260,10 @@ def _borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
     """An object is in the picture as long as any of its outline is."""
     lenses = np.stack([shot.affine(float(time)) for time in seen.times])
     for k, body in enumerate(world.bodies):
-        center = np.einsum("tij,tj->ti", lenses[:, :, :2], seen.poses[:, k, :2]) + lenses[:, :, 2]
+        center = (
+            np.einsum("tij,tj->ti", lenses[:, :, :2], seen.poses[:, k, :2])
+            + lenses[:, :, 2]
+        )
         if (_beyond(center, center, shot.video) <= 0).all():
             continue
         beyond = _outside(body, seen.poses[:, k], lenses, shot.video)
@@ -215,7 +272,13 @@ def _borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
             leaves = far[at] > 0
             kind = EventKind.LEAVE if leaves else EventKind.ENTER
             side = SIDES[int(beyond[at if leaves else at - 1].argmax())]
-            yield Event(kind, _crossing(seen.times, far, at), (k,), _pair(seen.poses[at, k]), side=side)
+            yield Event(
+                kind,
+                _crossing(seen.times, far, at),
+                (k,),
+                _pair(seen.poses[at, k]),
+                side=side,
+            )
 
 
 def _outside(body: Body, poses: Array, lenses: Array, size: tuple[int, int]) -> Array:
@@ -229,7 +292,9 @@ def _outside(body: Body, poses: Array, lenses: Array, size: tuple[int, int]) -> 
     else:
         rim = np.concatenate(body.rings)
         c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-        turned = np.stack([c * rim[:, 0] - s * rim[:, 1], s * rim[:, 0] + c * rim[:, 1]], axis=1)
+        turned = np.stack(
+            [c * rim[:, 0] - s * rim[:, 1], s * rim[:, 0] + c * rim[:, 1]], axis=1
+        )
         low, high = poses[:, :2] + turned.min(axis=2), poses[:, :2] + turned.max(axis=2)
     return _beyond(low * scale + shift, high * scale + shift, size)
 
@@ -238,7 +303,13 @@ def _beyond(low: Array, high: Array, size: tuple[int, int]) -> Array:
     """(T, 4): how far boxes from `low` to `high` (T, 2) are beyond each border, half a px outside the first centres."""
     width, height = size
     return np.stack(
-        [-0.5 - high[:, 0], low[:, 0] - (width - 0.5), -0.5 - high[:, 1], low[:, 1] - (height - 0.5)], axis=1
+        [
+            -0.5 - high[:, 0],
+            low[:, 0] - (width - 0.5),
+            -0.5 - high[:, 1],
+            low[:, 1] - (height - 0.5),
+        ],
+        axis=1,
     )
 
 
@@ -260,15 +331,23 @@ class ClipTimes:
     """Times of the motion as frames and seconds of the clip; of what is shown twice, the first time counts."""
 
     def __init__(self, clip: Clip) -> None:
-        self._times, self._order, self._fps = clip.trajectory.times, clip.shot.order, clip.fps
+        self._times, self._order, self._fps = (
+            clip.trajectory.times,
+            clip.shot.order,
+            clip.fps,
+        )
         self._backward = clip.scene.render.play is Play.BACKWARD
-        self._step = float(self._times[1] - self._times[0]) if len(self._times) > 1 else 1.0
+        self._step = (
+            float(self._times[1] - self._times[0]) if len(self._times) > 1 else 1.0
+        )
 
     def frame(self, time: float) -> int:
         """The first frame that shows the state after a moment of the motion; played backward, the state before it."""
         last = len(self._times) - 1
         if self._backward:
-            sample = max(int(np.searchsorted(self._times, time + 1e-9, side="right")) - 1, 0)
+            sample = max(
+                int(np.searchsorted(self._times, time + 1e-9, side="right")) - 1, 0
+            )
         else:
             sample = min(int(np.searchsorted(self._times, time - 1e-9)), last)
         return self._order.index(sample)

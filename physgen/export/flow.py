@@ -16,7 +16,14 @@ SEEN, HIDDEN, GONE = 255, 128, 0
 """Codes of pixels that are visible in the other frame, hidden there, and outside of it."""
 SECTORS = (("RY", 15), ("YG", 6), ("GC", 4), ("CB", 11), ("BM", 13), ("MR", 6))
 """Hues between two colours (Baker et al., IJCV 92, 2011, figure 4): as many as people can distinguish."""
-COLOURS = {"R": (1, 0, 0), "Y": (1, 1, 0), "G": (0, 1, 0), "C": (0, 1, 1), "B": (0, 0, 1), "M": (1, 0, 1)}
+COLOURS = {
+    "R": (1, 0, 0),
+    "Y": (1, 1, 0),
+    "G": (0, 1, 0),
+    "C": (0, 1, 1),
+    "B": (0, 0, 1),
+    "M": (1, 0, 1),
+}
 GRID = 256
 """Steps of the colour disc from rest to full colour."""
 
@@ -42,8 +49,14 @@ class Flo(Writer):
             path = self._folder / name / f"{moment.view.index:05d}.flo"
             if not cv2.writeOpticalFlow(str(path), flow.moved):
                 raise OSError(f"{path} cannot be written")
-            codes = np.where(flow.visible, np.uint8(SEEN), np.uint8(HIDDEN) * flow.inside.view(np.uint8))
-            write_png(self._folder / "visible" / name / f"{moment.view.index:05d}.png", codes)
+            codes = np.where(
+                flow.visible,
+                np.uint8(SEEN),
+                np.uint8(HIDDEN) * flow.inside.view(np.uint8),
+            )
+            write_png(
+                self._folder / "visible" / name / f"{moment.view.index:05d}.png", codes
+            )
 
 
 def coloured(moved: F32, full: float) -> NDArray[np.uint8]:
@@ -51,7 +64,9 @@ def coloured(moved: F32, full: float) -> NDArray[np.uint8]:
     place = moved * np.float32(GRID / full)
     place += np.float32(GRID)
     u, v = cv2.split(place)
-    shown = cv2.remap(_colour_disc(), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    shown = cv2.remap(
+        _colour_disc(), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     return np.asarray(shown, np.uint8)
 
 

@@ -40,14 +40,29 @@ class LabelFormat:
 
 FORMATS = (
     LabelFormat("frames", Frames, "the pictures, PNG"),
-    LabelFormat("flo", Flo, "optical flow, Middlebury .flo, with masks of hidden pixels"),
+    LabelFormat(
+        "flo", Flo, "optical flow, Middlebury .flo, with masks of hidden pixels"
+    ),
     LabelFormat("depth", Depth, "depth, 16-bit PNG", "depth"),
     LabelFormat("normals", Normals, "normals, 16-bit PNG", "normals"),
-    LabelFormat("coco", Coco, "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
+    LabelFormat(
+        "coco",
+        Coco,
+        "masks, whole masks, boxes and tracks, COCO JSON",
+        library="pycocotools",
+    ),
     LabelFormat("davis", Davis, "masks, palette PNG as in DAVIS 2017", most=254),
     LabelFormat("events", Events, "events: JSON"),
-    LabelFormat("trajectory", TrajectoryTables, "poses and velocities in px, video px and SI: CSV, npz"),
-    LabelFormat("physics", Physics, "masses, coefficients and all other inputs of the motion: JSON"),
+    LabelFormat(
+        "trajectory",
+        TrajectoryTables,
+        "poses and velocities in px, video px and SI: CSV, npz",
+    ),
+    LabelFormat(
+        "physics",
+        Physics,
+        "masses, coefficients and all other inputs of the motion: JSON",
+    ),
 )
 FLAG = "--format"
 
@@ -63,31 +78,55 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
         kind = known.get(name)
         if kind is None:
             close = nearest(name, known)
-            fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
+            fix = (
+                f'did you mean "{close}"?'
+                if close
+                else f"write any of {listed(list(known))}"
+            )
             problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
         elif kind.library and find_spec(kind.library) is None:
-            what, fix = f"needs {kind.library}, which is not installed", install("labels")
+            what, fix = (
+                f"needs {kind.library}, which is not installed",
+                install("labels"),
+            )
             problems += InputError.of(flag, f'"{name}"', what, fix).problems
     if problems:
         raise InputError(problems)
     return [known[name] for name in dict.fromkeys(names)]
 
 
-def check_fits(chosen: Sequence[LabelFormat], scene: Scene, maps: Percepts | None) -> None:
+def check_fits(
+    chosen: Sequence[LabelFormat], scene: Scene, maps: Percepts | None
+) -> None:
     """Raises InputError with every format that has too many objects in the scene, or lacks its map."""
     count, problems = len(scene.objects), []
     for kind in chosen:
         if kind.most is not None and count > kind.most:
-            expected = f"are more than the format {kind.name} can number, which is {kind.most}"
+            expected = (
+                f"are more than the format {kind.name} can number, which is {kind.most}"
+            )
             fix = "take coco, which has no limit, or leave objects out"
-            problems.append(Problem(scene.place("objects"), "objects", f"{count:,} objects", expected, fix))
+            problems.append(
+                Problem(
+                    scene.place("objects"),
+                    "objects",
+                    f"{count:,} objects",
+                    expected,
+                    fix,
+                )
+            )
         found = f'--format "{kind.name}"'
         if kind.needs and maps is None:
-            expected, fix = "is made of a photo's maps, and there is no photo", f"leave {kind.name} out"
+            expected, fix = (
+                "is made of a photo's maps, and there is no photo",
+                f"leave {kind.name} out",
+            )
             problems.append(Problem(scene.place("size"), "", found, expected, fix))
         elif kind.needs and getattr(maps, kind.needs) is None:
             place = scene.place("assets")
-            option = " --backend depth=NAME" if kind.needs == "depth" else ""  # not made by default
+            option = (
+                " --backend depth=NAME" if kind.needs == "depth" else ""
+            )  # not made by default
             fix = f"have it made: physgen perceive --refresh {place.file}{option} -o NEW.yaml"
             expected = f"is made of {kind.needs}.png, which is not there"
             problems.append(Problem(place, "assets", found, expected, fix))
@@ -96,7 +135,9 @@ def check_fits(chosen: Sequence[LabelFormat], scene: Scene, maps: Percepts | Non
 
 
 @contextmanager
-def open_writers(chosen: Sequence[LabelFormat], folder: Path, clip: Clip) -> Iterator[list[Writer]]:
+def open_writers(
+    chosen: Sequence[LabelFormat], folder: Path, clip: Clip
+) -> Iterator[list[Writer]]:
     """Writers of the formats, each into `folder/<name>`; closed at the end unless there is an error."""
     writers: list[Writer] = []
     for kind in chosen:

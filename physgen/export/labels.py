@@ -100,7 +100,14 @@ def presences(covers: Iterable[Cover], ids: NDArray[np.uint16]) -> list[Presence
         x, y, w, h = _bounding_box(whole)
         if w:
             own = np.s_[y : y + h, x : x + w]
-            found.append(Presence(body, (columns.start + x, rows.start + y, w, h), whole[own], seen[own]))
+            found.append(
+                Presence(
+                    body,
+                    (columns.start + x, rows.start + y, w, h),
+                    whole[own],
+                    seen[own],
+                )
+            )
     return found
 
 
@@ -113,7 +120,10 @@ def _joined(covers: Sequence[Cover]) -> tuple[tuple[slice, slice], Mask]:
     mask = np.zeros((bottom - top, right - left), bool)
     for cover in covers:
         rows, columns = cover.box
-        mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] |= cover.mask
+        mask[
+            rows.start - top : rows.stop - top,
+            columns.start - left : columns.stop - left,
+        ] |= cover.mask
     return np.s_[top:bottom, left:right], mask
 
 
@@ -142,8 +152,13 @@ class View(PosedView):
     def jpeg(self) -> bytes | memoryview:
         """The frame as a JPEG file, encoded once for all formats; colours are as fine as masks."""
         options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
-        _, data = cv2.imencode(".jpg", cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR), options)
+        options += [
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+        ]
+        _, data = cv2.imencode(
+            ".jpg", cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR), options
+        )
         return data.data
 
     @cached_property
@@ -180,7 +195,10 @@ class Scale:
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
-        return {"pixels_per_meter": self.pixels_per_meter, "from": "written" if self.known else "assumed"}
+        return {
+            "pixels_per_meter": self.pixels_per_meter,
+            "from": "written" if self.known else "assumed",
+        }
 
 
 @dataclass(frozen=True)
@@ -223,7 +241,10 @@ class Clip:
     @cached_property
     def scale(self) -> Scale:
         """As the scene has it, by its file, a variant or `--set`."""
-        return Scale(self.scene.world.pixels_per_meter, "world.pixels_per_meter" in self.scene.places)
+        return Scale(
+            self.scene.world.pixels_per_meter,
+            "world.pixels_per_meter" in self.scene.places,
+        )
 
 
 def starting_labels(labels: U16, photo: U16 | None, scenery: Mask) -> U16:
@@ -259,17 +280,23 @@ def _background_flow(view: View, other: View) -> Flow:
     moved = np.zeros((height, width, 2), np.float32)
     m, n = similarity(-1, view, other)
     if (m, n) == (1, 0):
-        return Flow(moved, np.ones((height, width), bool), np.asarray(view.ids == other.ids))
+        return Flow(
+            moved, np.ones((height, width), bool), np.asarray(view.ids == other.ids)
+        )
     x, y = np.arange(width), np.arange(height)
     to_x, to_y = m.real * x + n.real, m.real * y + n.imag
     moved[..., 0], moved[..., 1] = to_x - x, (to_y - y)[:, None]
     column, row = np.rint(to_x).astype(np.int64), np.rint(to_y).astype(np.int64)
-    there = other.ids.take(column.clip(0, width - 1), 1).take(row.clip(0, height - 1), 0)
+    there = other.ids.take(column.clip(0, width - 1), 1).take(
+        row.clip(0, height - 1), 0
+    )
     inside = ((row >= 0) & (row < height))[:, None] & (column >= 0) & (column < width)
     return Flow(moved, inside, inside & (there == view.ids))
 
 
-def _add_body(found: Flow, body: int, box: Slices, view: View, other: View, world: World) -> None:
+def _add_body(
+    found: Flow, body: int, box: Slices, view: View, other: View, world: World
+) -> None:
     """Overwrites the visible pixels of a body in `box`."""
     x, y = spans(box)
     far_side: Mask | None = None
@@ -285,7 +312,11 @@ def _add_body(found: Flow, body: int, box: Slices, view: View, other: View, worl
     np.copyto(moved[..., 1], to_y - y, where=mine, casting="same_kind")
     where = to_x.astype(np.float32), to_y.astype(np.float32)
     there = cv2.remap(
-        other.ids, *where, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=OMITTED
+        other.ids,
+        *where,
+        cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=OMITTED,
     )
     visible = there == body + 1
     if far_side is not None:
@@ -317,10 +348,19 @@ class Moment:
 class MomentQueue:
     """Frames one after the other -> moments, one frame later; three views are held."""
 
-    def __init__(self, world: World, trajectory: Trajectory, samples: Sequence[int], shot: Shot) -> None:
+    def __init__(
+        self, world: World, trajectory: Trajectory, samples: Sequence[int], shot: Shot
+    ) -> None:
         """`samples`: of each frame, the sample of `trajectory` whose moment it shows."""
-        self._world, self._trajectory, self._samples, self._shot = world, trajectory, samples, shot
-        self._spaces = rotation_matrices(trajectory.turns) if trajectory.turns.size else None
+        self._world, self._trajectory, self._samples, self._shot = (
+            world,
+            trajectory,
+            samples,
+            shot,
+        )
+        self._spaces = (
+            rotation_matrices(trajectory.turns) if trajectory.turns.size else None
+        )
         self._count = 0
         self._before: View | None = None
         self._view: View | None = None
@@ -328,7 +368,11 @@ class MomentQueue:
     def put(self, frame: Frame) -> Moment | None:
         """The moment of the frame before; None after the first."""
         after = self._seen(frame)
-        moment = None if self._view is None else Moment(self._world, self._before, self._view, after)
+        moment = (
+            None
+            if self._view is None
+            else Moment(self._world, self._before, self._view, after)
+        )
         self._before, self._view = self._view, after
         return moment
 

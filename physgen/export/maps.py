@@ -26,7 +26,9 @@ class LayerLimits:
 
     rim: int = 3
     """px around an object in which pixels mix it and the background: the background is filled in there, too."""
-    pad: int = 4  # px around an object's mask to which its outermost values are extended
+    pad: int = (
+        4  # px around an object's mask to which its outermost values are extended
+    )
     fill_error: float = 2e-4  # of a map's range: the largest error of the smooth fill
 
 
@@ -48,7 +50,9 @@ class Part:
         n += m * complex(columns.start, rows.start) - complex(*self.corner)
         matrix = np.array([[m.real, -m.imag, n.real], [m.imag, m.real, n.imag]])
         size = (columns.stop - columns.start, rows.stop - rows.start)
-        warped = cv2.warpAffine(self.values, matrix, size, flags=WARP, borderMode=cv2.BORDER_REPLICATE)
+        warped = cv2.warpAffine(
+            self.values, matrix, size, flags=WARP, borderMode=cv2.BORDER_REPLICATE
+        )
         return np.asarray(warped, np.float32)
 
 
@@ -60,7 +64,11 @@ class Layers:
     """A map in layers; `encode` turns its values into the integers of files."""
 
     def __init__(
-        self, clip: Clip, ground: F32, parts: Mapping[int, Part], encode: Callable[[F32], U16]
+        self,
+        clip: Clip,
+        ground: F32,
+        parts: Mapping[int, Part],
+        encode: Callable[[F32], U16],
     ) -> None:
         """`ground` (H, W[, C]) of the photo without objects; `parts` by body."""
         self._world, self._size = clip.world, clip.size
@@ -79,7 +87,9 @@ class Layers:
             if body in self._parts:
                 mine = view.ids[box] == body + 1
                 values = self._encode(sample(body, self._parts[body], view, box))
-                cv2.copyTo(values, mine.view(np.uint8), self._frame[box])  # faster than NumPy with channels
+                cv2.copyTo(
+                    values, mine.view(np.uint8), self._frame[box]
+                )  # faster than NumPy with channels
         return self._frame
 
     def turned(self, body: int, part: Part, view: View, box: Slices) -> F32:
@@ -89,7 +99,10 @@ class Layers:
     def moved(self, body: int, part: Part, view: View, box: Slices) -> F32:
         """A part that moves with its body and never turns."""
         m, _ = similarity(-1, view, self._photo)
-        (x, y), (to_x, to_y) = view.lens @ [*view.poses[body, :2], 1.0], self._photo.poses[body, :2]
+        (x, y), (to_x, to_y) = (
+            view.lens @ [*view.poses[body, :2], 1.0],
+            self._photo.poses[body, :2],
+        )
         return part.warped(box, m, complex(to_x, to_y) - m * complex(x, y))
 
     def _ground_seen(self, lens: Array) -> U16:
@@ -100,7 +113,11 @@ class Layers:
             if self._size != (width, height) or not np.array_equal(lens, np.eye(2, 3)):
                 matrix = cv2.invertAffineTransform(lens)
                 warped = cv2.warpAffine(
-                    values, matrix, self._size, flags=WARP, borderMode=cv2.BORDER_REPLICATE
+                    values,
+                    matrix,
+                    self._size,
+                    flags=WARP,
+                    borderMode=cv2.BORDER_REPLICATE,
                 )
                 values = np.asarray(warped, np.float32)
             self._background = lens, self._encode(values)
@@ -127,9 +144,12 @@ def parts_of(values: F32, clip: Clip) -> dict[int, Part]:
         x, y, w, h = cv2.boundingRect(own.view(np.uint8))
         if w:
             box = np.s_[
-                max(y - LIMITS.pad, 0) : y + h + LIMITS.pad, max(x - LIMITS.pad, 0) : x + w + LIMITS.pad
+                max(y - LIMITS.pad, 0) : y + h + LIMITS.pad,
+                max(x - LIMITS.pad, 0) : x + w + LIMITS.pad,
             ]
-            found[body] = Part((box[1].start, box[0].start), _nearest(values[box], own[box]))
+            found[body] = Part(
+                (box[1].start, box[0].start), _nearest(values[box], own[box])
+            )
     return found
 
 
@@ -170,15 +190,23 @@ class Depth(Writer):
         low, high = clip.scene.maps.get(
             "depth", (0.0, 1.0)
         )  # depths of 0 and 65535, as in the photo's own map
-        self._folder, self._world, steps = folder, clip.world, np.float32(CODES.full / (high - low))
+        self._folder, self._world, steps = (
+            folder,
+            clip.world,
+            np.float32(CODES.full / (high - low)),
+        )
 
         def encode(depth: F32) -> U16:
-            return np.asarray((depth - np.float32(low)) * steps + np.float32(0.5), np.uint16)
+            return np.asarray(
+                (depth - np.float32(low)) * steps + np.float32(0.5), np.uint16
+            )
 
         depth = clip.maps.depth
         ground = np.clip(filled(depth, unknown_ground(clip)), low, high)
         self._layers = Layers(clip, ground, parts_of(depth, clip), encode)
-        write_json(folder / "scale.json", {"at_0": low, "at_65535": high, "larger": "farther"})
+        write_json(
+            folder / "scale.json", {"at_0": low, "at_65535": high, "larger": "farther"}
+        )
 
     def add(self, moment: Moment) -> None:
         """One file a frame."""
@@ -186,7 +214,11 @@ class Depth(Writer):
         write_png(self._folder / f"{moment.view.index:05d}.png", codes)
 
     def _sampled(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        moved = self._layers.moved if is_ball(self._world.bodies[body]) else self._layers.turned
+        moved = (
+            self._layers.moved
+            if is_ball(self._world.bodies[body])
+            else self._layers.turned
+        )
         return moved(body, part, view, box)
 
 
@@ -233,7 +265,9 @@ class Normals(Writer):
         sphere = np.stack([u * inward, v * inward, towards], axis=-1).astype(np.float32)
         outside = squared > (1 + CODES.ball_margin / radius) ** 2
         if (outside & (view.ids[box] == body + 1)).any():
-            np.copyto(sphere, self._turned(body, part, view, box), where=outside[..., None])
+            np.copyto(
+                sphere, self._turned(body, part, view, box), where=outside[..., None]
+            )
         return sphere
 
     def _turned(self, body: int, part: Part, view: View, box: Slices) -> F32:
@@ -241,7 +275,10 @@ class Normals(Writer):
         turn = float(view.poses[body, 2] - self._start[body, 2])
         c, s = np.cos(turn), np.sin(turn)
         there = self._layers.turned(body, part, view, box)
-        return np.asarray(cv2.transform(there, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), np.float32)
+        return np.asarray(
+            cv2.transform(there, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])),
+            np.float32,
+        )
 
 
 def normal_codes(normals: F32) -> U16:

@@ -27,7 +27,17 @@ UNITS = {
     "damping": "g/s",
     "friction, elasticity": "of one surface; `pairs` has the values for two",
 }
-SOURCED = ("mass", "density", "friction", "elasticity", "rolling", "velocity", "spin", "solid", "motion")
+SOURCED = (
+    "mass",
+    "density",
+    "friction",
+    "elasticity",
+    "rolling",
+    "velocity",
+    "spin",
+    "solid",
+    "motion",
+)
 """Keys of an object whose sources are given."""
 
 
@@ -55,10 +65,14 @@ def physics(clip: Clip) -> dict[str, Any]:
         "combine": world.combine.value,
         "gravity": gravity,
         "gravity_m_s2": [scale.meters(value) for value in gravity],
-        "table": {"friction": scene.world.table_friction, "press": world.press} if world.press > 0 else None,
+        "table": {"friction": scene.world.table_friction, "press": world.press}
+        if world.press > 0
+        else None,
         "objects": [
             _object(scene, item, body, label, scale)
-            for item, body, label in zip(scene.objects, world.bodies, clip.labels, strict=True)
+            for item, body, label in zip(
+                scene.objects, world.bodies, clip.labels, strict=True
+            )
         ],
         "boundaries": [
             {
@@ -66,12 +80,19 @@ def physics(clip: Clip) -> dict[str, Any]:
                 "lines": [chain.tolist() for chain in wall.chains],
                 "friction": item.friction,
                 "elasticity": item.elasticity,
-                "from": _sources(scene, f"boundaries.{item.name}", ("friction", "elasticity"), {}),
+                "from": _sources(
+                    scene, f"boundaries.{item.name}", ("friction", "elasticity"), {}
+                ),
             }
             for item, wall in zip(scene.boundaries, world.walls, strict=True)
         ],
         "pairs": [
-            {"first": p.first, "second": p.second, "friction": p.friction, "elasticity": p.elasticity}
+            {
+                "first": p.first,
+                "second": p.second,
+                "friction": p.friction,
+                "elasticity": p.elasticity,
+            }
             for p in pairings(world)
         ],
         "forces": [_push(push, world) for push in world.pushes],
@@ -91,7 +112,9 @@ def physics(clip: Clip) -> dict[str, Any]:
     }
 
 
-def _object(scene: Scene, item: Object, body: Body, label: str, scale: Scale) -> dict[str, Any]:
+def _object(
+    scene: Scene, item: Object, body: Body, label: str, scale: Scale
+) -> dict[str, Any]:
     per = scale.pixels_per_meter
     moves = isfinite(body.mass)
     return {
@@ -118,7 +141,11 @@ def _object(scene: Scene, item: Object, body: Body, label: str, scale: Scale) ->
 def _sources(scene: Scene, path: str, keys: tuple[str, ...], by: Any) -> dict[str, str]:
     """Of each key."""
     found = {
-        key: str(by[key]) if key in by else "written" if f"{path}.{key}" in scene.places else "default"
+        key: str(by[key])
+        if key in by
+        else "written"
+        if f"{path}.{key}" in scene.places
+        else "default"
         for key in keys
     }
     if found.get("mass") == "default" and found.get("density") != "default":

@@ -11,7 +11,18 @@ from physgen.render.camera import Shot
 from physgen.tables import Cell, Table
 
 COLUMNS = (
-    *("frame", "clip_time", "time", "object", "x", "y", "angle_rad", "vx", "vy", "spin_rad_s"),
+    *(
+        "frame",
+        "clip_time",
+        "time",
+        "object",
+        "x",
+        "y",
+        "angle_rad",
+        "vx",
+        "vy",
+        "spin_rad_s",
+    ),
     *("video_x", "video_y", "video_vx", "video_vy", "x_m", "y_m", "vx_m", "vy_m"),
 )
 """s, s, px, rad and px/s of the photo; px of the video; m and m/s."""
@@ -30,14 +41,17 @@ class TrajectoryTables(Writer):
             for row in rows(arrays, names):
                 table.add(row)
             table.publish()
-        np.savez_compressed(self._folder / "trajectory.npz", allow_pickle=False, **arrays)
+        np.savez_compressed(
+            self._folder / "trajectory.npz", allow_pickle=False, **arrays
+        )
 
 
 def motion(clip: Clip) -> dict[str, NDArray[np.generic]]:
     """T frames, N objects; the arrays of the archive; names end in their units where these are not px and rad."""
     trajectory, order = clip.trajectory, np.array(clip.shot.order, np.int64)
     times, poses, velocities = (
-        array[order] for array in (trajectory.times, trajectory.poses, trajectory.velocities)
+        array[order]
+        for array in (trajectory.times, trajectory.poses, trajectory.velocities)
     )
     places, speeds = on_video(clip.shot, times, poses, velocities)
     scale = clip.scale
@@ -52,7 +66,9 @@ def motion(clip: Clip) -> dict[str, NDArray[np.generic]]:
         "velocities": velocities,
         "video_places": places,
         "video_velocities": speeds,
-        "lenses": np.array([clip.shot.affine(float(time)) for time in times]).reshape(-1, 2, 3),
+        "lenses": np.array([clip.shot.affine(float(time)) for time in times]).reshape(
+            -1, 2, 3
+        ),
         "places_m": poses[..., :2] / per_meter,
         "velocities_m_s": velocities[..., :2] / per_meter,
         "pixels_per_meter": np.array(per_meter),
@@ -62,7 +78,9 @@ def motion(clip: Clip) -> dict[str, NDArray[np.generic]]:
     return arrays
 
 
-def on_video(shot: Shot, times: Array, poses: Array, velocities: Array) -> tuple[Array, Array]:
+def on_video(
+    shot: Shot, times: Array, poses: Array, velocities: Array
+) -> tuple[Array, Array]:
     """Places (T, N, 2) video px of the centres of mass, and how fast they move there, px a second of the motion.
 
     What the camera does is in both: an object that it follows hardly moves.
@@ -78,15 +96,28 @@ def on_video(shot: Shot, times: Array, poses: Array, velocities: Array) -> tuple
     return places, speeds
 
 
-def rows(arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...]) -> list[dict[str, Cell]]:
+def rows(
+    arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...]
+) -> list[dict[str, Cell]]:
     """Cells by the columns' names; metres are empty without a known scale."""
-    keys = ("poses", "velocities", "video_places", "video_velocities", "places_m", "velocities_m_s")
+    keys = (
+        "poses",
+        "velocities",
+        "video_places",
+        "video_velocities",
+        "places_m",
+        "velocities_m_s",
+    )
     columns = np.concatenate([arrays[key] for key in keys], axis=2).tolist()
     values = COLUMNS[4:]
     clip_times, times = arrays["clip_times"].tolist(), arrays["times"].tolist()
     return [
         {"frame": t, "clip_time": clip_times[t], "time": times[t], "object": name}
-        | {key: value for key, value in zip(values, columns[t][n], strict=True) if value == value}
+        | {
+            key: value
+            for key, value in zip(values, columns[t][n], strict=True)
+            if value == value
+        }
         for t in range(len(times))
         for n, name in enumerate(names)
     ]

@@ -74,24 +74,35 @@ def open_video(
         found = f"{size[0]} x {size[1]} px"
         fix = "render with --format png"
         raise InputError.of(
-            f"--format {kind.value}", found, f"is over the {most} px that it allows a side", fix
+            f"--format {kind.value}",
+            found,
+            f"is over the {most} px that it allows a side",
+            fix,
         )
     rate = Fraction(fps).limit_denominator(1001)
-    opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[kind]
+    opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[
+        kind
+    ]
     from av.error import FFmpegError
 
     path = folder / kind.named(name)
     if kind is not Format.PNG:
-        path.write_bytes(bytes(HEADER))  # PyAV crashes where a disk has no room for the header
+        path.write_bytes(
+            bytes(HEADER)
+        )  # PyAV crashes where a disk has no room for the header
     try:
         with opener(path, size, rate) as write:
             yield write
     except FFmpegError as error:
         if error.errno in NO_ROOM:
-            raise OSError(error.errno, error.strerror, str(folder / kind.file)) from None
+            raise OSError(
+                error.errno, error.strerror, str(folder / kind.file)
+            ) from None
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
         expected = f"could not be encoded ({error.strerror or error})"
-        raise InputError.of(f"--format {kind.value}", found, expected, "render with --format png") from None
+        raise InputError.of(
+            f"--format {kind.value}", found, expected, "render with --format png"
+        ) from None
 
 
 @contextmanager
@@ -130,22 +141,36 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
 
     width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
     with av.open(
-        str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"}
+        str(path),
+        "w",
+        format="mp4",
+        options={"fflags": "+bitexact", "movflags": "+faststart"},
     ) as container:
         stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.options = dict(X264)
         context = stream.codec_context
-        context.color_range, context.colorspace, context.color_primaries, context.color_trc = 1, 1, 1, 13
+        (
+            context.color_range,
+            context.colorspace,
+            context.color_primaries,
+            context.color_trc,
+        ) = 1, 1, 1, 13
         context.flags |= 1 << 23  # bitexact: no encoder version in the stream
 
         def write(rgb: U8) -> None:
             even = (
-                np.pad(rgb, ((0, height - size[1]), (0, width - size[0]), (0, 0)), mode="edge")
+                np.pad(
+                    rgb,
+                    ((0, height - size[1]), (0, width - size[0]), (0, 0)),
+                    mode="edge",
+                )
                 if size != (width, height)
                 else rgb
             )
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
+            frame = av.VideoFrame.from_ndarray(
+                np.ascontiguousarray(even), format="rgb24"
+            )
             frame = frame.reformat(format="yuv420p", dst_colorspace=Colorspace.ITU709)
             container.mux(stream.encode(frame))
 
@@ -157,14 +182,20 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
 def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     import av
 
-    with av.open(str(path), "w", format="webp", options={"loop": "0", "fflags": "+bitexact"}) as container:
+    with av.open(
+        str(path), "w", format="webp", options={"loop": "0", "fflags": "+bitexact"}
+    ) as container:
         stream = container.add_stream("libwebp_anim", rate=rate)
         stream.width, stream.height, stream.pix_fmt = *size, "bgra"
         stream.options = {"quality": "88", "compression_level": "2", "threads": "1"}
 
         def write(rgb: U8) -> None:
             container.mux(
-                stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format="bgra"))
+                stream.encode(
+                    av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(
+                        format="bgra"
+                    )
+                )
             )
 
         yield write
@@ -177,7 +208,9 @@ def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     import av
     from PIL import Image
 
-    with av.open(str(path), "w", format="gif", options={"loop": "0", "fflags": "+bitexact"}) as container:
+    with av.open(
+        str(path), "w", format="gif", options={"loop": "0", "fflags": "+bitexact"}
+    ) as container:
         stream = container.add_stream("gif", rate=rate)
         stream.width, stream.height, stream.pix_fmt = *size, "pal8"
         waiting: list[U8] = []
@@ -186,7 +219,9 @@ def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         def put(rgb: U8) -> None:
             palette, table = chosen[0]
             indices = np.asarray(
-                Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+                Image.fromarray(rgb).quantize(
+                    palette=palette, dither=Image.Dither.FLOYDSTEINBERG
+                )
             )
             indexed: Any = (np.ascontiguousarray(indices), table)
             frame = av.VideoFrame.from_ndarray(indexed, format="pal8")
@@ -244,9 +279,14 @@ def sample_frames(path: Path, count: int, side: int) -> list[U8]:
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
-            wanted = set(np.linspace(0, stream.frames - 1, count).round().astype(int).tolist())
+            wanted = set(
+                np.linspace(0, stream.frames - 1, count).round().astype(int).tolist()
+            )
             part = min(side / max(stream.width, stream.height), 1.0)
-            width, height = max(round(stream.width * part), 1), max(round(stream.height * part), 1)
+            width, height = (
+                max(round(stream.width * part), 1),
+                max(round(stream.height * part), 1),
+            )
             for index, frame in enumerate(container.decode(stream)):
                 if index in wanted:
                     small = frame.reformat(width, height, "rgb24", interpolation="AREA")

@@ -66,7 +66,9 @@ def robust_circle(points: Array) -> Array:
     p = points - middle
     for _ in range(12):
         design = np.column_stack([2 * p, np.ones(len(p))]) * weight[:, None]
-        (x, y, c), *_rest = np.linalg.lstsq(design, (p * p).sum(axis=1) * weight, rcond=None)
+        (x, y, c), *_rest = np.linalg.lstsq(
+            design, (p * p).sum(axis=1) * weight, rcond=None
+        )
         radius = sqrt(max(c + x * x + y * y, 1e-6))
         circle = np.array([x + middle[0], y + middle[1], radius])
         off = np.hypot(p[:, 0] - x, p[:, 1] - y) - radius
@@ -76,7 +78,9 @@ def robust_circle(points: Array) -> Array:
 
 
 _MOVES = np.array(
-    [(x, y, 0) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y] + [(0, 0, 1), (0, 0, -1)], np.float64
+    [(x, y, 0) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
+    + [(0, 0, 1), (0, 0, -1)],
+    np.float64,
 )
 """Pattern search: the neighbours of x, y on a grid, and a larger and a smaller radius."""
 
@@ -86,20 +90,32 @@ class _Score:
 
     def __init__(self, mask: NDArray[np.bool_], stride: int) -> None:
         height, width = mask.shape
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        rows, columns = (
+            np.flatnonzero(mask.any(axis=1)),
+            np.flatnonzero(mask.any(axis=0)),
+        )
         margin = max(rows[-1] - rows[0], columns[-1] - columns[0]) // 2 + 2
         top, bottom = max(rows[0] - margin, 0), min(rows[-1] + margin + 1, height)
         left, right = max(columns[0] - margin, 0), min(columns[-1] + margin + 1, width)
         part = np.asarray(mask[top:bottom, left:right], dtype=np.float32)
         if stride > 1:
-            half = cv2.resize(part, None, fx=1 / stride, fy=1 / stride, interpolation=cv2.INTER_AREA)
+            half = cv2.resize(
+                part, None, fx=1 / stride, fy=1 / stride, interpolation=cv2.INTER_AREA
+            )
             part = np.asarray(half, dtype=np.float32)
         self._mask = part
         self._area = float(part.sum())
         # centre of the first sample, and the samples' true spacing after rounding to whole samples
-        self._dx, self._dy = (right - left) / part.shape[1], (bottom - top) / part.shape[0]
-        self._x = left - 0.5 + (np.arange(part.shape[1], dtype=np.float32) + 0.5) * self._dx
-        self._y = top - 0.5 + (np.arange(part.shape[0], dtype=np.float32) + 0.5) * self._dy
+        self._dx, self._dy = (
+            (right - left) / part.shape[1],
+            (bottom - top) / part.shape[0],
+        )
+        self._x = (
+            left - 0.5 + (np.arange(part.shape[1], dtype=np.float32) + 0.5) * self._dx
+        )
+        self._y = (
+            top - 0.5 + (np.arange(part.shape[0], dtype=np.float32) + 0.5) * self._dy
+        )
 
     def iou(self, circle: Array) -> float:
         x, y, radius = circle
@@ -159,15 +175,23 @@ class _Problem:
         self.group = _groups([float(r.disc.radius) for r in rough], contacts)
         touching = {(min(pair), max(pair)) for pair in contacts}
         self.pairs = _near([r.disc for r in rough])
-        self.touching = np.array([(int(i), int(j)) in touching for i, j in self.pairs], dtype=bool)
+        self.touching = np.array(
+            [(int(i), int(j)) in touching for i, j in self.pairs], dtype=bool
+        )
         self.obstacles = [
-            (i, _edges(region), touches) for i, near in obstacles.items() for region, touches in near
+            (i, _edges(region), touches)
+            for i, near in obstacles.items()
+            for region, touches in near
         ]
 
     def start(self) -> Array:
         radii = np.array([r.disc.radius for r in self.rough])
-        shared = [radii[self.group == g].mean() for g in range(int(self.group.max()) + 1)]
-        return np.concatenate([np.array([r.disc.center for r in self.rough]).ravel(), shared])
+        shared = [
+            radii[self.group == g].mean() for g in range(int(self.group.max()) + 1)
+        ]
+        return np.concatenate(
+            [np.array([r.disc.center for r in self.rough]).ravel(), shared]
+        )
 
     def split(self, state: Array) -> tuple[Array, Array]:
         centers = state[: 2 * self.count].reshape(-1, 2)
@@ -190,7 +214,9 @@ class _Problem:
         normal, gradient = np.zeros((size, size)), np.zeros(size)
         centers, radii = self.split(state)
 
-        def add(columns: list[int], jacobian: Array, residual: Array, weight: Array) -> None:
+        def add(
+            columns: list[int], jacobian: Array, residual: Array, weight: Array
+        ) -> None:
             weighted = jacobian * weight[:, None]
             normal[np.ix_(columns, columns)] += weighted.T @ jacobian
             gradient[columns] += weighted.T @ residual
@@ -202,7 +228,12 @@ class _Problem:
             jacobian = np.column_stack([-away / length[:, None], -np.ones(len(away))])
             robust = 1.0 / np.maximum(np.abs(residual), 1.0)  # Huber, 1 px
             weight = rough.weight * robust / max(float(rough.weight.sum()), 1e-9)
-            add([2 * i, 2 * i + 1, first_radius + int(self.group[i])], jacobian, residual, weight)
+            add(
+                [2 * i, 2 * i + 1, first_radius + int(self.group[i])],
+                jacobian,
+                residual,
+                weight,
+            )
         for (i, j), touches in zip(self.pairs.tolist(), self.touching, strict=True):
             away = centers[j] - centers[i]
             length = max(float(np.hypot(*away)), 1e-9)
@@ -220,7 +251,12 @@ class _Problem:
             gap = distance - radii[i]
             if touches or gap < 0:
                 columns = [2 * i, 2 * i + 1, first_radius + int(self.group[i])]
-                add(columns, np.array([[u[0], u[1], -1.0]]), np.array([gap]), np.array([stiffness]))
+                add(
+                    columns,
+                    np.array([[u[0], u[1], -1.0]]),
+                    np.array([gap]),
+                    np.array([stiffness]),
+                )
         return normal, gradient
 
     def apart(self, state: Array) -> list[Disc]:
@@ -245,10 +281,15 @@ class _Problem:
             if float(np.ptp(radii[members])) < 0.25:
                 radii[members] = radii[members].min()
         radii = np.maximum(radii - _SLACK, 1e-3)
-        return [Disc(center.copy(), float(radius)) for center, radius in zip(centers, radii, strict=True)]
+        return [
+            Disc(center.copy(), float(radius))
+            for center, radius in zip(centers, radii, strict=True)
+        ]
 
 
-def _groups(radii: list[float], contacts: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
+def _groups(
+    radii: list[float], contacts: Sequence[tuple[int, int]]
+) -> NDArray[np.intp]:
     """The group of each disc: those that touch, directly or through others, and are of about one size."""
     root = list(range(len(radii)))
 
@@ -270,7 +311,10 @@ def _groups(radii: list[float], contacts: Sequence[tuple[int, int]]) -> NDArray[
 
 def _near(discs: Sequence[Disc]) -> NDArray[np.intp]:
     """Pairs `(m, 2)` of discs that could come to overlap while they are moved by a few px."""
-    centers, radii = np.array([d.center for d in discs]), np.array([d.radius for d in discs])
+    centers, radii = (
+        np.array([d.center for d in discs]),
+        np.array([d.radius for d in discs]),
+    )
     length = np.hypot(*(centers[:, None] - centers[None]).transpose(2, 0, 1))
     near = length < 1.3 * (radii[:, None] + radii[None]) + 8
     i, j = np.nonzero(np.triu(near, 1))
@@ -279,14 +323,20 @@ def _near(discs: Sequence[Disc]) -> NDArray[np.intp]:
 
 def _edges(region: Region) -> tuple[Array, Array]:
     rings = [points for points, _ in region.borders]
-    return np.concatenate(rings), np.concatenate([np.roll(points, -1, axis=0) for points in rings])
+    return np.concatenate(rings), np.concatenate(
+        [np.roll(points, -1, axis=0) for points in rings]
+    )
 
 
 def _clearance(edges: tuple[Array, Array], point: Array) -> tuple[float, Array]:
     """Distance px from a region to a point (negative inside) and its gradient `(2,)`."""
     start, end = edges
     along = end - start
-    share = np.clip(((point - start) * along).sum(1) / np.maximum((along * along).sum(1), 1e-300), 0, 1)
+    share = np.clip(
+        ((point - start) * along).sum(1) / np.maximum((along * along).sum(1), 1e-300),
+        0,
+        1,
+    )
     away = point - start - share[:, None] * along
     length = np.hypot(*away.T)
     k = int(np.argmin(length))

@@ -14,7 +14,15 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, cross, polygon_moments
+from physgen.geometry.polygon import (
+    Array,
+    Disc,
+    Outline,
+    Region,
+    Ring,
+    cross,
+    polygon_moments,
+)
 
 SLIVER = 1e-3  # px²: smaller pieces are left out; an engine makes nothing of them
 
@@ -23,8 +31,12 @@ SLIVER = 1e-3  # px²: smaller pieces are left out; an engine makes nothing of t
 class PieceTuning:
     """Limits of convex pieces."""
 
-    seam: float = 0.5  # px between two pieces of one object that is meant to be whole there
-    flush: float = 0.02  # px by which corners may lie within the hull of pieces that become one
+    seam: float = (
+        0.5  # px between two pieces of one object that is meant to be whole there
+    )
+    flush: float = (
+        0.02  # px by which corners may lie within the hull of pieces that become one
+    )
     many: int = 200  # pieces of a body above which seams stay as they are: every two are looked at
     remembered: int = 1000  # regions
     flat: float = 1e-9  # px²: a corner this flat is straight
@@ -43,7 +55,11 @@ def convex_pieces(outline: Region) -> tuple[Array, ...]:
     different rings that lie within a hair of each other and are convex together become one: nothing trips over a seam.
     Those of the last regions are remembered, and read-only.
     """
-    pieces = [(k, piece) for k, ring in enumerate(outline.rings) for piece in _ring_pieces(ring)]
+    pieces = [
+        (k, piece)
+        for k, ring in enumerate(outline.rings)
+        for piece in _ring_pieces(ring)
+    ]
     found = tuple(piece for _, piece in _joined(pieces))
     for piece in found:
         piece.flags.writeable = False
@@ -59,7 +75,12 @@ def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
             (one, a), (other, b) = pieces[i], pieces[j]
             hull = _as_one(a, b) if one != other else None
             if hull is not None:
-                pieces = [*pieces[:i], (-1 - i, hull), *pieces[i + 1 : j], *pieces[j + 1 :]]
+                pieces = [
+                    *pieces[:i],
+                    (-1 - i, hull),
+                    *pieces[i + 1 : j],
+                    *pieces[j + 1 :],
+                ]
                 done = False
                 break
     return pieces
@@ -72,10 +93,15 @@ def _as_one(a: Array, b: Array) -> Array | None:
     ).any():
         return None
     points = np.concatenate([a, b])
-    whole: Array = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(points)))[-2::-1]
+    whole: Array = shapely.get_coordinates(
+        shapely.convex_hull(shapely.multipoints(points))
+    )[-2::-1]
     whole = np.roll(whole, -int(np.lexsort((whole[:, 1], whole[:, 0]))[0]), axis=0)
     start, along = whole, np.roll(whole, -1, axis=0) - whole
-    inside = cross(along[:, None], points[None] - start[:, None]) / np.hypot(*along.T)[:, None]
+    inside = (
+        cross(along[:, None], points[None] - start[:, None])
+        / np.hypot(*along.T)[:, None]
+    )
     gap = shapely.Polygon(a).distance(shapely.Polygon(b))
     longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
     added = _area(whole) - _area(a) - _area(b)
@@ -89,7 +115,9 @@ def _as_one(a: Array, b: Array) -> Array | None:
 
 
 def _ring_pieces(ring: Ring) -> list[Array]:
-    borders = [_without_straight_corners(points) for points in (ring.outer, *ring.holes)]
+    borders = [
+        _without_straight_corners(points) for points in (ring.outer, *ring.holes)
+    ]
     borders = [points for points in borders if len(points) >= 3]
     if not borders:
         return []
@@ -97,10 +125,16 @@ def _ring_pieces(ring: Ring) -> list[Array]:
     ends = np.cumsum([len(border) for border in borders]).astype(np.uint32)
     # about the middle: ear cutting compares products of coordinates
     local = np.ascontiguousarray(points - points.mean(axis=0))
-    triangles = mapbox_earcut.triangulate_float64(local, ends).reshape(-1, 3).astype(np.int64)
+    triangles = (
+        mapbox_earcut.triangulate_float64(local, ends).reshape(-1, 3).astype(np.int64)
+    )
     faces = _merge(local, _oriented(local, triangles))
     pieces = [points[face] for face in faces]
-    return [piece for piece in map(_without_straight_corners, pieces) if _area(piece) >= SLIVER]
+    return [
+        piece
+        for piece in map(_without_straight_corners, pieces)
+        if _area(piece) >= SLIVER
+    ]
 
 
 def _area(points: Array) -> float:
@@ -137,7 +171,9 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     for index, face in enumerate(faces):
         for k, here in enumerate(face):
             edges[here, face[(k + 1) % len(face)]] = index
-    inner = [edge for edge in edges if edge[0] < edge[1] and (edge[1], edge[0]) in edges]
+    inner = [
+        edge for edge in edges if edge[0] < edge[1] and (edge[1], edge[0]) in edges
+    ]
 
     def length(edge: tuple[int, int]) -> float:
         (ax, ay), (bx, by) = xy[edge[0]], xy[edge[1]]
@@ -170,8 +206,12 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
 def outline_shape(outline: Outline) -> shapely.Geometry:
     """The outline as shapely's polygons; a circle as one of many corners."""
     if isinstance(outline, Disc):
-        return shapely.Point(outline.center).buffer(outline.radius, quad_segs=PIECES.corners)
-    return shapely.union_all([shapely.Polygon(ring.outer, ring.holes).buffer(0) for ring in outline.rings])
+        return shapely.Point(outline.center).buffer(
+            outline.radius, quad_segs=PIECES.corners
+        )
+    return shapely.union_all(
+        [shapely.Polygon(ring.outer, ring.holes).buffer(0) for ring in outline.rings]
+    )
 
 
 def overlap_depth(a: Outline, b: Outline) -> float:
@@ -180,5 +220,9 @@ def overlap_depth(a: Outline, b: Outline) -> float:
     Of circles, and of sides that are longer than they overlap, it is the penetration depth.
     """
     shared = shapely.get_parts(outline_shape(a).intersection(outline_shape(b)))
-    circles = [shapely.maximum_inscribed_circle(part) for part in shared if part.area > PIECES.rounding]
+    circles = [
+        shapely.maximum_inscribed_circle(part)
+        for part in shared
+        if part.area > PIECES.rounding
+    ]
     return 2 * max((circle.length for circle in circles), default=0.0)

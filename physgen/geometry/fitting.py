@@ -66,9 +66,9 @@ def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
     low = rows >= rows.max() - 1
     sunk = float(disc.center[1]) + disc.radius - (float(rows.max()) + 0.5)
     wide = float(np.ptp(columns[low])) + 1
-    if sunk < max(FIT.foot, FIT.foot_depth * disc.radius) or wide < FIT.foot_width * 2 * np.sqrt(
-        3 * disc.radius
-    ):
+    if sunk < max(
+        FIT.foot, FIT.foot_depth * disc.radius
+    ) or wide < FIT.foot_width * 2 * np.sqrt(3 * disc.radius):
         return False
     if rows.max() + 1 >= len(part) or part[rows.max() + 1, columns[low]].any():
         return False
@@ -101,14 +101,18 @@ def without_specks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     top, bottom, left, right = _box(mask)
     part = mask[top:bottom, left:right]
     speck = float(np.clip(part.sum() / 200, 4, 16))
-    _, pieces, stats, _ = cv2.connectedComponentsWithStats(part.astype(np.uint8), connectivity=4)
+    _, pieces, stats, _ = cv2.connectedComponentsWithStats(
+        part.astype(np.uint8), connectivity=4
+    )
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0
     keep = areas >= speck
     keep[int(np.argmax(areas))] = True
     kept = np.asarray(keep[pieces])
     outside = np.pad(~kept, 1, constant_values=True)
-    _, gaps, stats, _ = cv2.connectedComponentsWithStats(outside.astype(np.uint8), connectivity=8)
+    _, gaps, stats, _ = cv2.connectedComponentsWithStats(
+        outside.astype(np.uint8), connectivity=8
+    )
     fill = stats[:, cv2.CC_STAT_AREA] < speck
     fill[[0, gaps[0, 0]]] = False
     found = np.zeros_like(mask, dtype=bool)
@@ -136,15 +140,25 @@ def fit_outlines(
     rough = {}
     for i, view in views.items():
         mask = owned[view] == i
-        beside = cv2.dilate(np.pad(mask, 1).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        whole = not (beside & np.pad((owned[view] > 0) & ~mask, 1, constant_values=True)).any()
+        beside = (
+            cv2.dilate(np.pad(mask, 1).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        )
+        whole = not (
+            beside & np.pad((owned[view] > 0) & ~mask, 1, constant_values=True)
+        ).any()
         disc = None if i in never_discs else disc_of(mask, whole)
         if disc is not None and not stands_flat(owned[view], i, disc):
             rough[i] = Disc(disc.center + _corner(view), disc.radius)
     while True:
-        regions = fit_regions(close_gaps(np.where(np.isin(owned, list(rough)), 0, owned)))
+        regions = fit_regions(
+            close_gaps(np.where(np.isin(owned, list(rough)), 0, owned))
+        )
         discs = _together(owned, views, rough, regions)
-        lost = [i for i, disc in discs.items() if _iou(disc, owned[views[i]] == i, views[i]) < FIT.keep_iou]
+        lost = [
+            i
+            for i, disc in discs.items()
+            if _iou(disc, owned[views[i]] == i, views[i]) < FIT.keep_iou
+        ]
         if not lost:
             break
         for i in lost:
@@ -152,15 +166,21 @@ def fit_outlines(
     return {i: discs[i] if i in discs else regions[i] for i in ids}
 
 
-def touching_masks(labels: NDArray[np.integer], ids: Sequence[int]) -> list[tuple[int, int]]:
+def touching_masks(
+    labels: NDArray[np.integer], ids: Sequence[int]
+) -> list[tuple[int, int]]:
     """Pairs of objects whose masks are at most `FIT.touch` px apart."""
     pairs = set()
     known = set(ids)
-    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * FIT.touch + 1, 2 * FIT.touch + 1))
+    kernel = cv2.getStructuringElement(
+        cv2.MORPH_RECT, (2 * FIT.touch + 1, 2 * FIT.touch + 1)
+    )
     for i, view in _views(labels, ids).items():
         near = cv2.dilate((labels[view] == i).astype(np.uint8), kernel) > 0
         pairs |= {
-            (min(i, j), max(i, j)) for j in np.unique(labels[view][near]).tolist() if j != i and j in known
+            (min(i, j), max(i, j))
+            for j in np.unique(labels[view][near]).tolist()
+            if j != i and j in known
         }
     return sorted(pairs)
 
@@ -176,9 +196,16 @@ def _views(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, View]:
         owner = owner.astype(np.uint16)  # which NumPy sorts in one pass
     order = np.argsort(owner, kind="stable")
     at, owner = at[order], owner[order]
-    begin = np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1]])) if len(at) else at
+    begin = (
+        np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1]]))
+        if len(at)
+        else at
+    )
     known, places = owner[begin], np.stack(np.divmod(at, labels.shape[1]), axis=1)
-    low, high = (way.reduceat(places, begin) if len(begin) else places for way in (np.minimum, np.maximum))
+    low, high = (
+        way.reduceat(places, begin) if len(begin) else places
+        for way in (np.minimum, np.maximum)
+    )
     views = {}
     for i in ids:
         k = int(np.searchsorted(known, i))
@@ -186,7 +213,10 @@ def _views(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, View]:
             raise ValueError(f"no pixel of the label map has id {i}")
         (y0, x0), (y1, x1) = low[k].tolist(), high[k].tolist()
         margin = max(y1 - y0, x1 - x0) // 2 + FIT.touch + 2
-        views[i] = (slice(max(y0 - margin, 0), y1 + margin + 1), slice(max(x0 - margin, 0), x1 + margin + 1))
+        views[i] = (
+            slice(max(y0 - margin, 0), y1 + margin + 1),
+            slice(max(x0 - margin, 0), x1 + margin + 1),
+        )
     return views
 
 
@@ -206,7 +236,10 @@ def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]
 
 
 def _together(
-    owned: NDArray[np.int64], views: dict[int, View], rough: dict[int, Disc], regions: dict[int, Region]
+    owned: NDArray[np.int64],
+    views: dict[int, View],
+    rough: dict[int, Disc],
+    regions: dict[int, Region],
 ) -> dict[int, Disc]:
     """Move discs so that they touch their neighbours, discs and regions."""
     ids = list(rough)
@@ -219,13 +252,18 @@ def _together(
     ]
     obstacles: dict[int, list[tuple[Region, bool]]] = {}
     for i in ids:
-        low, high = rough[i].center - rough[i].radius - 8, rough[i].center + rough[i].radius + 8
+        low, high = (
+            rough[i].center - rough[i].radius - 8,
+            rough[i].center + rough[i].radius + 8,
+        )
         for j, region in regions.items():
             points = np.concatenate([ring.outer for ring in region.rings])
             if (points.max(axis=0) > low).all() and (points.min(axis=0) < high).all():
                 touches = (min(i, j), max(i, j)) in pairs
                 obstacles.setdefault(place[i], []).append((region, touches))
-    fitted = fit_discs([_rough(owned, i, views[i], rough[i]) for i in ids], contacts, obstacles)
+    fitted = fit_discs(
+        [_rough(owned, i, views[i], rough[i]) for i in ids], contacts, obstacles
+    )
     return dict(zip(ids, fitted, strict=True))
 
 
@@ -240,15 +278,24 @@ def _rough(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDis
     local = long_border(part == i)
     local = local[:: max(1, len(local) // 128)]
     others = ((part != 0) & (part != i)).astype(np.uint8)
-    near = cv2.dilate(others, np.ones((2 * FIT.touch + 1, 2 * FIT.touch + 1), np.uint8)) > 0
-    place = np.clip(np.round(local).astype(np.intp), 0, (part.shape[1] - 1, part.shape[0] - 1))
+    near = (
+        cv2.dilate(others, np.ones((2 * FIT.touch + 1, 2 * FIT.touch + 1), np.uint8))
+        > 0
+    )
+    place = np.clip(
+        np.round(local).astype(np.intp), 0, (part.shape[1] - 1, part.shape[0] - 1)
+    )
     border = local + _corner(view)
     last = np.array([owned.shape[1] - 1, owned.shape[0] - 1])
     cut = ((border < 0) | (border > last)).any(axis=1)
-    weight = np.where(cut, 1e-3, np.where(near[place[:, 1], place[:, 0]], FIT.hidden, 1.0))
+    weight = np.where(
+        cut, 1e-3, np.where(near[place[:, 1], place[:, 0]], FIT.hidden, 1.0)
+    )
     return RoughDisc(disc, border, weight)
 
 
 def _iou(disc: Disc, mask: NDArray[np.bool_], view: View) -> float:
-    covered = coverage(Disc(disc.center - _corner(view), disc.radius), (mask.shape[1], mask.shape[0]))
+    covered = coverage(
+        Disc(disc.center - _corner(view), disc.radius), (mask.shape[1], mask.shape[0])
+    )
     return float(np.minimum(covered, mask).sum() / np.maximum(covered, mask).sum())

@@ -72,8 +72,12 @@ def polygon_moments(points: Array) -> MassProperties:
     if area == 0.0:
         return MassProperties(0.0, origin, 0.0)
     centroid = ((a + b) * c[:, None]).sum(axis=0) / (6 * area)
-    about_origin = float((c * ((a * a).sum(1) + (a * b).sum(1) + (b * b).sum(1))).sum() / 12)
-    return MassProperties(area, centroid + origin, about_origin - area * float(centroid @ centroid))
+    about_origin = float(
+        (c * ((a * a).sum(1) + (a * b).sum(1) + (b * b).sum(1))).sum() / 12
+    )
+    return MassProperties(
+        area, centroid + origin, about_origin - area * float(centroid @ centroid)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +111,10 @@ class Region:
         return [
             (points, sign)
             for ring in self.rings
-            for points, sign in ((ring.outer, 1.0), *((hole, -1.0) for hole in ring.holes))
+            for points, sign in (
+                (ring.outer, 1.0),
+                *((hole, -1.0) for hole in ring.holes),
+            )
         ]
 
 
@@ -122,7 +129,11 @@ def mass_properties(outline: Outline) -> MassProperties:
     """
     if isinstance(outline, Disc):
         radius = float(outline.radius)
-        return MassProperties(pi * radius**2, np.array(outline.center, dtype=np.float64), pi * radius**4 / 2)
+        return MassProperties(
+            pi * radius**2,
+            np.array(outline.center, dtype=np.float64),
+            pi * radius**4 / 2,
+        )
     parts = []
     for points, sign in outline.borders:
         moments = polygon_moments(points)
@@ -133,7 +144,10 @@ def mass_properties(outline: Outline) -> MassProperties:
         raise ValueError("the outline has no area")
     # about the first centroid: far from the origin, sums about (0, 0) would lose digits
     origin = parts[0][1]
-    center = origin + sum((part[0] * (part[1] - origin) for part in parts), np.zeros(2)) / area
+    center = (
+        origin
+        + sum((part[0] * (part[1] - origin) for part in parts), np.zeros(2)) / area
+    )
     second = sum(part[2] + part[0] * hypot(*(part[1] - center)) ** 2 for part in parts)
     return MassProperties(float(area), center, float(second))
 
@@ -157,7 +171,9 @@ def mean_distance(outline: Outline, center: Array) -> float:
         twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         height = np.maximum(np.abs(twice) / length, 1e-12)
         start, end = ((p * along).sum(axis=1) / length / height for p in (a, b))
-        part = np.abs(height**3 / 6 * (_sec_cubed(end) - _sec_cubed(start))) * np.sign(twice)
+        part = np.abs(height**3 / 6 * (_sec_cubed(end) - _sec_cubed(start))) * np.sign(
+            twice
+        )
         turn = sign * np.sign(twice.sum())
         total += turn * float(part.sum())
         area += turn * float(twice.sum()) / 2
@@ -184,4 +200,6 @@ def translated_outline(outline: Outline, by: Array) -> Outline:
     """The outline at another place."""
     if isinstance(outline, Disc):
         return Disc(outline.center + by, outline.radius)
-    return Region(tuple(Ring(r.outer + by, tuple(h + by for h in r.holes)) for r in outline.rings))
+    return Region(
+        tuple(Ring(r.outer + by, tuple(h + by for h in r.holes)) for r in outline.rings)
+    )

@@ -35,7 +35,12 @@ def coverage_box(
     large the outline is; the box is then empty where they do not meet.
     """
     low_x, low_y, high_x, high_y = bounds(outline)
-    x0, y0, x1, y1 = floor(low_x + 0.5), floor(low_y + 0.5), ceil(high_x + 0.5), ceil(high_y + 0.5)
+    x0, y0, x1, y1 = (
+        floor(low_x + 0.5),
+        floor(low_y + 0.5),
+        ceil(high_x + 0.5),
+        ceil(high_y + 0.5),
+    )
     if window is not None:
         x0, x1 = (min(max(x, window[0]), window[2]) for x in (x0, x1))
         y0, y1 = (min(max(y, window[1]), window[3]) for y in (y0, y1))
@@ -44,7 +49,11 @@ def coverage_box(
         return np.zeros((max(height, 0), max(width, 0)), np.float32), (x0, y0)
     corner = np.array([x0 - 0.5, y0 - 0.5])
     sums = np.zeros((max(height, 1), max(width, 1) + 1))
-    borders = [(_circle_points(outline), 1.0)] if isinstance(outline, Disc) else outline.borders
+    borders = (
+        [(_circle_points(outline), 1.0)]
+        if isinstance(outline, Disc)
+        else outline.borders
+    )
     for points, sign in borders:
         _accumulate(sums, points - corner, sign)
     inside = np.cumsum(sums, axis=1)[:, :-1]
@@ -58,7 +67,9 @@ def _circle_points(disc: Disc) -> Array:
     step = 2 * pi / count
     angles = np.arange(count) * step
     outer = radius * sqrt(step / sin(step))
-    points: Array = disc.center + outer * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    points: Array = disc.center + outer * np.stack(
+        [np.cos(angles), np.sin(angles)], axis=1
+    )
     return points
 
 
@@ -113,7 +124,9 @@ def _cut(start: Array, end: Array, axis: int) -> tuple[Array, Array]:
     def at(rank_of_cut: NDArray[np.intp]) -> Array:
         """Share of the way from the low end to the high end; cut 0 is the low end."""
         inner = (first[owner] + rank_of_cut - 1 - low[owner]) / span[owner]
-        share = np.where(rank_of_cut == 0, 0.0, np.where(rank_of_cut == pieces[owner], 1.0, inner))
+        share = np.where(
+            rank_of_cut == 0, 0.0, np.where(rank_of_cut == pieces[owner], 1.0, inner)
+        )
         return share[:, None]
 
     rising = (b >= a)[owner][:, None]
@@ -132,7 +145,9 @@ HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
 def double_resolution(picture: Picture) -> Picture:
     """(2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
     rows = _halved(picture, 0)
-    return np.concatenate([_halved(rows[k : k + 64], 1) for k in range(0, len(rows), 64)])
+    return np.concatenate(
+        [_halved(rows[k : k + 64], 1) for k in range(0, len(rows), 64)]
+    )
 
 
 def _halved(values: Picture, axis: int) -> Picture:
@@ -141,10 +156,16 @@ def _halved(values: Picture, axis: int) -> Picture:
     Each is held between the least and the greatest of its four neighbours: no rings.
     """
     wide = (2, 2, 0, 0) if axis == 0 else (0, 0, 2, 2)
-    padded = np.moveaxis(cv2.copyMakeBorder(values, *wide, cv2.BORDER_REPLICATE), axis, 0)
+    padded = np.moveaxis(
+        cv2.copyMakeBorder(values, *wide, cv2.BORDER_REPLICATE), axis, 0
+    )
     gaps = len(padded) - 5
-    p = [padded[k : k + gaps] for k in range(6)]  # the three pixels before each gap, and the three behind it
-    between = sum((weight * (p[k] + p[5 - k]) for k, weight in enumerate(HALFWAY)), np.float32(0))
+    p = [
+        padded[k : k + gaps] for k in range(6)
+    ]  # the three pixels before each gap, and the three behind it
+    between = sum(
+        (weight * (p[k] + p[5 - k]) for k, weight in enumerate(HALFWAY)), np.float32(0)
+    )
     low = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
     high = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
     h, w = (side + gaps * (k == axis) for k, side in enumerate(values.shape[:2]))

@@ -79,10 +79,15 @@ def trace_borders(labels: NDArray[np.integer]) -> BorderMap:
     for corners, directions, closed in _walks(links):
         row, column = corners[0]
         left, right = _sides(padded, row, column, directions[0])
-        points = np.array(corners if not closed else corners[:-1], dtype=np.float64)[:, ::-1] - 0.5
+        points = (
+            np.array(corners if not closed else corners[:-1], dtype=np.float64)[:, ::-1]
+            - 0.5
+        )
         if not closed:
             leaving[row, column, directions[0]] = Step(len(borders), backwards=False)
-            leaving[(*corners[-1], directions[-1] ^ 2)] = Step(len(borders), backwards=True)
+            leaving[(*corners[-1], directions[-1] ^ 2)] = Step(
+                len(borders), backwards=True
+            )
         borders.append(Border(points, left, right, closed))
     firsts = {step: key for key, step in leaving.items()}
 
@@ -110,12 +115,18 @@ def trace_borders(labels: NDArray[np.integer]) -> BorderMap:
             step = following
             loop.append(step)
         border = borders[first.border]
-        loops.setdefault(border.left if first.backwards else border.right, []).append(tuple(loop))
+        loops.setdefault(border.left if first.backwards else border.right, []).append(
+            tuple(loop)
+        )
     loops.pop(0, None)
-    return BorderMap(tuple(borders), {label: tuple(found) for label, found in loops.items()})
+    return BorderMap(
+        tuple(borders), {label: tuple(found) for label, found in loops.items()}
+    )
 
 
-def walk(loop: Loop, lines: tuple[Array, ...] | list[Array], closed: list[bool]) -> Array:
+def walk(
+    loop: Loop, lines: tuple[Array, ...] | list[Array], closed: list[bool]
+) -> Array:
     """The ring `(K, 2)` px of a loop, given one line of points for each border (in the border's own direction)."""
     parts = []
     for step in loop:
@@ -149,16 +160,22 @@ def _links(padded: Labels) -> list[NDArray[np.int8]]:
     return links
 
 
-def _walks(links: list[NDArray[np.int8]]) -> Iterator[tuple[list[tuple[int, int]], list[int], bool]]:
+def _walks(
+    links: list[NDArray[np.int8]],
+) -> Iterator[tuple[list[tuple[int, int]], list[int], bool]]:
     """Follow the edges: corners (row, column), the directions between them, closed or not; every edge once."""
     table = np.stack(links, axis=-1)
     places = np.argwhere((table != -2).any(axis=-1))
-    onward = dict(zip(map(tuple, places.tolist()), table[tuple(places.T)].tolist(), strict=True))
+    onward = dict(
+        zip(map(tuple, places.tolist()), table[tuple(places.T)].tolist(), strict=True)
+    )
     seen: set[tuple[int, int, int]] = set()
     junctions = np.argwhere((table == -1).any(axis=-1)).tolist()
     # loops without junctions start at an edge to the right
     others = np.argwhere(table[:, :, _EAST] >= 0).tolist()
-    starts = [(r, c, d) for r, c in junctions for d in range(4) if onward[r, c][d] == -1]
+    starts = [
+        (r, c, d) for r, c in junctions for d in range(4) if onward[r, c][d] == -1
+    ]
     for start in (*starts, *((r, c, _EAST) for r, c in others)):
         if start in seen:
             continue
@@ -196,7 +213,10 @@ _TINY = 30
 
 def fit_regions(labels: Labels) -> dict[int, Region]:
     """Regions of all labels but 0 in a map `(H, W)`."""
-    rows, columns = np.flatnonzero(labels.any(axis=1)), np.flatnonzero(labels.any(axis=0))
+    rows, columns = (
+        np.flatnonzero(labels.any(axis=1)),
+        np.flatnonzero(labels.any(axis=0)),
+    )
     if not len(rows):
         return {}
     part = labels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
@@ -218,7 +238,9 @@ def close_gaps(labels: Labels) -> Labels:
     closed = labels.copy()
     for view in (closed, closed.T):
         padded = np.pad(view, 2)
-        far, before, after, beyond = (padded[2:-2, k : k + view.shape[1]] for k in (0, 1, 3, 4))
+        far, before, after, beyond = (
+            padded[2:-2, k : k + view.shape[1]] for k in (0, 1, 3, 4)
+        )
         free = view == 0
         one = free & (before != 0) & (after != 0) & (before != after)
         first = free & (before != 0) & (after == 0) & (beyond != 0) & (before != beyond)
@@ -244,7 +266,9 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
     for index, border in enumerate(borders):
         if not border.closed:
             for end in (0, -1):
-                meeting.setdefault((lines[index][end][0], lines[index][end][1]), []).append((index, end))
+                meeting.setdefault(
+                    (lines[index][end][0], lines[index][end][1]), []
+                ).append((index, end))
     fitted = {
         index: end_lines(lines[index], _tolerance(borders[index]))
         for index in {index for ends in meeting.values() for index, _ in ends}
@@ -259,7 +283,9 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
             point, direction, count = fitted[index][end]
             if count < 4:
                 continue
-            weight = min(count, 20) * (4.0 if borders[index].left and borders[index].right else 1.0)
+            weight = min(count, 20) * (
+                4.0 if borders[index].left and borders[index].right else 1.0
+            )
             across = weight * (np.eye(2) - np.outer(direction, direction))
             normal = normal + across
             target = target + across @ point
@@ -288,7 +314,11 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
         for k in crossed.tolist():
             border = borders[k]
             tolerance[k] /= 2
-            lines[k] = simplify(middles[k], tolerance[k], border.closed) if attempt < 3 else middles[k]
+            lines[k] = (
+                simplify(middles[k], tolerance[k], border.closed)
+                if attempt < 3
+                else middles[k]
+            )
             if attempt >= 4:
                 lines[k] = border.middles
             whole[k] = _there_and_back(lines[k], border)
@@ -303,7 +333,9 @@ def _there_and_back(line: Array, border: Border) -> Array:
 def _nest(loops: list[Array]) -> list[Ring]:
     """Put each hole (a loop that turns the other way) into the smallest piece around it."""
     areas = [polygon_moments(loop).area for loop in loops]
-    outers = sorted((k for k, area in enumerate(areas) if area > 0), key=lambda k: areas[k])
+    outers = sorted(
+        (k for k, area in enumerate(areas) if area > 0), key=lambda k: areas[k]
+    )
     holes: dict[int, list[Array]] = {k: [] for k in outers}
     for k, area in enumerate(areas):
         if area < 0:
@@ -312,9 +344,16 @@ def _nest(loops: list[Array]) -> list[Ring]:
             home = next(around, None)
             if home is not None:
                 holes[home].append(loops[k])
-    return [Ring(loops[k], tuple(holes[k])) for k in sorted(outers, key=lambda k: -areas[k])]
+    return [
+        Ring(loops[k], tuple(holes[k])) for k in sorted(outers, key=lambda k: -areas[k])
+    ]
 
 
 def inside(ring: Array, x: float, y: float) -> bool:
     """Is a point within a ring `(K, 2)` or on it?"""
-    return cv2.pointPolygonTest(ring.astype(np.float32)[:, None], (float(x), float(y)), False) >= 0
+    return (
+        cv2.pointPolygonTest(
+            ring.astype(np.float32)[:, None], (float(x), float(y)), False
+        )
+        >= 0
+    )

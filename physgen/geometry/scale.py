@@ -10,7 +10,15 @@ from math import exp, hypot, log, pi, sqrt
 import cv2
 import numpy as np
 
-from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, mass_properties
+from physgen.geometry.polygon import (
+    Array,
+    Disc,
+    Outline,
+    Region,
+    Ring,
+    bounds,
+    mass_properties,
+)
 from physgen.geometry.raster import coverage
 from physgen.materials import Kind
 
@@ -22,7 +30,9 @@ MIN_SCALE_CONFIDENCE = 0.5  # from which a scene takes the scale
 class _ShapeLimits:
     """Solids of revolution, and how an object faces the camera; costs are |log| of an aspect ratio."""
 
-    slices: int = 480  # cells of the grid along the longer side of a solid of revolution
+    slices: int = (
+        480  # cells of the grid along the longer side of a solid of revolution
+    )
     boxy: float = 0.88  # share of its smallest box from which an outline is a box's
     lying: float = 0.25  # cost of an axis that is not upright
     end_on: float = 0.4  # cost of a view from the object's end
@@ -34,7 +44,9 @@ class _ScaleLimits:
     """Which objects count for the scale; spreads are standard deviations of the log of size."""
 
     min_label: float = 0.7  # confidence of a label: a guess from a shape has no size
-    max_mismatch: float = 0.6  # |log| of proportions: beyond, part of it is hidden, or the label is wrong
+    max_mismatch: float = (
+        0.6  # |log| of proportions: beyond, part of it is hidden, or the label is wrong
+    )
     any_size: float = 0.5  # spread from which an object says nothing of scale: a plank is of any length
     vague: float = 0.3  # spread at which the confidence has fallen to 1 / e
     judged: float = 0.1  # least spread of a size that is judged by eye
@@ -54,10 +66,14 @@ class PhotoObject:
     top: float = 0.0  # px of its mask above its front, where the outline is the section half-way to its back
 
 
-def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
+def photo_object(
+    id_: int, outline: Outline, label: str, size: tuple[int, int]
+) -> PhotoObject:
     """An object, and whether the border of a photo of this width and height cuts it off."""
     x0, y0, x1, y1 = bounds(outline)
-    return PhotoObject(id_, outline, label, min(x0, y0) < 0 or x1 > size[0] - 1 or y1 > size[1] - 1)
+    return PhotoObject(
+        id_, outline, label, min(x0, y0) < 0 or x1 > size[0] - 1 or y1 > size[1] - 1
+    )
 
 
 @dataclass(frozen=True)
@@ -65,7 +81,9 @@ class Extent:
     """Measures of an object from its outline and kind."""
 
     volume: float  # px³ that it takes up, hollows included
-    per_mm: float | None  # px per mm if it is of its ordinary size, None where it has none
+    per_mm: (
+        float | None
+    )  # px per mm if it is of its ordinary size, None where it has none
     mismatch: float  # |log| of its proportions over the ordinary ones; 0 where they are unknown
 
 
@@ -97,7 +115,9 @@ def object_extent(outline: Outline, what: Kind) -> Extent:
     seen, hidden, mismatch = _facing(long / short, what.box)
     per_mm = long / seen[0]
     shows_face = min(hidden, seen[1]) == hidden
-    rounding = {"lump": 2 / 3, "slab": 1.0}.get(what.form, 1.0 if shows_face else pi / 4)
+    rounding = {"lump": 2 / 3, "slab": 1.0}.get(
+        what.form, 1.0 if shows_face else pi / 4
+    )
     if what.form == "hoop" and isinstance(outline, Disc):
         rounding *= what.share  # its hole is not in the outline
     if (
@@ -132,13 +152,20 @@ def revolve(outline: Region, axis: Array) -> Revolved:
     def drawn(points: Array) -> Array:
         return np.asarray((points @ frame.T - low) * scale - 0.5)
 
-    rings = tuple(Ring(drawn(ring.outer), tuple(map(drawn, ring.holes))) for ring in outline.rings)
+    rings = tuple(
+        Ring(drawn(ring.outer), tuple(map(drawn, ring.holes))) for ring in outline.rings
+    )
     width, height = np.ceil(size * scale).astype(int).tolist()
     inside = coverage(Region(rings), (width, height)) >= 0.5
     columns = np.arange(width)
     before = np.maximum.accumulate(np.where(inside, -1, columns), axis=1)
-    after = np.minimum.accumulate(np.where(inside, width, columns)[:, ::-1], axis=1)[:, ::-1]
-    radii = np.where(inside, np.minimum(columns - before, after - columns) - 0.5, 0.0) / scale
+    after = np.minimum.accumulate(np.where(inside, width, columns)[:, ::-1], axis=1)[
+        :, ::-1
+    ]
+    radii = (
+        np.where(inside, np.minimum(columns - before, after - columns) - 0.5, 0.0)
+        / scale
+    )
     best = radii[:, int(np.argmax((radii**2).sum(axis=0)))]
     # a spike at an end (a stalk, a spout) is no part of the height
     tall = float(np.count_nonzero(best > 0.05 * best.max())) / scale
@@ -158,7 +185,9 @@ def _turned_extent(outline: Outline, what: Kind) -> Extent:
     upright = revolve(outline, np.array([0.0, 1.0]))
     lying = [revolve(outline, axis) for axis in _box_axes(outline)]
     if above is None:
-        slenderest = max([upright, *lying], key=lambda t: t.height / max(t.diameter, 1e-6))
+        slenderest = max(
+            [upright, *lying], key=lambda t: t.height / max(t.diameter, 1e-6)
+        )
         return Extent(slenderest.volume, None, 0.0)
     found = []
     for turned, cost in ((upright, 0.0), *((one, SHAPE.lying) for one in lying)):
@@ -178,7 +207,9 @@ def _box_axes(outline: Region) -> tuple[Array, Array]:
     return along, np.array([-along[1], along[0]])
 
 
-def _facing(aspect: float, box: tuple[float, float, float]) -> tuple[tuple[float, float], float, float]:
+def _facing(
+    aspect: float, box: tuple[float, float, float]
+) -> tuple[tuple[float, float], float, float]:
     """Of a box, the two sides (mm) that fit the aspect ratio best, the hidden one, and |log| of the misfit."""
     found = []
     for k, pair in zip((2, 1, 0), combinations(range(3), 2), strict=True):
@@ -205,26 +236,38 @@ class WeighingConstants:
 
     unscaled: float = 0.3  # confidence of a mass, at most, where the scale is assumed
     standard: float = 0.05  # spread of sizes up to which the kind has one standard mass
-    like: float = 0.4  # |log| of the size ratio up to which an object may be the typical one
+    like: float = (
+        0.4  # |log| of the size ratio up to which an object may be the typical one
+    )
     lightest: float = 1e-3  # g
 
 
 WEIGHING = WeighingConstants()
 
 
-def weigh(outline: Outline, what: Kind, pixels_per_meter: float) -> tuple[float, float, str]:
+def weigh(
+    outline: Outline, what: Kind, pixels_per_meter: float
+) -> tuple[float, float, str]:
     """Mass in g to three digits, confidence and a sentence."""
-    mass, confidence, reason = _mass(object_extent(outline, what), what, pixels_per_meter)
+    mass, confidence, reason = _mass(
+        object_extent(outline, what), what, pixels_per_meter
+    )
     return float(f"{max(mass, WEIGHING.lightest):.3g}"), confidence, reason
 
 
-def _mass(found: Extent, what: Kind, pixels_per_meter: float) -> tuple[float, float, str]:
+def _mass(
+    found: Extent, what: Kind, pixels_per_meter: float
+) -> tuple[float, float, str]:
     volume = found.volume / pixels_per_meter**3 * 1e6
     what = what.hollowed(10 * (6 * volume / pi) ** (1 / 3))
     weighed = volume * what.density
     estimate = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}"
     if what.mass is None:
-        return weighed, 0.4 if what.noun else 0.35 if what.material.name != "unknown" else 0.15, estimate
+        return (
+            weighed,
+            0.4 if what.noun else 0.35 if what.material.name != "unknown" else 0.15,
+            estimate,
+        )
     source = what.source.replace("EST: ", "").replace("EST", "estimated")
     ordinary = f"an ordinary {what.noun} ({source})"
     off = 0.0 if found.per_mm is None else log(found.per_mm * 1000 / pixels_per_meter)
@@ -267,7 +310,9 @@ class Scale:
 
 
 def photo_scale(
-    objects: Sequence[PhotoObject], kinds: Mapping[int, Kind], sure: Mapping[int, float] | None = None
+    objects: Sequence[PhotoObject],
+    kinds: Mapping[int, Kind],
+    sure: Mapping[int, float] | None = None,
 ) -> Scale | None:
     """The photo's scale by the ordinary sizes of its objects, None where none has one.
 
@@ -278,21 +323,31 @@ def photo_scale(
     for item in objects:
         what = kinds[item.id]
         confidence = (sure or {}).get(item.id, 1.0)
-        if item.cut or not what.size or what.spread >= LIMITS.any_size or confidence < LIMITS.min_label:
+        if (
+            item.cut
+            or not what.size
+            or what.spread >= LIMITS.any_size
+            or confidence < LIMITS.min_label
+        ):
             continue
         found = object_extent(item.outline, what)
         if found.per_mm and found.mismatch < LIMITS.max_mismatch:
-            seen.setdefault(what.noun, []).append((found.per_mm, hypot(what.spread, found.mismatch / 2)))
+            seen.setdefault(what.noun, []).append(
+                (found.per_mm, hypot(what.spread, found.mismatch / 2))
+            )
     if not seen:
         return None
     logs, spreads = (
-        np.array([np.median([one[k] for one in each]) for each in seen.values()]) for k in (0, 1)
+        np.array([np.median([one[k] for one in each]) for each in seen.values()])
+        for k in (0, 1)
     )
     logs = np.log(logs)
     weights = spreads**-2.0
     middle = _weighted_median(logs, weights)
     # the witnesses' own uncertainty, or their disagreement where that is more
-    disagreement = (weights * (logs - middle) ** 2).sum() / weights.sum() / max(len(logs) - 1, 1)
+    disagreement = (
+        (weights * (logs - middle) ** 2).sum() / weights.sum() / max(len(logs) - 1, 1)
+    )
     spread = max(float(weights.sum() ** -0.5), float(np.sqrt(disagreement)))
     confidence = 0.95 * exp(-((spread / LIMITS.vague) ** 2))
     value = float(f"{exp(middle) * 1000:.{3 if spread < 0.05 else 2}g}")
@@ -306,7 +361,9 @@ class _Playback:
     width: float = 0.5
     """m along the longer side of a photo that shows no scale: a table top seen from near by."""
     gravity: float = 9.8  # m/s²
-    fall: float = 0.15  # of the photo's longer side: a fall over it gives the speed of a push
+    fall: float = (
+        0.15  # of the photo's longer side: a fall over it gives the speed of a push
+    )
     crossing: float = 1.5  # s of the video in which a push crosses the photo, about
     longest: float = 2.5  # s of the video in which something moves, in less slow motion where that helps
     pause: float = 0.5  # s of the video after that
@@ -325,21 +382,30 @@ def is_assumed(pixels_per_meter: float, side: int) -> bool:
     return pixels_per_meter in (PAPER_SCALE, assumed_scale(side))
 
 
-def scale_entry(side: int, given: float | None, found: Scale | None) -> tuple[float, str]:
+def scale_entry(
+    side: int, given: float | None, found: Scale | None
+) -> tuple[float, str]:
     """px/m for the scene, and its comment; the user's number wins, then a scale that is sure enough."""
     if given is not None:
         return given, "as given"
     if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE:
-        return found.pixels_per_meter, f"{found.reason} (confidence {found.confidence:g})"
+        return (
+            found.pixels_per_meter,
+            f"{found.reason} (confidence {found.confidence:g})",
+        )
     guess = (
-        "" if found is None else f"; perhaps {found.pixels_per_meter:g}, {found.reason.partition(' (')[0]}"
+        ""
+        if found is None
+        else f"; perhaps {found.pixels_per_meter:g}, {found.reason.partition(' (')[0]}"
     )
     return assumed_scale(side), f"assumed: the photo shows {PLAYBACK.width:g} m{guess}"
 
 
 def push_speed(side: int, pixels_per_meter: float) -> float:
     """px/s to two digits: a speed at which objects of a photo of this longer side, px, slide and topple visibly."""
-    return float(f"{sqrt(2 * PLAYBACK.gravity * pixels_per_meter * PLAYBACK.fall * side):.2g}")
+    return float(
+        f"{sqrt(2 * PLAYBACK.gravity * pixels_per_meter * PLAYBACK.fall * side):.2g}"
+    )
 
 
 def slow_motion(side: int, pixels_per_meter: float) -> int:
@@ -361,7 +427,9 @@ def _weighted_median(values: Array, weights: Array) -> float:
     return float(values[order][int(np.searchsorted(summed, summed[-1] / 2))])
 
 
-def _reason(seen: Mapping[str, Sequence[object]], kinds: Mapping[int, Kind], spread: float) -> str:
+def _reason(
+    seen: Mapping[str, Sequence[object]], kinds: Mapping[int, Kind], spread: float
+) -> str:
     sizes = {what.noun: what.size for what in kinds.values()}
     parts = [
         f"{len(each)} x {noun} ({' x '.join(f'{mm:g}' for mm in sizes[noun])} mm)"

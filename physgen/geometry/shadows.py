@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from physgen.photometry import DistantLight
 
 F32 = NDArray[np.float32]
-PixelBox = tuple[int, int, int, int]  # first and last + 1 column and row: x0, y0, x1, y1
+PixelBox = tuple[
+    int, int, int, int
+]  # first and last + 1 column and row: x0, y0, x1, y1
 
 LEAST_LIGHT_HEIGHT = 0.2
 """Least sine of the light's height over a surface: lower lights throw shadows without end."""
@@ -31,9 +33,13 @@ MOST_BLOCKED = 0.98  # of the direct or the ambient light, no more is taken away
 class ShadowModel:
     """Resolution and limits of cast shadows."""
 
-    sky: float = 0.5  # by how much more ambient light falls on what faces up: skies are brighter
+    sky: float = (
+        0.5  # by how much more ambient light falls on what faces up: skies are brighter
+    )
     levels: int = 10  # heights at which an object's silhouette is looked at
-    finer: int = 2  # lines of the floor in a row of pixels: seen from the side, a row is deep
+    finer: int = (
+        2  # lines of the floor in a row of pixels: seen from the side, a row is deep
+    )
     wall: int = 4  # columns of a wall beside in a column of pixels: it goes back, and is foreshortened
     sunk: float = 3.0
     """px by which an object's picture may reach farther below its floor than its thickness implies."""
@@ -62,7 +68,9 @@ class ShadowSetting:
         """Share of a surface's light that is direct."""
         facing = sum(a * b for a, b in zip(self.light.direction, normal, strict=True))
         straight = self.light.intensity * max(facing, 0.0)
-        around = self.light.ambient * (1 if self.top else 1 + MODEL.sky * max(-normal[1], 0.0))
+        around = self.light.ambient * (
+            1 if self.top else 1 + MODEL.sky * max(-normal[1], 0.0)
+        )
         return min(self.lacking * straight / max(straight + around, 1e-9), 1.0)
 
     def distance(self, row: float) -> float:
@@ -90,8 +98,14 @@ class Silhouette:
     thick: float  # px that it reaches through the plane of motion (side view), or above the table (top view)
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
-    ends: tuple[float, float] = (-inf, inf)  # the columns, px, between which that floor goes on
-    walls: tuple[bool, bool] = (False, False)  # whether one stands at either end of that floor, and goes back
+    ends: tuple[float, float] = (
+        -inf,
+        inf,
+    )  # the columns, px, between which that floor goes on
+    walls: tuple[bool, bool] = (
+        False,
+        False,
+    )  # whether one stands at either end of that floor, and goes back
     id: int = 0  # of the object in the label map; 0 where it is not needed, or where it is several
 
     @cached_property
@@ -119,13 +133,17 @@ class Silhouette:
         return float(self.coverage.sum())
 
 
-def penumbra_width(setting: ShadowSetting, height: float, rise: float, slope: float = 0.66) -> float:
+def penumbra_width(
+    setting: ShadowSetting, height: float, rise: float, slope: float = 0.66
+) -> float:
     """px, standard deviation of a shadow's edge that is thrown from so far away; `slope` px sideways for each px."""
     far = tan(radians(min(setting.softness, 60.0))) * max(height, 0.0) / rise
     return float(0.35 + 0.5 * far * (1 + slope * slope) ** 0.5)
 
 
-def clipped_box(box: tuple[float, float, float, float], size: tuple[int, int]) -> PixelBox | None:
+def clipped_box(
+    box: tuple[float, float, float, float], size: tuple[int, int]
+) -> PixelBox | None:
     """Whole pixels of a photo of `size` (w, h) that a box touches; None where it lies outside."""
     x0, y0 = max(floor(box[0]), 0), max(floor(box[1]), 0)
     x1, y1 = min(ceil(box[2]) + 1, size[0]), min(ceil(box[3]) + 1, size[1])
@@ -134,20 +152,35 @@ def clipped_box(box: tuple[float, float, float, float], size: tuple[int, int]) -
 
 def attenuation(direct: float, blocked: F32, hidden: F32) -> F32:
     """-log of the light that is left where so much of direct and ambient light is taken away."""
-    left = 1 - np.float32(MOST_BLOCKED) * (np.float32(direct) * blocked + np.float32(1 - direct) * hidden)
+    left = 1 - np.float32(MOST_BLOCKED) * (
+        np.float32(direct) * blocked + np.float32(1 - direct) * hidden
+    )
     return np.asarray(-np.log(left), np.float32)
 
 
 def faded_out(x: F32, y: F32, reach: float) -> F32:
     """1 near the origin, 0 from `reach` on: an end to what thins out for ever."""
-    return np.asarray(np.clip(1.5 - 1.5 * np.sqrt(x * x + y * y) / np.float32(reach), 0, 1), np.float32)
+    return np.asarray(
+        np.clip(1.5 - 1.5 * np.sqrt(x * x + y * y) / np.float32(reach), 0, 1),
+        np.float32,
+    )
 
 
-def moved_silhouette(what: Silhouette, box: PixelBox, dx: float, dy: float, blur: float) -> F32:
+def moved_silhouette(
+    what: Silhouette, box: PixelBox, dx: float, dy: float, blur: float
+) -> F32:
     """The silhouette, moved and blurred, in a box of the photo."""
     size = (box[2] - box[0], box[3] - box[1])
-    shift = np.array([[1.0, 0, what.corner[0] + dx - box[0]], [0, 1, what.corner[1] + dy - box[1]]])
-    there = cv2.warpAffine(what.coverage, shift, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    shift = np.array(
+        [[1.0, 0, what.corner[0] + dx - box[0]], [0, 1, what.corner[1] + dy - box[1]]]
+    )
+    there = cv2.warpAffine(
+        what.coverage,
+        shift,
+        size,
+        flags=cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+    )
     return blurred(np.asarray(there, np.float32), blur)
 
 
@@ -158,26 +191,44 @@ def blurred(picture: F32, sigma: float) -> F32:
     step = int(sigma / 3)
     if step < 2 or min(picture.shape) < 4 * step:
         return np.asarray(
-            cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT), np.float32
+            cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT),
+            np.float32,
         )
     h, w = picture.shape
-    small = cv2.resize(picture, (ceil(w / step), ceil(h / step)), interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), sigma / step, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
+    small = cv2.resize(
+        picture, (ceil(w / step), ceil(h / step)), interpolation=cv2.INTER_AREA
+    )
+    small = cv2.GaussianBlur(
+        small, (0, 0), sigma / step, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(
+        cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.float32
+    )
 
 
 def blocked_by_ball(
-    radius: float, setting: ShadowSetting, x: F32 | np.float32, y: F32 | float, z: F32 | float
+    radius: float,
+    setting: ShadowSetting,
+    x: F32 | np.float32,
+    y: F32 | float,
+    z: F32 | float,
 ) -> F32:
     """How much of the light a ball hides from points that lie so far (px) right of, below and before its centre."""
     lx, ly, lz = setting.light.direction
-    along = np.asarray(-(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz)), np.float32)
+    along = np.asarray(
+        -(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz)), np.float32
+    )
     apart = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
     # of two discs, the ball's and the light's as it shines past there
-    disc = np.maximum(np.float32(tan(radians(min(setting.softness, 60.0)))) * along, np.float32(0.35))
+    disc = np.maximum(
+        np.float32(tan(radians(min(setting.softness, 60.0)))) * along, np.float32(0.35)
+    )
     small = np.minimum(np.float32(radius), disc)
     away = (apart - np.maximum(np.float32(radius), disc)) / (0.28 * small)
-    return np.asarray((small / disc) ** 2 / (1 + np.exp(np.clip(away, -30, 30))) * (along > 0), np.float32)
+    return np.asarray(
+        (small / disc) ** 2 / (1 + np.exp(np.clip(away, -30, 30))) * (along > 0),
+        np.float32,
+    )
 
 
 @dataclass(frozen=True)
@@ -197,7 +248,9 @@ def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:
         return None
     if what.radius is not None:
         low = max(what.floor - what.center[1] - what.radius, 0.0)
-        return FloorContact(what.floor, what.floor, what.radius, low, low + 2 * what.radius)
+        return FloorContact(
+            what.floor, what.floor, what.radius, low, low + 2 * what.radius
+        )
     rows = what.rows
     if not len(rows):
         return None
@@ -207,11 +260,15 @@ def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:
     sunk = min(max(bottom - what.floor, 0.0), tilt * thick / 2 + MODEL.sunk)
     half = max(thick / 2, sunk / tilt)
     foot = what.floor + sunk
-    row = min(what.floor, foot - (tilt * half if bottom > foot - 1 else tilt * half / 2))
+    row = min(
+        what.floor, foot - (tilt * half if bottom > foot - 1 else tilt * half / 2)
+    )
     return FloorContact(row, foot, half, max(foot - bottom, 0.0), max(foot - top, 1.0))
 
 
-def shadow_on_floor(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, F32] | None:
+def shadow_on_floor(
+    what: Silhouette, setting: ShadowSetting
+) -> tuple[PixelBox, F32] | None:
     """Box of the photo and (h, w) -log of the light that is left; None where there is no floor below."""
     tilt = max(setting.tilt, 1e-3)
     at = floor_contact(what, tilt)
@@ -225,7 +282,9 @@ def shadow_on_floor(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
     box = clipped_box(
         (
             x0 + min(ax * at.high - wide, -near),
-            at.row - tilt * min(at.half + max(deep - az * at.high, near), setting.backdrop) - 1,
+            at.row
+            - tilt * min(at.half + max(deep - az * at.high, near), setting.backdrop)
+            - 1,
             x0 + w + max(ax * at.high + wide, near),
             at.row + tilt * (at.half + max(deep + az * at.high, near)) + 2,
         ),
@@ -235,34 +294,54 @@ def shadow_on_floor(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
         return None
     xs = np.arange(box[0], box[2], dtype=np.float32)
     # px towards the viewer, of each row and of the lines of the floor that it holds
-    z = (np.arange(box[1], box[3], dtype=np.float32)[:, None] - np.float32(at.row)) / np.float32(tilt)
-    within = (np.arange(MODEL.finer, dtype=np.float32) - (MODEL.finer - 1) / 2) / np.float32(
-        MODEL.finer * tilt
-    )
+    z = (
+        np.arange(box[1], box[3], dtype=np.float32)[:, None] - np.float32(at.row)
+    ) / np.float32(tilt)
+    within = (
+        np.arange(MODEL.finer, dtype=np.float32) - (MODEL.finer - 1) / 2
+    ) / np.float32(MODEL.finer * tilt)
     lines = np.asarray((z + within).reshape(-1, 1), np.float32)
     if what.radius is not None:
         right = (xs - np.float32(what.center[0]))[None]
-        blocked = blocked_by_ball(what.radius, setting, right, at.row - what.center[1], lines)
+        blocked = blocked_by_ball(
+            what.radius, setting, right, at.row - what.center[1], lines
+        )
     else:
         blocked = _behind(what, setting, at, xs, lines)
-    blocked = np.asarray(blocked.reshape(len(z), MODEL.finer, len(xs)).mean(axis=1), np.float32)
+    blocked = np.asarray(
+        blocked.reshape(len(z), MODEL.finer, len(xs)).mean(axis=1), np.float32
+    )
     upon = floor_share(what.ends, setting, box, at.row)
     if np.isfinite(setting.backdrop):
-        upon = upon * np.clip((z + np.float32(setting.backdrop)) * np.float32(tilt) + np.float32(0.5), 0, 1)
+        upon = upon * np.clip(
+            (z + np.float32(setting.backdrop)) * np.float32(tilt) + np.float32(0.5),
+            0,
+            1,
+        )
     hidden = _sky(what, at, xs, z) * upon
     return box, attenuation(setting.direct((0.0, -1.0, 0.0)), blocked * upon, hidden)
 
 
-def floor_share(ends: tuple[float, float], setting: ShadowSetting, box: PixelBox, row: float) -> F32:
+def floor_share(
+    ends: tuple[float, float], setting: ShadowSetting, box: PixelBox, row: float
+) -> F32:
     """(h, w) 0..1: how much of a box's pixels is a floor, whose line at `row` px goes on between the columns `ends`.
 
     What lies farther back is seen nearer to the middle of the picture.
     """
-    middle, tilt, distance = setting.size[0] / 2, max(setting.tilt, 1e-3), setting.distance(row)
+    middle, tilt, distance = (
+        setting.size[0] / 2,
+        max(setting.tilt, 1e-3),
+        setting.distance(row),
+    )
     x = np.arange(box[0], box[2], dtype=np.float32)
-    back = (np.float32(row) - np.arange(box[1], box[3], dtype=np.float32)[:, None]) / np.float32(tilt)
+    back = (
+        np.float32(row) - np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    ) / np.float32(tilt)
     scale = np.float32(distance) / np.maximum(distance + back, 1)
-    left, right = (np.float32(middle) + np.float32(end - middle) * scale for end in ends)
+    left, right = (
+        np.float32(middle) + np.float32(end - middle) * scale for end in ends
+    )
     return np.asarray(np.clip(np.minimum(x - left, right - x) + 0.5, 0, 1), np.float32)
 
 
@@ -273,7 +352,9 @@ def _slopes(setting: ShadowSetting) -> tuple[float, float, float]:
     return -lx / rise, -lz / rise, rise
 
 
-def _behind(what: Silhouette, setting: ShadowSetting, at: FloorContact, xs: F32, z: F32) -> F32:
+def _behind(
+    what: Silhouette, setting: ShadowSetting, at: FloorContact, xs: F32, z: F32
+) -> F32:
     """(h, w) how much of the light the object hides from columns `xs` and depths `z` (h, 1) of the floor."""
     ax, az, rise = _slopes(setting)
     x0, y0 = what.corner
@@ -281,7 +362,9 @@ def _behind(what: Silhouette, setting: ShadowSetting, at: FloorContact, xs: F32,
     heights = np.maximum(at.foot - (y0 + rows), 0.0)
     # every row moves as far as its height throws it
     shear = np.array([[1.0, -ax, x0 + ax * (at.foot - y0) - float(xs[0])], [0, 1, 0]])
-    there = cv2.warpAffine(what.coverage, shear, (len(xs), what.coverage.shape[0]), flags=cv2.INTER_LINEAR)
+    there = cv2.warpAffine(
+        what.coverage, shear, (len(xs), what.coverage.shape[0]), flags=cv2.INTER_LINEAR
+    )
     # bands of rows, each with the heights that it spans, its shadow's softness and its place on the floor
     parts = min(MODEL.levels, len(rows))
     ends = np.cumsum(len(rows) // parts + (np.arange(parts) < len(rows) % parts))
@@ -289,14 +372,21 @@ def _behind(what: Silhouette, setting: ShadowSetting, at: FloorContact, xs: F32,
     upper, lower = heights[firsts] + 0.5, np.maximum(heights[lasts] - 0.5, 0.0)
     height = (upper + lower) / 2
     near = penumbra_width(setting, 0.0, rise)  # it grows evenly with the height
-    soft, edge = (near + (penumbra_width(setting, 1.0, rise, slope) - near) * height for slope in (ax, az))
+    soft, edge = (
+        near + (penumbra_width(setting, 1.0, rise, slope) - near) * height
+        for slope in (ax, az)
+    )
     profiles = np.maximum.reduceat(there[: rows[-1] + 1], rows[firsts], axis=0)
     lines = _softened(profiles, soft)
     away = np.abs(z.T - (az * height)[:, None].astype(np.float32))
     away -= (at.half + abs(az) * (upper - lower) / 2)[:, None].astype(np.float32)
     away /= 0.55 * edge[:, None].astype(np.float32)
-    across = np.where(away < 5, 1 / (1 + np.exp(np.clip(away, -30, 30))), 0).astype(np.float32)
-    return np.asarray((across[:, :, None] * lines[:, None]).max(axis=0, initial=0), np.float32)
+    across = np.where(away < 5, 1 / (1 + np.exp(np.clip(away, -30, 30))), 0).astype(
+        np.float32
+    )
+    return np.asarray(
+        (across[:, :, None] * lines[:, None]).max(axis=0, initial=0), np.float32
+    )
 
 
 def _softened(profiles: F32, sigma: NDArray[np.float64]) -> F32:
@@ -304,8 +394,12 @@ def _softened(profiles: F32, sigma: NDArray[np.float64]) -> F32:
     w = profiles.shape[1]
     size = cv2.getOptimalDFTSize(w + 2 * ceil(3 * float(sigma.max(initial=0.0))))
     waves = 2 * np.pi * np.fft.rfftfreq(size)
-    there = np.fft.rfft(profiles, size, axis=1) * np.exp(-((waves * sigma[:, None]) ** 2) / 2)
-    return np.asarray(np.maximum(np.fft.irfft(there, size, axis=1)[:, :w], 0), np.float32)
+    there = np.fft.rfft(profiles, size, axis=1) * np.exp(
+        -((waves * sigma[:, None]) ** 2) / 2
+    )
+    return np.asarray(
+        np.maximum(np.fft.irfft(there, size, axis=1)[:, :w], 0), np.float32
+    )
 
 
 def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
@@ -315,7 +409,8 @@ def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
         x = (xs - np.float32(what.center[0]))[None]
         apart = np.sqrt(x * x + z * z + height * height)
         return np.asarray(
-            (r / apart) ** 2 * height / apart * faded_out(x, z, 2.2 * float(height)), np.float32
+            (r / apart) ** 2 * height / apart * faded_out(x, z, 2.2 * float(height)),
+            np.float32,
         )
     left, lowest = what.lowest
     if not len(lowest):
@@ -324,9 +419,11 @@ def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
     gap = np.maximum(at.foot - (what.corner[1] + lowest - 0.5), 0.5).astype(np.float32)
     gap[lowest == 0] = MODEL.far
     # beside its feet an upright side hides half the sky
-    feet = (what.corner[0] + left + np.flatnonzero(gap < gap.min() + 1 + 0.1 * (at.high - at.low))).astype(
-        np.float32
-    )
+    feet = (
+        what.corner[0]
+        + left
+        + np.flatnonzero(gap < gap.min() + 1 + 0.1 * (at.high - at.low))
+    ).astype(np.float32)
     after = np.searchsorted(feet, xs)
     to_left = np.abs(xs - feet[np.maximum(after - 1, 0)])
     to_right = np.abs(feet[np.minimum(after, len(feet) - 1)] - xs)
@@ -336,20 +433,31 @@ def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
     away = np.sqrt(beside * beside + before * before + np.float32(at.low**2))
     hidden = np.float32(MODEL.beside) * np.exp(-away / reach)
     # under it a rectangle, so high over the floor, hides as much as its four sides say
-    x0, x1 = np.float32(what.corner[0] + left - 0.5), np.float32(what.corner[0] + right - 0.5)
+    x0, x1 = (
+        np.float32(what.corner[0] + left - 0.5),
+        np.float32(what.corner[0] + right - 0.5),
+    )
     gap = np.asarray(cv2.blur(gap[None], (5, 1))[0], np.float32)
-    high = np.interp(xs, np.arange(right - left) + float(x0) + 0.5, gap).astype(np.float32)
+    high = np.interp(xs, np.arange(right - left) + float(x0) + 0.5, gap).astype(
+        np.float32
+    )
     a, b = np.searchsorted(xs, (x0 - 2 * high[0], x1 + 2 * high[-1]))
     if b > a:
         x, c = xs[a:b], high[a:b]
         along = (x - x0) / np.hypot(x - x0, c) + (x1 - x) / np.hypot(x1 - x, c)
         front, back, c = np.float32(at.half) - z, np.float32(at.half) + z, c * c
         across = front / np.sqrt(front * front + c) + back / np.sqrt(back * back + c)
-        np.maximum(hidden[:, a:b], np.float32(MODEL.under / 4) * along * across, out=hidden[:, a:b])
+        np.maximum(
+            hidden[:, a:b],
+            np.float32(MODEL.under / 4) * along * across,
+            out=hidden[:, a:b],
+        )
     return np.asarray(hidden, np.float32)
 
 
-def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, F32] | None:
+def shadow_on_table(
+    what: Silhouette, setting: ShadowSetting
+) -> tuple[PixelBox, F32] | None:
     """Box of the photo and (h, w) -log of the light that is left; None where it lies outside the photo.
 
     Of the sky that an object hides beside its shadow, less is missed in the shadow: table and object light each other.
@@ -379,7 +487,9 @@ def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
         # cosine-weighted solid angle of a sphere that lies on the table
         near = np.float32(r * r) / (x * x + y * y + np.float32(r * r))
         hidden = near * np.sqrt(near) * faded_out(x, y, 2.2 * r)
-        return box, attenuation(direct, blocked, hidden * (1 - np.float32(direct) * blocked))
+        return box, attenuation(
+            direct, blocked, hidden * (1 - np.float32(direct) * blocked)
+        )
     h, w = what.coverage.shape
     t = what.thick
     most = penumbra_width(setting, t, rise)
@@ -399,14 +509,22 @@ def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
     blocked = np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
     for part in (0.0, 0.33, 0.67, 1.0):
         cast = moved_silhouette(
-            what, box, ax * t * part, ay * t * part, penumbra_width(setting, t * part, rise)
+            what,
+            box,
+            ax * t * part,
+            ay * t * part,
+            penumbra_width(setting, t * part, rise),
         )
         np.maximum(blocked, cast, out=blocked)
     hidden = 0.9 * moved_silhouette(what, box, 0, 0, max(0.4, 0.35 * t))
-    return box, attenuation(direct, blocked, hidden * (1 - np.float32(direct) * blocked))
+    return box, attenuation(
+        direct, blocked, hidden * (1 - np.float32(direct) * blocked)
+    )
 
 
-def shadow_on_wall(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, F32] | None:
+def shadow_on_wall(
+    what: Silhouette, setting: ShadowSetting
+) -> tuple[PixelBox, F32] | None:
     """Box of the photo and (h, w) -log of the light that is left; None where there is no wall, or no shadow on it."""
     lx, ly, lz = setting.light.direction
     if not np.isfinite(setting.backdrop) or lz < 0.05:
@@ -424,68 +542,121 @@ def shadow_on_wall(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, 
         box = clipped_box((x - reach, y - reach, x + reach, y + reach), setting.size)
         if box is None:
             return None
-        right = np.arange(box[0], box[2], dtype=np.float32)[None] - np.float32(what.center[0])
-        below = np.arange(box[1], box[3], dtype=np.float32)[:, None] - np.float32(what.center[1] - lean)
+        right = np.arange(box[0], box[2], dtype=np.float32)[None] - np.float32(
+            what.center[0]
+        )
+        below = np.arange(box[1], box[3], dtype=np.float32)[:, None] - np.float32(
+            what.center[1] - lean
+        )
         blocked = blocked_by_ball(what.radius, setting, right, below, -away)
     else:
         (x0, y0), (h, w) = what.corner, what.coverage.shape
         half = min(what.thick / 2, away)
         pad = ceil(2.5 * soft + half * hypot(ax, ay)) + 1
         dx, dy = ax * away, ay * away - lean
-        box = clipped_box((x0 + dx - pad, y0 + dy - pad, x0 + w + dx + pad, y0 + h + dy + pad), setting.size)
+        box = clipped_box(
+            (x0 + dx - pad, y0 + dy - pad, x0 + w + dx + pad, y0 + h + dy + pad),
+            setting.size,
+        )
         if box is None:
             return None
         blocked = moved_silhouette(what, box, dx, dy, 0.0)
         for back in (-half, half) if half * hypot(ax, ay) > 1 else ():
-            np.maximum(blocked, moved_silhouette(what, box, dx + ax * back, dy + ay * back, 0.0), out=blocked)
+            np.maximum(
+                blocked,
+                moved_silhouette(what, box, dx + ax * back, dy + ay * back, 0.0),
+                out=blocked,
+            )
         blocked = blurred(blocked, soft)
     if what.floor is not None:  # the wall ends where the floor begins
         rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
         blocked = blocked * np.clip(np.float32(what.floor - lean + 0.5) - rows, 0, 1)
     return box, attenuation(
-        setting.direct((0.0, 0.0, 1.0)), np.asarray(blocked, np.float32), np.zeros_like(blocked)
+        setting.direct((0.0, 0.0, 1.0)),
+        np.asarray(blocked, np.float32),
+        np.zeros_like(blocked),
     )
 
 
-def shadows_on_sides(what: Silhouette, setting: ShadowSetting) -> Iterator[tuple[PixelBox, F32]]:
+def shadows_on_sides(
+    what: Silhouette, setting: ShadowSetting
+) -> Iterator[tuple[PixelBox, F32]]:
     """Box of the photo and (h, w) -log of the light that is left on each wall beside, which goes straight back."""
-    (lx, ly, lz), (x0, y0), (h, w) = setting.light.direction, what.corner, what.coverage.shape
+    (lx, ly, lz), (x0, y0), (h, w) = (
+        setting.light.direction,
+        what.corner,
+        what.coverage.shape,
+    )
     if what.floor is None or lz < LEAST_LIGHT_HEIGHT:
         return
     far, mx, my = setting.distance(what.floor), setting.size[0] / 2, setting.size[1] / 2
     for end, stands, facing in zip(what.ends, what.walls, (1.0, -1.0), strict=True):
         if not stands or (end - mx) * facing >= 0 or lx * facing < LEAST_LIGHT_HEIGHT:
             continue  # not there, not seen, or not in the light
-        way = np.maximum((np.array([x0, x0 + w]) - end) / lx, 0.0)[:, None]  # px along the light
+        way = np.maximum((np.array([x0, x0 + w]) - end) / lx, 0.0)[
+            :, None
+        ]  # px along the light
         small = far / (far + way * lz)
-        across, down = mx + (end - mx) * small, my + (np.array([y0, y0 + h]) - way * ly - my) * small
-        box = clipped_box((across.min() - 2, down.min() - 2, across.max() + 2, down.max() + 2), setting.size)
+        across, down = (
+            mx + (end - mx) * small,
+            my + (np.array([y0, y0 + h]) - way * ly - my) * small,
+        )
+        box = clipped_box(
+            (across.min() - 2, down.min() - 2, across.max() + 2, down.max() + 2),
+            setting.size,
+        )
         if box is None:
             continue
-        columns = box[0] - 0.5 + (np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5) / MODEL.wall
+        columns = (
+            box[0]
+            - 0.5
+            + (np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5) / MODEL.wall
+        )
         size = np.maximum((columns - mx) / (end - mx), 1e-3).astype(np.float32)
         back = np.asarray(far * (1 / size - 1), np.float32)
         rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
         y = np.float32(my) + (rows - np.float32(my)) / size
         if what.radius is not None:
-            right, below = np.float32(end - what.center[0]), y - np.float32(what.center[1])
+            right, below = (
+                np.float32(end - what.center[0]),
+                y - np.float32(what.center[1]),
+            )
             blocked = blocked_by_ball(what.radius, setting, right, below, -back)
         else:
-            soft = blurred(what.coverage, penumbra_width(setting, float(np.median(back)) / lz, 1.0))
-            x = (np.float32(end - x0) + back * np.float32(lx / lz)).repeat(len(y), axis=0)
+            soft = blurred(
+                what.coverage, penumbra_width(setting, float(np.median(back)) / lz, 1.0)
+            )
+            x = (np.float32(end - x0) + back * np.float32(lx / lz)).repeat(
+                len(y), axis=0
+            )
             down = y + back * np.float32(ly / lz) - np.float32(y0)
             blocked = np.asarray(cv2.remap(soft, x, down, cv2.INTER_LINEAR), np.float32)
-        upon = ((back >= 0) & (back <= setting.backdrop)) * np.clip(np.float32(what.floor + 0.5) - y, 0, 1)
-        mean = (blocked * upon).reshape(len(y), -1, MODEL.wall).mean(axis=2, dtype=np.float32)
-        yield box, attenuation(setting.direct((facing, 0.0, 0.0)), mean, np.zeros_like(mean))
+        upon = ((back >= 0) & (back <= setting.backdrop)) * np.clip(
+            np.float32(what.floor + 0.5) - y, 0, 1
+        )
+        mean = (
+            (blocked * upon)
+            .reshape(len(y), -1, MODEL.wall)
+            .mean(axis=2, dtype=np.float32)
+        )
+        yield (
+            box,
+            attenuation(setting.direct((facing, 0.0, 0.0)), mean, np.zeros_like(mean)),
+        )
 
 
-def shadow_darkness(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, NDArray[np.float32]] | None:
+def shadow_darkness(
+    what: Silhouette, setting: ShadowSetting
+) -> tuple[PixelBox, NDArray[np.float32]] | None:
     """Box of the photo and (h, w) -log of the light that is left there; None where it throws no shadow."""
     parts = (
         [shadow_on_table(what, setting)]
         if setting.top
-        else [shadow_on_floor(what, setting), shadow_on_wall(what, setting), *shadows_on_sides(what, setting)]
+        else [
+            shadow_on_floor(what, setting),
+            shadow_on_wall(what, setting),
+            *shadows_on_sides(what, setting),
+        ]
     )
     found = [part for part in parts if part is not None]
     return joined_pictures(found) if found else None

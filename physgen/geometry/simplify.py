@@ -24,13 +24,24 @@ def simplify(points: Array, tolerance: float, closed: bool) -> Array:
     ring, a smaller one is taken.
     """
     if not closed:
-        return _straighten(points, tolerance, closed=False) if len(points) > 2 else points.copy()
+        return (
+            _straighten(points, tolerance, closed=False)
+            if len(points) > 2
+            else points.copy()
+        )
     area = abs(polygon_moments(points).area)
     start = int(np.argmax(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
     points = np.roll(points, -start, axis=0)
     for share in (1.0, 0.5, 0.25):
-        found = _distinct(_straighten(np.concatenate([points, points[:1]]), share * tolerance, closed=True))
-        if len(found) >= 3 and abs(abs(polygon_moments(found).area) - area) <= 0.03 * area:
+        found = _distinct(
+            _straighten(
+                np.concatenate([points, points[:1]]), share * tolerance, closed=True
+            )
+        )
+        if (
+            len(found) >= 3
+            and abs(abs(polygon_moments(found).area) - area) <= 0.03 * area
+        ):
             return found
     return points
 
@@ -45,7 +56,9 @@ def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
         if not bad:
             return np.array([corner for pair in corners for corner in pair])
         for first, last in bad:
-            chords = [first + k for k in _douglas_peucker(points[first : last + 1], tolerance)]
+            chords = [
+                first + k for k in _douglas_peucker(points[first : last + 1], tolerance)
+            ]
             runs = sorted({*runs, *chords})
             pinned |= set(chords)
     return points[_douglas_peucker(points, tolerance)]
@@ -54,9 +67,15 @@ def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
 def _runs(points: Array, tolerance: float) -> list[int]:
     """Indices of the breaks of least price, the first and the last point among them."""
     count = len(points)
-    where = np.arange(count) if count <= _MOST_BREAKS else np.array(_douglas_peucker(points, 0.6 * tolerance))
+    where = (
+        np.arange(count)
+        if count <= _MOST_BREAKS
+        else np.array(_douglas_peucker(points, 0.6 * tolerance))
+    )
     p = points - points.mean(axis=0)
-    columns = np.column_stack([np.ones(count), p, p[:, 0] ** 2, p[:, 0] * p[:, 1], p[:, 1] ** 2])
+    columns = np.column_stack(
+        [np.ones(count), p, p[:, 0] ** 2, p[:, 0] * p[:, 1], p[:, 1] ** 2]
+    )
     upto = np.concatenate([np.zeros((1, 6)), np.cumsum(columns, axis=0)])
     before, after = upto[where], upto[where + 1]
     best = np.zeros(len(where))
@@ -111,13 +130,17 @@ def distances_to_line(points: Array, line: Array, closed: bool) -> Array:
     """`(n,)` px from each point to the nearest segment of a line `(K, 2)`."""
     following = np.roll(line, -1, axis=0) if closed else line[1:]
     start = line if closed else line[:-1]
-    nearest: Array = distances(points[:, None], start[None], following[None]).min(axis=1)
+    nearest: Array = distances(points[:, None], start[None], following[None]).min(
+        axis=1
+    )
     return nearest
 
 
 def _distinct(corners: Array) -> Array:
     """Without corners that repeat the one before, all the way round."""
-    kept: Array = corners[np.abs(corners - np.roll(corners, -1, axis=0)).max(axis=1) > 1e-6]
+    kept: Array = corners[
+        np.abs(corners - np.roll(corners, -1, axis=0)).max(axis=1) > 1e-6
+    ]
     return kept
 
 
@@ -147,11 +170,17 @@ def _corners(
     for k in range(1, len(runs) - 1):
         around = points[runs[k - 1] : runs[k + 1] + 1]
         here = points[runs[k]]
-        found.append([here] if runs[k] in pinned else _meet(around, here, lines[k - 1], lines[k], limit))
+        found.append(
+            [here]
+            if runs[k] in pinned
+            else _meet(around, here, lines[k - 1], lines[k], limit)
+        )
     if closed:
         around = np.concatenate([points[runs[-2] : -1], points[: runs[1] + 1]])
         pin = {0, runs[-1]} & pinned
-        seam = [points[0]] if pin else _meet(around, points[0], lines[-1], lines[0], limit)
+        seam = (
+            [points[0]] if pin else _meet(around, points[0], lines[-1], lines[0], limit)
+        )
         return [seam, *found, seam]
     start, end = _joint(points[0], lines[0], 1.0), _joint(points[-1], lines[-1], -1.0)
     return [[points[0], *start], *found, [*end, points[-1]]]
@@ -161,11 +190,19 @@ def _joint(end: Array, line: tuple[Array, Array], way: float) -> list[Array]:
     """Where an end lies off its run's line: the point that soon brings the edge back to it, else none."""
     point, direction = line
     off = float(abs(cross(direction, end - point)))
-    return [] if off < 0.25 else [point + direction * (direction @ (end - point) + 2 * off * way)]
+    return (
+        []
+        if off < 0.25
+        else [point + direction * (direction @ (end - point) + 2 * off * way)]
+    )
 
 
 def _meet(
-    around: Array, here: Array, before: tuple[Array, Array], after: tuple[Array, Array], limit: float
+    around: Array,
+    here: Array,
+    before: tuple[Array, Array],
+    after: tuple[Array, Array],
+    limit: float,
 ) -> list[Array]:
     """The corner of two lines (a point and a direction each) at the break `here` of the points `around`.
 
@@ -194,7 +231,13 @@ def _off(
     for k, (first, last) in enumerate(pairwise(runs)):
         run = points[first : last + 1]
         before = corners[k - 1][-1:] if k > 0 else corners[-2][-1:] if closed else []
-        after = corners[k + 2][:1] if k + 2 < len(corners) else corners[1][:1] if closed else []
+        after = (
+            corners[k + 2][:1]
+            if k + 2 < len(corners)
+            else corners[1][:1]
+            if closed
+            else []
+        )
         line = np.array([*before, *corners[k], *corners[k + 1], *after])
         start, end = corners[k][-1], corners[k + 1][0]
         low = runs[k - 1] if k > 0 else first

@@ -46,7 +46,13 @@ from physgen.scene.provenance import stated_scale, table_confidences
 from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
-from physgen.scene.yaml_edit import marked, with_comments, without_comments, write, written_anew
+from physgen.scene.yaml_edit import (
+    marked,
+    with_comments,
+    without_comments,
+    write,
+    written_anew,
+)
 from physgen.text import counted, listed
 
 GENERIC = ("object", "thing")
@@ -72,7 +78,9 @@ class Names:
 
     objects: Sequence[PhotoObject]  # with their labels
     labels: Mapping[int, Name]
-    sources: Mapping[int, str]  # sources of the labels, for `from`; `""` where they are the user's
+    sources: Mapping[
+        int, str
+    ]  # sources of the labels, for `from`; `""` where they are the user's
     confidence: Mapping[int, float]
     before: Mapping[int, str]  # names without the user's new labels
     renamed: set[int]  # ids of objects that the user gave a new label
@@ -86,11 +94,16 @@ def slug(label: str) -> str:
     return text if text[0].isalpha() else f"object-{text}"
 
 
-def object_names(objects: Sequence[PhotoObject], kept: Mapping[int, str] | None = None) -> dict[int, str]:
+def object_names(
+    objects: Sequence[PhotoObject], kept: Mapping[int, str] | None = None
+) -> dict[int, str]:
     """A name for every object, by id, from left to right: its label and a number; names in `kept` stay."""
     kept = kept or {}
     taken = set(kept.values())
-    ordered = sorted(objects, key=lambda t: (round(float(mass_properties(t.outline).center[0]), 1), t.id))
+    ordered = sorted(
+        objects,
+        key=lambda t: (round(float(mass_properties(t.outline).center[0]), 1), t.id),
+    )
     counts: dict[str, int] = {}
     result = {}
     for item in ordered:
@@ -115,10 +128,14 @@ def relabel_objects(
     labels, problems = renamed_labels(renames, called)
     if problems:
         raise InputError(problems)
-    return [replace(t, label=labels[t.id]) if t.id in labels else t for t in objects], set(labels)
+    return [
+        replace(t, label=labels[t.id]) if t.id in labels else t for t in objects
+    ], set(labels)
 
 
-def renamed_labels(renames: Sequence[str], called: Mapping[int, str]) -> tuple[dict[int, str], list[Problem]]:
+def renamed_labels(
+    renames: Sequence[str], called: Mapping[int, str]
+) -> tuple[dict[int, str], list[Problem]]:
     """The new label of each object that one of `renames` names, by id, a name before a pattern; and what is wrong."""
     labels: dict[int, str] = {}
     exact: dict[int, str] = {}
@@ -129,8 +146,14 @@ def renamed_labels(renames: Sequence[str], called: Mapping[int, str]) -> tuple[d
         hits = own or [i for i, n in called.items() if fnmatch.fnmatchcase(n, name)]
         if not (sign and text and hits):
             near = difflib.get_close_matches(name, called.values(), 1)
-            known = ", ".join(list(called.values())[:8]) + (", ..." if len(called) > 8 else "")
-            fix = f"did you mean {near[0]}?" if near and near[0] != name else f"the objects are {known}"
+            known = ", ".join(list(called.values())[:8]) + (
+                ", ..." if len(called) > 8 else ""
+            )
+            fix = (
+                f"did you mean {near[0]}?"
+                if near and near[0] != name
+                else f"the objects are {known}"
+            )
             expected = "names no object" if sign and text else "is not NAME=TEXT"
             problems += InputError.of("--label", f'"{rename}"', expected, fix).problems
         (exact if own else labels).update(dict.fromkeys(hits, text))
@@ -138,11 +161,16 @@ def renamed_labels(renames: Sequence[str], called: Mapping[int, str]) -> tuple[d
 
 
 def label_confidences(
-    found: Detections, named: Mapping[int, Name], guessed: Mapping[int, Name], renamed: set[int]
+    found: Detections,
+    named: Mapping[int, Name],
+    guessed: Mapping[int, Name],
+    renamed: set[int],
 ) -> dict[int, float]:
     """Confidence of each label: 1 where the user gave it, or changed what was guessed."""
     given = found.names if found.object_names or found.named_by == "given" else {}
-    own = {i for i in given if i not in guessed or found.names[i].label != guessed[i].label} | renamed
+    own = {
+        i for i in given if i not in guessed or found.names[i].label != guessed[i].label
+    } | renamed
     return {i: 1.0 if i in own else name.confidence for i, name in named.items()}
 
 
@@ -153,10 +181,15 @@ def unknown_label(label: str) -> Problem | None:
         return None
     known = sorted({word for _, every in nouns() for word in every})
     matches = (
-        difflib.get_close_matches(text, known, 1) for text in (label.lower(), label.lower().split()[-1])
+        difflib.get_close_matches(text, known, 1)
+        for text in (label.lower(), label.lower().split()[-1])
     )
     close = next((match for match in matches if match), None)
-    fix = f"did you mean {close[0]}?" if close else "name a material, too, as in: wooden spoon"
+    fix = (
+        f"did you mean {close[0]}?"
+        if close
+        else "name a material, too, as in: wooden spoon"
+    )
     expected = "is no object or material of the material table"
     return Problem(Place("--label"), "", f'"{label}"', expected, fix, Severity.WARNING)
 
@@ -186,15 +219,21 @@ def object_entries(
         sources = {"mask": _mask_source(found, item.id)}
         if label_sources[item.id]:
             sources["label"] = provenance(
-                labels[item.id].source or label_sources[item.id], labels[item.id].confidence
+                labels[item.id].source or label_sources[item.id],
+                labels[item.id].confidence,
             )
             likely = [
                 f"{label} {chance:g}"
                 for label, chance in labels[item.id].likely
                 if chance >= LIKELY and label != item.label
             ]
-            comments[f"{at}.label"] = sources["label"] + (", or " if likely else "") + ", ".join(likely)
-        sources |= {key: provenance(table, sure) for key, sure in table_confidences(its.confidence).items()}
+            comments[f"{at}.label"] = (
+                sources["label"] + (", or " if likely else "") + ", ".join(likely)
+            )
+        sources |= {
+            key: provenance(table, sure)
+            for key, sure in table_confidences(its.confidence).items()
+        }
         grip = boundaries.grip.get(item.id, 0.0)
         one: dict[str, Any] = {
             "label": item.label,
@@ -207,7 +246,9 @@ def object_entries(
         }
         held = item.id in boundaries.held
         # circles roll seen from the side, spheres seen from above, too
-        rolls = isinstance(item.outline, Disc) and (boundaries.view is View.SIDE or its.solid is Solid.SPHERE)
+        rolls = isinstance(item.outline, Disc) and (
+            boundaries.view is View.SIDE or its.solid is Solid.SPHERE
+        )
         if rolls and not (item.cut or held):
             one["rolling"] = its.rolling
         else:
@@ -218,21 +259,29 @@ def object_entries(
             one["velocity"] = [0, 0]
         else:
             why = (
-                "cut off by the photo's border" if item.cut else "nothing that is seen keeps it from falling"
+                "cut off by the photo's border"
+                if item.cut
+                else "nothing that is seen keeps it from falling"
             )
             one["motion"] = "static"
             comments[f"{at}.motion"] = f"{why}, so it is held; dynamic lets it go"
         if its.friction < grip:
             sources["friction"] = provenance("lies on a slope", 0.5)
-            comments[f"{at}.friction"] = "at least this much, since it lies still on a slope"
+            comments[f"{at}.friction"] = (
+                "at least this much, since it lies still on a slope"
+            )
         if item.id in layer_of:
             behind = [order for order in kept if order.front == item.id]
             one["layer"] = layer_of[item.id]
-            sources["layer"] = provenance("outlines", max(order.confidence for order in behind))
+            sources["layer"] = provenance(
+                "outlines", max(order.confidence for order in behind)
+            )
             *names, last = [called[order.behind] for order in behind]
             hidden = ", ".join(names) + (" and " if names else "") + last
             comments[f"{at}.layer"] = f"in front: it hides parts of {hidden}"
-        comments[f"{at}.mask"] = f"{sources['mask']}, {shape_words(item.outline, its.solid)}"
+        comments[f"{at}.mask"] = (
+            f"{sources['mask']}, {shape_words(item.outline, its.solid)}"
+        )
         comments[f"{at}.mass"] = f"g, {sources['mass']}: {its.reason}"
         entries[name] = {**one, "from": sources}
         if item.id in found.prompts:
@@ -258,14 +307,21 @@ def view_entry(shadows: Shadows, side: bool) -> dict[str, Any]:
     """The part of `world:` that places shadows; empty where none are seen."""
     if shadows.clean is None or not side:
         return {}
-    return {"tilt": shadows.tilt} | ({} if shadows.backdrop is None else {"backdrop": shadows.backdrop})
+    return {"tilt": shadows.tilt} | (
+        {} if shadows.backdrop is None else {"backdrop": shadows.backdrop}
+    )
 
 
 def shape_entry(outline: Outline) -> dict[str, Any]:
     """`shape:` of an outline, to 0.01 px; radii are rounded down, so that balls that touch do not overlap."""
     if isinstance(outline, Disc):
         (center,) = corners(outline.center[None])
-        return {"circle": {"center": center, "radius": short(max(0.01, floor(outline.radius * 100) / 100))}}
+        return {
+            "circle": {
+                "center": center,
+                "radius": short(max(0.01, floor(outline.radius * 100) / 100)),
+            }
+        }
     rings = outline.rings
     if len(rings) == 1 and not rings[0].holes:
         if (box := _box(rings[0].outer)) is not None:
@@ -295,7 +351,10 @@ def _box(points: Array) -> dict[str, Any] | None:
         return None
     sides = np.roll(points, -1, axis=0) - points
     lengths = np.hypot(*sides.T)
-    if np.hypot(*(sides[0] + sides[2])) > 1e-6 or abs(sides[0] @ sides[1]) > 1e-6 * lengths.max() ** 2:
+    if (
+        np.hypot(*(sides[0] + sides[2])) > 1e-6
+        or abs(sides[0] @ sides[1]) > 1e-6 * lengths.max() ** 2
+    ):
         return None
     (center, size) = corners(np.array([points.mean(axis=0), lengths[:2]]))
     angle = short(round(degrees(atan2(sides[0][1], sides[0][0])), 3) + 0.0)
@@ -319,7 +378,9 @@ def short(value: float) -> float:
 def wall_entry(wall: Wall) -> dict[str, Any]:
     """One boundary: a segment of two points, a polyline of more."""
     points = [[short(x), short(y)] for x, y in wall.points]
-    entry: dict[str, Any] = {"segment": points} if len(points) == 2 else {"polyline": points}
+    entry: dict[str, Any] = (
+        {"segment": points} if len(points) == 2 else {"polyline": points}
+    )
     usual = schema_at(("boundaries", wall.name)) or {}
     for key, value in (("friction", wall.friction), ("elasticity", wall.elasticity)):
         entry |= {} if value == usual["properties"][key]["default"] else {key: value}
@@ -330,16 +391,22 @@ def wall_entry(wall: Wall) -> dict[str, Any]:
 
 
 def scene_comments(
-    found: Detections, objects: Sequence[PhotoObject], specks: int, boundaries: BoundaryGuess
+    found: Detections,
+    objects: Sequence[PhotoObject],
+    specks: int,
+    boundaries: BoundaryGuess,
 ) -> dict[str, str]:
     """Sentences about the source of each guess, by dotted path."""
     sources = {
         "given": "from the masks given",
         "pointed at": "where you pointed",
-        "kept": "as the scene had them" + (", and where you pointed" if found.prompts else ""),
+        "kept": "as the scene had them"
+        + (", and where you pointed" if found.prompts else ""),
     }
     how = sources.get(found.source, f"found by {found.source}")
-    left_out = f"; {specks} specks of under {SMALLEST_OBJECT} px left out" if specks else ""
+    left_out = (
+        f"; {specks} specks of under {SMALLEST_OBJECT} px left out" if specks else ""
+    )
     counts = label_counts({t.id: t.label for t in objects})
     comments = {
         "physgen": "as perceived in a photo: change any number, then physgen render THIS-FILE",
@@ -347,11 +414,17 @@ def scene_comments(
         "objects": f"{counts}, {how}, counted from left to right{left_out}",
     }
     if boundaries.view is View.TOP:
-        comments["world.table"] = "friction cannot be seen: 0.2 is cloth, 0 lets objects glide for ever"
+        comments["world.table"] = (
+            "friction cannot be seen: 0.2 is cloth, 0 lets objects glide for ever"
+        )
     if found.doubtful:
-        comments["doubtful"] = "perhaps objects, too: move a line to objects to have one"
+        comments["doubtful"] = (
+            "perhaps objects, too: move a line to objects to have one"
+        )
     return comments | {
-        f"boundaries.{wall.name}": wall.reason for wall in boundaries.walls if len(wall.points) == 2
+        f"boundaries.{wall.name}": wall.reason
+        for wall in boundaries.walls
+        if len(wall.points) == 2
     }
 
 
@@ -370,7 +443,9 @@ def summary(perceived: PerceivedScene) -> list[str]:
     objects, world = document["objects"], document["world"]
     sure = {name: mask_confidence(item) for name, item in objects.items()}
     ends = sorted({min(sure.values(), default=0.0), max(sure.values(), default=0.0)})
-    confidence = f", confidence {' to '.join(f'{end:g}' for end in ends)}" if sure else ""
+    confidence = (
+        f", confidence {' to '.join(f'{end:g}' for end in ends)}" if sure else ""
+    )
     unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.unsure]
     check = f", but look at {listed([name.split()[0] for name in unsure], 'and')}"
     suits = f"{perceived.suitability}{check if unsure and str(perceived.suitability) == 'good' else ''}"
@@ -378,7 +453,9 @@ def summary(perceived: PerceivedScene) -> list[str]:
     if not objects:
         return [first, f"  objects   none; {ADD_OBJECT}"]
     table = {
-        "objects": label_counts({k: item["label"] for k, item in enumerate(objects.values())}),
+        "objects": label_counts(
+            {k: item["label"] for k, item in enumerate(objects.values())}
+        ),
         "scale": f"{world['pixels_per_meter']:g} px/m, {comments.get('world.pixels_per_meter', '')}; to correct it, "
         "name an object by --label, or set world.pixels_per_meter",
         "view": f"{world['view']}: {comments.get('world.view', '').partition(': ')[2]}",
@@ -389,19 +466,41 @@ def summary(perceived: PerceivedScene) -> list[str]:
     if static:
         table["support"] += f"; held where they are: {', '.join(static)}"
     pushed = [name for name, item in objects.items() if any(item.get("velocity", ()))]
-    ways = {name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1] for name in pushed}
-    table["motion"] = "; ".join(f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items())
+    ways = {
+        name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1]
+        for name in pushed
+    }
+    table["motion"] = "; ".join(
+        f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items()
+    )
     table["motion"] = table["motion"] or "nothing is pushed"
     # a user's have no confidence
-    regions = [name for name, one in document.get("doubtful", {}).items() if "confidence" in one]
-    doubts = [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"] if unsure else []
+    regions = [
+        name
+        for name, one in document.get("doubtful", {}).items()
+        if "confidence" in one
+    ]
+    doubts = (
+        [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"]
+        if unsure
+        else []
+    )
     if regions:
-        what = f"{len(regions)} regions may be objects" if len(regions) > 1 else "1 region may be an object"
+        what = (
+            f"{len(regions)} regions may be objects"
+            if len(regions) > 1
+            else "1 region may be an object"
+        )
         more = " ..." if len(regions) > 1 else ""
         doubts.append(f"{what}, too: move {regions[0]}{more} to objects to have one")
     if doubts:
-        table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
-    return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]
+        table["doubtful"] = "; ".join(
+            [*doubts, "--box and --point mark what is missing"]
+        )
+    return [
+        first,
+        *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items()),
+    ]
 
 
 def mask_confidence(item: Mapping[str, Any]) -> float:
@@ -409,16 +508,27 @@ def mask_confidence(item: Mapping[str, Any]) -> float:
     return float(item["from"]["mask"].rpartition(" ")[2])
 
 
-def with_doubtful(labels: Labels, doubtful: Sequence[Doubt]) -> tuple[Labels, dict[str, Any]]:
+def with_doubtful(
+    labels: Labels, doubtful: Sequence[Doubt]
+) -> tuple[Labels, dict[str, Any]]:
     """The label map with ids for regions that may be objects, as far as no object is there, and `doubtful:`."""
     result = labels.copy()
     entries: dict[str, Any] = {}
     for doubt in doubtful:
-        free = fill_polygon(tuple(doubt.polygon), (labels.shape[1], labels.shape[0])) & (result == 0)
+        free = fill_polygon(
+            tuple(doubt.polygon), (labels.shape[1], labels.shape[0])
+        ) & (result == 0)
         id_ = int(result.max()) + 1
-        if doubt.confidence >= PERHAPS and np.count_nonzero(free) >= SMALLEST_OBJECT and id_ < 65536:
+        if (
+            doubt.confidence >= PERHAPS
+            and np.count_nonzero(free) >= SMALLEST_OBJECT
+            and id_ < 65536
+        ):
             result[free] = id_
-            entries[f"maybe-{len(entries) + 1}"] = {"mask": id_, "confidence": round(doubt.confidence, 2)}
+            entries[f"maybe-{len(entries) + 1}"] = {
+                "mask": id_,
+                "confidence": round(doubt.confidence, 2),
+            }
     return result, entries
 
 
@@ -446,7 +556,9 @@ def write_scene(
     """
     folder = output.parent if output else Path()
     inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
-    copy = "" if inside else _free_of_maps(f"{name}.png" if photo is None else photo.name)
+    copy = (
+        "" if inside else _free_of_maps(f"{name}.png" if photo is None else photo.name)
+    )
     heads = ("physgen", "image", "assets", "maps")
     body = {key: value for key, value in perceived.document.items() if key not in heads}
     old: dict[str, Any] = {} if before is None else marked(before).data()
@@ -457,24 +569,42 @@ def write_scene(
     def written(assets: Path) -> str:
         """The scene's text with the assets in this folder."""
         image = assets / copy if copy or photo is None else photo
-        head = {"physgen": 1, "image": _relative(image, folder), "assets": _relative(assets, folder)}
+        head = {
+            "physgen": 1,
+            "image": _relative(image, folder),
+            "assets": _relative(assets, folder),
+        }
         modeline = _relative(assets / SCHEMA, folder)
         if before is None:
             return scene_text(head | body, perceived.comments, schema=modeline)
         text = _rewritten(before, old, head | body, perceived, known)
-        return re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
+        return re.sub(
+            r"\A# yaml-language-server: .*",
+            f"# yaml-language-server: $schema={modeline}",
+            text,
+        )
 
     # a folder that is there may be another scene's
     assets, there = free_folder(output or folder / f"{name}.yaml")
     if output is not None:
-        same = there and output.is_file() and written(there).encode() == output.read_bytes()
+        same = (
+            there
+            and output.is_file()
+            and written(there).encode() == output.read_bytes()
+        )
         folder.mkdir(parents=True, exist_ok=True)
     else:
-        same = there and not any(there.name.encode() in one.read_bytes() for one in folder.glob("*.yaml"))
+        same = there and not any(
+            there.name.encode() in one.read_bytes() for one in folder.glob("*.yaml")
+        )
     assets = there if there and same else assets
     ours = {*(f"{name}.png" for name in MAPS), OUTLINES, SCHEMA}
     for file, crc in recorded(assets, "files").items():
-        if file in ours and (assets / file).is_file() and crc32((assets / file).read_bytes()) == crc:
+        if (
+            file in ours
+            and (assets / file).is_file()
+            and crc32((assets / file).read_bytes()) == crc
+        ):
             (assets / file).unlink()  # as it was written: nobody painted in it
     ranges = write_assets(perceived.percepts, assets, keep)
     if photo is None:
@@ -493,20 +623,32 @@ def write_scene(
             for name, item in perceived.document["objects"].items()
         },
         "world": {"pixels_per_meter": per_meter, "slow": slow}
-        | {"view": perceived.document["world"].get("view"), "view_from": perceived.view_from}
+        | {
+            "view": perceived.document["world"].get("view"),
+            "view_from": perceived.view_from,
+        }
         | {"boundaries": body.get("boundaries", {})}
         | perceived.wrote.get("", {}),
         "maps": ranges,
         "comments": sorted(
             known.comments
-            | {" ".join(line.split()) for words in perceived.comments.values() for line in words.split("\n")}
+            | {
+                " ".join(line.split())
+                for words in perceived.comments.values()
+                for line in words.split("\n")
+            }
         ),
     }
     if (suits := perceived.suitability) is not None:
-        record["suitability"] = {"verdict": suits.verdict, "reasons": list(suits.reasons)}
+        record["suitability"] = {
+            "verdict": suits.verdict,
+            "reasons": list(suits.reasons),
+        }
     made = sorted(file for file in assets.iterdir() if file.name in ours)
     record["files"] = {file.name: crc32(file.read_bytes()) for file in made}
-    write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
+    write_atomic(
+        assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n"
+    )
     text = written(assets)
     if output is not None:
         write_with_backup(output, text.encode("utf-8"), keep)
@@ -514,38 +656,71 @@ def write_scene(
 
 
 def _rewritten(
-    text: str, old: Mapping[str, Any], new: dict[str, Any], perceived: PerceivedScene, known: Record
+    text: str,
+    old: Mapping[str, Any],
+    new: dict[str, Any],
+    perceived: PerceivedScene,
+    known: Record,
 ) -> str:
     """The text with new data, and with comments on the values that are new, or whose reason is.
 
     Comments of perception on values that are the user's go. Objects of nothing but a mask, and boundaries that are
     new, are written as in a new file.
     """
-    objects, changed = old.get("objects", {}), old.get("objects", {}).keys() != new["objects"].keys()
+    objects, changed = (
+        old.get("objects", {}),
+        old.get("objects", {}).keys() != new["objects"].keys(),
+    )
     bare = {name for name, was in objects.items() if was.keys() <= BARE}
-    fresh = {key for key in perceived.comments if value_at(new, key) != value_at(old, key)}
+    fresh = {
+        key for key in perceived.comments if value_at(new, key) != value_at(old, key)
+    }
     fresh |= {key for key in perceived.comments if bare & set(key.split(".")[1:2])}
     fresh -= set() if changed else {"objects"}
-    stale = ["world.pixels_per_meter"] if perceived.wrote.get("", {}).get("given") else []
+    stale = (
+        ["world.pixels_per_meter"] if perceived.wrote.get("", {}).get("given") else []
+    )
     same = []  # the file says how they were found first
     for name, item in perceived.document["objects"].items():
         wrote, now = known.entry(name, item), item.get("from", {})
         was = wrote.get("from", {})
-        theirs = {key for key in ("label", "mass", "friction") if key in was and key not in now}
-        stale += [f"objects.{name}.{key}" for key in theirs | perceived.wrote.get(name, {}).keys()]
+        theirs = {
+            key
+            for key in ("label", "mass", "friction")
+            if key in was and key not in now
+        }
+        stale += [
+            f"objects.{name}.{key}"
+            for key in theirs | perceived.wrote.get(name, {}).keys()
+        ]
         stale += [] if any(item.get("velocity", ())) else [f"objects.{name}.velocity"]
-        if was.get("mask") == now.get("mask") and wrote.get("label") == item.get("label"):
-            same += [key for part in ("mask", "mass") if (key := f"objects.{name}.{part}") not in fresh]
+        if was.get("mask") == now.get("mask") and wrote.get("label") == item.get(
+            "label"
+        ):
+            same += [
+                key
+                for part in ("mask", "mass")
+                if (key := f"objects.{name}.{part}") not in fresh
+            ]
         else:
             changed = True
     same += [] if changed else ["objects"]
-    comments = {key: words for key, words in perceived.comments.items() if key not in (*stale, *same)}
-    for section, names in (("objects", bare), ("boundaries", old.get("boundaries", {}))):
+    comments = {
+        key: words
+        for key, words in perceived.comments.items()
+        if key not in (*stale, *same)
+    }
+    for section, names in (
+        ("objects", bare),
+        ("boundaries", old.get("boundaries", {})),
+    ):
         for name in names:
             now = new.get(section, {}).get(name)
             if now is not None and now != old[section][name]:
                 text = written_anew(text, (section, name), now)
-    text = without_comments(write(text, new), [key.split(".") for key in stale], known.comments)
+    text = without_comments(
+        write(text, new), [key.split(".") for key in stale], known.comments
+    )
     return with_comments(text, comments, known.comments, fresh)
 
 
@@ -569,13 +744,16 @@ def short_entries(
         kept, mask = written.get(name, {}), item.get("mask")
         if "shape" in item and "shape" not in kept and isinstance(mask, int):
             ours = ["shape"] if "solid" in kept else ["shape", "solid"]
-            entry = {"crc": mask_crc(labels, mask)} | {key: item[key] for key in ours if key in item}
+            entry = {"crc": mask_crc(labels, mask)} | {
+                key: item[key] for key in ours if key in item
+            }
             stored.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
             item = {key: value for key, value in item.items() if key not in ours}
         short[name] = {
             key: value
             for key, value in item.items()
-            if key in kept or (key != "from" and (key not in USUAL or value != usual[key]["default"]))
+            if key in kept
+            or (key != "from" and (key not in USUAL or value != usual[key]["default"]))
         }
     return short, "{\n" + ",\n".join(stored) + "\n}\n"
 

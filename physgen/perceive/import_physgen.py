@@ -66,7 +66,11 @@ LEAST_SPREAD = 0.06
 @cache
 def _schema() -> Schema:
     """Of sim.yaml, with that code's defaults."""
-    return expand(json.loads(resource("schemas", "physgen-sim.schema.json").read_text(encoding="utf-8")))
+    return expand(
+        json.loads(
+            resource("schemas", "physgen-sim.schema.json").read_text(encoding="utf-8")
+        )
+    )
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,11 @@ class Sim:
 
 
 def import_physgen(
-    folder: Path, *, image: str = "photo.png", assets: str = "photo.assets", progress: Progress = silent
+    folder: Path,
+    *,
+    image: str = "photo.png",
+    assets: str = "photo.assets",
+    progress: Progress = silent,
 ) -> PerceivedScene:
     """The scene of one folder; `image` and `assets` are their names in the document.
 
@@ -127,8 +135,12 @@ def import_physgen(
     rgb = read_image(folder / "original.png")
     labels = _read_labels(folder / "mask.png", rgb, sim)
     progress("outline", 1, 4)
-    outlines = outlines_by_kind(labels, {i: body.circle for i, body in sim.bodies.items()})
-    objects = [PhotoObject(i, outlines[i], body.label) for i, body in sim.bodies.items()]
+    outlines = outlines_by_kind(
+        labels, {i: body.circle for i, body in sim.bodies.items()}
+    )
+    objects = [
+        PhotoObject(i, outlines[i], body.label) for i, body in sim.bodies.items()
+    ]
     progress("inpaint", 2, 4)
     coverage = registry.make("matte")(rgb, labels)
     background = _read_background(folder / "inpaint.png", rgb, coverage > 0)
@@ -136,7 +148,9 @@ def import_physgen(
     normals, shading, depth = _read_maps(folder, rgb)
     albedo = None
     if shading is not None:
-        albedo = np.clip(linear_light(rgb) / np.maximum(shading, 1e-3)[:, :, None], 0, 1).astype(np.float32)
+        albedo = np.clip(
+            linear_light(rgb) / np.maximum(shading, 1e-3)[:, :, None], 0, 1
+        ).astype(np.float32)
     percepts = Percepts(
         rgb=rgb, labels=labels, coverage=coverage, background=background, depth=depth, normals=normals,
         albedo=albedo, shading=shading,
@@ -148,20 +162,32 @@ def import_physgen(
     if (clean := shadows.clean) is not None:
         if not shadows.faint:
             standing = labels if sim.gravity else None
-            clean = refill_background(clean, background, coverage, registry.make("inpaint"), standing)
+            clean = refill_background(
+                clean, background, coverage, registry.make("inpaint"), standing
+            )
         percepts = replace(percepts, clean=clean)
         source = provenance("shadows", shadows.confidence)
-        document["light"] = light_entry(shadows.light) | {"softness": shadows.softness, "from": source}
+        document["light"] = light_entry(shadows.light) | {
+            "softness": shadows.softness,
+            "from": source,
+        }
         document["world"] |= view_entry(shadows, bool(sim.gravity))
-    document["render"] = {"fps": max(1, round(sim.frames / sim.duration, 3)), "frames": sim.frames}
+    document["render"] = {
+        "fps": max(1, round(sim.frames / sim.duration, 3)),
+        "frames": sim.frames,
+    }
     document["render"]["motion_blur"] = MOTION_BLUR
     if sim.denoise_strength is not None:
         document["refine"] = {"strength": sim.denoise_strength}
-    comments["physgen"] = f"imported from {folder.name}/sim.yaml of the paper's public code"
+    comments["physgen"] = (
+        f"imported from {folder.name}/sim.yaml of the paper's public code"
+    )
     return PerceivedScene(percepts, document, comments, sim.warnings)
 
 
-def outlines_by_kind(labels: NDArray[np.uint16], circle: Mapping[int, bool]) -> dict[int, Outline]:
+def outlines_by_kind(
+    labels: NDArray[np.uint16], circle: Mapping[int, bool]
+) -> dict[int, Outline]:
     """Outlines by id of `labels` (H, W): a circle where `circle` is true, else polygons, however round.
 
     Neighbours are fitted together as far as their kind is the one that the fit would choose.
@@ -175,10 +201,15 @@ def outlines_by_kind(labels: NDArray[np.uint16], circle: Mapping[int, bool]) -> 
     return found
 
 
-def _document(sim: Sim, objects: list[PhotoObject], image: str, assets: str) -> dict[str, Any]:
+def _document(
+    sim: Sim, objects: list[PhotoObject], image: str, assets: str
+) -> dict[str, Any]:
     """World, objects, boundaries and forces."""
     names = object_names(objects)
-    world: dict[str, Any] = {"view": "side" if sim.gravity else "top", "pixels_per_meter": 100}
+    world: dict[str, Any] = {
+        "view": "side" if sim.gravity else "top",
+        "pixels_per_meter": 100,
+    }
     world["gravity"] = [0, sim.gravity]
     if not sim.gravity:
         world["table"] = {"friction": 0}
@@ -204,7 +235,10 @@ def _document(sim: Sim, objects: list[PhotoObject], image: str, assets: str) -> 
             impulse = [float(f"{mass * v:.6g}") for v in body.push]
             forces.append({"object": names[one.id], "impulse": impulse})
     surface = {"friction": sim.ground_friction, "elasticity": sim.ground_elasticity}
-    walls = {f"wall-{k}": {"segment": [list(a), list(b)], **surface} for k, (a, b) in enumerate(sim.edges, 1)}
+    walls = {
+        f"wall-{k}": {"segment": [list(a), list(b)], **surface}
+        for k, (a, b) in enumerate(sim.edges, 1)
+    }
     return {
         "physgen": 1, "image": image, "assets": assets, "world": world, "objects": entries, "boundaries": walls,
         "forces": forces,
@@ -217,13 +251,19 @@ def _comments(sim: Sim, folder: Path) -> dict[str, str]:
         "objects": "balls turn as discs, as they did there; solid: sphere is truer",
     }
     if not sim.gravity:
-        comments["world.view"] = "gravity 0: seen from above, on a table without friction"
+        comments["world.view"] = (
+            "gravity 0: seen from above, on a table without friction"
+        )
     if sim.edges and sim.ground_elasticity:
         comments["boundaries"] = "their coefficients are multiplied by the objects'"
     elif sim.edges:
-        comments["boundaries"] = "elasticity 0: nothing bounces off them, as there; 0.8 is a cushion"
+        comments["boundaries"] = (
+            "elasticity 0: nothing bounces off them, as there; 0.8 is a cushion"
+        )
     if any(body.push for body in sim.bodies.values()):
-        comments["forces"] = "init_acc, which was added to the velocity at t = 0, times mass"
+        comments["forces"] = (
+            "init_acc, which was added to the velocity at t = 0, times mass"
+        )
     if not (folder / "inpaint.png").is_file():
         comments["assets"] = "inpaint.png was missing; the background was filled here"
     return comments
@@ -232,14 +272,19 @@ def _comments(sim: Sim, folder: Path) -> dict[str, str]:
 def _find_shadows(percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> Shadows:
     """The photo's shadows, by a light near the one that explains the maps."""
     surface = sim.ground_friction, sim.ground_elasticity
-    walls = tuple(Wall(f"wall-{k}", ends, *surface, 1.0, "", "") for k, ends in enumerate(sim.edges, 1))
+    walls = tuple(
+        Wall(f"wall-{k}", ends, *surface, 1.0, "", "")
+        for k, ends in enumerate(sim.edges, 1)
+    )
     boundary = BoundaryGuess(View.SIDE if sim.gravity else View.TOP, 1.0, "", walls)
     rgb, labels, normals = percepts.rgb, percepts.labels, percepts.normals
     matter = registry.make("physics")(rgb, objects, None)
     if normals is None:
         normals = registry.make("normals")(rgb, labels, objects, boundary)
     intrinsics: Intrinsics = registry.make("intrinsic")(rgb, labels, normals)
-    guess: LightGuess = registry.make("light")(rgb, labels, objects, normals, intrinsics)
+    guess: LightGuess = registry.make("light")(
+        rgb, labels, objects, normals, intrinsics
+    )
     found: Shadows = registry.make("shadow")(
         percepts.background, percepts.coverage, labels, objects, matter, boundary, guess
     )
@@ -265,17 +310,26 @@ def _fitted_light(
 def _check_folder(folder: Path) -> None:
     needed = ", ".join(NEEDED)
     if not folder.is_dir():
-        raise InputError.of(str(folder), "", "is not a folder", f"name one with {needed}")
+        raise InputError.of(
+            str(folder), "", "is not a folder", f"name one with {needed}"
+        )
     missing = [folder / name for name in NEEDED if not (folder / name).is_file()]
     if missing:
         fix = f"the folder needs {needed}"
-        raise InputError([Problem(Place(str(path)), "", "", "no such file", fix) for path in missing])
+        raise InputError(
+            [Problem(Place(str(path)), "", "", "no such file", fix) for path in missing]
+        )
 
 
 def _check_size(path: Path, size: tuple[int, ...], rgb: Rgb) -> None:
     if tuple(size[:2]) != rgb.shape[:2]:
         found, photo = (f"{s[1]} x {s[0]} px" for s in (size, rgb.shape))
-        raise InputError.of(str(path), found, f"differs from original.png's {photo}", "make them one size")
+        raise InputError.of(
+            str(path),
+            found,
+            f"differs from original.png's {photo}",
+            "make them one size",
+        )
 
 
 def _read_labels(path: Path, rgb: Rgb, sim: Sim) -> NDArray[np.uint16]:
@@ -307,7 +361,10 @@ def _read_maps(folder: Path, rgb: Rgb) -> tuple[F32 | None, F32 | None, F32 | No
     if normals is not None:  # x points left there, y up (measured on balls and floors)
         normals = normals * np.array([-1, -1, 1], np.float32)
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
-    shading, depth = (_read_array(folder / f"{name}.npy", rgb.shape[:2]) for name in ("shading", "depth"))
+    shading, depth = (
+        _read_array(folder / f"{name}.npy", rgb.shape[:2])
+        for name in ("shading", "depth")
+    )
     return normals, shading, depth
 
 
@@ -319,14 +376,26 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
     except (OSError, ValueError, EOFError) as error:
         reason = str(error).splitlines()[0][:80] if str(error) else "broken"
         expected = f"is not an array that can be read ({reason})"
-        raise InputError.of(str(path), "", expected, "save it with numpy.save") from None
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.shape != shape:
-        found, wanted = (" x ".join(map(str, one)) for one in (getattr(array, "shape", ()), shape))
+        raise InputError.of(
+            str(path), "", expected, "save it with numpy.save"
+        ) from None
+    if (
+        not isinstance(array, np.ndarray)
+        or array.dtype.kind not in "fiu"
+        or array.shape != shape
+    ):
+        found, wanted = (
+            " x ".join(map(str, one)) for one in (getattr(array, "shape", ()), shape)
+        )
         expected = f"is not an array of {wanted} numbers"
-        raise InputError.of(str(path), found or "it", expected, "save it at the photo's size")
+        raise InputError.of(
+            str(path), found or "it", expected, "save it at the photo's size"
+        )
     values = np.array(array, np.float32)
     if not np.isfinite(values).all():
-        raise InputError.of(str(path), "NaN or infinity", "is among its numbers", "fill them in")
+        raise InputError.of(
+            str(path), "NaN or infinity", "is among its numbers", "fill them in"
+        )
     return values
 
 
@@ -335,7 +404,10 @@ def read_sim(path: Path) -> Sim:
     root = read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
     data, known = plain(root), _schema()["properties"]
     of_object = known["obj_info"]["additionalProperties"]["properties"]
-    problems = [_fault(root, error) for error in Draft202012Validator(_schema()).iter_errors(data)]
+    problems = [
+        _fault(root, error)
+        for error in Draft202012Validator(_schema()).iter_errors(data)
+    ]
     problems += _unknown_keys(root, known, "")
     nodes = children(root, "obj_info")
     for key, node in nodes.items():
@@ -344,8 +416,14 @@ def read_sim(path: Path) -> Sim:
         for name, node in children(root, key).items():
             if name not in nodes:
                 fix = f"it has {', '.join(nodes)}"
-                problems.append(Problem(node.place, f"{key}.{name}", name, "is not among obj_info", fix))
-    if errors := [problem for problem in problems if problem.severity is Severity.ERROR]:
+                problems.append(
+                    Problem(
+                        node.place, f"{key}.{name}", name, "is not among obj_info", fix
+                    )
+                )
+    if errors := [
+        problem for problem in problems if problem.severity is Severity.ERROR
+    ]:
         raise InputError(errors)
     velocity, push = (data.get(key) or {} for key in ("init_velocity", "init_acc"))
     bodies = {}
@@ -353,16 +431,26 @@ def read_sim(path: Path) -> Sim:
         settings = _settings(data["obj_info"][key], of_object)
         settings["label"] = str(settings["label"])[:200]
         bodies[int(key)] = Body(
-            **settings, place=node.key_place, velocity=velocity.get(key), push=push.get(key)
+            **settings,
+            place=node.key_place,
+            velocity=velocity.get(key),
+            push=push.get(key),
         )
     edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
-    return Sim(**_settings(data, known), bodies=bodies, edges=edges, warnings=tuple(problems))
+    return Sim(
+        **_settings(data, known), bodies=bodies, edges=edges, warnings=tuple(problems)
+    )
 
 
 def _settings(entry: Mapping[str, Any], known: Mapping[str, Schema]) -> dict[str, Any]:
     """The value of each key that has a default, which stands for null, too."""
-    defaults = {key: part["default"] for key, part in known.items() if "default" in part}
-    return {key: default if entry.get(key) is None else entry[key] for key, default in defaults.items()}
+    defaults = {
+        key: part["default"] for key, part in known.items() if "default" in part
+    }
+    return {
+        key: default if entry.get(key) is None else entry[key]
+        for key, default in defaults.items()
+    }
 
 
 def _fault(root: Node, error: ValidationError) -> Problem:
@@ -372,8 +460,16 @@ def _fault(root: Node, error: ValidationError) -> Problem:
         node = node.value[key]
     wanted = str(error.schema.get("description", "a number"))  # type: ignore[union-attr]
     found = shown(error.instance if error.validator == "pattern" else node.value)
-    expected = "is missing" if error.validator == "required" else "is not what is read here"
-    return Problem(node.place, dotted(tuple(error.absolute_path)), found, expected, f"write {wanted}")
+    expected = (
+        "is missing" if error.validator == "required" else "is not what is read here"
+    )
+    return Problem(
+        node.place,
+        dotted(tuple(error.absolute_path)),
+        found,
+        expected,
+        f"write {wanted}",
+    )
 
 
 def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[Problem]:
@@ -383,5 +479,8 @@ def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[P
             near = nearest(key, known)
             severity = Severity.ERROR if near else Severity.WARNING
             fix = f"did you mean {near}?" if near else "it is ignored"
-            where, expected = f"{path}.{key}" if path else key, "is not a key of sim.yaml"
+            where, expected = (
+                f"{path}.{key}" if path else key,
+                "is not a key of sim.yaml",
+            )
             yield Problem(child.key_place, where, f'"{key}"', expected, fix, severity)

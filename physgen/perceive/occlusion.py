@@ -29,7 +29,9 @@ class _Limits:
     twice: float = 2.0  # how much deeper one of two must reach, where each seems to reach under the other
     free_arc: float = 0.25  # of a full turn: what must be seen of a circle's border that it is known to go on
     rounded: float = 0.04  # of its radius, and at least ...
-    coarse: float = 0.8  # ... this: by how much the border of a round object may lie off its circle
+    coarse: float = (
+        0.8  # ... this: by how much the border of a round object may lie off its circle
+    )
     fits: float = 0.95  # share of the seen border that lies so near to the circle
     # share of a circle that may show the background, where the object would be if it went on
     open: float = 0.04
@@ -58,14 +60,22 @@ def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]
     for i, j in touching:
         part, inner, corner = _window(labels, i, j)
         size = min(float(np.sqrt((part == k).sum())) for k in (i, j))
-        circles = {k: None if (circle := free[k]) is None else circle - corner for k in (i, j)}
+        circles = {
+            k: None if (circle := free[k]) is None else circle - corner for k in (i, j)
+        }
         under = [_reach_under(part, inner, circles, a, b) for a, b in ((i, j), (j, i))]
         deep = max(under)
-        if deep < max(LIMITS.deep, LIMITS.part * size) or deep < LIMITS.twice * min(under):
+        if deep < max(LIMITS.deep, LIMITS.part * size) or deep < LIMITS.twice * min(
+            under
+        ):
             continue
         front, behind = (j, i) if under[0] > under[1] else (i, j)
-        found.append(OcclusionOrder(front, behind, round(min(0.5 + 0.4 * deep / size, 0.9), 2)))
-    return sorted(found, key=lambda order: (-order.confidence, order.front, order.behind))
+        found.append(
+            OcclusionOrder(front, behind, round(min(0.5 + 0.4 * deep / size, 0.9), 2))
+        )
+    return sorted(
+        found, key=lambda order: (-order.confidence, order.front, order.behind)
+    )
 
 
 def drawing_layers(
@@ -78,7 +88,10 @@ def drawing_layers(
     before: dict[int, set[int]] = {}
     kept: list[OcclusionOrder] = []
     for order in sorted(found, key=lambda one: -one.confidence):
-        if order.front in _all_behind(order.behind, before) or order.front == order.behind:
+        if (
+            order.front in _all_behind(order.behind, before)
+            or order.front == order.behind
+        ):
             continue
         before.setdefault(order.front, set()).add(order.behind)
         kept.append(order)
@@ -104,13 +117,17 @@ def _all_behind(start: int, before: Mapping[int, set[int]]) -> set[int]:
     return seen
 
 
-def _reach_under(part: Labels, inner: Mask, circles: Mapping[int, Array | None], i: int, j: int) -> float:
+def _reach_under(
+    part: Labels, inner: Mask, circles: Mapping[int, Array | None], i: int, j: int
+) -> float:
     """px by which object i seems to reach under object j; `circles` are those of their free borders."""
     mine, other = part == i, part == j
     deep = _filled_bay(mine, other)
     if (circle := circles[i]) is not None:
         off = circle[2] - _distance(circle, other.shape)
-        if ((off > 0) & (part == 0) & inner).sum() <= LIMITS.open * np.pi * circle[2] ** 2:
+        if ((off > 0) & (part == 0) & inner).sum() <= LIMITS.open * np.pi * circle[
+            2
+        ] ** 2:
             deep = max(deep, float(off[other].max()))
     if (circle := circles[j]) is not None:
         within = _distance(circle, other.shape) <= circle[2]
@@ -122,11 +139,16 @@ def _reach_under(part: Labels, inner: Mask, circles: Mapping[int, Array | None],
 def _filled_bay(mine: Mask, other: Mask) -> float:
     """px by which another object reaches into the hull of one, in bays and holes that it fills."""
     hull = np.zeros(mine.shape, np.uint8)
-    cv2.fillConvexPoly(hull, cv2.convexHull(np.argwhere(mine)[:, ::-1].astype(np.int32)), 1)
+    cv2.fillConvexPoly(
+        hull, cv2.convexHull(np.argwhere(mine)[:, ::-1].astype(np.int32)), 1
+    )
     within = cv2.distanceTransform(np.pad(hull, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
     open_ = ((hull > 0) & ~mine).astype(np.uint8)
     count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
-    filled = np.bincount(bays[other], minlength=count) >= LIMITS.filled * stats[:, cv2.CC_STAT_AREA]
+    filled = (
+        np.bincount(bays[other], minlength=count)
+        >= LIMITS.filled * stats[:, cv2.CC_STAT_AREA]
+    )
     filled[0] = False
     reached = within[filled[bays] & other]
     return float(reached.max()) if len(reached) else 0.0
@@ -137,7 +159,9 @@ def _free_circle(labels: Labels, i: int) -> Array | None:
     part, inner, corner = _window(labels, i, i)
     border = long_border(part == i)
     others = (part != 0) & (part != i)
-    free = border[(_gap(others, border) > LIMITS.near) & (_gap(~inner, border) > LIMITS.near)]
+    free = border[
+        (_gap(others, border) > LIMITS.near) & (_gap(~inner, border) > LIMITS.near)
+    ]
     if len(free) < 12:
         return None
     circle = robust_circle(free)
@@ -145,7 +169,11 @@ def _free_circle(labels: Labels, i: int) -> Array | None:
     seen = np.unique((np.arctan2(y, x) * 36 / np.pi).astype(int))
     off = np.abs(np.hypot(x, y) - circle[2])
     fits = float((off <= max(LIMITS.coarse, LIMITS.rounded * circle[2])).mean())
-    return circle + corner if len(seen) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits else None
+    return (
+        circle + corner
+        if len(seen) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits
+        else None
+    )
 
 
 def _bulge(mine: Mask, other: Mask) -> float:
@@ -161,7 +189,9 @@ def _bulge(mine: Mask, other: Mask) -> float:
     run = max(np.split(along, np.flatnonzero(np.diff(along) > 5) + 1), key=len)
     points = border[order[run]]
     chord = points[-1] - points[0]
-    off = np.abs((points - points[0]) @ [-chord[1], chord[0]]) / max(float(np.hypot(*chord)), 1e-9)
+    off = np.abs((points - points[0]) @ [-chord[1], chord[0]]) / max(
+        float(np.hypot(*chord)), 1e-9
+    )
     return float(off.max())
 
 
@@ -176,15 +206,23 @@ def _gap(mask: Mask, points: Array) -> Array:
     if not mask.any():
         return np.full(len(points), np.inf)
     away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-    column, row = np.clip(np.round(points).astype(np.intp), 0, np.array(mask.shape[::-1]) - 1).T
+    column, row = np.clip(
+        np.round(points).astype(np.intp), 0, np.array(mask.shape[::-1]) - 1
+    ).T
     return np.asarray(away[row, column], np.float64)
 
 
 def _window(labels: Labels, i: int, j: int) -> tuple[Labels, Mask, Array]:
     """The label map around two objects, the part of it within the photo, and where it begins: x, y, 0."""
-    x, y, width, height = cv2.boundingRect(((labels == i) | (labels == j)).astype(np.uint8))
+    x, y, width, height = cv2.boundingRect(
+        ((labels == i) | (labels == j)).astype(np.uint8)
+    )
     # a circle may reach farther than what is seen of it
     margin = (max(width, height) - 1) // 2 + 4
     top, left = max(y - margin, 0), max(x - margin, 0)
     cut = labels[top : y + height + margin, left : x + width + margin]
-    return np.pad(cut, 2), np.pad(np.ones(cut.shape, bool), 2), np.array([left - 2, top - 2, 0.0])
+    return (
+        np.pad(cut, 2),
+        np.pad(np.ones(cut.shape, bool), 2),
+        np.array([left - 2, top - 2, 0.0]),
+    )

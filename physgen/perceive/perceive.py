@@ -66,7 +66,9 @@ UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
 # ids from which mostly specks, and objects from which anything, is no label map
 MOST_IDS, MOST_OBJECTS = (200, 5000)
-NEARLY_ROUND = 0.93  # IoU with its circle from which a mask becomes that circle; balls have 0.96
+NEARLY_ROUND = (
+    0.93  # IoU with its circle from which a mask becomes that circle; balls have 0.96
+)
 SMALLEST_SIDE = 8  # px; the shadow search takes slopes at a coarse scale
 LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
@@ -107,36 +109,79 @@ def perceive(
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
-    filled = found.labels if found.gone is None else np.where(found.labels > 0, found.labels, found.gone)
+    filled = (
+        found.labels
+        if found.gone is None
+        else np.where(found.labels > 0, found.labels, found.gone)
+    )
     # the fill needs the photo and the masks alone, and takes as long as all that does not need it
     with ThreadPoolExecutor(1) as beside:
-        filling = beside.submit(run.fill, filled) if run.core("matte", "inpaint") else None
+        filling = (
+            beside.submit(run.fill, filled) if run.core("matte", "inpaint") else None
+        )
         names = run.name(found, objects, renames)
         matter, scale = run.weigh(names, pixels_per_meter)
-        boundaries, depth, normals = run.find_boundaries(found, names.objects, view, scenery)
-        objects = [replace(t, outline=boundaries.outlines.get(t.id, t.outline)) for t in names.objects]
-        if normals is None or run.core("normals"):  # the core's normals depend on the boundaries
+        boundaries, depth, normals = run.find_boundaries(
+            found, names.objects, view, scenery
+        )
+        objects = [
+            replace(t, outline=boundaries.outlines.get(t.id, t.outline))
+            for t in names.objects
+        ]
+        if normals is None or run.core(
+            "normals"
+        ):  # the core's normals depend on the boundaries
             normals = run.role("normals", rgb, found.labels, objects, boundaries)
         run.crew.release("normals")
         intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
-        light: LightGuess = run.role("light", rgb, found.labels, objects, normals, intrinsics)
+        light: LightGuess = run.role(
+            "light", rgb, found.labels, objects, normals, intrinsics
+        )
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
         coverage, background = filling.result() if filling else run.fill(filled)
         shadows: Shadows = run.role(
-            "shadow", background, coverage, found.labels, objects, matter, boundaries, light
+            "shadow",
+            background,
+            coverage,
+            found.labels,
+            objects,
+            matter,
+            boundaries,
+            light,
         )
         standing = found.labels if boundaries.view is View.SIDE else None
-        again = partial(refill_background, inpaint=partial(run.crew.call, "inpaint"), standing=standing)
+        again = partial(
+            refill_background,
+            inpaint=partial(run.crew.call, "inpaint"),
+            standing=standing,
+        )
         refilled = shadows.clean is not None and not shadows.faint
-        cleaning = beside.submit(again, shadows.clean, background, coverage) if refilled else None
+        cleaning = (
+            beside.submit(again, shadows.clean, background, coverage)
+            if refilled
+            else None
+        )
         labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
-        kept = {i: n for i, n in names.before.items() if i in found.object_names or i not in names.renamed}
+        kept = {
+            i: n
+            for i, n in names.before.items()
+            if i in found.object_names or i not in names.renamed
+        }
         called = document.object_names(objects, kept)
         entries, comments = document.object_entries(
-            found, objects, called, matter, boundaries, names.labels, names.sources, run.crew.name("physics")
+            found,
+            objects,
+            called,
+            matter,
+            boundaries,
+            names.labels,
+            names.sources,
+            run.crew.name("physics"),
         )
         side = max(rgb.shape[:2])
-        per_meter, comments["world.pixels_per_meter"] = scale_entry(side, pixels_per_meter, scale)
+        per_meter, comments["world.pixels_per_meter"] = scale_entry(
+            side, pixels_per_meter, scale
+        )
         scene: dict[str, Any] = {
             "physgen": 1,
             "image": "photo.png",
@@ -148,19 +193,40 @@ def perceive(
             "light": _light(light, shadows),
         }
         slow = slow_motion(side, per_meter)
-        scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
+        scene["render"] = ({"slow": slow} if slow > 1 else {}) | {
+            "motion_blur": document.MOTION_BLUR
+        }
         if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:
             scene["render"]["relight"] = False
-            comments["render.relight"] = "the light seems to come from below, which it hardly does: unsure"
+            comments["render.relight"] = (
+                "the light seems to come from below, which it hardly does: unsure"
+            )
         if slow > 1:
-            comments["render"] = "in slow motion: what moves in so small a place is over at once"
+            comments["render"] = (
+                "in slow motion: what moves in so small a place is over at once"
+            )
         comments |= document.scene_comments(found, objects, specks, boundaries)
-        unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
+        unknown = (
+            document.unknown_label(t.label) for t in objects if t.id in names.renamed
+        )
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
-        if moved := [f"{names.before[i]} is {name}" for i, name in called.items() if names.before[i] != name]:
+        if moved := [
+            f"{names.before[i]} is {name}"
+            for i, name in called.items()
+            if names.before[i] != name
+        ]:
             what = "in the scene, since names follow labels"
             fix = "use the new names; physgen rename gives others"
-            warnings += (Problem(Place("--label"), "", listed(moved, "and"), what, fix, Severity.WARNING),)
+            warnings += (
+                Problem(
+                    Place("--label"),
+                    "",
+                    listed(moved, "and"),
+                    what,
+                    fix,
+                    Severity.WARNING,
+                ),
+            )
         suits = judge_suitability(rgb, found, objects, boundaries)
         clean = cleaning.result() if cleaning else shadows.clean
         run.crew.release("inpaint")
@@ -169,7 +235,9 @@ def perceive(
             depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
         )  # fmt: skip
         reason = document.provenance(boundaries.reason, boundaries.confidence)
-        return run.signed(PerceivedScene(percepts, scene, comments, warnings, (), suits, reason))
+        return run.signed(
+            PerceivedScene(percepts, scene, comments, warnings, (), suits, reason)
+        )
 
 
 def check_size(rgb: Rgb, file: str = "the photo") -> None:
@@ -204,7 +272,9 @@ class _Run:
         """Coverage of the objects (H, W), and the photo with what lies behind them filled."""
         coverage: F32 = self.crew.call("matte", self.rgb, labels)
         self.crew.release("matte")
-        return coverage, fill_behind(self.rgb, coverage > 0, partial(self.crew.call, "inpaint"))
+        return coverage, fill_behind(
+            self.rgb, coverage > 0, partial(self.crew.call, "inpaint")
+        )
 
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
         """Segments the photo."""
@@ -213,7 +283,14 @@ class _Run:
         self.crew.release("segment")
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
         by = self.crew.name("segment")
-        found = Detections(segments.labels, by, sure, segments.names, doubtful=segments.doubtful, named_by=by)
+        found = Detections(
+            segments.labels,
+            by,
+            sure,
+            segments.names,
+            doubtful=segments.doubtful,
+            named_by=by,
+        )
         return found, segments.scenery
 
     def name(
@@ -221,14 +298,27 @@ class _Run:
     ) -> document.Names:
         """Labels the objects."""
         # a model does not label objects that have labels; the core's labels let a refresh see which names they made
-        unnamed = [t for t in objects if t.id not in found.names] if self.crew.row("label").extra else objects
-        guessed: Mapping[int, Name] = self.role("label", self.rgb, found.labels, unnamed) if unnamed else {}
+        unnamed = (
+            [t for t in objects if t.id not in found.names]
+            if self.crew.row("label").extra
+            else objects
+        )
+        guessed: Mapping[int, Name] = (
+            self.role("label", self.rgb, found.labels, unnamed) if unnamed else {}
+        )
         named = {**guessed, **found.names}
-        source = {t.id: found.named_by if t.id in found.names else self.crew.name("label") for t in objects}
+        source = {
+            t.id: found.named_by if t.id in found.names else self.crew.name("label")
+            for t in objects
+        }
         if found.object_names:  # an existing scene has the sources of its labels
             source |= dict.fromkeys(found.names, "")
         objects = [replace(t, label=named[t.id].label) for t in objects]
-        known = {t.id: found.object_names[t.id] for t in objects if t.id in found.object_names}
+        known = {
+            t.id: found.object_names[t.id]
+            for t in objects
+            if t.id in found.object_names
+        }
         before = document.object_names(objects, known)
         objects, renamed = document.relabel_objects(objects, renames, before)
         source |= dict.fromkeys(renamed, "")
@@ -240,17 +330,29 @@ class _Run:
     ) -> tuple[Mapping[int, Matter], Scale | None]:
         """Physical properties of the objects, by id, and the photo's scale."""
         objects = names.objects
-        scale = photo_scale(objects, {t.id: kind(t.label) for t in objects}, names.confidence)
-        if pixels_per_meter is None and scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
+        scale = photo_scale(
+            objects, {t.id: kind(t.label) for t in objects}, names.confidence
+        )
+        if (
+            pixels_per_meter is None
+            and scale is not None
+            and scale.confidence >= MIN_SCALE_CONFIDENCE
+        ):
             pixels_per_meter = scale.pixels_per_meter
-        matter: Mapping[int, Matter] = self.role("physics", self.rgb, objects, pixels_per_meter)
+        matter: Mapping[int, Matter] = self.role(
+            "physics", self.rgb, objects, pixels_per_meter
+        )
         self.crew.release("label")
         judged = judged_scale(objects, matter, self.crew.name("physics"))
         scales = [one for one in (scale, judged) if one is not None]
         return matter, max(scales, key=lambda one: one.confidence, default=None)
 
     def find_boundaries(
-        self, found: Detections, objects: Sequence[PhotoObject], view: BoundaryGuess | None, scenery: Any
+        self,
+        found: Detections,
+        objects: Sequence[PhotoObject],
+        view: BoundaryGuess | None,
+        scenery: Any,
     ) -> tuple[BoundaryGuess, Any, Any]:
         """View and walls, with depth and normals where they were needed (else None)."""
         extra: dict[str, Any] = {"scenery": scenery}
@@ -258,10 +360,18 @@ class _Run:
         if "depth" in needed or "depth" in self.crew.plan.choices:
             extra["depth"] = self.role("depth", self.rgb)
         if "normals" in needed:
-            extra["normals"] = self.role("normals", self.rgb, found.labels, objects, UNKNOWN)
+            extra["normals"] = self.role(
+                "normals", self.rgb, found.labels, objects, UNKNOWN
+            )
         known = view and view.view
-        guess: BoundaryGuess = self.role("boundary", self.rgb, found.labels, objects, known, **extra)
-        guess = replace(guess, confidence=view.confidence, reason=view.reason) if view else guess
+        guess: BoundaryGuess = self.role(
+            "boundary", self.rgb, found.labels, objects, known, **extra
+        )
+        guess = (
+            replace(guess, confidence=view.confidence, reason=view.reason)
+            if view
+            else guess
+        )
         depth = None if self.crew.name("depth") == "none" else extra.get("depth")
         return guess, depth, extra.get("normals")
 
@@ -269,10 +379,16 @@ class _Run:
         """With the record of the backends, where models took part."""
         # one of them may have run beside the others
         self.crew.steps.sort(key=lambda step: ROLES.index(step.role))
-        return made if self.crew.all_default() else replace(made, record=self.crew.record())
+        return (
+            made
+            if self.crew.all_default()
+            else replace(made, record=self.crew.record())
+        )
 
 
-def judged_scale(objects: Sequence[PhotoObject], matter: Mapping[int, Matter], source: str) -> Scale | None:
+def judged_scale(
+    objects: Sequence[PhotoObject], matter: Mapping[int, Matter], source: str
+) -> Scale | None:
     """The photo's scale by the judged size of each object (`Matter.size`), None where none was judged.
 
     The median counts; the unweighted disagreement of the judgements gives the confidence.
@@ -302,17 +418,25 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     height, width = rgb.shape[:2]
     if labels.shape != (height, width):
         size, fix = f"{labels.shape[1]} x {labels.shape[0]} px", "make them one size"
-        raise InputError.of("--masks", size, f"differs from the photo's {width} x {height} px", fix)
+        raise InputError.of(
+            "--masks", size, f"differs from the photo's {width} x {height} px", fix
+        )
     counts = np.bincount(labels.ravel(), minlength=2)
     every = np.flatnonzero(counts[1:]) + 1
     ids = [int(i) for i in every if counts[i] >= SMALLEST_OBJECT]
     mostly_specks = 2 * len(ids) < len(every)
     if (len(every) > MOST_IDS and mostly_specks) or len(ids) > MOST_OBJECTS:
-        what = f"has {len(every):,} ids" + (", most of them of a few pixels" if mostly_specks else "")
+        what = f"has {len(every):,} ids" + (
+            ", most of them of a few pixels" if mostly_specks else ""
+        )
         fix = "give each object one id or colour, without soft borders, saved as PNG"
         raise InputError.of("--masks", "", f"is no label map: it {what}", fix)
     if not ids and found.source == "given":
-        shows = f"shows no object of {SMALLEST_OBJECT} px or more" if len(every) else "shows no object"
+        shows = (
+            f"shows no object of {SMALLEST_OBJECT} px or more"
+            if len(every)
+            else "shows no object"
+        )
         raise InputError.of("--masks", "", shows, POINT)
     if not ids:
         return [], len(every)
@@ -320,7 +444,9 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     # a network's mask may end before the border that cuts its object
     near = min(round(0.012 * max(width, height)), min(width, height) // 4)
     on_border, beside = (
-        np.unique(np.concatenate([labels[k], labels[-1 - k], labels[:, k], labels[:, -1 - k]]))
+        np.unique(
+            np.concatenate([labels[k], labels[-1 - k], labels[:, k], labels[:, -1 - k]])
+        )
         for k in (0, near)
     )
     by_hand = ("given", "pointed at", "drawn", "kept")
@@ -328,13 +454,19 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     for i in ids:
         x0, y0, x1, y1 = bounds(outlines[i])
         beyond = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
-        exact = i in found.prompts or (found.mask_sources.get(i) or found.source).startswith(by_hand)
+        exact = i in found.prompts or (
+            found.mask_sources.get(i) or found.source
+        ).startswith(by_hand)
         ends = not exact and not isinstance(outlines[i], Disc) and i in beside
-        objects.append(PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends)))
+        objects.append(
+            PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
+        )
     return objects, len(every) - len(ids)
 
 
-def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) -> PerceivedScene:
+def _empty_scene(
+    rgb: Rgb, found: Detections, pixels_per_meter: float | None
+) -> PerceivedScene:
     """A scene without objects: the photo as it is."""
     scene: dict[str, Any] = {
         "physgen": 1, "image": "photo.png", "assets": "photo.assets",
@@ -343,10 +475,16 @@ def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) ->
         },
         "objects": {}, "boundaries": {},
     }  # fmt: skip
-    comments = {"objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"}
-    labels, scene["doubtful"] = document.with_doubtful(np.zeros(rgb.shape[:2], np.uint16), found.doubtful)
+    comments = {
+        "objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"
+    }
+    labels, scene["doubtful"] = document.with_doubtful(
+        np.zeros(rgb.shape[:2], np.uint16), found.doubtful
+    )
     none = np.zeros(labels.shape, np.float32)
-    percepts = Percepts(rgb=rgb, labels=labels, coverage=none, background=rgb, clean=None)
+    percepts = Percepts(
+        rgb=rgb, labels=labels, coverage=none, background=rgb, clean=None
+    )
     suits = Suitability(("no sure objects",))
     return PerceivedScene(percepts, scene, comments, suitability=suits)
 
@@ -357,17 +495,27 @@ def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
     for item in objects:
         if isinstance(item.outline, Disc):
             own = result == item.id
-            disc = raster.coverage(item.outline, (labels.shape[1], labels.shape[0])) >= 0.5
+            disc = (
+                raster.coverage(item.outline, (labels.shape[1], labels.shape[0])) >= 0.5
+            )
             disc &= own | (result == 0)
-            if np.count_nonzero(own & disc) > NEARLY_ROUND * np.count_nonzero(own | disc):
+            if np.count_nonzero(own & disc) > NEARLY_ROUND * np.count_nonzero(
+                own | disc
+            ):
                 result[own] = 0
                 result[disc] = item.id
     return result
 
 
-def _world(boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows) -> dict[str, Any]:
+def _world(
+    boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows
+) -> dict[str, Any]:
     per_meter = document.short(pixels_per_meter)
-    world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": per_meter, "duration": "auto"}
+    world: dict[str, Any] = {
+        "view": boundaries.view.value,
+        "pixels_per_meter": per_meter,
+        "duration": "auto",
+    }
     if boundaries.view is View.TOP:
         world["table"] = dict(document.TABLE)
     return world | document.view_entry(shadows, boundaries.view is View.SIDE)
@@ -392,10 +540,16 @@ def shrink_photo(rgb: Rgb, side: int) -> Rgb:
     if scale >= 1:
         return rgb
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    light = (decode(np.arange(256, dtype=np.uint8)) * np.float32(65535) + np.float32(0.5)).astype(np.uint16)
+    light = (
+        decode(np.arange(256, dtype=np.uint8)) * np.float32(65535) + np.float32(0.5)
+    ).astype(np.uint16)
     small = np.empty((size[1], size[0], 3), np.uint8)
     for c in range(3):  # one by one: the light of a large photo is twice its size
-        mean = cv2.resize(cv2.LUT(cv2.extractChannel(rgb, c), light), size, interpolation=cv2.INTER_AREA)
+        mean = cv2.resize(
+            cv2.LUT(cv2.extractChannel(rgb, c), light),
+            size,
+            interpolation=cv2.INTER_AREA,
+        )
         small[:, :, c] = encode_u8(mean.astype(np.float32) / np.float32(65535))
     return small
 

@@ -15,7 +15,15 @@ import numpy as np
 
 from physgen.geometry.scale import PAPER_SCALE
 from physgen.perceive import document
-from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Name, PerceivedScene, Rgb, Suitability
+from physgen.perceive.roles import (
+    BoundaryGuess,
+    Detections,
+    Labels,
+    Name,
+    PerceivedScene,
+    Rgb,
+    Suitability,
+)
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.files import Record, equal, recorded
 from physgen.scene.provenance import (
@@ -44,7 +52,9 @@ class RefreshStart:
     """The objects that perception starts from, and what became of those in the scene, by name."""
 
     found: Detections
-    prompted: frozenset[str]  # objects whose pixels a prompt of the scene, or a new one, gives
+    prompted: frozenset[
+        str
+    ]  # objects whose pixels a prompt of the scene, or a new one, gives
     gone: tuple[str, ...]  # objects that a new prompt took in
 
 
@@ -64,7 +74,11 @@ def start_refresh(
     """
     ids = _mask_ids(objects)
     by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
-    by_point = [k for k, item in enumerate(objects) if item.prompt is not None and k not in by_box]
+    by_point = [
+        k
+        for k, item in enumerate(objects)
+        if item.prompt is not None and k not in by_box
+    ]
     new = from_prompts(rgb, boxes, points, segment)
     old_boxes = [objects[k].prompt.box for k in by_box]  # type: ignore[union-attr]
     old_points = [objects[k].prompt.point for k in by_point]  # type: ignore[union-attr]
@@ -85,9 +99,16 @@ def start_refresh(
     most = max(ids, default=0) + len(new.prompts)
     for n, prompt in new.prompts.items():
         mask = new.labels == n
-        shared, every = (np.bincount(part.ravel(), minlength=most + 1) for part in (result[mask], result))
+        shared, every = (
+            np.bincount(part.ravel(), minlength=most + 1)
+            for part in (result[mask], result)
+        )
         size = int(mask.sum())
-        meant = [i for i in owner if shared[i] > max(OVERLAP[0] * min(size, every[i]), OVERLAP[1] * every[i])]
+        meant = [
+            i
+            for i in owner
+            if shared[i] > max(OVERLAP[0] * min(size, every[i]), OVERLAP[1] * every[i])
+        ]
         meant.sort(key=lambda i: -int(shared[i]))
         result[np.isin(result, meant)] = 0
         for i in meant[1:]:
@@ -99,9 +120,14 @@ def start_refresh(
         confidence[i], prompts[i] = new.confidence[n], prompt
         replaced.add(i)
     named = {i: objects[k] for i, k in owner.items()}
-    sources = {i: old["objects"].get(item.name, {}).get("from", {}) for i, item in named.items()}
+    sources = {
+        i: old["objects"].get(item.name, {}).get("from", {})
+        for i, item in named.items()
+    }
     masks = {i: one.get("mask", "") for i, one in sources.items() if i not in prompts}
-    confidence |= {i: sure for i, text in masks.items() if (sure := source(text).sure) is not None}
+    confidence |= {
+        i: sure for i, text in masks.items() if (sure := source(text).sure) is not None
+    }
     found = Detections(
         result,
         "kept",
@@ -115,7 +141,9 @@ def start_refresh(
         object_names={i: item.name for i, item in named.items()},
         mask_sources=masks,
     )
-    return RefreshStart(found, frozenset(named[i].name for i in prompts if i in named), tuple(gone))
+    return RefreshStart(
+        found, frozenset(named[i].name for i in prompts if i in named), tuple(gone)
+    )
 
 
 def _mask_ids(objects: Sequence[Object]) -> list[int]:
@@ -148,17 +176,34 @@ def known_view(scene: Scene) -> BoundaryGuess:
 
 def as_before(perceived: PerceivedScene, scene: Scene) -> PerceivedScene:
     """What is perceived, with the boundaries and the doubts that the scene has."""
-    walls, doubts = scene.record.world["boundaries"], recorded(scene.assets, "suitability")
-    suits = Suitability(tuple(map(str, doubts.get("reasons", ())))) if doubts else perceived.suitability
-    return replace(perceived, document={**perceived.document, "boundaries": walls}, suitability=suits)
+    walls, doubts = (
+        scene.record.world["boundaries"],
+        recorded(scene.assets, "suitability"),
+    )
+    suits = (
+        Suitability(tuple(map(str, doubts.get("reasons", ()))))
+        if doubts
+        else perceived.suitability
+    )
+    return replace(
+        perceived,
+        document={**perceived.document, "boundaries": walls},
+        suitability=suits,
+    )
 
 
-def true_comments(comments: Entry, merged: Entry, seen: Entry, world: Entry) -> dict[str, str]:
+def true_comments(
+    comments: Entry, merged: Entry, seen: Entry, world: Entry
+) -> dict[str, str]:
     """The comments on values of the `merged` scene that are as they are `seen` now, and on whole sections; on its view
     where the record of its `world` says why."""
     value, known = document.value_at, "view_from" in world
     own = {k: why for k, why in comments.items() if known or k != "world.view"}
-    return {k: why for k, why in own.items() if "." not in k or equal(value(merged, k), value(seen, k))}
+    return {
+        k: why
+        for k, why in own.items()
+        if "." not in k or equal(value(merged, k), value(seen, k))
+    }
 
 
 def user_layers(scene: Entry) -> dict[str, int]:
@@ -171,7 +216,12 @@ def user_layers(scene: Entry) -> dict[str, int]:
 
 
 def merge_documents(
-    old: Entry, new: Entry, start: RefreshStart, renamed: Mapping[str, str], scaled: bool, record: Record
+    old: Entry,
+    new: Entry,
+    start: RefreshStart,
+    renamed: Mapping[str, str],
+    scaled: bool,
+    record: Record,
 ) -> dict[str, Any]:
     """The `old` scene as it was written, with what perception found again of the `new` scene, and new objects.
 
@@ -181,22 +231,42 @@ def merge_documents(
     for name, was in old["objects"].items():
         if name not in start.gone:
             now = new["objects"].get(name)
-            objects[name] = was if now is None else merge_object(was, now, name in start.prompted)
+            objects[name] = (
+                was if now is None else merge_object(was, now, name in start.prompted)
+            )
             held = was.get("motion")
             held = held and held == record.entry(name, was).get("motion")
             if now is not None and name in start.prompted and held:
-                moves = {key: now[key] for key in ("motion", "velocity") if key in now}  # the new pixels' own
-                objects[name] = {key: v for key, v in objects[name].items() if key != "motion"} | moves
+                moves = {
+                    key: now[key] for key in ("motion", "velocity") if key in now
+                }  # the new pixels' own
+                objects[name] = {
+                    key: v for key, v in objects[name].items() if key != "motion"
+                } | moves
         if name in renamed and name in objects:
-            sources = {key: one for key, one in objects[name].get("from", {}).items() if key != "label"}
-            objects[name] |= {"label": renamed[name]} | ({"from": sources} if "from" in was else {})
-    objects |= {name: now for name, now in new["objects"].items() if name not in old["objects"]}
+            sources = {
+                key: one
+                for key, one in objects[name].get("from", {}).items()
+                if key != "label"
+            }
+            objects[name] |= {"label": renamed[name]} | (
+                {"from": sources} if "from" in was else {}
+            )
+    objects |= {
+        name: now for name, now in new["objects"].items() if name not in old["objects"]
+    }
     world, seen = dict(old.get("world", {})), new["world"]
-    if scaled and seen["pixels_per_meter"] != world.get("pixels_per_meter", PAPER_SCALE):
+    if scaled and seen["pixels_per_meter"] != world.get(
+        "pixels_per_meter", PAPER_SCALE
+    ):
         world["pixels_per_meter"] = seen["pixels_per_meter"]
     if "table" not in seen and world.get("table") in (document.TABLE, {"friction": 0}):
         del world["table"]  # seen from the side now
-    if "table" in seen and "table" not in world and seen["view"] != record.world.get("view"):
+    if (
+        "table" in seen
+        and "table" not in world
+        and seen["view"] != record.world.get("view")
+    ):
         world["table"] = seen["table"]
     walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
     result = {**old, "objects": objects} | ({"world": world} if world else {})
@@ -207,29 +277,47 @@ def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:
     """Those that are `now`, with those of the user as they were; what the user changed or took out is not new."""
     guessed = {name: wall for name, wall in was.items() if "from" in wall}
     wrote = record.world.get("boundaries", guessed)
-    walls = {name: wall for name, wall in was.items() if not equal(wall, wrote.get(name))}
+    walls = {
+        name: wall for name, wall in was.items() if not equal(wall, wrote.get(name))
+    }
     known = [wall for name, wall in wrote.items() if name in walls or name not in was]
     fresh = {
         free_name(name, walls): wall
         for name, wall in now.items()
-        if not any(equal(one.get(kind), wall[kind], SAME) for one in known for kind in LINES & wall.keys())
+        if not any(
+            equal(one.get(kind), wall[kind], SAME)
+            for one in known
+            for kind in LINES & wall.keys()
+        )
     }
     return fresh | walls
 
 
 def taken_out(objects: Sequence[Object], before: Labels, labels: Labels) -> Labels:
     """(H, W) ids of the map `before` that the scene no longer has, where no object is now; 0 elsewhere."""
-    return np.where(np.isin(before, _mask_ids(objects)) | (labels > 0), np.uint16(0), before)
+    return np.where(
+        np.isin(before, _mask_ids(objects)) | (labels > 0), np.uint16(0), before
+    )
 
 
 def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
     """Whether objects, their pixels and the view are as when boundaries were perceived: these are so, too, then."""
     world, assets = scene.record.world, scene.assets
-    if assets is None or scene.world.view.value != world.get("view") or "boundaries" not in world:
+    if (
+        assets is None
+        or scene.world.view.value != world.get("view")
+        or "boundaries" not in world
+    ):
         return False
-    painted = crc32((assets / "masks.png").read_bytes()) != recorded(assets, "files").get("masks.png")
+    painted = crc32((assets / "masks.png").read_bytes()) != recorded(
+        assets, "files"
+    ).get("masks.png")
     ids = {str(item.mask.id) for item in scene.objects if isinstance(item.mask, MaskId)}
-    return not painted and ids == scene.record.objects.keys() and np.array_equal(before, labels)
+    return (
+        not painted
+        and ids == scene.record.objects.keys()
+        and np.array_equal(before, labels)
+    )
 
 
 def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, Any]:
@@ -238,10 +326,18 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
     An object of nothing but a mask is filled in.
     """
     if set(was) <= document.BARE:
-        return {**now, "mask": was["mask"], "from": {**now["from"], **was.get("from", {})}}
+        return {
+            **now,
+            "mask": was["mask"],
+            "from": {**now["from"], **was.get("from", {})},
+        }
     keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
     keys |= {"label"} & was.get("from", {}).keys() & now["from"].keys()  # guessed again
-    keys -= {key for key in keys if isinstance(was.get(key), str) and isinstance(now.get(key), int | float)}
+    keys -= {
+        key
+        for key in keys
+        if isinstance(was.get(key), str) and isinstance(now.get(key), int | float)
+    }
     if "from" in was:
         keys |= {"shape", "solid", "layer"} - was.keys()  # which lie in the assets
     return rewritten(was, now, keys)
@@ -272,10 +368,16 @@ def rescaled(
         for key in path[:-1]:
             part[key] = part = {**part.get(key, {})}
         part[path[-1]] = value
-    wrote: dict[str, dict[str, Any]] = {"": {"given": True} if scale_is_given(old, record, side) else {}}
+    wrote: dict[str, dict[str, Any]] = {
+        "": {"given": True} if scale_is_given(old, record, side) else {}
+    }
     for name, was in old["objects"].items():
         velocity = record.entry(name, was).get("velocity", [0, 0])
-        wrote[name] = {} if equal(was.get("velocity", [0, 0]), velocity) else {"velocity": velocity}
+        wrote[name] = (
+            {}
+            if equal(was.get("velocity", [0, 0]), velocity)
+            else {"velocity": velocity}
+        )
     return result, wrote
 
 
@@ -293,7 +395,11 @@ def kept_doubtful(
         if np.count_nonzero(region) > OVERLAP[0] * np.count_nonzero(
             whole
         ):  # else it is part of an object now
-            id_ = int(result.max()) + 1 if (result == entry["mask"]).any() else entry["mask"]
+            id_ = (
+                int(result.max()) + 1
+                if (result == entry["mask"]).any()
+                else entry["mask"]
+            )
             result[region], entries[name] = id_, {**entry, "mask": id_}
     free = (result == 0) & (gone > 0)
     result[free] = np.where(np.isin(gone, result), result.max() + 1, gone)[free]

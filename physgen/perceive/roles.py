@@ -223,7 +223,16 @@ Matte = Callable[[Rgb, Labels], F32]
 Inpaint = Callable[[Rgb, Mask], Rgb]
 """The photo with the hole (H, W) filled; it equals the photo outside the hole."""
 Shadow = Callable[
-    [Rgb, F32, Labels, Sequence[PhotoObject], Mapping[int, Matter], BoundaryGuess, LightGuess], Shadows
+    [
+        Rgb,
+        F32,
+        Labels,
+        Sequence[PhotoObject],
+        Mapping[int, Matter],
+        BoundaryGuess,
+        LightGuess,
+    ],
+    Shadows,
 ]
 """Removes shadows from a background that has the objects filled and their shadows still there, by the objects'
 coverage, labels and matter. Never fails."""
@@ -236,7 +245,12 @@ class Boundary(Protocol):
     """
 
     def __call__(
-        self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: View | None, /
+        self,
+        rgb: Rgb,
+        labels: Labels,
+        objects: Sequence[PhotoObject],
+        view: View | None,
+        /,
     ) -> BoundaryGuess:
         """`view` is the user's, None to find out.
 

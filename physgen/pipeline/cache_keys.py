@@ -25,7 +25,12 @@ def key(stage: str, *parts: Any) -> str:
 
     Raises TypeError for anything else, ValueError for what is no number.
     """
-    text = json.dumps([_plain(part) for part in parts], sort_keys=True, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(
+        [_plain(part) for part in parts],
+        sort_keys=True,
+        ensure_ascii=False,
+        allow_nan=False,
+    )
     return f"{stage}-{sha256(text.encode()).hexdigest()}"
 
 
@@ -45,7 +50,9 @@ def code_version(rooms: Sequence[str]) -> dict[str, str]:
     for room in rooms:
         if not os.path.isdir(os.path.join(home, room)):
             raise ValueError(f"physgen has no room {room}")
-        for folder, _, names in os.walk(os.path.join(home, room)):  # half the time of Path.rglob
+        for folder, _, names in os.walk(
+            os.path.join(home, room)
+        ):  # half the time of Path.rglob
             sources += [os.path.join(folder, name) for name in names]
     found = sha256()
     for path in sorted(path for path in sources if path.endswith(".py")):
@@ -78,7 +85,9 @@ def _plain(value: Any) -> Any:
         }
     if is_dataclass(value) and not isinstance(value, type):
         kind = type(value).__name__
-        return {"": kind} | {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        return {"": kind} | {
+            field.name: _plain(getattr(value, field.name)) for field in fields(value)
+        }
     if isinstance(value, Mapping):
         return {str(name): _plain(part) for name, part in value.items()}
     if isinstance(value, (list, tuple)):

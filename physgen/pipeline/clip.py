@@ -16,8 +16,22 @@ import numpy as np
 
 from physgen.export.video import U8, Format
 from physgen.files import file_stamp
-from physgen.pipeline.refining import Footage, Refiners, guidance_footage, refine_footage
-from physgen.pipeline.stages import Aside, Film, Keep, Stages, fan, lint, render, resolved
+from physgen.pipeline.refining import (
+    Footage,
+    Refiners,
+    guidance_footage,
+    refine_footage,
+)
+from physgen.pipeline.stages import (
+    Aside,
+    Film,
+    Keep,
+    Stages,
+    fan,
+    lint,
+    render,
+    resolved,
+)
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 from physgen.scene.scene import ADD_OBJECT, Motion
@@ -76,14 +90,22 @@ def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
     """The command that makes this clip and no other."""
     formats = ",".join(one.value for one in options.formats)
     chosen = any(flag.startswith("--refine=") for flag in options.models)
-    edits = [edit for edit in options.overrides if not (chosen and edit.startswith("refine.backend="))]
+    edits = [
+        edit
+        for edit in options.overrides
+        if not (chosen and edit.startswith("refine.backend="))
+    ]
     return [
         *("physgen", "render", str(path)),
         *([] if options.variant is None else ["--variant", options.variant]),
         *(part for edit in edits for part in ("--set", edit)),
         *options.models,
         *([] if formats in ("", "mp4") else [f"--format={formats}"]),
-        *([f"--fan={options.draws}", f"--fan-seed={options.draw_seed}"] if options.draws else []),
+        *(
+            [f"--fan={options.draws}", f"--fan-seed={options.draw_seed}"]
+            if options.draws
+            else []
+        ),
         *([f"--export={','.join(options.export)}"] if options.export else []),
         *(["--allow-outside"] if options.allow_outside else []),
     ]
@@ -116,13 +138,18 @@ class Labels:
         """Raises InputError where the folder holds files of an earlier run that this one would remove."""
         from physgen.report.folders import lost_files, read_manifest
 
-        if lost := lost_files(read_manifest(final), {"trajectory.npz", *(kind.name for kind in self.kinds)}):
+        if lost := lost_files(
+            read_manifest(final),
+            {"trajectory.npz", *(kind.name for kind in self.kinds)},
+        ):
             expected = f"holds {lost} of an earlier run, which would go"
             fix = "name all formats at once, or choose another folder with -o"
             raise InputError.of(str(final), "", expected, fix)
 
     @contextmanager
-    def exported(self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord) -> Iterator[Tap]:
+    def exported(
+        self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord
+    ) -> Iterator[Tap]:
         """Labels into `folder`, of the frames that go through the tap; complete when the block ends."""
         if not self.kinds:
             yield lambda frames: frames
@@ -165,7 +192,10 @@ class Labels:
                         queues.append(MomentQueue(clip.world, fine, samples, shot))
                     write(queues[0].put(frame))
                     wall, cpu = time.perf_counter() - wall, time.thread_time() - cpu
-                    for stage, sign in (("export", 1), ("render", -1)):  # the caller counts it as drawing
+                    for stage, sign in (
+                        ("export", 1),
+                        ("render", -1),
+                    ):  # the caller counts it as drawing
                         times = record.stages.setdefault(stage, StageTime())
                         times.wall += sign * wall
                         times.cpu += sign * cpu
@@ -177,7 +207,12 @@ class Labels:
                 held.close()
 
     def of_frames(
-        self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord, progress: Progress
+        self,
+        film: Film,
+        trajectory: Trajectory,
+        folder: Path,
+        record: RunRecord,
+        progress: Progress,
     ) -> None:
         """Labels into `folder`, of frames that are drawn for nothing else."""
         if not self.kinds:
@@ -241,8 +276,14 @@ class _Run:
         self.options, self.progress, self._warn = options, progress, warn
         variant = options.variant
         alone = command_alone(path, options)
-        record = RunRecord(scene="", command=list(options.command) or alone, alone=alone)
-        record.overrides, record.variant, record.mark = list(options.overrides), variant, options.mark
+        record = RunRecord(
+            scene="", command=list(options.command) or alone, alone=alone
+        )
+        record.overrides, record.variant, record.mark = (
+            list(options.overrides),
+            variant,
+            options.mark,
+        )
         self.record, self._begun = record, time.time_ns()
         with record.stage("load"):
             scene = stages.load(path, options.overrides, variant, options.allow_outside)
@@ -311,14 +352,21 @@ class _Run:
         source, change, gone = earlier.get("source"), "", ""
         other = os.path.normpath(self.final / str(source))
         if source != record.source and os.path.isfile(other):
-            change, gone = "rename a scene", f"the clip of {other} that was there is replaced"
+            change, gone = (
+                "rename a scene",
+                f"the clip of {other} that was there is replaced",
+            )
         elif lost := lost_files(earlier, {*record.files, "report.html"}):
             change, gone = "name all formats at once", f"{lost} of an earlier run went"
         if gone:
             fix = f"{change}, or choose another folder with -o, to have both"
-            self._warn(Problem(Place(str(self.final)), "", "", gone, fix, Severity.WARNING))
+            self._warn(
+                Problem(Place(str(self.final)), "", "", gone, fix, Severity.WARNING)
+            )
         if faults:
-            raise InputError([*faults, _kept(self.final, "has the clip without refinement")])
+            raise InputError(
+                [*faults, _kept(self.final, "has the clip without refinement")]
+            )
         return self.final
 
     def _draw_perception(self) -> None:
@@ -351,7 +399,10 @@ class _Run:
     def inputs_unchanged(self) -> bool:
         """Whether no input of the clip was written since the run began."""
         home = self.scene.folder.resolve()
-        times = [file_stamp(Path(os.path.normpath(home / name)))[:2] for name in self.record.inputs]
+        times = [
+            file_stamp(Path(os.path.normpath(home / name)))[:2]
+            for name in self.record.inputs
+        ]
         same = all(file_stamp(file) == stamp for file, stamp in self._stamps)
         return same and all(max(pair) < self._begun for pair in times)
 
@@ -360,43 +411,84 @@ class _Run:
         from physgen.compile.shapes import shapes_of
         from physgen.pipeline.pushes import default_push
 
-        scene, record, options, world = self.scene, self.record, self.options, self.film.compiled.world
+        scene, record, options, world = (
+            self.scene,
+            self.record,
+            self.options,
+            self.film.compiled.world,
+        )
         reach = np.array([body.reach for body in world.bodies])[:, None]
-        moved = np.ptp(trajectory.poses, axis=0) * np.concatenate([np.ones((len(reach), 2)), reach], 1)
+        moved = np.ptp(trajectory.poses, axis=0) * np.concatenate(
+            [np.ones((len(reach), 2)), reach], 1
+        )
         pushed = [item for item in scene.objects if any(item.velocity)]
         least = HARDLY * max(scene.size) if pushed else UNMOVED
         if moved.max(initial=0.0) < least:
             look = 'see what holds it by --set "render.overlay=[outlines, contacts]"'
-            held = "write motion: dynamic, or " * any(item.motion is Motion.STATIC for item in scene.objects)
-            fix = f"no push moves anything: {held}{look}" if world.bodies else ADD_OBJECT
+            held = "write motion: dynamic, or " * any(
+                item.motion is Motion.STATIC for item in scene.objects
+            )
+            fix = (
+                f"no push moves anything: {held}{look}" if world.bodies else ADD_OBJECT
+            )
             if pushed:
                 speed = float(np.hypot(*pushed[0].velocity))
                 slow = speed * world.duration < least
-                why = f"of {speed:.3g} px/s, and hardly moves at that" if slow else f"and is stuck: {look}"
+                why = (
+                    f"of {speed:.3g} px/s, and hardly moves at that"
+                    if slow
+                    else f"and is stuck: {look}"
+                )
                 fix = f"{pushed[0].name} has a velocity {why}"
             elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
-                fix = f"try --push {push.name}={push.way}, or write a velocity or a force"
-            why = "nothing moves in this clip" + ": the scene has no objects" * (not world.bodies)
-            self.warn(Problem(scene.place("objects"), "", "", why, fix, Severity.WARNING))
+                fix = (
+                    f"try --push {push.name}={push.way}, or write a velocity or a force"
+                )
+            why = "nothing moves in this clip" + ": the scene has no objects" * (
+                not world.bodies
+            )
+            self.warn(
+                Problem(scene.place("objects"), "", "", why, fix, Severity.WARNING)
+            )
         else:  # at rest, no energy flows; a body's fall by a pixel is the least that counts
-            weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
+            weight = sum(body.mass for body in world.bodies) * float(
+                np.hypot(*world.gravity)
+            )
             record.imbalance = trajectory.imbalance(weight)
-        record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
+        record.samples, record.effort = (
+            trajectory.sample_hashes(),
+            asdict(trajectory.effort),
+        )
         if record.imbalance > UNBALANCED:
             fix = "raise world.steps_per_second, or look for masses far apart or joints that contradict each other"
             found = f"has an error of {record.imbalance:.0%} of the energy that flows"
             place = scene.place("world")
-            self.warn(Problem(place, "world", "the energy balance", found, fix, Severity.WARNING))
+            self.warn(
+                Problem(
+                    place, "world", "the energy balance", found, fix, Severity.WARNING
+                )
+            )
         if trajectory.effort.overworked >= 0:
-            names = [*(body.name for body in world.bodies), *(wall.name for wall in world.walls)]
-            first, second = trajectory.effort.overworked, trajectory.effort.overworked_by
+            names = [
+                *(body.name for body in world.bodies),
+                *(wall.name for wall in world.walls),
+            ]
+            first, second = (
+                trajectory.effort.overworked,
+                trajectory.effort.overworked_by,
+            )
             if second >= 0:
-                what, fix = f"impacts of {names[first]} and {names[second]}", "bring their masses closer"
+                what, fix = (
+                    f"impacts of {names[first]} and {names[second]}",
+                    "bring their masses closer",
+                )
             else:
                 what = f"steps of {names[first]}"
                 fix = "look for a corner that reaches far out, or slow it down"
             found = "took more work than a run may do: later ones are less exact"
-            self.warn(Problem(scene.place("objects"), "", what, found, fix, Severity.WARNING))
+            self.warn(
+                Problem(scene.place("objects"), "", what, found, fix, Severity.WARNING)
+            )
         if not options.draws:
             return None
         record.seeds["fan"] = options.draw_seed
@@ -414,9 +506,20 @@ class _Run:
         if not uncertain_values(scene, options.variant):
             fix = 'write the source and confidence of a number: from: {mass: "by eye 0.6"}; perceive does'
             what = "nothing in the scene is uncertain, so every draw would be the same and none is made"
-            self.warn(Problem(scene.place("objects"), "--fan", "", what, fix, Severity.WARNING))
+            self.warn(
+                Problem(
+                    scene.place("objects"), "--fan", "", what, fix, Severity.WARNING
+                )
+            )
             return None
-        made = fan(scene, compiled, options.draws, options.draw_seed, options.variant, self.progress)
+        made = fan(
+            scene,
+            compiled,
+            options.draws,
+            options.draw_seed,
+            options.variant,
+            self.progress,
+        )
         return Draws(made, verdicts(made))
 
     def draw(self, trajectory: Trajectory, folder: Path) -> U8:
@@ -427,7 +530,9 @@ class _Run:
         film.exposed(trajectory)
         if self.paged:
             self._sample_player(trajectory)
-        files = VideoFiles(self.scene, folder, self.options.formats, record, self.progress)
+        files = VideoFiles(
+            self.scene, folder, self.options.formats, record, self.progress
+        )
         count = len(film.shot(trajectory).order)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
             frames = film.annotated(tap(film.frames(trajectory)), trajectory)
@@ -442,31 +547,54 @@ class _Run:
         from physgen.report.folders import read_manifest
 
         film, record = self.film, self.record
-        files = VideoFiles(self.scene, folder, self.options.formats, record, self.progress)
+        files = VideoFiles(
+            self.scene, folder, self.options.formats, record, self.progress
+        )
         outcome = refine_footage(film, footage, refiners, files)
-        self.labels.of_frames(film, footage.trajectory, self._truth(folder), record, self.progress)
+        self.labels.of_frames(
+            film, footage.trajectory, self._truth(folder), record, self.progress
+        )
         earlier = read_manifest(self.final)
-        if outcome.faults and earlier.get("refine") and earlier.get("frames"):  # hours of work may be in it
-            raise InputError([*outcome.faults, _kept(self.final, "keeps the clip that was refined before")])
+        if (
+            outcome.faults and earlier.get("refine") and earlier.get("frames")
+        ):  # hours of work may be in it
+            raise InputError(
+                [
+                    *outcome.faults,
+                    _kept(self.final, "keeps the clip that was refined before"),
+                ]
+            )
         return outcome.faults, outcome.changed
 
     def _truth(self, folder: Path) -> Path:
         return folder / "truth" if self.options.formats else folder
 
     def write_page(
-        self, trajectory: Trajectory, first: U8, folder: Path, changed: Comparison | None, draws: Draws | None
+        self,
+        trajectory: Trajectory,
+        first: U8,
+        folder: Path,
+        changed: Comparison | None,
+        draws: Draws | None,
     ) -> None:
         """The report; `first` is the clip's first frame, unrefined."""
         from physgen.report.films import linked_film
         from physgen.report.page import PageParts, report_page
         from physgen.scene.write import scene_text
 
-        scene, film, record, kinds = self.scene, self.film, self.record, self.options.formats
+        scene, film, record, kinds = (
+            self.scene,
+            self.film,
+            self.record,
+            self.options.formats,
+        )
         world, shot = film.compiled.world, film.shot(trajectory)
         name = "video" if record.frames else "unrefined"
         made = [kind.named(name) for kind in kinds if record.frames or kind is kinds[0]]
         shown = linked_film(made)
-        if scene.render.overlay or not shot.opens_on_photo:  # the page draws on the photo itself
+        if (
+            scene.render.overlay or not shot.opens_on_photo
+        ):  # the page draws on the photo itself
             first = next(render(film.stage, trajectory)).rgb
         section = None if draws is None else draws.section(world, first)
         text = scene_text(record.document)
@@ -528,7 +656,9 @@ def write_manifest(record: RunRecord, folder: Path) -> None:
     """Write the record, with the hashes of all files in the folder, and its times apart."""
     from physgen.report.record import TIMING, file_hash, write_json
 
-    for file in sorted(p for p in folder.rglob("*") if p.is_file() and p != folder / TIMING):
+    for file in sorted(
+        p for p in folder.rglob("*") if p.is_file() and p != folder / TIMING
+    ):
         record.files[file.relative_to(folder).as_posix()] = file_hash(file)
     write_json(folder / TIMING, record.timing())
     write_json(folder / "manifest.json", record.manifest())
@@ -541,5 +671,7 @@ def output_name(path: str | Path, variant: str | None) -> str:
     name = scene_name(Path(path))
     if not name.isprintable():
         fix = "rename the file: its name becomes that of a folder"
-        raise InputError.of(repr(str(path)), "", "has characters in its name that cannot be shown", fix)
+        raise InputError.of(
+            repr(str(path)), "", "has characters in its name that cannot be shown", fix
+        )
     return f"{name}-{variant}" if variant is not None else name

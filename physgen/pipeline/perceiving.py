@@ -64,7 +64,12 @@ def perceive(
     """
     from physgen.maps import read_labels
     from physgen.perceive.document import summary, write_scene
-    from physgen.perceive.perceive import LONGEST_SIDE, check_size, shrink_detections, shrink_photo
+    from physgen.perceive.perceive import (
+        LONGEST_SIDE,
+        check_size,
+        shrink_detections,
+        shrink_photo,
+    )
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts
     from physgen.photos import read_photo
@@ -76,12 +81,18 @@ def perceive(
     crew.begin()
     if masks is not None and (boxes or points):
         fix = "choose --masks, or --box and --point"
-        raise InputError.of("perceive", "", "was given the objects in more than one way", fix)
+        raise InputError.of(
+            "perceive", "", "was given the objects in more than one way", fix
+        )
     photo = read_photo(image)
     place = Place(str(image))
     if not photo.readable:
         fix = "save it as sRGB if its colours look wrong"
-        warn(Problem(place, "", "the colour profile", "cannot be used", fix, Severity.WARNING))
+        warn(
+            Problem(
+                place, "", "the colour profile", "cannot be used", fix, Severity.WARNING
+            )
+        )
     rgb = shrink_photo(photo.rgb, options.side or LONGEST_SIDE)
     check_size(rgb, str(image))
     height, width = photo.rgb.shape[:2]
@@ -89,7 +100,16 @@ def perceive(
     if rgb is not photo.rgb:
         was, now = f"{width} x {height} px", f"{rgb.shape[1]} x {rgb.shape[0]} px"
         fix = f"--side {max(width, height)} keeps its size"
-        warn(Problem(place, "", f"the photo of {was}", f"was made {now}", fix, Severity.WARNING))
+        warn(
+            Problem(
+                place,
+                "",
+                f"the photo of {was}",
+                f"was made {now}",
+                fix,
+                Severity.WARNING,
+            )
+        )
     del photo  # a large one is larger than all maps together
     found = None
     if masks is not None:
@@ -104,15 +124,28 @@ def perceive(
         warn(problem)
     if found is not None:
         found = shrink_detections(found, (width, height), rgb)
-    perceived = run(rgb, found, renames=options.labels, crew=crew, asked=options.asked, progress=progress)
+    perceived = run(
+        rgb,
+        found,
+        renames=options.labels,
+        crew=crew,
+        asked=options.asked,
+        progress=progress,
+    )
     for problem in perceived.warnings:
         warn(problem)
     progress("push", 0, 1)
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
-        perceived = perceived if options.still or not perceived.document["objects"] else _pushed(perceived)
+        perceived = (
+            perceived
+            if options.still or not perceived.document["objects"]
+            else _pushed(perceived)
+        )
     text = write_scene(perceived, image if as_it_is else None, image.stem, output, keep)
-    inform(f"{image}: " + "\n".join(summary(perceived)))  # last: nobody may read it any more
+    inform(
+        f"{image}: " + "\n".join(summary(perceived))
+    )  # last: nobody may read it any more
     return text
 
 
@@ -123,7 +156,16 @@ def _tried(perceived: PerceivedScene, *more: str) -> Opened:
 
     document = perceived.document
     height, width = perceived.percepts.labels.shape
-    kept = ("shape", "solid", "mass", "friction", "elasticity", "rolling", "motion", *more)
+    kept = (
+        "shape",
+        "solid",
+        "mass",
+        "friction",
+        "elasticity",
+        "rolling",
+        "motion",
+        *more,
+    )
     heads = ("physgen", "world", "boundaries", "render")
     bare = {key: document[key] for key in heads if key in document} | {
         "size": [width, height],
@@ -150,19 +192,43 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
     shapes = shapes_of(scene, None)
     objects, comments = dict(perceived.document["objects"]), dict(perceived.comments)
     while scene.world.view is View.SIDE:
-        poses = simulate(compile_shapes(scene, shapes).world, np.linspace(0, 2, 81)).poses[..., :2]
+        poses = simulate(
+            compile_shapes(scene, shapes).world, np.linspace(0, 2, 81)
+        ).poses[..., :2]
         away = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)) > 1
         away &= np.array([item.name not in kept for item in scene.objects], bool)
         if not away.any():
             break
         goes = away[int(away.any(axis=1).argmax())]
-        for name in [item.name for item, gone in zip(scene.objects, goes, strict=True) if gone]:
-            item = {key: value for key, value in objects[name].items() if key not in ("rolling", "velocity")}
-            sources = {key: value for key, value in item.get("from", {}).items() if key != "rolling"}
-            objects[name] = item | {"motion": "static"} | ({"from": sources} if sources else {})
-            comments[f"objects.{name}.motion"] = "it would not stay there, so it is held; dynamic lets it go"
-        scene = opened.scene([f"objects.{k}.motion=static" for k, one in objects.items() if "motion" in one])
-    return replace(perceived, document=perceived.document | {"objects": objects}, comments=comments)
+        for name in [
+            item.name for item, gone in zip(scene.objects, goes, strict=True) if gone
+        ]:
+            item = {
+                key: value
+                for key, value in objects[name].items()
+                if key not in ("rolling", "velocity")
+            }
+            sources = {
+                key: value
+                for key, value in item.get("from", {}).items()
+                if key != "rolling"
+            }
+            objects[name] = (
+                item | {"motion": "static"} | ({"from": sources} if sources else {})
+            )
+            comments[f"objects.{name}.motion"] = (
+                "it would not stay there, so it is held; dynamic lets it go"
+            )
+        scene = opened.scene(
+            [
+                f"objects.{k}.motion=static"
+                for k, one in objects.items()
+                if "motion" in one
+            ]
+        )
+    return replace(
+        perceived, document=perceived.document | {"objects": objects}, comments=comments
+    )
 
 
 def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
@@ -180,22 +246,36 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
 
     document, opened = perceived.document, _tried(perceived)
     objects = document["objects"].items()
-    sure = {name: 0.0 if only and name not in only else mask_confidence(item) for name, item in objects}
+    sure = {
+        name: 0.0 if only and name not in only else mask_confidence(item)
+        for name, item in objects
+    }
     scene = opened.scene()
     shapes = shapes_of(scene, None)
-    unseen = [k for k, wall in document["boundaries"].items() if source(wall.get("from", "")).text == SOURCE]
+    unseen = [
+        k
+        for k, wall in document["boundaries"].items()
+        if source(wall.get("from", "")).text == SOURCE
+    ]
     push = default_push(scene, shapes, sure, unseen)
     if push is None:
         doubts = () if perceived.suitability is None else perceived.suitability.reasons
-        return replace(perceived, suitability=Suitability((*doubts, "no push moves anything")))
+        return replace(
+            perceived, suitability=Suitability((*doubts, "no push moves anything"))
+        )
     speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
     item = document["objects"][push.name] | {"velocity": speeds}
     pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
-    slow, film = round(pushed.render.slow), replace(pushed, render=replace(pushed.render, slow=1))
+    slow, film = (
+        round(pushed.render.slow),
+        replace(pushed, render=replace(pushed.render, slow=1)),
+    )
     moves = ended(film, compile_shapes(film, shapes))[0].world.duration - PLAYBACK.pause
     while slow > 1 and slow * moves > PLAYBACK.longest:
         slow //= 2
-    render = {key: value for key, value in document.get("render", {}).items() if key != "slow"}
+    render = {
+        key: value for key, value in document.get("render", {}).items() if key != "slow"
+    }
     document = document | {
         "objects": document["objects"] | {push.name: item},
         "render": ({"slow": slow} if slow > 1 else {}) | render,
@@ -208,7 +288,11 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
 
 
 def _set_in_motion(
-    perceived: PerceivedScene, scene: Scene, was: Mapping[str, Mapping[str, Any]], still: bool, warn: Warn
+    perceived: PerceivedScene,
+    scene: Scene,
+    was: Mapping[str, Mapping[str, Any]],
+    still: bool,
+    warn: Warn,
 ) -> tuple[PerceivedScene, dict[str, Any]]:
     """The `scene` that is refreshed, whose objects `was` held, with what has a new prompt at rest, and a push where
     nothing moves and an object is let go, the view is another, or the push that perception wrote moves nothing now,
@@ -216,31 +300,71 @@ def _set_in_motion(
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.pushes import perceived_pushes, shown_by
 
-    moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
-    pushes = [] if still or scene.forces or scene.joints else list(perceived_pushes(scene))
+    moving = {
+        item.name: {"velocity": list(item.velocity)}
+        for item in scene.objects
+        if any(item.velocity)
+    }
+    pushes = (
+        [] if still or scene.forces or scene.joints else list(perceived_pushes(scene))
+    )
     with suppress(InputError):
         objects = perceived.document["objects"]
-        same = [k for k, item in was.items() if item.get("prompt") == objects.get(k, item).get("prompt")]
+        same = [
+            k
+            for k, item in was.items()
+            if item.get("prompt") == objects.get(k, item).get("prompt")
+        ]
         perceived = _at_rest(perceived, same)
         now = perceived.document["objects"]
-        free = {k for k, item in was.items() if "motion" in item and "motion" not in now.get(k, item)}
+        free = {
+            k
+            for k, item in was.items()
+            if "motion" in item and "motion" not in now.get(k, item)
+        }
         turned = scene.record.world.get("view") not in (None, scene.world.view.value)
         tried = _tried(perceived, "velocity", "place", "layer").scene()
-        able = [item for item in tried.objects if item.name in pushes and any(item.velocity)]
-        moves = any(shown_by(tried, shapes_of(tried, None), item, item.velocity)[0] for item in able)
+        able = [
+            item for item in tried.objects if item.name in pushes and any(item.velocity)
+        ]
+        moves = any(
+            shown_by(tried, shapes_of(tried, None), item, item.velocity)[0]
+            for item in able
+        )
         stopped = pushes if turned or not moves else []
         for name in stopped:
             del moving[name]
-        rest = {name: now[name] | {"velocity": [0, 0]} for name in stopped if name in now}
-        perceived = replace(perceived, document=perceived.document | {"objects": now | rest})
+        rest = {
+            name: now[name] | {"velocity": [0, 0]} for name in stopped if name in now
+        }
+        perceived = replace(
+            perceived, document=perceived.document | {"objects": now | rest}
+        )
         if (free or turned or stopped) and not (still or moving or scene.forces):
             pushed = _pushed(perceived, () if turned or stopped else free)
             document = perceived.document | {"objects": pushed.document["objects"]}
             perceived = replace(perceived, document=document, comments=pushed.comments)
-        new = [k for k, item in perceived.document["objects"].items() if any(item.get("velocity", ()))]
-        fix = f"{listed(new, 'and')} is pushed instead" if new else "and no other push does"
+        new = [
+            k
+            for k, item in perceived.document["objects"].items()
+            if any(item.get("velocity", ()))
+        ]
+        fix = (
+            f"{listed(new, 'and')} is pushed instead"
+            if new
+            else "and no other push does"
+        )
         for name in [] if turned else stopped:
-            warn(Problem(Place("--refresh"), name, "its push", "moves nothing now", fix, Severity.WARNING))
+            warn(
+                Problem(
+                    Place("--refresh"),
+                    name,
+                    "its push",
+                    "moves nothing now",
+                    fix,
+                    Severity.WARNING,
+                )
+            )
     return perceived, moving
 
 
@@ -251,12 +375,16 @@ def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
         fix = "choose e.g. --backend segment=grounding-dino+sam"
         expected = "has no effect: no backend here finds named objects"
         asked = f'"{", ".join(options.asked)}"'
-        found.append(Problem(Place("--find"), "", asked, expected, fix, Severity.WARNING))
+        found.append(
+            Problem(Place("--find"), "", asked, expected, fix, Severity.WARNING)
+        )
     if "categories" in crew.plan.choices and "categories" not in uses:
         fix = "choose e.g. --backend segment=grounding-dino+sam, or leave it out"
         chosen = f"categories={crew.plan.choices['categories']}"
         expected = f"has no effect: segment={crew.name('segment')} needs no categories"
-        found.append(Problem(Place("--backend"), "", chosen, expected, fix, Severity.WARNING))
+        found.append(
+            Problem(Place("--backend"), "", chosen, expected, fix, Severity.WARNING)
+        )
     return found
 
 
@@ -274,7 +402,9 @@ def import_physgen(
     imported = run(folder, progress=progress)
     for problem in imported.warnings:
         warn(problem)
-    return write_scene(imported, folder / "original.png", folder.resolve().name, output, keep)
+    return write_scene(
+        imported, folder / "original.png", folder.resolve().name, output, keep
+    )
 
 
 def refresh(
@@ -311,22 +441,38 @@ def refresh(
     opened = Opened(path, options.allow_outside)
     scene = opened.scene()
     if scene.image is None:
-        raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
+        raise InputError.of(
+            "--refresh", f'"{path}"', "shows no photo", "name one with image:"
+        )
     maps = percepts(scene)
     ids = compile_scene(scene, None if maps is None else maps.labels).labels
     photo, find = read_photo(scene.image), Segmenter(crew, options.asked)
     own = opened.document()
     old = old_and_new.with_sources(own, scene)
-    begun = old_and_new.start_refresh(photo.rgb, scene.objects, old, ids, options.boxes, options.points, find)
+    begun = old_and_new.start_refresh(
+        photo.rgb, scene.objects, old, ids, options.boxes, options.points, find
+    )
     crew.release("segment")
     for name in begun.gone:
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"
-        warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
-    called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
+        warn(
+            Problem(
+                Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING
+            )
+        )
+    called = {
+        i: name
+        for i, name in begun.found.object_names.items()
+        if name in old["objects"]
+    }
     side, record = max(scene.size), scene.record
     scaled = follows_scale(old, record, side)
-    gone = None if maps is None else old_and_new.taken_out(scene.objects, maps.cut_out, begun.found.labels)
+    gone = (
+        None
+        if maps is None
+        else old_and_new.taken_out(scene.objects, maps.cut_out, begun.found.labels)
+    )
     layers = old_and_new.user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
     perceived = run(
@@ -338,10 +484,14 @@ def refresh(
         pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
         progress=progress,
     )
-    new_labels = {called[i]: text for i, text in renamed_labels(options.labels, called)[0].items()}
+    new_labels = {
+        called[i]: text for i, text in renamed_labels(options.labels, called)[0].items()
+    }
     doubtful: dict[str, Any] = {}
     if maps is not None and gone is not None:
-        marked, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels, gone)
+        marked, doubtful = old_and_new.kept_doubtful(
+            old, maps.labels, perceived.percepts.labels, gone
+        )
         if old_and_new.same_objects(scene, maps.labels, marked):
             perceived = old_and_new.as_before(perceived, scene)
     seen, every = perceived.document, perceived.comments
@@ -353,19 +503,29 @@ def refresh(
         document |= {"doubtful": doubtful} if "doubtful" in old else {}
         # whether shadows were removed depends on the scene's own light
         clean = None if maps.clean is None else perceived.percepts.clean
-        depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
+        depth = (
+            maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
+        )
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
     perceived = replace(perceived, document=document, comments=reasons)
-    perceived, moving = _set_in_motion(perceived, scene, old["objects"], options.still, warn)
+    perceived, moving = _set_in_motion(
+        perceived, scene, old["objects"], options.still, warn
+    )
     document, told = perceived.document, dict(seen["objects"])
     for name in told.keys() & document["objects"].keys():
         own = document["objects"][name] | moving.get(name, {})
-        told[name] = told[name] | {key: own[key] for key in ("motion", "velocity") if key in own}
+        told[name] = told[name] | {
+            key: own[key] for key in ("motion", "velocity") if key in own
+        }
     all_of = {**seen, "objects": told, "doubtful": doubtful}
-    summed = replace(perceived, document=all_of, comments={**every, **perceived.comments})
+    summed = replace(
+        perceived, document=all_of, comments={**every, **perceived.comments}
+    )
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
-    perceived = replace(perceived, comments={} if text is None else perceived.comments, wrote=wrote)
+    perceived = replace(
+        perceived, comments={} if text is None else perceived.comments, wrote=wrote
+    )
     image = scene.image if photo.plain else None
     new = write_scene(perceived, image, scene.image.stem, output, keep, text, record)
     inform(f"{path}: " + "\n".join(summary(summed)))

@@ -33,19 +33,31 @@ class _Trial:
     """How candidates for a push are ranked and tried; lengths are parts of the photo's longer side."""
 
     room: float = 0.3  # free way ahead that counts in full
-    beyond: float = 0.1  # weight of the room behind the last object ahead, where that one may fall
-    ahead: float = 1.5  # weight of objects ahead, against that of a free way: something is struck
+    beyond: float = (
+        0.1  # weight of the room behind the last object ahead, where that one may fall
+    )
+    ahead: float = (
+        1.5  # weight of objects ahead, against that of a free way: something is struck
+    )
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
     tried: int = 3  # candidates that show something, after which no more are simulated
     most: int = 8  # candidates that are simulated, at up to a second each
-    loaded: float = 0.5  # of the rank of what carries something, seen from the side: it is jammed
-    enough: float = 0.85  # of the most that a candidate shows, that the first one needs to be taken
+    loaded: float = (
+        0.5  # of the rank of what carries something, seen from the side: it is jammed
+    )
+    enough: float = (
+        0.85  # of the most that a candidate shows, that the first one needs to be taken
+    )
     samples: int = 16  # times at which positions are compared
     far: float = 0.25  # a displacement that counts in full
     least: float = 0.07  # a displacement that is seen: 36 px of a photo of 512
-    written: float = 0.01  # of a speed, by which one that is written with three digits may differ
+    written: float = (
+        0.01  # of a speed, by which one that is written with three digits may differ
+    )
     wild: float = 2.5  # times the speeds of the push and of a fall over the photo: faster is an explosion
-    slender: float = 1.5  # times width over height: of the speed, for what topples before it slides
+    slender: float = (
+        1.5  # times width over height: of the speed, for what topples before it slides
+    )
     gentlest: float = 0.3  # of the speed, at least, unless it tips at less
     thin: float = 0.5  # of the speed: what topples at less is tipped as by a finger, without a slide,
     tips: float = 1.25  # at so many times the speed that tips it
@@ -78,7 +90,10 @@ class Push:
 
 
 def default_push(
-    scene: Scene, shapes: Shapes, sure: Mapping[str, float], unseen: Collection[str] = ()
+    scene: Scene,
+    shapes: Shapes,
+    sure: Mapping[str, float],
+    unseen: Collection[str] = (),
 ) -> Push | None:
     """The push that shows most; None where none moves anything.
 
@@ -102,13 +117,17 @@ def default_push(
             part = _gentle(named[item.name], gravity, speed)
             velocity = (round(part * way[0]), round(part * way[1]))
             shown, far = shown_by(scene, shapes, item, velocity, unseen)
-            tried += [(shown, far, Push(item.name, velocity, _words(way)))] if shown else []
+            tried += (
+                [(shown, far, Push(item.name, velocity, _words(way)))] if shown else []
+            )
             if len(tried) == TRIAL.tried:
                 break
         now = max((shown for shown, *_ in tried), default=0.0)
         more = now > TRIAL.worth * most
         if more:
-            _, farthest, best = next(one for one in tried if one[0] >= TRIAL.enough * now)
+            _, farthest, best = next(
+                one for one in tried if one[0] >= TRIAL.enough * now
+            )
             most = now
         if (farthest >= TRIAL.far or most >= TRIAL.many) and not (more and above):
             break
@@ -119,7 +138,9 @@ def _gentle(body: Body, gravity: float, speed: float) -> float:
     """px/s, at most `speed`: what tips its centre of mass over its lower corner once its foot has stopped it."""
     if body.radius is not None or not gravity:
         return speed
-    (x0, y0), (x1, y) = (of(np.concatenate(body.rings), axis=0).tolist() for of in (np.min, np.max))
+    (x0, y0), (x1, y) = (
+        of(np.concatenate(body.rings), axis=0).tolist() for of in (np.min, np.max)
+    )
     rise, topples = hypot((x1 - x0) / 2, y) - y, TRIAL.slender * (x1 - x0) / (y - y0)
     tips = sqrt(2 * gravity * rise * (body.moment / body.mass + (rise + y) ** 2)) / y
     eased: float = speed * min(max(topples, TRIAL.gentlest), 1.0)
@@ -138,47 +159,81 @@ def _ranked(
     for k, item in enumerate(scene.objects):
         if item.motion is not Motion.DYNAMIC or sure.get(item.name, 1.0) < TRIAL.unsure:
             continue
-        on = (np.abs(foot - top[k]) < 2 + 0.1 * (foot - top)[k]) & (left < right[k]) & (right > left[k])
+        on = (
+            (np.abs(foot - top[k]) < 2 + 0.1 * (foot - top)[k])
+            & (left < right[k])
+            & (right > left[k])
+        )
         load = TRIAL.loaded if scene.world.view is View.SIDE and on.any() else 1.0
         for way in _ways(scene, [body.center for body in bodies], k):
             frame = np.array([way, (-way[1], way[0])])
             low, high = (
-                np.array([of(points @ frame.T, axis=0) for points in corners]) for of in (np.min, np.max)
+                np.array([of(points @ frame.T, axis=0) for points in corners])
+                for of in (np.min, np.max)
             )
-            beside = (np.minimum(high, high[k]) - np.maximum(low, low[k]))[:, 1] > 0.1 * (high - low)[:, 1]
-            ahead = [n for n in np.flatnonzero(beside & (low[:, 0] > high[k, 0] - 2)).tolist() if n != k]
+            beside = (np.minimum(high, high[k]) - np.maximum(low, low[k]))[
+                :, 1
+            ] > 0.1 * (high - low)[:, 1]
+            ahead = [
+                n
+                for n in np.flatnonzero(beside & (low[:, 0] > high[k, 0] - 2)).tolist()
+                if n != k
+            ]
             end = max(np.array([[0, 0], scene.size]) @ frame[0])
-            gaps = end - bodies[k].center @ frame[0], *(low[n, 0] - high[k, 0] for n in ahead)
+            gaps = (
+                end - bodies[k].center @ frame[0],
+                *(low[n, 0] - high[k, 0] for n in ahead),
+            )
             free, beyond = np.clip(
-                np.array([min(gaps), end - max(high[n, 0] for n in (k, *ahead))]) / (TRIAL.room * side), 0, 1
+                np.array([min(gaps), end - max(high[n, 0] for n in (k, *ahead))])
+                / (TRIAL.room * side),
+                0,
+                1,
             )
             score = free + TRIAL.beyond * beyond + TRIAL.ahead * (1 - 0.5 ** len(ahead))
-            found.append((score * load * sure.get(item.name, 1.0), -len(found), item, way))
-    return [(item, way) for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)]
+            found.append(
+                (score * load * sure.get(item.name, 1.0), -len(found), item, way)
+            )
+    return [
+        (item, way)
+        for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)
+    ]
 
 
 def _ways(scene: Scene, centers: Sequence[Array], k: int) -> list[tuple[float, float]]:
     """Unit directions in which an object may be pushed."""
     if scene.world.view is View.SIDE:
         return [(1.0, 0.0), (-1.0, 0.0)]
-    others = [center for n, center in enumerate(centers) if n != k] or [(np.array(scene.size) - 1) / 2]
-    nearest_one = min(others, key=lambda center: float(np.hypot(*(center - centers[k]))))
+    others = [center for n, center in enumerate(centers) if n != k] or [
+        (np.array(scene.size) - 1) / 2
+    ]
+    nearest_one = min(
+        others, key=lambda center: float(np.hypot(*(center - centers[k])))
+    )
     ways = []
     for goal in (nearest_one, np.mean(others, axis=0)):
         x, y = (float(part) for part in goal - centers[k])
-        ways.append((x / hypot(x, y), y / hypot(x, y)) if hypot(x, y) > 1 else (1.0, 0.0))
+        ways.append(
+            (x / hypot(x, y), y / hypot(x, y)) if hypot(x, y) > 1 else (1.0, 0.0)
+        )
     return ways
 
 
 def shown_by(
-    scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float], unseen: Collection[str] = ()
+    scene: Scene,
+    shapes: Shapes,
+    item: Object,
+    velocity: tuple[float, float],
+    unseen: Collection[str] = (),
 ) -> tuple[float, float]:
     """How much a push shows, counted in objects that move far, and the longest displacement, as a part of the photo's
     longer side; zeros where it moves nothing enough, or all explodes."""
     from physgen.compile.compile import compile_shapes
     from physgen.simulate.engine import simulate
 
-    pushed = tuple(replace(one, velocity=velocity) if one is item else one for one in scene.objects)
+    pushed = tuple(
+        replace(one, velocity=velocity) if one is item else one for one in scene.objects
+    )
     compiled = compile_shapes(replace(scene, objects=pushed), shapes)
     side, k = max(scene.size), scene.objects.index(item)
     ordinary = push_speed(side, scene.world.pixels_per_meter)
@@ -187,19 +242,33 @@ def shown_by(
     motion = simulate(compiled.world, times)
     poses = motion.poses[..., :2]
     inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)
-    away = np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(axis=0) / side
-    fastest = float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0)) / times[1]
+    away = (
+        np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(
+            axis=0
+        )
+        / side
+    )
+    fastest = (
+        float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0))
+        / times[1]
+    )
     fall = (2 * hypot(*scene.world.gravity) * side) ** 0.5
     gone = (poses - poses[:1])[:, k] @ np.array(velocity)
-    if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
+    if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (
+        hypot(*velocity) + fall
+    ):
         return 0.0, 0.0
     shown = float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean())
-    taken = _taken(motion, k, np.array(velocity), unseen) / compiled.world.bodies[k].mass
+    taken = (
+        _taken(motion, k, np.array(velocity), unseen) / compiled.world.bodies[k].mass
+    )
     back = -gone.min() > gone.max() or taken > TRIAL.thrown
     return shown * (TRIAL.back if back else 1.0), float(away.max())
 
 
-def _taken(motion: Trajectory, k: int, velocity: Array, unseen: Collection[str]) -> float:
+def _taken(
+    motion: Trajectory, k: int, velocity: Array, unseen: Collection[str]
+) -> float:
     """The mass, g, whose momentum at this velocity the walls `unseen` take from an object; friction counts for none."""
     _, first, second = motion.contacts.impulse_rows.T
     walls = np.isin(motion.contacts.surfaces, list(unseen))
@@ -210,7 +279,11 @@ def _taken(motion: Trajectory, k: int, velocity: Array, unseen: Collection[str])
 
 
 def _words(way: tuple[float, float]) -> str:
-    words = [word for word, (x, y) in WORDS.items() if way[0] * x + way[1] * y > sin(radians(22.5))]
+    words = [
+        word
+        for word, (x, y) in WORDS.items()
+        if way[0] * x + way[1] * y > sin(radians(22.5))
+    ]
     return "-".join(reversed(words))
 
 
@@ -218,7 +291,11 @@ def _words(way: tuple[float, float]) -> str:
 
 
 def motion_edits(
-    scene: Scene, compiled: Compiled, pushes: Sequence[str], drops: Sequence[str], kicks: Sequence[str]
+    scene: Scene,
+    compiled: Compiled,
+    pushes: Sequence[str],
+    drops: Sequence[str],
+    kicks: Sequence[str],
 ) -> dict[str, Any]:
     """Dotted keys and values that set a scene in motion.
 
@@ -236,10 +313,16 @@ def motion_edits(
     forces = [*scene.document["forces"]]
     for item, moved in made:
         forces += moved.pop("forces", [])
-        edits |= {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
+        edits |= (
+            {}
+            if item.motion is Motion.DYNAMIC
+            else {f"objects.{item.name}.motion": "dynamic"}
+        )
         edits |= moved
         if f"objects.{item.name}.place" in moved and any(item.velocity):
-            edits.setdefault(f"objects.{item.name}.velocity", [0, 0])  # it falls straight, unless pushed
+            edits.setdefault(
+                f"objects.{item.name}.velocity", [0, 0]
+            )  # it falls straight, unless pushed
     if kicks:
         edits["forces"] = forces
     for name in perceived_pushes(scene) if edits else ():
@@ -252,10 +335,18 @@ def perceived_pushes(scene: Scene) -> Iterator[str]:
     now = scene.world.pixels_per_meter
     followed = sqrt((scene.record.scale or now) / now)
     for item in scene.objects:
-        wrote = scene.record.entry(item.name, scene.document["objects"][item.name]).get("velocity")
-        speed = [quantity(str(part), "px/s", now) or 0.0 for part in wrote] if isinstance(wrote, list) else []
+        wrote = scene.record.entry(item.name, scene.document["objects"][item.name]).get(
+            "velocity"
+        )
+        speed = (
+            [quantity(str(part), "px/s", now) or 0.0 for part in wrote]
+            if isinstance(wrote, list)
+            else []
+        )
         ways = [[factor * part for part in speed] for factor in (1, followed)]
-        if any(speed) and any(equal(item.velocity, way, TRIAL.written * hypot(*way)) for way in ways):
+        if any(speed) and any(
+            equal(item.velocity, way, TRIAL.written * hypot(*way)) for way in ways
+        ):
             yield item.name
 
 
@@ -269,7 +360,10 @@ def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
         raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
     per_meter = scene.world.pixels_per_meter
     parts = [speed * part for part in _direction("--push", way)]
-    kept = [meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0 for part in parts]
+    kept = [
+        meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0
+        for part in parts
+    ]
     return item, {f"objects.{item.name}.velocity": kept}
 
 
@@ -278,7 +372,9 @@ def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str
     item = named(scene, "--drop", name.strip())
     if scene.world.view is View.TOP:
         fix = f"write --push {item.name}=right"
-        raise InputError.of("--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix)
+        raise InputError.of(
+            "--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix
+        )
     return item, {f"objects.{item.name}.place": _lifted(scene, compiled, item)}
 
 
@@ -289,7 +385,13 @@ def named(scene: Scene, flag: str, name: str) -> Object:
             return item
     names = [item.name for item in scene.objects]
     close = nearest(name, names)
-    fix = f"did you mean {close}?" if close else f"write one of {listed(names[:20])}" if names else ADD_OBJECT
+    fix = (
+        f"did you mean {close}?"
+        if close
+        else f"write one of {listed(names[:20])}"
+        if names
+        else ADD_OBJECT
+    )
     raise InputError.of(flag, f'"{name}"', "names no object", fix)
 
 
@@ -302,7 +404,9 @@ def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float
     try:
         return way, finite(rest if in_units is None else repr(in_units))
     except ValueError:
-        raise InputError.of(flag, f'"{rest}"', "is no speed", "write e.g. @2 m/s or @300 px/s") from None
+        raise InputError.of(
+            flag, f'"{rest}"', "is no speed", "write e.g. @2 m/s or @300 px/s"
+        ) from None
 
 
 def _metric(text: str) -> bool:
@@ -341,7 +445,11 @@ def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
     boxes = [bounds(outline) for outline in compiled.outlines]
     k = scene.objects.index(item)
     left, top, right, bottom = boxes[k]
-    above = [box[3] for n, box in enumerate(boxes) if n != k and box[0] < right and box[2] > left]
+    above = [
+        box[3]
+        for n, box in enumerate(boxes)
+        if n != k and box[0] < right and box[2] > left
+    ]
     room = top - max([0.0, *(y for y in above if y <= top + 1)])
     x, y = compiled.world.bodies[k].center
     angle = item.place[2] if item.place else 0.0
@@ -359,34 +467,50 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
     per_meter, ends = scene.world.pixels_per_meter, where.split(",")
     in_units = [quantity(part, "px", per_meter) for part in ends]
     try:
-        x, y = (finite(part if px is None else repr(px)) for part, px in zip(ends, in_units, strict=True))
+        x, y = (
+            finite(part if px is None else repr(px))
+            for part, px in zip(ends, in_units, strict=True)
+        )
     except ValueError:
         fix = "write e.g. 120,80 or 6 cm,4 cm"
         raise InputError.of("--kick", f'"{where}"', "is not two lengths", fix) from None
     if not scene.objects:
-        raise InputError.of("--kick", f'"{where}"', "meets no object: the scene has none", ADD_OBJECT)
+        raise InputError.of(
+            "--kick", f'"{where}"', "meets no object: the scene has none", ADD_OBJECT
+        )
     at = np.array([x, y])
-    ways = [shapely.shortest_line(outline_shape(one), shapely.Point(x, y)) for one in compiled.outlines]
+    ways = [
+        shapely.shortest_line(outline_shape(one), shapely.Point(x, y))
+        for one in compiled.outlines
+    ]
     k = int(np.nanargmin(shapely.length(ways)))
     row, column = (
-        int(np.clip(part, 0, side - 1)) for part, side in zip((y, x), scene.size[::-1], strict=True)
+        int(np.clip(part, 0, side - 1))
+        for part, side in zip((y, x), scene.size[::-1], strict=True)
     )
     if compiled.labels[row, column]:
         k = int(compiled.labels[row, column]) - 1
     elif ways[k].length > NEAR * max(scene.size):
         near = ",".join(str(round(part)) for part in ways[k].coords[0])
-        fix = f"name a point of an object; the nearest: {near} of {scene.objects[k].name}"
+        fix = (
+            f"name a point of an object; the nearest: {near} of {scene.objects[k].name}"
+        )
         raise InputError.of("--kick", f'"{where}"', "meets no object", fix)
     body = compiled.world.bodies[k]
     way = body.center - at
     if scene.world.view is View.SIDE or hypot(*way) < 1:
         way = np.array([1.0 if way[0] >= 0 else -1.0, 0.0])
     way = way / hypot(*way)
-    impulse: list[Any] = [float(f"{body.mass * speed * part:.4g}") + 0.0 for part in way]
+    impulse: list[Any] = [
+        float(f"{body.mass * speed * part:.4g}") + 0.0 for part in way
+    ]
     if _metric(text):
         impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
     numbers = (int(end) if end.is_integer() else end for end in (x, y))
     kept = [
-        end if px is None else part.strip() for end, px, part in zip(numbers, in_units, ends, strict=True)
+        end if px is None else part.strip()
+        for end, px, part in zip(numbers, in_units, ends, strict=True)
     ]
-    return scene.objects[k], {"forces": [{"object": body.name, "impulse": impulse, "at": kept}]}
+    return scene.objects[k], {
+        "forces": [{"object": body.name, "impulse": impulse, "at": kept}]
+    }

@@ -73,7 +73,9 @@ class Refiners:
         if name not in self._models:
             plan = self._plan()
             chosen = plan.choices.get("refine")
-            choice = chosen if chosen is not None and chosen.name == name else Choice(name)
+            choice = (
+                chosen if chosen is not None and chosen.name == name else Choice(name)
+            )
             setup = replace(plan, choices={"refine": choice}).setup("refine")
             self._models[name] = registry.make("refine", name, setup)
         return self._models[name]
@@ -101,7 +103,11 @@ def refine_settings(scene: Scene) -> RefineSettings:
     from physgen.refine.fusion import RefineSettings, hold_frames, prompt_of
 
     given = scene.refine
-    prompt = prompt_of(item.label for item in scene.objects) if given.prompt is None else given.prompt
+    prompt = (
+        prompt_of(item.label for item in scene.objects)
+        if given.prompt is None
+        else given.prompt
+    )
     return RefineSettings(
         strength=given.strength,
         stop=given.stop,
@@ -134,7 +140,9 @@ def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Foota
     return kept
 
 
-def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFiles) -> Outcome:
+def refine_footage(
+    film: Film, kept: Footage, refiners: Refiners, files: VideoFiles
+) -> Outcome:
     """Write the clip unrefined and, in all formats, refined."""
     from physgen.refine.fusion import Refinement, backend_errors
     from physgen.report.perception import compared
@@ -143,7 +151,9 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
     order, count = film.shot(trajectory).order, len(kept.rgb)
 
     def clip(pictures: Iterator[U8]) -> Iterator[Frame]:
-        return film.annotated(_frames(kept, pictures, order, film.stage.faces), trajectory)
+        return film.annotated(
+            _frames(kept, pictures, order, film.stage.faces), trajectory
+        )
 
     unrefined = replace(files, formats=files.formats[:1])
     shown = (kept.rgb[sample] for sample in order)
@@ -152,14 +162,20 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
     try:
         with record.stage("load model"), backend_errors("--refine", name):
             model = refiners.model(name)
-        refinement = Refinement(model, refine_settings(scene), scene.video_size, count, files.progress)
+        refinement = Refinement(
+            model, refine_settings(scene), scene.video_size, count, files.progress
+        )
         changed = MostChanged()
-        made = _measured(name, refinement.frames(kept.rgb, kept.coverage), kept, changed)
+        made = _measured(
+            name, refinement.frames(kept.rgb, kept.coverage), kept, changed
+        )
         if list(order) != list(range(count)):
             with record.stage("refine"):
                 pictures = [rgb.copy() for rgb in made]
             made = map(pictures.__getitem__, order)
-        record.frames = files.write(clip(made), len(order), "video", "refine", "decode")[0]
+        record.frames = files.write(
+            clip(made), len(order), "video", "refine", "decode"
+        )[0]
     except InputError as error:
         for kind in files.formats:
             path = files.folder / kind.named("video")
@@ -168,12 +184,17 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return Outcome(error.problems, None)
     record.refine = {"backend": name, **refinement.note()}
-    before, after = ("as it was drawn", kept.rgb[changed.index]), ("refined", changed.refined)
+    before, after = (
+        ("as it was drawn", kept.rgb[changed.index]),
+        ("refined", changed.refined),
+    )
     caption = f"The frame that changed most, at {float(trajectory.times[changed.index]):.2f} s."
     return Outcome((), compared("refined", "Refined", caption, before, after))
 
 
-def _measured(name: str, frames: Iterator[U8], kept: Footage, changed: MostChanged) -> Iterator[U8]:
+def _measured(
+    name: str, frames: Iterator[U8], kept: Footage, changed: MostChanged
+) -> Iterator[U8]:
     """The same frames, added to `changed`."""
     from physgen.refine.fusion import backend_errors
 
@@ -185,11 +206,16 @@ def _measured(name: str, frames: Iterator[U8], kept: Footage, changed: MostChang
 
 
 def _frames(
-    kept: Footage, pictures: Iterator[U8], order: Sequence[int], faces: Mapping[int, float]
+    kept: Footage,
+    pictures: Iterator[U8],
+    order: Sequence[int],
+    faces: Mapping[int, float],
 ) -> Iterator[Frame]:
     """Pictures in playing order as frames of the clip."""
     from physgen.render.stage import Frame
 
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
         named = partial(kept.ids.__getitem__, sample)
-        yield Frame(index, float(kept.trajectory.times[sample]), rgb, named, faces=faces)
+        yield Frame(
+            index, float(kept.trajectory.times[sample]), rgb, named, faces=faces
+        )

@@ -49,7 +49,10 @@ MOST_PIXELS = 2_000_000
 
 
 def load(
-    path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False
+    path: str | Path,
+    overrides: Sequence[str] = (),
+    variant: str | None = None,
+    allow_outside: bool = False,
 ) -> Scene:
     """Scene file -> Scene, overlays applied and defaults filled in. Raises InputError with every problem."""
     from physgen.scene.load import load as load_scene
@@ -64,7 +67,9 @@ def percepts(scene: Scene) -> Percepts | None:
     try:
         return read_percepts(scene.image, scene.assets, scene.maps)
     except InputError as error:
-        raise InputError(_named_in_scene(problem, scene) for problem in error.problems) from None
+        raise InputError(
+            _named_in_scene(problem, scene) for problem in error.problems
+        ) from None
 
 
 def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
@@ -72,8 +77,17 @@ def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
     key = "image" if problem.place.file == str(scene.image) else "assets"
     if key not in scene.places:
         return problem
-    name = quoted(Path(os.path.relpath(problem.place.file, os.path.realpath(scene.folder))).as_posix())
-    return replace(problem, place=scene.places[key], path=key, found=" ".join((name, problem.found)).strip())
+    name = quoted(
+        Path(
+            os.path.relpath(problem.place.file, os.path.realpath(scene.folder))
+        ).as_posix()
+    )
+    return replace(
+        problem,
+        place=scene.places[key],
+        path=key,
+        found=" ".join((name, problem.found)).strip(),
+    )
 
 
 def compile(scene: Scene, maps: Percepts | None) -> Compiled:
@@ -95,27 +109,45 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
     from physgen.simulate.engine import Running
 
     slow = 1.0 if scene.render.frames is not None else scene.render.slow
-    world, pause, most = compiled.world, PLAYBACK.pause / slow, scene.world.duration / slow
+    world, pause, most = (
+        compiled.world,
+        PLAYBACK.pause / slow,
+        scene.world.duration / slow,
+    )
     reach = np.array([body.reach for body in world.bodies] or [0.0])
     ends = [
         body.solid is not Solid.SPHERE or body.rolling > 0 for body in world.bodies
     ]  # other spins go on for ever
-    begins = [force.start for force in scene.forces] + [sight.time for sight in scene.render.camera]
-    latest = max(begins + [point.time for item in scene.objects for point in item.path], default=0.0)
+    begins = [force.start for force in scene.forces] + [
+        sight.time for sight in scene.render.camera
+    ]
+    latest = max(
+        begins + [point.time for item in scene.objects for point in item.path],
+        default=0.0,
+    )
     run = Running(replace(world, duration=most), np.arange(0.0, most, pause / 15))
-    for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
+    for length in (
+        *(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most),
+        most,
+    ):
         run.on(length)
         times = run.times[run.times < length]
         poses = run.trajectory().poses[: len(times)]
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
-        off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach * np.array(ends or [False])
-        out = (poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)
+        off[..., 2] = (
+            np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach * np.array(ends or [False])
+        )
+        out = (poses[..., :2] < -reach[:, None]) | (
+            poses[..., :2] > reach[:, None] + world.size
+        )
         moving = (off.max(axis=2, initial=0) > 1) & ~out.any(axis=2)
         last = max(float(times[moving.any(axis=1)].max(initial=0.0)), latest)
         if last <= length - 2 * pause:
             break
     end = min(max(last + pause, 1 / slow), most)
-    return replace(compiled, world=replace(world, duration=end, times=frame_times(scene, end))), run
+    return replace(
+        compiled, world=replace(world, duration=end, times=frame_times(scene, end))
+    ), run
 
 
 def resolved(scene: Scene, compiled: Compiled) -> dict[str, Any]:
@@ -124,14 +156,18 @@ def resolved(scene: Scene, compiled: Compiled) -> dict[str, Any]:
     return {**scene.document, "world": {**scene.document["world"], **fixed}}
 
 
-def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
+def lint(
+    scene: Scene, compiled: Compiled, maps: Percepts | None = None
+) -> list[Problem]:
     """What is allowed and probably not meant; with the photo's `maps`, of them too."""
     from physgen.compile.warnings import lint as lint_scene
 
     return lint_scene(scene, compiled, maps)
 
 
-def simulate(world: World, rate: float | None = None, progress: Progress = silent) -> Trajectory:
+def simulate(
+    world: World, rate: float | None = None, progress: Progress = silent
+) -> Trajectory:
     """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
     from physgen.simulate.engine import simulate as run
 
@@ -139,7 +175,9 @@ def simulate(world: World, rate: float | None = None, progress: Progress = silen
         return run(world, progress=progress)
     count = int(world.duration * rate + 1e-9) + 1
     if count * max(len(world.bodies), 1) > Limit.POSES.most:
-        raise Limit.POSES.error(Place("--rate"), found=f"{count:,} samples of {len(world.bodies)} objects")
+        raise Limit.POSES.error(
+            Place("--rate"), found=f"{count:,} samples of {len(world.bodies)} objects"
+        )
     return run(world, np.arange(count) / rate, progress)
 
 
@@ -170,7 +208,12 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
     from physgen.render.stage import Stage
-    from physgen.render.staging import enlarged_world, flat_background, flat_sprites, lit_stage
+    from physgen.render.staging import (
+        enlarged_world,
+        flat_background,
+        flat_sprites,
+        lit_stage,
+    )
 
     begin = photo_poses(compiled.world)
     world = world_in_photo(compiled.world)
@@ -181,21 +224,43 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
         large = canvas_scale(scene)
         world, outlines = enlarged_world(world, compiled.outlines, large)
         sprites = flat_sprites(world, outlines, list(order), large)
-        return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
+        return Stage(
+            flat_background(world, large), sprites, supersample=fine, scale=large
+        )
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     doubtful = [one["mask"] for one in scene.document.get("doubtful", {}).values()]
-    maps, coverage, background = _put_back(maps, doubtful, coverage, background, compiled.labels)
-    absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery & ~np.isin(maps.labels, doubtful)
+    maps, coverage, background = _put_back(
+        maps, doubtful, coverage, background, compiled.labels
+    )
+    absent = (
+        (maps.cut_out > 0)
+        & (compiled.labels == 0)
+        & ~compiled.scenery
+        & ~np.isin(maps.labels, doubtful)
+    )
     with single_threaded():
         shapes = compiled.shapes.outlines
         toward = (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
-        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes, toward)
+        sprites = cut_sprites(
+            maps.rgb,
+            compiled.labels,
+            absent,
+            coverage,
+            background,
+            order,
+            shapes,
+            toward,
+        )
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
     return replace(made, supersample=fine, starts=begin)
 
 
 def _put_back(
-    maps: Percepts, doubtful: Sequence[object], coverage: F32, background: NDArray[np.uint8], labels: U16
+    maps: Percepts,
+    doubtful: Sequence[object],
+    coverage: F32,
+    background: NDArray[np.uint8],
+    labels: U16,
 ) -> tuple[Percepts, F32, NDArray[np.uint8]]:
     """Maps, coverage and background with the photo where `doubtful` ids were cut out as objects: they are none."""
     from physgen.perceive.inpaint.poisson import dilate
@@ -203,13 +268,20 @@ def _put_back(
     if not doubtful:
         return maps, coverage, background
     flat = maps.labels.ravel()
-    whole = np.flatnonzero(np.bincount(flat, coverage.ravel()) > 0.75 * np.bincount(flat))
-    there = dilate(np.isin(maps.labels, [i for i in whole if i in doubtful]), 10) & ~dilate(labels > 0, 3)
+    whole = np.flatnonzero(
+        np.bincount(flat, coverage.ravel()) > 0.75 * np.bincount(flat)
+    )
+    there = dilate(
+        np.isin(maps.labels, [i for i in whole if i in doubtful]), 10
+    ) & ~dilate(labels > 0, 3)
     if not there.any():
         return maps, coverage, background
     shown = there[..., None]
     clean = None if maps.clean is None else np.where(shown, maps.rgb, maps.clean)
-    coverage, background = np.where(there, np.float32(0), coverage), np.where(shown, maps.rgb, background)
+    coverage, background = (
+        np.where(there, np.float32(0), coverage),
+        np.where(shown, maps.rgb, background),
+    )
     return replace(maps, clean=clean), coverage, background
 
 
@@ -256,12 +328,16 @@ def render(
     if through is None:
         return render_frames(drawn, trajectory, parts=parts)
     samples = through.samples(parts)
-    if parts > 1 and through.moves:  # while the shutter is open, too: what the camera follows stays sharp
+    if (
+        parts > 1 and through.moves
+    ):  # while the shutter is open, too: what the camera follows stays sharp
         few = 1 if parts % FEWEST else parts // FEWEST
         ways = ways_seen(trajectory, through, few)
         frames = render_frames(drawn, trajectory, samples, few, ways)
         return mean_exposures(filmed(frames, through, drawn.scale), parts // few)
-    return filmed(render_frames(drawn, trajectory, samples, parts), through, drawn.scale)
+    return filmed(
+        render_frames(drawn, trajectory, samples, parts), through, drawn.scale
+    )
 
 
 class Keep(Enum):
@@ -329,7 +405,11 @@ class Stages:
         self._hashes: dict[Path, tuple[Stamp, str]] = {}
 
     def load(
-        self, path: str | Path, overrides: Sequence[str], variant: str | None, allow_outside: bool
+        self,
+        path: str | Path,
+        overrides: Sequence[str],
+        variant: str | None,
+        allow_outside: bool,
     ) -> Scene:
         """See `load`."""
         from physgen.scene.load import Opened
@@ -350,7 +430,11 @@ class Stages:
         if scene.image is not None and scene.assets is not None:
             files += sorted(scene.assets.glob("*.png"))
         stamps = tuple((file, file_stamp(file)) for file in files)
-        read = key("percepts", [(str(file), *stamp) for file, stamp in stamps], dict(scene.maps))
+        read = key(
+            "percepts",
+            [(str(file), *stamp) for file, stamp in stamps],
+            dict(scene.maps),
+        )
         width, height = scene.size
         if width * height > MOST_PIXELS and not self._editing:
             return Maps(percepts(scene), read, stamps)
@@ -383,13 +467,17 @@ class Stages:
         seen = appearance(scene, compiled.world)
         read = key("stage", maps.key, *seen, compiled.labels, compiled.scenery, drawn)
         made = self._stages.of(read, lambda: stage(scene, compiled, maps.percepts))
-        return replace(made, starts=photo_poses(compiled.world))  # objects may have been moved since
+        return replace(
+            made, starts=photo_poses(compiled.world)
+        )  # objects may have been moved since
 
     def simulate(self, world: World, progress: Progress = silent) -> Trajectory:
         """See `simulate`."""
         from physgen.pipeline.cache_keys import motion_key
 
-        return self._motions.of(motion_key(world), lambda: simulate(world, progress=progress))
+        return self._motions.of(
+            motion_key(world), lambda: simulate(world, progress=progress)
+        )
 
     def hash(self, file: Path) -> str:
         """SHA-256 of a file, computed once while the file does not change. Raises OSError."""
@@ -434,7 +522,9 @@ class Aside:
             self._record.stages.setdefault(stage, StageTime()).cpu += time.thread_time()
             done.set_result(found)
 
-        self._threads.append(Thread(target=run, name=stage, daemon=True))  # a second Ctrl-C waits for none
+        self._threads.append(
+            Thread(target=run, name=stage, daemon=True)
+        )  # a second Ctrl-C waits for none
         self._threads[-1].start()
         return done.result
 
@@ -448,7 +538,12 @@ class Film:
     """Draws the frames of one scene; sprites are cut out when first needed, and the maps are then released."""
 
     def __init__(
-        self, scene: Scene, compiled: Compiled, maps: Maps, record: RunRecord, stages: Stages
+        self,
+        scene: Scene,
+        compiled: Compiled,
+        maps: Maps,
+        record: RunRecord,
+        stages: Stages,
     ) -> None:
         self.scene, self.compiled = scene, compiled
         self._maps: Maps | None = maps
@@ -475,7 +570,10 @@ class Film:
         return shot(self.scene, trajectory)
 
     def frames(
-        self, trajectory: Trajectory, order: Sequence[int] | None = None, matte: bool = False
+        self,
+        trajectory: Trajectory,
+        order: Sequence[int] | None = None,
+        matte: bool = False,
     ) -> Iterator[Frame]:
         """Frames in playing order, or of the samples in `order`; as a `matte`, the coverage of objects as light."""
         from physgen.render.staging import matte_stage
@@ -484,14 +582,18 @@ class Film:
         if order is not None:
             through = replace(through, order=tuple(order))
         fine, parts = self.exposed(trajectory)
-        return render(matte_stage(self.stage) if matte else self.stage, fine, parts, through)
+        return render(
+            matte_stage(self.stage) if matte else self.stage, fine, parts, through
+        )
 
     def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Samples for motion blur, and how many a frame has."""
         from physgen.render.camera import exposure_times
 
         if self._fine is None or self._fine[0] is not trajectory:
-            moments, parts = exposure_times(trajectory, self.compiled.world, self.scene.render.motion_blur)
+            moments, parts = exposure_times(
+                trajectory, self.compiled.world, self.scene.render.motion_blur
+            )
             fine = trajectory
             if parts > 1:
                 with self._record.stage("expose", time.thread_time):
@@ -499,7 +601,9 @@ class Film:
             self._fine = trajectory, fine, parts
         return self._fine[1:]
 
-    def annotated(self, frames: Iterator[Frame], trajectory: Trajectory) -> Iterator[Frame]:
+    def annotated(
+        self, frames: Iterator[Frame], trajectory: Trajectory
+    ) -> Iterator[Frame]:
         """Frames with the scene's overlays."""
         kinds = self.scene.render.overlay
         if not kinds:
@@ -508,5 +612,9 @@ class Film:
 
         through = self.shot(trajectory)
         return annotate_frames(
-            frames, self.compiled.world, trajectory, kinds, lambda frame: through.affine(frame.time)
+            frames,
+            self.compiled.world,
+            trajectory,
+            kinds,
+            lambda frame: through.affine(frame.time),
         )

@@ -26,21 +26,30 @@ class VideoFiles:
     progress: Progress
 
     def write(
-        self, frames: Iterator[Frame], count: int, name: str = "video", stage: str = "render", shown: str = ""
+        self,
+        frames: Iterator[Frame],
+        count: int,
+        name: str = "video",
+        stage: str = "render",
+        shown: str = "",
     ) -> tuple[list[str], U8]:
         """Write `count` frames as `name`, in all formats; returns their hashes, and the first frame.
 
         The time that the frames take counts as `stage`, the rest as encoding; progress is shown as `shown` or `stage`.
         """
         record, render = self.record, self.scene.render
-        clock = time.process_time if stage == "refine" else time.thread_time  # a model has threads of its own
+        clock = (
+            time.process_time if stage == "refine" else time.thread_time
+        )  # a model has threads of its own
         hashes = []
         encoding = record.stages.setdefault("encode", StageTime())
         with ExitStack() as files:
             with record.stage("encode", time.thread_time):
                 size = self.scene.video_size
                 writers = [
-                    files.enter_context(open_video(self.folder, kind, size, render.fps, name))
+                    files.enter_context(
+                        open_video(self.folder, kind, size, render.fps, name)
+                    )
                     for kind in self.formats
                 ]
 

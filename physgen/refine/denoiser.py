@@ -43,7 +43,9 @@ class Denoiser(Protocol):
 
     grid: Grid
 
-    def begin(self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int) -> F32:
+    def begin(
+        self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int
+    ) -> F32:
         """Latents of `frames` (F of (H, W, 3) sRGB), sizes as the grid wants them: the mean, not a draw.
 
         Of a schedule of `steps`, the last `count` run.

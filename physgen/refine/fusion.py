@@ -37,7 +37,13 @@ from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Place, Problem
 from physgen.progress import Progress, silent
 from physgen.refine.denoiser import F32, U8, Denoiser, PromptSettings
-from physgen.refine.latents import blend_predictions, cell_coverage, fit_to_grid, hold_weights, window_spans
+from physgen.refine.latents import (
+    blend_predictions,
+    cell_coverage,
+    fit_to_grid,
+    hold_weights,
+    window_spans,
+)
 from physgen.registry import describe_error
 
 Latent = TypeVar("Latent")
@@ -124,12 +130,24 @@ def prompt_of(labels: Iterable[str]) -> str:
     'billiard ball, cue'
     """
     spelling: dict[str, str] = {}  # as it is written first
-    found = Counter(spelling.setdefault(label.strip().lower(), label.strip()).lower() for label in labels)
-    return ", ".join(spelling[label] for label, _ in found.most_common() if label not in EMPTY_LABELS)
+    found = Counter(
+        spelling.setdefault(label.strip().lower(), label.strip()).lower()
+        for label in labels
+    )
+    return ", ".join(
+        spelling[label] for label, _ in found.most_common() if label not in EMPTY_LABELS
+    )
 
 
 def restore_detail(
-    guidance: U8, refined: F32, guided: F32, coverage: F32, *, detail: float, lock: float, held: float
+    guidance: U8,
+    refined: F32,
+    guided: F32,
+    coverage: F32,
+    *,
+    detail: float,
+    lock: float,
+    held: float,
 ) -> U8:
     """(H, W, 3) sRGB.
 
@@ -153,7 +171,10 @@ def restore_detail(
 
 def _around(values: F32) -> tuple[slice, slice]:
     """The box of all that is not 0."""
-    rows, columns = np.flatnonzero(values.any(axis=1)), np.flatnonzero(values.any(axis=0))
+    rows, columns = (
+        np.flatnonzero(values.any(axis=1)),
+        np.flatnonzero(values.any(axis=0)),
+    )
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
@@ -232,7 +253,9 @@ class Refinement:
         noise = np.random.default_rng(how.seed).standard_normal(z0.shape, np.float32)
 
         def denoised(z: F32, k: int) -> F32:
-            predicted = blend_predictions(lambda part: model.predict(part, k), z, self._windows)
+            predicted = blend_predictions(
+                lambda part: model.predict(part, k), z, self._windows
+            )
             self._progress("refine", k + 1, how.count)
             return model.stepped(predicted, z, k)
 
@@ -248,7 +271,12 @@ class Refinement:
         )
         if not np.isfinite(z).all():
             fix = 'write dtype = "float32" in physgen.toml'
-            raise InputError.of("refine", str(model.note().get("dtype", "")), "leaves no finite picture", fix)
+            raise InputError.of(
+                "refine",
+                str(model.note().get("dtype", "")),
+                "leaves no finite picture",
+                fix,
+            )
         parts = zip(model.decode(z), model.decode(z0), strict=True)
         pairs = (pair for part in parts for pair in zip(*part, strict=True))
         for index, (refined, guided) in enumerate(pairs):
@@ -266,7 +294,9 @@ class Refinement:
         width, height = self._fit.padded
         found = f"{self._count} frames of {width} x {height} px"
         fix = "write a smaller resolution in the backend's section of physgen.toml, or refine fewer frames"
-        return Problem(Place("refine"), "", found, "do not fit into the memory of the device", fix)
+        return Problem(
+            Place("refine"), "", found, "do not fit into the memory of the device", fix
+        )
 
     def note(self) -> Mapping[str, Any]:
         """For the record: what was asked, what ran, what the model says of itself."""
@@ -297,4 +327,6 @@ def backend_errors(flag: str, name: str) -> Iterator[None]:
         raise
     except Exception as error:
         fix = "see what failed, or choose another backend"
-        raise InputError.of(flag, f'"{name}"', f"failed ({describe_error(error)})", fix) from error
+        raise InputError.of(
+            flag, f'"{name}"', f"failed ({describe_error(error)})", fix
+        ) from error

@@ -35,13 +35,18 @@ class Fit:
     def shown(self, rgb: U8) -> U8:
         """(H, W, 3) of `size` -> of `padded`; made smaller in linear light."""
         if self.scaled != self.size:
-            rgb = encode_u8(cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA))
+            rgb = encode_u8(
+                cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA)
+            )
         return np.asarray(self._padded(rgb), np.uint8)
 
     def mask(self, coverage: F32) -> F32:
         """(H, W) of `size` -> of `padded`."""
         if self.scaled != self.size:
-            coverage = np.asarray(cv2.resize(coverage, self.scaled, interpolation=cv2.INTER_AREA), np.float32)
+            coverage = np.asarray(
+                cv2.resize(coverage, self.scaled, interpolation=cv2.INTER_AREA),
+                np.float32,
+            )
         return np.asarray(self._padded(coverage), np.float32)
 
     def back(self, picture: F32) -> F32:
@@ -49,7 +54,10 @@ class Fit:
         width, height = self.scaled
         picture = picture[:height, :width]
         if self.scaled != self.size:
-            picture = np.asarray(cv2.resize(picture, self.size, interpolation=cv2.INTER_CUBIC), np.float32)
+            picture = np.asarray(
+                cv2.resize(picture, self.size, interpolation=cv2.INTER_CUBIC),
+                np.float32,
+            )
         return picture
 
     def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
@@ -57,7 +65,9 @@ class Fit:
         if not right and not below:
             return picture
         edge = cv2.BORDER_REFLECT_101 if min(self.scaled) > 1 else cv2.BORDER_REPLICATE
-        return np.asarray(cv2.copyMakeBorder(np.asarray(picture), 0, below, 0, right, edge))
+        return np.asarray(
+            cv2.copyMakeBorder(np.asarray(picture), 0, below, 0, right, edge)
+        )
 
 
 def fit_to_grid(size: Size, grid: Grid) -> Fit:
@@ -133,7 +143,9 @@ def weights(span: Span, total: int) -> F32:
     return np.asarray(np.minimum(rising, falling), np.float32)
 
 
-def blend_predictions(predict: Callable[[F32], F32], z: F32, windows: Sequence[Span]) -> F32:
+def blend_predictions(
+    predict: Callable[[F32], F32], z: F32, windows: Sequence[Span]
+) -> F32:
     """(F, C, h, w): the mean of what `predict(z[first:last])` says in each window, by `weights`."""
     if len(windows) == 1:
         return predict(z)

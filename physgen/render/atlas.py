@@ -33,7 +33,9 @@ def atlas_groups(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
     for members in alike.values():
         side = max(max(sizes[k]) for k in members)
         most = max(1, min(PIXELS // side**2, WIDEST // (2 * side + 4 * GAP)))
-        found += [members[first : first + most] for first in range(0, len(members), most)]
+        found += [
+            members[first : first + most] for first in range(0, len(members), most)
+        ]
     return found
 
 
@@ -48,7 +50,9 @@ def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, Array]:
         for picture in pictures
     ]
     starts = np.cumsum([0] + [picture.shape[1] for picture in row[:-1]]) + GAP
-    return np.ascontiguousarray(np.concatenate(row, axis=1), np.float32), starts.astype(np.float64)
+    return np.ascontiguousarray(np.concatenate(row, axis=1), np.float32), starts.astype(
+        np.float64
+    )
 
 
 @dataclass(frozen=True)
@@ -74,12 +78,16 @@ class Strip:
         return self._steps(0)[:, None]
 
     def _steps(self, axis: int) -> F32:
-        steps = np.arange(self.size[axis] * self.fine, dtype=np.float32) + np.float32(0.5 - self.fine / 2)
+        steps = np.arange(self.size[axis] * self.fine, dtype=np.float32) + np.float32(
+            0.5 - self.fine / 2
+        )
         return steps / np.float32(self.fine)
 
     def empty(self) -> F32:
         """(H, W) to be filled."""
-        return np.empty((self.size[0] * self.fine, self.n * self.size[1] * self.fine), np.float32)
+        return np.empty(
+            (self.size[0] * self.fine, self.n * self.size[1] * self.fine), np.float32
+        )
 
 
 def warp_picture(picture: F32, x: F32, y: F32) -> F32:
@@ -88,13 +96,18 @@ def warp_picture(picture: F32, x: F32, y: F32) -> F32:
     return np.asarray(found, np.float32)
 
 
-def equal_area(skin: F32, center: Array, radius: float, pattern: Pattern | None) -> list[F32]:
+def equal_area(
+    skin: F32, center: Array, radius: float, pattern: Pattern | None
+) -> list[F32]:
     """(h, w, 3) near and far side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection, each as seen from
     the photo's side.
 
     There the rim, which the photo hardly shows, is wide.
     """
-    x, y = ((np.arange(size) - c) / radius for size, c in zip(skin.shape[1::-1], center, strict=True))
+    x, y = (
+        (np.arange(size) - c) / radius
+        for size, c in zip(skin.shape[1::-1], center, strict=True)
+    )
     u, v = np.meshgrid(x, y)
     z = np.maximum(1 - u * u - v * v, -1)
     out = np.sqrt(1 + z)
@@ -104,8 +117,13 @@ def equal_area(skin: F32, center: Array, radius: float, pattern: Pattern | None)
         share, there = np.ones((1, 1, 1), np.float32), side * points
         if pattern is not None:
             share, there = pattern.written(points, 1 / radius)
-        px, py = (np.asarray(c + radius * there[..., k], np.float32) for k, c in enumerate(center))
-        seen = cv2.remap(skin, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        px, py = (
+            np.asarray(c + radius * there[..., k], np.float32)
+            for k, c in enumerate(center)
+        )
+        seen = cv2.remap(
+            skin, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
         plain = seen if pattern is None else pattern.painted(points, 2 / radius)
         found.append(np.asarray(plain + share * (seen - plain), np.float32))
     return found
@@ -118,12 +136,19 @@ class BallSprites:
         balls = [(k, s, s.ball) for k, s in enumerate(sprites) if s.ball is not None]
         self._homes: dict[int, tuple[_Atlas, int]] = {}
         for members in atlas_groups(
-            [(s.within[2] - s.within[0], s.within[3] - s.within[1]) for _, s, _ in balls]
+            [
+                (s.within[2] - s.within[0], s.within[3] - s.within[1])
+                for _, s, _ in balls
+            ]
         ):
             atlas = _Atlas([balls[i][1:] for i in members])
-            self._homes |= {balls[i][0]: (atlas, place) for place, i in enumerate(members)}
+            self._homes |= {
+                balls[i][0]: (atlas, place) for place, i in enumerate(members)
+            }
 
-    def drawn(self, there: Iterable[tuple[int, Placement]], fine: int = 1) -> dict[int, tuple[F32, F32]]:
+    def drawn(
+        self, there: Iterable[tuple[int, Placement]], fine: int = 1
+    ) -> dict[int, tuple[F32, F32]]:
         """As `draw_sprite`: the balls among `there`, indices of sprites and where they moved to, no others.
 
         Each pixel is the mean of `fine` x `fine` samples.
@@ -151,8 +176,14 @@ class _Atlas:
             own = np.s_[y0:y1, x0:x1]
             coverage = sprite.coverage[own]
             still.append(np.dstack([ball.gloss[own] * coverage[..., None], coverage]))
-            lit.append(np.dstack([ball.lit[own] * coverage[..., None], np.zeros_like(coverage)]))
-            skin.append(np.dstack([np.maximum(ball.skin[own], 0), np.zeros_like(coverage)]))
+            lit.append(
+                np.dstack(
+                    [ball.lit[own] * coverage[..., None], np.zeros_like(coverage)]
+                )
+            )
+            skin.append(
+                np.dstack([np.maximum(ball.skin[own], 0), np.zeros_like(coverage)])
+            )
         row, starts = lay_side_by_side(still, cv2.BORDER_CONSTANT)
         self.still, self.left = double_resolution(row), 2 * starts
         self.lit = double_resolution(lay_side_by_side(lit, cv2.BORDER_CONSTANT)[0])
@@ -161,23 +192,36 @@ class _Atlas:
         self.corner = within[:, :2] + [sprite.corner for sprite, _ in members]
         self.center = np.array([ball.center for _, ball in members], np.float64)
         self.radius = np.array([ball.radius for _, ball in members], np.float64)
-        self.last = 2 * (within[:, 2:] - within[:, :2]) - 2  # half pixels, of each picture's own end
+        self.last = (
+            2 * (within[:, 2:] - within[:, :2]) - 2
+        )  # half pixels, of each picture's own end
         for k, (_, ball) in enumerate(members):
             (right, low), first = self.last[k].astype(int) + 1, int(self.left[k])
             place = np.s_[2 * GAP : 2 * GAP + low, first : first + right]
             middle = 2 * (self.center[k] - self.corner[k])
-            sides = equal_area(near[place][..., :3], middle, 2 * ball.radius, ball.pattern)
+            sides = equal_area(
+                near[place][..., :3], middle, 2 * ball.radius, ball.pattern
+            )
             self.skin[place][..., :3], self.skin[len(near) :][place][..., :3] = sides
 
-    def drawn(self, which: Sequence[int], wheres: Sequence[Placement], fine: int) -> list[tuple[F32, F32]]:
+    def drawn(
+        self, which: Sequence[int], wheres: Sequence[Placement], fine: int
+    ) -> list[tuple[F32, F32]]:
         """See `Balls.drawn`; of the atlas' balls `which`."""
         some = np.array(which)
-        h, w = (max(where.box[k].stop - where.box[k].start for where in wheres) for k in (0, 1))
+        h, w = (
+            max(where.box[k].stop - where.box[k].start for where in wheres)
+            for k in (0, 1)
+        )
         strip = Strip(len(wheres), (h, w), fine)
         along, columns, rows = strip.along, strip.columns, strip.rows
-        at = np.array([(where.box[1].start, where.box[0].start) for where in wheres], np.float64)
+        at = np.array(
+            [(where.box[1].start, where.box[0].start) for where in wheres], np.float64
+        )
         shift = np.array([where.shift for where in wheres])
-        turn = np.array([where.space for where in wheres]).transpose(0, 2, 1)  # back to where points were
+        turn = np.array([where.space for where in wheres]).transpose(
+            0, 2, 1
+        )  # back to where points were
         radius, center, corner, left = (
             part[some] for part in (self.radius, self.center, self.corner, self.left)
         )
@@ -197,7 +241,11 @@ class _Atlas:
         np.subtract(1, z, out=z)
         np.maximum(z, np.float32(1 - RIM * RIM), out=z)
         np.sqrt(z, out=z)  # towards the viewer
-        depth = v * along(turn[:, 2, 1]) + u * along(turn[:, 2, 0]) - z * along(turn[:, 2, 2])  # at t = 0
+        depth = (
+            v * along(turn[:, 2, 1])
+            + u * along(turn[:, 2, 0])
+            - z * along(turn[:, 2, 2])
+        )  # at t = 0
         side = 1 / np.sqrt(1 + np.abs(depth))  # skins are in the equal-area projection
         for k, place in enumerate((x, y)):
             back = 2 * radius[:, None] * turn[:, k]
@@ -214,9 +262,12 @@ class _Atlas:
         cv2.add(picture, lit, dst=picture)
         if fine > 1:
             picture = np.asarray(
-                cv2.resize(picture, (strip.n * w, h), interpolation=cv2.INTER_AREA), np.float32
+                cv2.resize(picture, (strip.n * w, h), interpolation=cv2.INTER_AREA),
+                np.float32,
             )
-        light = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
+        light = np.asarray(
+            cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), np.float32
+        )  # the first three channels
         coverage = np.asarray(cv2.extractChannel(picture, 3), np.float32)
         found = []
         for j, where in enumerate(wheres):
@@ -230,20 +281,34 @@ class ShadowSprites:
     """The sliding shadows of a background taken apart."""
 
     def __init__(self, casts: Sequence[CastShadow]) -> None:
-        sliding = [(k, *cast.sliding, cast.lean) for k, cast in enumerate(casts) if cast.sliding is not None]
+        sliding = [
+            (k, *cast.sliding, cast.lean)
+            for k, cast in enumerate(casts)
+            if cast.sliding is not None
+        ]
         self._homes: dict[int, tuple[_Row, int]] = {}
-        for members in atlas_groups([picture.shape[::-1] for _, _, picture, _ in sliding]):
+        for members in atlas_groups(
+            [picture.shape[::-1] for _, _, picture, _ in sliding]
+        ):
             row = _Row([sliding[i][1:] for i in members])
-            self._homes |= {sliding[i][0]: (row, place) for place, i in enumerate(members)}
+            self._homes |= {
+                sliding[i][0]: (row, place) for place, i in enumerate(members)
+            }
 
-    def thrown(self, dark: F32, stands: Iterable[tuple[SpritePose, float]]) -> list[Slices]:
+    def thrown(
+        self, dark: F32, stands: Iterable[tuple[SpritePose, float]]
+    ) -> list[Slices]:
         """Put the shadows of those of `stands` that slide, times weights, into `dark` (H, W); returns where that is."""
         together: dict[int, tuple[_Row, list[tuple[int, SpritePose, float]]]] = {}
         for stand, weight in stands:
             if stand.k in self._homes:
                 row, place = self._homes[stand.k]
-                together.setdefault(id(row), (row, []))[1].append((place, stand, weight))
-        return [box for row, some in together.values() for box in row.thrown(dark, some)]
+                together.setdefault(id(row), (row, []))[1].append(
+                    (place, stand, weight)
+                )
+        return [
+            box for row, some in together.values() for box in row.thrown(dark, some)
+        ]
 
 
 class _Row:
@@ -254,9 +319,13 @@ class _Row:
         self.size = np.array([picture.shape[::-1] for picture in pictures])
         self.way = 1 + np.array(leans)[:, None]
 
-    def thrown(self, dark: F32, some: Sequence[tuple[int, SpritePose, float]]) -> list[Slices]:
+    def thrown(
+        self, dark: F32, some: Sequence[tuple[int, SpritePose, float]]
+    ) -> list[Slices]:
         which = np.array([place for place, _, _ in some])
-        shift = np.array([(s.pose.x - s.start.x, s.pose.y - s.start.y) for _, s, _ in some])
+        shift = np.array(
+            [(s.pose.x - s.start.x, s.pose.y - s.start.y) for _, s, _ in some]
+        )
         at = self.corner[which] + self.way[which] * shift
         first = np.floor(at)
         low = np.maximum(first, 0)
@@ -264,7 +333,12 @@ class _Row:
         seen = ((high > low).all(axis=1) & np.isfinite(at).all(axis=1)).nonzero()[0]
         if not len(seen):
             return []
-        which, at, low, high = which[seen], at[seen], low[seen].astype(int), high[seen].astype(int)
+        which, at, low, high = (
+            which[seen],
+            at[seen],
+            low[seen].astype(int),
+            high[seen].astype(int),
+        )
         w, h = (high - low).max(axis=0).tolist()
         strip = Strip(len(seen), (h, w))
         x, y = strip.empty(), strip.empty()
@@ -274,7 +348,10 @@ class _Row:
         boxes: list[Slices] = []
         for j, (left, top, right, bottom) in enumerate(np.hstack([low, high]).tolist()):
             box = np.s_[top:bottom, left:right]
-            one, weight = picture[: bottom - top, j * w : j * w + right - left], some[seen[j]][2]
+            one, weight = (
+                picture[: bottom - top, j * w : j * w + right - left],
+                some[seen[j]][2],
+            )
             dark[box] += one if weight == 1 else np.float32(weight) * one
             boxes.append(box)
         return boxes

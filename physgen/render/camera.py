@@ -24,7 +24,16 @@ from physgen.geometry.polygon import Array
 from physgen.maps import U8
 from physgen.photometry import decode, encode_u8
 from physgen.render.stage import Cover, Frame, Slices
-from physgen.scene.scene import CameraView, Play, Point, Scene, affine, held, magnification, room
+from physgen.scene.scene import (
+    CameraView,
+    Play,
+    Point,
+    Scene,
+    affine,
+    held,
+    magnification,
+    room,
+)
 from physgen.simulate.trajectory import Trajectory
 
 Index = NDArray[np.int64]
@@ -44,7 +53,9 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     left, top = round(x0), round(y0)
     if scale == 1.0 and max(abs(x0 - left), abs(y0 - top)) < NOTHING:
         return np.ascontiguousarray(rgb[top : top + size[1], left : left + size[0]])
-    reach = ceil(LOBES * max(1.0, 1.0 / scale)) + 1  # no kernel looks farther than this beyond what is seen
+    reach = (
+        ceil(LOBES * max(1.0, 1.0 / scale)) + 1
+    )  # no kernel looks farther than this beyond what is seen
     left, top = max(floor(x0) - reach, 0), max(floor(y0) - reach, 0)
     rgb = rgb[top : ceil(y1) + reach, left : ceil(x1) + reach]
     matrix = np.column_stack([matrix[:, :2], matrix @ [left, top, 1.0]])
@@ -54,12 +65,16 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     planes = []
     for codes in cv2.split(rgb):
         plane = Image.fromarray(cv2.LUT(codes, light))
-        fine = np.asarray(plane.resize(size, Image.Resampling.LANCZOS, box=(x0, y0, x1, y1)))
+        fine = np.asarray(
+            plane.resize(size, Image.Resampling.LANCZOS, box=(x0, y0, x1, y1))
+        )
         low, high = (
             morph(codes, wide, anchor=(0, 0)).take(columns, 1).take(rows, 0)
             for morph in (cv2.erode, cv2.dilate)
         )
-        planes.append(cv2.min(cv2.max(encode_u8(fine), low), high))  # sRGB keeps the order of light
+        planes.append(
+            cv2.min(cv2.max(encode_u8(fine), low), high)
+        )  # sRGB keeps the order of light
     return np.asarray(cv2.merge(planes), np.uint8)
 
 
@@ -83,8 +98,13 @@ def nearest_in(
 
 def sources(matrix: Array, shown: Size, size: Size) -> tuple[Index, Index]:
     """(h,) rows and (w,) columns of a picture of the size `shown` that are nearest to those of the result."""
-    at = (np.floor(_sources(matrix, axis, size[axis]) + 0.5).astype(np.int64) for axis in (1, 0))
-    rows, columns = (np.clip(part, 0, side - 1) for part, side in zip(at, shown[::-1], strict=True))
+    at = (
+        np.floor(_sources(matrix, axis, size[axis]) + 0.5).astype(np.int64)
+        for axis in (1, 0)
+    )
+    rows, columns = (
+        np.clip(part, 0, side - 1) for part, side in zip(at, shown[::-1], strict=True)
+    )
     return rows, columns
 
 
@@ -120,7 +140,9 @@ STEADY = 0.2
 ASTRAY = 0.6
 """Of the way from the picture's middle to its border, within which a followed object stays however it is flung."""
 WHOLE_PHOTO = CameraView(0.0, None, None, 1.0)  # what is seen without a camera
-MOST_DRAWN = 16_000_000  # px of the canvas of a flat scene that is drawn as large as it is seen
+MOST_DRAWN = (
+    16_000_000  # px of the canvas of a flat scene that is drawn as large as it is seen
+)
 
 
 @dataclass(frozen=True)
@@ -155,12 +177,17 @@ class Shot:
     def moves(self) -> bool:
         """Whether the camera does."""
         first = self.aims[0]
-        return any(aim.zoom != first.zoom or (aim.way != first.way[:1]).any() for aim in self.aims)
+        return any(
+            aim.zoom != first.zoom or (aim.way != first.way[:1]).any()
+            for aim in self.aims
+        )
 
     @property
     def opens_on_photo(self) -> bool:
         """Whether the first frame shows all of the photo, as it is at t = 0."""
-        whole = self.video == self.photo and np.array_equal(self.affine(0.0), np.eye(2, 3))
+        whole = self.video == self.photo and np.array_equal(
+            self.affine(0.0), np.eye(2, 3)
+        )
         return whole and self.order[0] == 0
 
     def samples(self, parts: int) -> list[int]:
@@ -170,17 +197,24 @@ class Shot:
     def _view(self, time: float) -> tuple[Point, float]:
         """Centre, px, and zoom at a time."""
         after = sum(aim.time <= time for aim in self.aims)
-        one, other = self.aims[max(after - 1, 0)], self.aims[min(after, len(self.aims) - 1)]
+        one, other = (
+            self.aims[max(after - 1, 0)],
+            self.aims[min(after, len(self.aims) - 1)],
+        )
         if one is other or time <= one.time:
             return self._center(one, time), one.zoom
         s = (time - one.time) / (other.time - one.time)
         eased = s * s * (3 - 2 * s)
         narrower = log(one.zoom / other.zoom)
         zoom = one.zoom * exp(-narrower * eased)
-        part = expm1(narrower * eased) / expm1(narrower) if abs(narrower) > 1e-9 else eased
+        part = (
+            expm1(narrower * eased) / expm1(narrower) if abs(narrower) > 1e-9 else eased
+        )
         (ax, ay), (bx, by) = self._center(one, time), self._center(other, time)
         center = ax + (bx - ax) * part, ay + (by - ay) * part
-        return held(center, self.photo, self.video, zoom), zoom  # for the last bit alone
+        return held(
+            center, self.photo, self.video, zoom
+        ), zoom  # for the last bit alone
 
     def _center(self, aim: Aim, time: float) -> Point:
         if len(aim.way) == 1:
@@ -195,10 +229,20 @@ def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
     photo, video = scene.size, scene.video_size
     sights = scene.render.camera or (WHOLE_PHOTO,)
     aims = tuple(
-        Aim(sight.time, sight.zoom, _way(sight, photo, video, trajectory, scene.render.fps))
+        Aim(
+            sight.time,
+            sight.zoom,
+            _way(sight, photo, video, trajectory, scene.render.fps),
+        )
         for sight in sights
     )
-    return Shot(photo, video, trajectory.times, aims, play_order(scene.render.play, len(trajectory.times)))
+    return Shot(
+        photo,
+        video,
+        trajectory.times,
+        aims,
+        play_order(scene.render.play, len(trajectory.times)),
+    )
 
 
 def play_order(play: Play, count: int) -> tuple[int, ...]:
@@ -213,7 +257,9 @@ def play_order(play: Play, count: int) -> tuple[int, ...]:
     return there + there[-2::-1] if play is Play.THERE_AND_BACK else there
 
 
-def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterator[Frame]:
+def filmed(
+    frames: Iterator[Frame], through: Shot, drawn: float = 1.0
+) -> Iterator[Frame]:
     """Frames as the camera sees them; `drawn` canvas pixels a photo pixel.
 
     Where it sees all of them at their own size, they are the very same. What did not change is not filmed again.
@@ -225,7 +271,11 @@ def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterat
         if (width, height) == through.video and np.array_equal(matrix, np.eye(2, 3)):
             yield frame
             continue
-        if last is not None and np.array_equal(matrix, last[1]) and np.array_equal(frame.rgb, last[0].rgb):
+        if (
+            last is not None
+            and np.array_equal(matrix, last[1])
+            and np.array_equal(frame.rgb, last[0].rgb)
+        ):
             rgb = last[2].rgb
         else:
             rgb = resample_picture(frame.rgb, matrix, through.video)
@@ -245,7 +295,10 @@ def _covering(frame: Frame, matrix: Array, size: Size) -> list[Cover]:
     """Covers of the frame as they are seen, of the very pixels that `_named` takes."""
     height, width = frame.rgb.shape[:2]
     rows, columns = sources(matrix, (width, height), size)
-    return [Cover(cover.body, *nearest_in(cover.box, cover.mask, rows, columns)) for cover in frame.covers]
+    return [
+        Cover(cover.body, *nearest_in(cover.box, cover.mask, rows, columns))
+        for cover in frame.covers
+    ]
 
 
 def canvas_scale(scene: Scene) -> float:
@@ -260,16 +313,22 @@ def on_canvas(matrix: Array, drawn: float) -> Array:
     if drawn == 1.0:
         return matrix
     large = matrix[:, :2] / drawn
-    return np.column_stack([large, matrix[:, 2] + large @ [0.5, 0.5] - matrix[:, :2] @ [0.5, 0.5]])
+    return np.column_stack(
+        [large, matrix[:, 2] + large @ [0.5, 0.5] - matrix[:, :2] @ [0.5, 0.5]]
+    )
 
 
-def _way(sight: CameraView, photo: Size, video: Size, trajectory: Trajectory, fps: float) -> Array:
+def _way(
+    sight: CameraView, photo: Size, video: Size, trajectory: Trajectory, fps: float
+) -> Array:
     """The centre of a view, (T, 2) px or (1, 2), where the view lies in the photo."""
     if sight.follow is None:
         middle = (photo[0] - 1) / 2, (photo[1] - 1) / 2
         return np.array([held(sight.center or middle, photo, video, sight.zoom)])
     low, high = room(photo, video, sight.zoom)
-    at = np.clip(trajectory.poses[:, trajectory.names.index(sight.follow), :2], low, high)
+    at = np.clip(
+        trajectory.poses[:, trajectory.names.index(sight.follow), :2], low, high
+    )
     most = ASTRAY * np.array(video) / (2 * magnification(photo, video, sight.zoom))
     behind = _steadied(at, STEADY * fps) - at
     # hardly changed up to half of the most, and never beyond it
@@ -281,16 +340,22 @@ def _steadied(way: Array, width: float) -> Array:
     reach = ceil(3 * width)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     beyond = np.pad(way, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
-    columns: Sequence[Array] = [np.convolve(c, weights / weights.sum(), mode="valid") for c in beyond.T]
+    columns: Sequence[Array] = [
+        np.convolve(c, weights / weights.sum(), mode="valid") for c in beyond.T
+    ]
     return np.stack(columns, axis=1)
 
 
 FEWEST, MOST = 4, 24
 """Moments of an exposure; the fewest divide all numbers of them, and are the views of a moving camera."""
-STEP = 2.0  # px that anything moves between two of them, unless there are the most already
+STEP = (
+    2.0  # px that anything moves between two of them, unless there are the most already
+)
 
 
-def exposure_times(trajectory: Trajectory, world: World, part: float) -> tuple[Array, int]:
+def exposure_times(
+    trajectory: Trajectory, world: World, part: float
+) -> tuple[Array, int]:
     """Moments (T x parts,) s of frames at the trajectory's times, and how many a frame has.
 
     The shutter is open for a `part` of the time between frames and closes at the frame's own: at t = 0 nothing has
@@ -300,7 +365,9 @@ def exposure_times(trajectory: Trajectory, world: World, part: float) -> tuple[A
     if part <= 0 or len(times) < 2 or not world.bodies:
         return times, 1
     open_ = part * float(times[1] - times[0])
-    reach = np.array([np.hypot(*np.concatenate(body.rings).T).max() for body in world.bodies])
+    reach = np.array(
+        [np.hypot(*np.concatenate(body.rings).T).max() for body in world.bodies]
+    )
     vx, vy, spin = np.moveaxis(trajectory.velocities, -1, 0)
     farthest = float((np.hypot(vx, vy) + np.abs(spin) * reach).max()) * open_
     parts = int(np.clip(np.ceil(farthest / STEP / FEWEST) * FEWEST, FEWEST, MOST))
@@ -314,7 +381,9 @@ def ways_seen(trajectory: Trajectory, through: Shot, parts: int) -> Array:
     views = np.array([through.affine(time) for time in trajectory.times.tolist()])
     last = np.arange(len(poses)) // parts * parts + parts - 1
     own, final = views[:, None], views[last][:, None]
-    at = (poses[..., :2] * own[..., 0, :1] + own[..., 2] - final[..., 2]) / final[..., 0, :1]
+    at = (poses[..., :2] * own[..., 0, :1] + own[..., 2] - final[..., 2]) / final[
+        ..., 0, :1
+    ]
     return np.where(poses == poses[last], poses, np.dstack([at, poses[..., 2]]))
 
 
@@ -323,6 +392,8 @@ def mean_exposures(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:
     for index, first in enumerate(frames):
         group = [first, *(next(frames) for _ in range(parts - 1))]
         last = group[-1]
-        light = sum((decode(frame.rgb) for frame in group), np.zeros(last.rgb.shape, np.float32))
+        light = sum(
+            (decode(frame.rgb) for frame in group), np.zeros(last.rgb.shape, np.float32)
+        )
         rgb = encode_u8(light / np.float32(parts))
         yield Frame(index, last.time, rgb, last.named, last.covering, last.faces)

@@ -52,7 +52,9 @@ def sample_times(trajectory: Trajectory, finer: int, most: int) -> Array:
     parts = max(1, min(finer, most // len(times)))
     between = times[:-1, None] + np.diff(times)[:, None] * (np.arange(parts) / parts)
     begins = trajectory.contacts.touch_times[:most, 0]
-    return np.unique(np.concatenate([times, between.ravel(), begins[begins <= times[-1]]]))
+    return np.unique(
+        np.concatenate([times, between.ravel(), begins[begins <= times[-1]]])
+    )
 
 
 def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
@@ -64,23 +66,34 @@ def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
     rows, S = contacts.impulse_rows.astype(np.int64), len(contacts.surfaces)
     if not len(rows):
         return []
-    place = np.maximum(np.ceil(seen.times[rows[:, 0]] / span - 1e-9).astype(np.int64) - 1, 0)
+    place = np.maximum(
+        np.ceil(seen.times[rows[:, 0]] / span - 1e-9).astype(np.int64) - 1, 0
+    )
     B = int(place.max()) + IMPACT.after + 2
-    keys, group = np.unique((rows[:, 1] * S + rows[:, 2]) * B + place, return_inverse=True)
-    pushes = np.stack([np.bincount(group, part, len(keys)) for part in contacts.impulses.T], axis=1)
+    keys, group = np.unique(
+        (rows[:, 1] * S + rows[:, 2]) * B + place, return_inverse=True
+    )
+    pushes = np.stack(
+        [np.bincount(group, part, len(keys)) for part in contacts.impulses.T], axis=1
+    )
     given = np.hypot(*pushes.T)
     lasting = np.maximum(
-        _given(keys, given, -1), np.min([_given(keys, given, k + 1) for k in range(IMPACT.after)], axis=0)
+        _given(keys, given, -1),
+        np.min([_given(keys, given, k + 1) for k in range(IMPACT.after)], axis=0),
     )
     pairs = np.stack([keys // B // S, keys // B % S], axis=1)
     dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
     mass = np.full(S, np.inf)
-    mass[: len(dynamic)] = np.where(dynamic, [body.mass for body in world.bodies], np.inf)
+    mass[: len(dynamic)] = np.where(
+        dynamic, [body.mass for body in world.bodies], np.inf
+    )
     light = mass[pairs].min(axis=1)
     weight = light * max(float(np.hypot(*world.gravity)), world.press) * span
     rise = given - IMPACT.uneven * lasting
     stirs = light * _stir(world, seen, pairs, keys % B * span, span) > given / 2
-    sudden = np.isfinite(light) & (rise > np.where(stirs, IMPACT.faint, IMPACT.loud) * weight + 1e-9 * light)
+    sudden = np.isfinite(light) & (
+        rise > np.where(stirs, IMPACT.faint, IMPACT.loud) * weight + 1e-9 * light
+    )
     found: list[Impact] = []
     size = np.hypot(*contacts.impulses.T)
     last = -2
@@ -91,18 +104,34 @@ def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
         else:
             mine = np.flatnonzero(group == k)
             sample, first, second = rows[mine[np.argmax(size[mine])]].tolist()
-            points, gap = contact_points_between(world, seen.poses[sample], first, second)
-            before = max(sample - 1, 0)  # what meets and parts again has met at the sample before
-            points_before, gap_before = contact_points_between(world, seen.poses[before], first, second)
+            points, gap = contact_points_between(
+                world, seen.poses[sample], first, second
+            )
+            before = max(
+                sample - 1, 0
+            )  # what meets and parts again has met at the sample before
+            points_before, gap_before = contact_points_between(
+                world, seen.poses[before], first, second
+            )
             if gap_before < gap - IMPACT.slack:
                 sample, points = before, points_before
             way = pushes[k] / given[k]
-            found.append(Impact(float(seen.times[sample]), points.mean(axis=0), push, way, (first, second)))
+            found.append(
+                Impact(
+                    float(seen.times[sample]),
+                    points.mean(axis=0),
+                    push,
+                    way,
+                    (first, second),
+                )
+            )
         last = int(keys[k])
     return sorted(found, key=lambda impact: impact.time)
 
 
-def _stir(world: World, seen: Trajectory, pairs: NDArray[np.int64], begins: Array, span: float) -> Array:
+def _stir(
+    world: World, seen: Trajectory, pairs: NDArray[np.int64], begins: Array, span: float
+) -> Array:
     """(K,) px/s: by how much the velocity of either of two surfaces (K, 2) changes, its rim's as it turns included."""
     N, T = len(world.bodies), len(seen.times)
     before = np.maximum(np.searchsorted(seen.times, begins + 1e-9) - 1, 0)
@@ -111,8 +140,12 @@ def _stir(world: World, seen: Trajectory, pairs: NDArray[np.int64], begins: Arra
     change = np.zeros(pairs.shape)
     for side in (0, 1):
         bodies = np.minimum(pairs[:, side], N - 1)
-        x, y, spin = (seen.velocities[after, bodies] - seen.velocities[before, bodies]).T
-        change[:, side] = np.where(pairs[:, side] < N, np.hypot(x, y) + np.abs(spin) * reach[bodies], 0.0)
+        x, y, spin = (
+            seen.velocities[after, bodies] - seen.velocities[before, bodies]
+        ).T
+        change[:, side] = np.where(
+            pairs[:, side] < N, np.hypot(x, y) + np.abs(spin) * reach[bodies], 0.0
+        )
     return np.asarray(change.max(axis=1))
 
 
@@ -123,7 +156,9 @@ def _given(keys: NDArray[np.int64], given: Array, later: int) -> Array:
     return np.where(there, given[np.minimum(at, len(keys) - 1)], 0.0)
 
 
-def contact_points_between(world: World, poses: Array, first: int, second: int) -> tuple[Array, float]:
+def contact_points_between(
+    world: World, poses: Array, first: int, second: int
+) -> tuple[Array, float]:
     """Where two surfaces are nearest at poses (N, 3): one or two points (K, 2) px, and how far apart, px.
 
     Surfaces are counted as in `World.surfaces`. Two points are the ends of faces that lie on each other.
@@ -139,7 +174,11 @@ def contact_points_between(world: World, poses: Array, first: int, second: int) 
     if other is not None:
         return _disc(*other, _edges(world, poses, first))
     edges, others = _edges(world, poses, first), _edges(world, poses, second)
-    ways = [_nearest(edges[:, 0], others), _nearest(edges[:, 1], others), _nearest(others[:, 0], edges)]
+    ways = [
+        _nearest(edges[:, 0], others),
+        _nearest(edges[:, 1], others),
+        _nearest(others[:, 0], edges),
+    ]
     ways.append(_nearest(others[:, 1], edges))
     points, gaps = (np.concatenate(part) for part in zip(*ways, strict=True))
     return _ends(points, gaps, IMPACT.flat)
@@ -165,8 +204,12 @@ def _edges(world: World, poses: Array, surface: int) -> Array:
         x, y, angle = poses[surface]
         turn = rotation(float(angle))
         rings = world.bodies[surface].rings
-        chains = tuple(np.concatenate([ring, ring[:1]]) @ turn.T + (x, y) for ring in rings)
-    return np.concatenate([np.stack([chain[:-1], chain[1:]], axis=1) for chain in chains])
+        chains = tuple(
+            np.concatenate([ring, ring[:1]]) @ turn.T + (x, y) for ring in rings
+        )
+    return np.concatenate(
+        [np.stack([chain[:-1], chain[1:]], axis=1) for chain in chains]
+    )
 
 
 def _nearest(points: Array, edges: Array) -> tuple[Array, Array]:
@@ -175,7 +218,9 @@ def _nearest(points: Array, edges: Array) -> tuple[Array, Array]:
     away = points[:, None] - begin
     along = (away * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-12)
     near = begin + np.clip(along, 0.0, 1.0)[..., None] * way
-    return near.reshape(-1, 2), np.hypot(*np.moveaxis(points[:, None] - near, -1, 0)).ravel()
+    return near.reshape(-1, 2), np.hypot(
+        *np.moveaxis(points[:, None] - near, -1, 0)
+    ).ravel()
 
 
 def _ends(points: Array, gaps: Array, slack: float) -> tuple[Array, float]:

@@ -32,11 +32,15 @@ class Layer:
         self._ink = np.zeros((size[1] * FINE, size[0] * FINE), np.uint8)
         self._dark = np.zeros_like(self._ink)
 
-    def line(self, points: Array, width: float, strength: float = 1.0, closed: bool = False) -> None:
+    def line(
+        self, points: Array, width: float, strength: float = 1.0, closed: bool = False
+    ) -> None:
         """A chain of segments through (K, 2) px."""
         self._lines(points[None], width, 255 * strength, closed)
 
-    def segments(self, begins: Array, ends: Array, width: float, strengths: Array) -> None:
+    def segments(
+        self, begins: Array, ends: Array, width: float, strengths: Array
+    ) -> None:
         """(K, 2) px to (K, 2) px, each of a strength (K,) in 0..1; later ones lie on top."""
         chains = np.stack([begins, ends], axis=1)
         levels = np.ceil(strengths * 16) * (255 / 16)
@@ -47,7 +51,15 @@ class Layer:
         """(K, N, 2) px."""
         placed = list(_fixed(chains[np.abs(chains).max(axis=(1, 2)) < FARTHEST]))
         for mask, more in ((self._dark, 2 * self._casing), (self._ink, 0.0)):
-            cv2.polylines(mask, placed, closed, round(level), _thick(width + more), cv2.LINE_AA, BITS)
+            cv2.polylines(
+                mask,
+                placed,
+                closed,
+                round(level),
+                _thick(width + more),
+                cv2.LINE_AA,
+                BITS,
+            )
 
     def area(self, points: Array, strength: float = 1.0) -> None:
         """A filled outline (K, 2) px."""
@@ -56,15 +68,28 @@ class Layer:
             cv2.fillPoly(self._ink, placed, level, cv2.LINE_AA, BITS)
             cv2.fillPoly(self._dark, placed, level, cv2.LINE_AA, BITS)
             if self._casing:
-                cv2.polylines(self._dark, placed, True, level, _thick(2 * self._casing), cv2.LINE_AA, BITS)
+                cv2.polylines(
+                    self._dark,
+                    placed,
+                    True,
+                    level,
+                    _thick(2 * self._casing),
+                    cv2.LINE_AA,
+                    BITS,
+                )
 
     def words(self, text: str, at: tuple[float, float], size: float) -> None:
         """Text of `size` px whose middle is `at` x, y px; the middle of its small letters, not of its tails."""
-        ink, dark, (x, y) = text_masks(text, round(size * FINE), round(1.4 * self._casing * FINE))
+        ink, dark, (x, y) = text_masks(
+            text, round(size * FINE), round(1.4 * self._casing * FINE)
+        )
         left, top = round((at[0] + 0.5) * FINE - x), round((at[1] + 0.5) * FINE - y)
         for mask, letters in ((self._dark, dark), (self._ink, ink)):
             x0, y0 = max(left, 0), max(top, 0)
-            there = mask[y0 : max(top + letters.shape[0], 0), x0 : max(left + letters.shape[1], 0)]
+            there = mask[
+                y0 : max(top + letters.shape[0], 0),
+                x0 : max(left + letters.shape[1], 0),
+            ]
             part = letters[y0 - top :, x0 - left :][: there.shape[0], : there.shape[1]]
             np.maximum(there, part, out=there)
 
@@ -73,7 +98,12 @@ class Layer:
         x, y, width, height = cv2.boundingRect(self._dark)
         if not width:
             return
-        x0, y0, x1, y1 = x // FINE, y // FINE, -(-(x + width) // FINE), -(-(y + height) // FINE)
+        x0, y0, x1, y1 = (
+            x // FINE,
+            y // FINE,
+            -(-(x + width) // FINE),
+            -(-(y + height) // FINE),
+        )
         own = np.s_[y0 * FINE : y1 * FINE, x0 * FINE : x1 * FINE]
         dark, ink = (
             cv2.resize(mask[own], (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
@@ -82,7 +112,9 @@ class Layer:
         there = (dark > 0) | (ink > 0)
         part = rgb[y0:y1, x0:x1]
         light = decode(part[there])
-        light += dark[there][:, None] * np.float32(casing / 255) * (_light(CASING) - light)
+        light += (
+            dark[there][:, None] * np.float32(casing / 255) * (_light(CASING) - light)
+        )
         light += ink[there][:, None] * np.float32(1 / 255) * (_light(colour) - light)
         part[there] = encode_u8(light)
 
@@ -100,7 +132,14 @@ def text_masks(text: str, size: int, casing: int) -> tuple[U8, U8, tuple[float, 
     for stroke in (0, casing):
         picture = Image.new("L", (width, height))
         draw = ImageDraw.Draw(picture)
-        draw.text((casing + 1 - left, casing + 1 + up), text, 255, font, anchor="ls", stroke_width=stroke)
+        draw.text(
+            (casing + 1 - left, casing + 1 + up),
+            text,
+            255,
+            font,
+            anchor="ls",
+            stroke_width=stroke,
+        )
         masks.append(np.asarray(picture, np.uint8))
     return masks[0], masks[1], (width / 2, casing + 1 + up - 0.3 * size)
 
@@ -151,22 +190,34 @@ def circle(center: Sequence[float] | Array, radius: float) -> Array:
     """(K, 2) px of a circle, close enough that no chord shows."""
     count = min(max(16, ceil(pi * np.sqrt(max(radius, 1.0) * 10))), 720)
     angles = np.arange(count) * (2 * pi / count)
-    return np.asarray(center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), np.float64)
+    return np.asarray(
+        center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), np.float64
+    )
 
 
 def arc(center: Array, radius: float, sweep: float) -> Array:
     """(K, 2) px of an arc with its middle at the top, that sweeps rad from +x towards +y where positive."""
     angles = -pi / 2 + np.linspace(-sweep / 2, sweep / 2, max(3, ceil(24 * abs(sweep))))
-    return np.asarray(center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), np.float64)
+    return np.asarray(
+        center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), np.float64
+    )
 
 
 def straight_arrow(
-    layer: Layer, tail: Array, tip: Array, pen: float, strength: float = 1.0, *, struck: bool = False
+    layer: Layer,
+    tail: Array,
+    tip: Array,
+    pen: float,
+    strength: float = 1.0,
+    *,
+    struck: bool = False,
 ) -> None:
     """An arrow from a dot; from a ring where something was struck: an impulse, no lasting force."""
     if struck:
         layer.line(circle(tail, 2.6 * pen), pen, strength, closed=True)
-    layer.area(circle(tail, min(1.1 * pen, 0.15 * float(np.hypot(*(tip - tail))))), strength)
+    layer.area(
+        circle(tail, min(1.1 * pen, 0.15 * float(np.hypot(*(tip - tail))))), strength
+    )
     layer.area(arrow(tail, tip, SHAFT * pen), strength)
 
 
@@ -181,7 +232,9 @@ def curved_arrow(layer: Layer, path: Array, pen: float, strength: float = 1.0) -
     layer.area(head(path[-1], path[-1] - path[root], length), strength)
 
 
-def ring(layer: Layer, center: Array, radius: float, pen: float, strength: float = 1.0) -> None:
+def ring(
+    layer: Layer, center: Array, radius: float, pen: float, strength: float = 1.0
+) -> None:
     """A ring with a dot in its middle: an impact."""
     layer.line(circle(center, radius), 0.8 * pen, strength, closed=True)
     layer.area(circle(center, min(1.5 * pen, radius / 2)), strength)

@@ -22,7 +22,12 @@ from physgen.geometry.shadows import F32, Silhouette
 from physgen.maps import U16
 from physgen.photometry import decode, encode_u8
 from physgen.render.atlas import BallSprites, ShadowSprites
-from physgen.render.occlusion import add_shadow, occlusion_factors, relit_border, sprite_silhouette
+from physgen.render.occlusion import (
+    add_shadow,
+    occlusion_factors,
+    relit_border,
+    sprite_silhouette,
+)
 from physgen.render.shadow_decomposition import shaded_background
 from physgen.render.sprites import CUT
 from physgen.render.stage import (
@@ -74,7 +79,9 @@ def touched_tiles(boxes: Sequence[Slices], size: tuple[int, int]) -> list[int]:
     marked = [0] * (-(-size[1] // TILE))
     for rows, columns in boxes:
         if rows.stop > rows.start and columns.stop > columns.start:
-            run = (1 << ((columns.stop - 1) // TILE + 1)) - (1 << (columns.start // TILE))
+            run = (1 << ((columns.stop - 1) // TILE + 1)) - (
+                1 << (columns.start // TILE)
+            )
             for row in range(rows.start // TILE, (rows.stop - 1) // TILE + 1):
                 marked[row] |= run
     return marked
@@ -94,7 +101,10 @@ def boxes_of_tiles(tiles: Sequence[int], size: tuple[int, int]) -> list[Slices]:
         for first, last in [run for run in begun if run not in here]:
             top = begun.pop((first, last))
             found.append(
-                (slice(top * TILE, min(row * TILE, size[1])), slice(first * TILE, min(last * TILE, size[0])))
+                (
+                    slice(top * TILE, min(row * TILE, size[1])),
+                    slice(first * TILE, min(last * TILE, size[0])),
+                )
             )
         for run in here:
             begun.setdefault(run, row)
@@ -112,7 +122,9 @@ class BackgroundCache:
         self._gone: set[int] = set()
         self.dark: F32 | None = None if stage.lit is None else stage.lit.total.copy()
         """(H, W): -log of the light that is left."""
-        self.light: F32 = decode(stage.background) if stage.lit is None else stage.lit.behind()
+        self.light: F32 = (
+            decode(stage.background) if stage.lit is None else stage.lit.behind()
+        )
         """(H, W, 3) linear."""
         self.codes = encode_picture(self.light)
         """(H, W, 3) sRGB."""
@@ -122,13 +134,23 @@ class BackgroundCache:
         lit, dark = self._lit, self.dark
         if lit is None or dark is None:
             return []
-        gone = {s.k for s in stands if s.start != s.pose and lit.casts[s.k].whole is not None}
+        gone = {
+            s.k
+            for s in stands
+            if s.start != s.pose and lit.casts[s.k].whole is not None
+        }
         if gone == self._gone:
             return []
-        boxes = [whole[0] for k in gone ^ self._gone if (whole := lit.casts[k].whole) is not None]
+        boxes = [
+            whole[0]
+            for k in gone ^ self._gone
+            if (whole := lit.casts[k].whole) is not None
+        ]
         self._gone = gone
         size = (dark.shape[1], dark.shape[0])
-        changed = boxes_of_tiles(touched_tiles([np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in boxes], size), size)
+        changed = boxes_of_tiles(
+            touched_tiles([np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in boxes], size), size
+        )
         for box in changed:
             dark[box] = lit.total[box]
         for k in sorted(gone):
@@ -170,7 +192,9 @@ class Picture:
     coverage: F32  # (h, w)
     rest: tuple[Slices, F32] | None
     """A box and (h, w, 3) what the photo shows there beyond light and background; as bright as the background is."""
-    factor: F32 | None = None  # (h, w) by which `light` was multiplied for the shadows of others
+    factor: F32 | None = (
+        None  # (h, w) by which `light` was multiplied for the shadows of others
+    )
 
 
 @dataclass(frozen=True)
@@ -178,7 +202,9 @@ class ExposureTuning:
     """How finely an exposure is divided."""
 
     sharp: float = 0.5  # px of motion that no exposure shows
-    step: float = 2.0  # px that any point of an object moves between two of its pictures
+    step: float = (
+        2.0  # px that any point of an object moves between two of its pictures
+    )
     shadow: float = 8.0  # px that its shadow moves, which is softer
     shadows: int = 4  # of an object in an exposure, at most
 
@@ -210,14 +236,22 @@ def render_frames(
         canvas: F32 = left.light.copy()
         shadows = _Shadows(stage, left)
         before = touched_tiles([], size)
-        for index, (time, stands) in enumerate(sprite_poses(stage, trajectory, samples[parts - 1 :: parts])):
+        for index, (time, stands) in enumerate(
+            sprite_poses(stage, trajectory, samples[parts - 1 :: parts])
+        ):
             changed = left.by(stands)
-            before = [a | b for a, b in zip(before, touched_tiles(changed, size), strict=True)]
+            before = [
+                a | b for a, b in zip(before, touched_tiles(changed, size), strict=True)
+            ]
             pictures = list(_pictures(stage, balls, stands))
-            trails = _trails(stage, ways[list(samples[index * parts : (index + 1) * parts])])
+            trails = _trails(
+                stage, ways[list(samples[index * parts : (index + 1) * parts])]
+            )
             relit = shadows.thrown(canvas, stands, pictures, trails, changed)
             _add_sides(stage, pictures)
-            for box in boxes_of_tiles([a & ~b for a, b in zip(before, relit, strict=True)], size):
+            for box in boxes_of_tiles(
+                [a & ~b for a, b in zip(before, relit, strict=True)], size
+            ):
                 canvas[box] = left.light[box]
             touched = boxes_of_tiles(relit, size)
             around_them = halos_left(stage.sprites, stands)
@@ -226,13 +260,19 @@ def render_frames(
                     canvas[below[0]] += below[1]
                     touched.append(below[0])
                 sprite = stage.sprites[picture.stand.k]
-                if (around := draw_halo(sprite, picture.stand, around_them)) is not None:
+                if (
+                    around := draw_halo(sprite, picture.stand, around_them)
+                ) is not None:
                     shadows.add_border(canvas, *around)
                     touched.append(around[0])
             drawn = {picture.stand.k: picture for picture in pictures}
             for stand in stands:
                 seen = drawn.get(stand.k)
-                layer = None if seen is None else (seen.where.box, seen.light, seen.coverage)
+                layer = (
+                    None
+                    if seen is None
+                    else (seen.where.box, seen.light, seen.coverage)
+                )
                 if stand.k in trails:
                     layer = _smeared(stage, balls, stand, seen, trails[stand.k])
                 if layer is not None:
@@ -247,9 +287,17 @@ def render_frames(
             rgb = left.codes.copy()
             for box in boxes_of_tiles(before, size):
                 rgb[box] = encode_picture(canvas[box])
-            covers = [(stage.sprites[p.stand.k].body + 1, p.where.box, p.coverage) for p in pictures]
+            covers = [
+                (stage.sprites[p.stand.k].body + 1, p.where.box, p.coverage)
+                for p in pictures
+            ]
             yield Frame(
-                index, time, rgb, partial(_named, covers, size), partial(_covering, covers), stage.faces
+                index,
+                time,
+                rgb,
+                partial(_named, covers, size),
+                partial(_covering, covers),
+                stage.faces,
             )
 
 
@@ -294,7 +342,9 @@ class _Shadows:
                         corner = (left + round(x), top + round(y))
                         figure = replace(figure, corner=corner, center=(cx + x, cy + y))
                     boxes += add_shadow(dark, lit, at, figure, weight)
-        boxes += self._slides.thrown(dark, [one for along in weights.values() for one in along])
+        boxes += self._slides.thrown(
+            dark, [one for along in weights.values() for one in along]
+        )
         relit = touched_tiles(boxes, size)
         self._before = boxes_of_tiles(relit, size)
         for box in self._before:
@@ -303,13 +353,18 @@ class _Shadows:
         factors = occlusion_factors(self._stage, [p.stand for p in pictures], figures)
         for picture in pictures:
             if (factor := factors.get(picture.stand.k)) is not None:
-                picture.factor, picture.light = factor, picture.light * three_channels(factor)
+                picture.factor, picture.light = (
+                    factor,
+                    picture.light * three_channels(factor),
+                )
         return relit
 
     def add_border(self, canvas: F32, box: Slices, rest: F32) -> None:
         """Add what the photo shows beside an object, (h, w, 3), in the light of the background as it is now."""
         lit, dark = self._lit, self._dark
-        canvas[box] += rest if dark is None or lit is None else relit_border(rest, lit, dark, box)
+        canvas[box] += (
+            rest if dark is None or lit is None else relit_border(rest, lit, dark, box)
+        )
 
 
 Trail = tuple[tuple[float, float, float], ...]
@@ -321,7 +376,9 @@ def _trails(stage: Stage, poses: NDArray[np.float64]) -> Mapping[int, Trail]:
     hardly move, none."""
     sprites = stage.sprites
     way = (poses - poses[-1])[:, [sprite.body for sprite in sprites]].swapaxes(0, 1)
-    way[[sprite.ball is not None for sprite in sprites], :, 2] = 0  # its picture never turns
+    way[[sprite.ball is not None for sprite in sprites], :, 2] = (
+        0  # its picture never turns
+    )
     reach = np.array([max(sprite.coverage.shape) / 2 for sprite in sprites])[:, None]
     x, y, turn = np.moveaxis(np.diff(way, axis=1), 2, 0)
     lengths = (np.hypot(x, y) + reach * np.abs(turn)).sum(axis=1)
@@ -347,29 +404,41 @@ def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
     found, end = [], 0
     for k in range(count):
         begin, end = end, end + len(trail) // count + (k < len(trail) % count)
-        x, y = (sum(at[axis] for at in trail[begin:end]) / (end - begin) for axis in (0, 1))
+        x, y = (
+            sum(at[axis] for at in trail[begin:end]) / (end - begin) for axis in (0, 1)
+        )
         pose = stand.pose._replace(x=stand.pose.x + x, y=stand.pose.y + y)
         found.append((replace(stand, pose=pose), (end - begin) / len(trail)))
     return found
 
 
 def _smeared(
-    stage: Stage, balls: BallSprites, stand: SpritePose, picture: Picture | None, trail: Trail
+    stage: Stage,
+    balls: BallSprites,
+    stand: SpritePose,
+    picture: Picture | None,
+    trail: Trail,
 ) -> tuple[Slices, F32, F32] | None:
     """A box of the canvas, light (h, w, 3) and coverage (h, w) there: means over the trail; None: nothing."""
     if (whole := _unclipped(stage, balls, stand, picture, trail)) is None:
         return None
     corner, light, coverage = whole
     right, bottom = coverage.shape[1] - 1, coverage.shape[0] - 1
-    corners = np.array([[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64)
-    middle = np.array([stand.pose.x, stand.pose.y + stage.sprites[stand.k].face]) - corner
+    corners = np.array(
+        [[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64
+    )
+    middle = (
+        np.array([stand.pose.x, stand.pose.y + stage.sprites[stand.k].face]) - corner
+    )
     way = np.array(trail)
     turns = np.array([rotation(angle) for _, _, angle in trail])
     shifts = middle + way[:, :2] - turns @ middle
     moves = np.concatenate([turns, shifts[..., None]], axis=2)
     ends = corners @ moves.transpose(0, 2, 1) + corner
     low = np.maximum(np.floor(ends.min(axis=(0, 1))).astype(int), 0)
-    high = np.minimum(np.ceil(ends.max(axis=(0, 1))).astype(int) + 1, stage.background.shape[1::-1])
+    high = np.minimum(
+        np.ceil(ends.max(axis=(0, 1))).astype(int) + 1, stage.background.shape[1::-1]
+    )
     if (low >= high).any():
         return None
     shape = (int(high[0] - low[0]), int(high[1] - low[1]))
@@ -380,32 +449,60 @@ def _smeared(
     for move in moves:
         cv2.add(total, cv2.warpAffine(sharp, move, shape), dst=total)
     total *= np.float32(1 / len(moves))
-    light = np.asarray(cv2.cvtColor(total, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
+    light = np.asarray(
+        cv2.cvtColor(total, cv2.COLOR_BGRA2BGR), np.float32
+    )  # the first three channels
     box = np.s_[int(low[1]) : int(high[1]), int(low[0]) : int(high[0])]
     return box, light, np.asarray(cv2.extractChannel(total, 3), np.float32)
 
 
 def _unclipped(
-    stage: Stage, balls: BallSprites, stand: SpritePose, picture: Picture | None, trail: Trail
+    stage: Stage,
+    balls: BallSprites,
+    stand: SpritePose,
+    picture: Picture | None,
+    trail: Trail,
 ) -> tuple[NDArray[np.int64], F32, F32] | None:
     """Left and top, px, light (h, w, 3) and coverage (h, w) of what the trail brings into the canvas; None: nothing."""
     height, width = stage.background.shape[:2]
     if picture is not None:
         rows, columns = picture.where.box
-        if min(rows.start, columns.start) > 0 and rows.stop < height and columns.stop < width:
-            return np.array([columns.start, rows.start]), picture.light, picture.coverage
+        if (
+            min(rows.start, columns.start) > 0
+            and rows.stop < height
+            and columns.stop < width
+        ):
+            return (
+                np.array([columns.start, rows.start]),
+                picture.light,
+                picture.coverage,
+            )
     sprite = stage.sprites[stand.k]
-    rim = ceil(max(hypot(x, y) + min(abs(a), 2.0) * hypot(*sprite.coverage.shape) for x, y, a in trail)) + 1
+    rim = (
+        ceil(
+            max(
+                hypot(x, y) + min(abs(a), 2.0) * hypot(*sprite.coverage.shape)
+                for x, y, a in trail
+            )
+        )
+        + 1
+    )
     pose = stand.pose._replace(x=stand.pose.x + rim, y=stand.pose.y + rim)
-    where = place_sprite(sprite, stand.start, pose, (width + 2 * rim, height + 2 * rim), stand.space)
+    where = place_sprite(
+        sprite, stand.start, pose, (width + 2 * rim, height + 2 * rim), stand.space
+    )
     if where is None:
         return None
     ball = balls.drawn([(stand.k, where)], stage.supersample).get(stand.k)
     light, coverage = ball or draw_sprite(sprite, where, stage.supersample)
     top, left = (part.start - rim for part in where.box)
-    if picture is not None and picture.factor is not None:  # the shade at the border goes on beyond it
+    if (
+        picture is not None and picture.factor is not None
+    ):  # the shade at the border goes on beyond it
         move = np.array([[1.0, 0, columns.start - left], [0, 1, rows.start - top]])
-        shade = cv2.warpAffine(picture.factor, move, coverage.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+        shade = cv2.warpAffine(
+            picture.factor, move, coverage.shape[::-1], borderMode=cv2.BORDER_REPLICATE
+        )
         light = light * three_channels(np.asarray(shade, np.float32))
     return np.array([left, top]), light, coverage
 
@@ -423,14 +520,20 @@ def _covering(covers: Sequence[tuple[int, Slices, F32]]) -> list[Cover]:
     return [Cover(id_ - 1, box, coverage >= 0.5) for id_, box, coverage in covers]
 
 
-def _pictures(stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]) -> Iterator[Picture]:
+def _pictures(
+    stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]
+) -> Iterator[Picture]:
     """What the picture shows of sprites as they stand, the farthest first."""
     there = [(stand, stand.where) for stand in stands if stand.where is not None]
-    together = balls.drawn(((stand.k, where) for stand, where in there), stage.supersample)
+    together = balls.drawn(
+        ((stand.k, where) for stand, where in there), stage.supersample
+    )
     borders = borders_left(stage.sprites, [stand for stand, _ in there])
     for (stand, where), left in zip(there, borders, strict=True):
         sprite = stage.sprites[stand.k]
-        light, coverage = together.get(stand.k) or draw_sprite(sprite, where, stage.supersample)
+        light, coverage = together.get(stand.k) or draw_sprite(
+            sprite, where, stage.supersample
+        )
         yield Picture(stand, where, light, coverage, draw_border(sprite, where, left))
 
 
@@ -439,7 +542,8 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
     turned = [
         (picture, sides)
         for picture in pictures
-        if (sides := stage.sprites[picture.stand.k].sides) is not None and sides.share(picture.where.turn) > 0
+        if (sides := stage.sprites[picture.stand.k].sides) is not None
+        and sides.share(picture.where.turn) > 0
     ]
     if not turned:
         return
@@ -449,7 +553,9 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
         side, shade = sides.drawn(coverage, picture.where.turn)
         mixed = np.minimum(2 * side, coverage)  # the light of border pixels is a guess
         kept = np.asarray(1 - mixed / np.maximum(coverage, 1e-3), np.float32)
-        picture.light = np.asarray(cv2.multiply(picture.light, three_channels(kept)), np.float32)
+        picture.light = np.asarray(
+            cv2.multiply(picture.light, three_channels(kept)), np.float32
+        )
         side, coverage = side + mixed, coverage - mixed
         lit = np.broadcast_to(shade, side.shape).copy()
         for other, (tall, wide), front in fronts:
@@ -457,8 +563,14 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
             first, last = max(columns.start, wide.start), min(columns.stop, wide.stop)
             if other is picture or top >= bottom or first >= last:
                 continue
-            here = np.s_[top - rows.start : bottom - rows.start, first - columns.start : last - columns.start]
-            part = front[top - tall.start : bottom - tall.start, first - wide.start : last - wide.start]
+            here = np.s_[
+                top - rows.start : bottom - rows.start,
+                first - columns.start : last - columns.start,
+            ]
+            part = front[
+                top - tall.start : bottom - tall.start,
+                first - wide.start : last - wide.start,
+            ]
             side[here] *= 1 - part
             if sides.light is not None:
                 lit[here] *= 1 - np.float32(CUT.side_hidden) * cv2.blur(
@@ -466,7 +578,8 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
                 )
         lit *= side
         picture.light = np.asarray(
-            cv2.add(picture.light, cv2.merge([lit * part for part in sides.colour])), np.float32
+            cv2.add(picture.light, cv2.merge([lit * part for part in sides.colour])),
+            np.float32,
         )
         picture.coverage = coverage + side
 
@@ -481,16 +594,27 @@ def _mirrored(stage: Stage, picture: Picture, left: F32) -> tuple[Slices, F32] |
     if stage.mirror is None or stood is None or picture.where.own is not None:
         return None
     foot = stood[0]
-    first = max(rows.start, foot + 1 - len(stage.mirror.share), 2 * foot + 2 - len(stage.background))
+    first = max(
+        rows.start,
+        foot + 1 - len(stage.mirror.share),
+        2 * foot + 2 - len(stage.background),
+    )
     last = min(rows.stop, foot + 1)
     if first >= last:
         return None
-    share = stage.mirror.share[foot + 1 - last : foot + 1 - first] * (1 - left[stage.sprites[k].body + 1])
-    light = picture.light[first - rows.start : last - rows.start][::-1] * share[:, None, None]
+    share = stage.mirror.share[foot + 1 - last : foot + 1 - first] * (
+        1 - left[stage.sprites[k].body + 1]
+    )
+    light = (
+        picture.light[first - rows.start : last - rows.start][::-1]
+        * share[:, None, None]
+    )
     across = np.arange(columns.start, columns.stop)
     light *= ((across >= stood[1]) & (across <= stood[2]))[:, None]
     box = np.s_[2 * foot + 2 - last : 2 * foot + 2 - first, columns]
-    light = cv2.GaussianBlur(light, (0, 0), stage.mirror.rough, borderType=cv2.BORDER_REPLICATE)
+    light = cv2.GaussianBlur(
+        light, (0, 0), stage.mirror.rough, borderType=cv2.BORDER_REPLICATE
+    )
     return box, np.asarray(light, np.float32)
 
 
@@ -498,6 +622,10 @@ def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouet
     """Sprites in the picture as light sees them: it does not ask how finely an object is drawn."""
     found = {}
     for p in pictures:
-        own = p.coverage if stage.supersample == 1 else sprite_coverage(stage.sprites[p.stand.k], p.where)
+        own = (
+            p.coverage
+            if stage.supersample == 1
+            else sprite_coverage(stage.sprites[p.stand.k], p.where)
+        )
         found[p.stand.k] = sprite_silhouette(stage, p.stand, p.where, own)
     return found

@@ -12,8 +12,22 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.geometry.polygon import Array, rotation
 from physgen.maps import U8
-from physgen.render.contacts import Impact, contact_points_between, find_impacts, sample_times
-from physgen.render.drawing import CASING, Layer, arc, circle, curved_arrow, ring, straight_arrow, text_width
+from physgen.render.contacts import (
+    Impact,
+    contact_points_between,
+    find_impacts,
+    sample_times,
+)
+from physgen.render.drawing import (
+    CASING,
+    Layer,
+    arc,
+    circle,
+    curved_arrow,
+    ring,
+    straight_arrow,
+    text_width,
+)
 from physgen.render.scales import COLOURS, Entry, Scales, key_entries, scales
 from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View
@@ -58,7 +72,9 @@ class Sheet:
 
         So the key stays as it is while a camera moves in.
         """
-        return np.asarray(vectors @ self.lens[:, :2].T * (self.unit / max(self.zoom, 1e-9)))
+        return np.asarray(
+            vectors @ self.lens[:, :2].T * (self.unit / max(self.zoom, 1e-9))
+        )
 
     def layer(self) -> Layer:
         """An empty layer of ink."""
@@ -82,7 +98,9 @@ class OverlayStyle:
     """Frames for which an impact, or a push of no duration, is shown; at most a sixth of the clip."""
     fade: float = 0.5  # of the clip: how long a trail takes to fade to its least
     faint: float = 0.4
-    still: float = 2.0  # px: shorter arrows, and trails of what moves no farther, are not drawn
+    still: float = (
+        2.0  # px: shorter arrows, and trails of what moves no farther, are not drawn
+    )
 
 
 STYLE = OverlayStyle()
@@ -97,7 +115,9 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
     column = max(_wide(entry, sheet) for entry in entries)
     text = max(text_width(entry.text, letter) for entry in entries)
     corner = np.array([side, side])
-    size = np.array([3 * side + column + text, 2 * STYLE.pad * letter + len(entries) * row])
+    size = np.array(
+        [3 * side + column + text, 2 * STYLE.pad * letter + len(entries) * row]
+    )
     if (size > STYLE.largest * np.array(sheet.size)).any():
         return  # on a small picture the motion matters more
     part = rgb[: ceil(corner[1] + size[1]) + 1, : ceil(corner[0] + size[0]) + 1]
@@ -109,9 +129,18 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
     for k, entry in enumerate(entries):
         y = float(corner[1]) + STYLE.pad * letter + (k + 0.5) * row
         layer = Layer(canvas, 0.0)
-        _sample(layer, sheet, entry, np.array([2 * side + (column - _wide(entry, sheet)) / 2, y]))
+        _sample(
+            layer,
+            sheet,
+            entry,
+            np.array([2 * side + (column - _wide(entry, sheet)) / 2, y]),
+        )
         layer.onto(part, COLOURS[entry.kind])
-        words.words(entry.text, (3 * side + column + text_width(entry.text, letter) / 2, y), letter)
+        words.words(
+            entry.text,
+            (3 * side + column + text_width(entry.text, letter) / 2, y),
+            letter,
+        )
     words.onto(part, WORDS)
 
 
@@ -128,12 +157,18 @@ def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array) -> None:
     if entry.kind is Overlay.CONTACTS:
         ring(layer, at + along / 2, entry.size * sheet.unit, sheet.pen)
     elif entry.load is Load.TORQUE:
-        curved_arrow(layer, arc(at + along / 2, STYLE.arc * sheet.letter, entry.size), sheet.pen)
+        curved_arrow(
+            layer, arc(at + along / 2, STYLE.arc * sheet.letter, entry.size), sheet.pen
+        )
     else:
-        straight_arrow(layer, at, at + along, sheet.pen, struck=entry.load is Load.IMPULSE)
+        straight_arrow(
+            layer, at, at + along, sheet.pen, struck=entry.load is Load.IMPULSE
+        )
 
 
-Lens = Callable[[Frame], Array]  # frame -> (2, 3): photo px (x, y, 1) -> px of the frame
+Lens = Callable[
+    [Frame], Array
+]  # frame -> (2, 3): photo px (x, y, 1) -> px of the frame
 
 
 @dataclass(frozen=True)
@@ -179,16 +214,30 @@ def annotate_frames(
         yield replace(frame, rgb=rgb)
 
 
-def filmed(world: World, trajectory: Trajectory, kinds: Collection[Overlay]) -> OverlayClip:
+def filmed(
+    world: World, trajectory: Trajectory, kinds: Collection[Overlay]
+) -> OverlayClip:
     """A clip's impacts, scales and key."""
     seen, found = trajectory, list[Impact]()
-    if world.bodies and len(trajectory.times) > 1 and {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds):
-        seen = trajectory.sampled(sample_times(trajectory, STYLE.finer, STYLE.most // len(world.bodies)))
+    if (
+        world.bodies
+        and len(trajectory.times) > 1
+        and {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds)
+    ):
+        seen = trajectory.sampled(
+            sample_times(trajectory, STYLE.finer, STYLE.most // len(world.bodies))
+        )
     if Overlay.CONTACTS in kinds:
-        found = find_impacts(world, seen, world.duration / max(len(world.times), 1) / STYLE.finer)
+        found = find_impacts(
+            world, seen, world.duration / max(len(world.times), 1) / STYLE.finer
+        )
     scale = scales(world, trajectory, kinds, [impact.impulse for impact in found])
-    flash = min(STYLE.flash * world.duration / max(len(world.times), 1), world.duration / 6)
-    return OverlayClip(world, seen, found, scale, key_entries(world, scale, kinds), flash)
+    flash = min(
+        STYLE.flash * world.duration / max(len(world.times), 1), world.duration / 6
+    )
+    return OverlayClip(
+        world, seen, found, scale, key_entries(world, scale, kinds), flash
+    )
 
 
 def _poses(clip: OverlayClip, sheet: Sheet) -> Array:
@@ -231,7 +280,9 @@ def _apart(path: Array) -> NDArray[np.int64]:
 
 def _outlines(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Shapes where they are now; a circle has a tick that shows how far it has turned."""
-    for body, (x, y, angle) in zip(clip.world.bodies, _poses(clip, sheet).tolist(), strict=True):
+    for body, (x, y, angle) in zip(
+        clip.world.bodies, _poses(clip, sheet).tolist(), strict=True
+    ):
         turn = rotation(angle)
         rings = list(body.rings)
         if body.radius is not None:
@@ -252,31 +303,52 @@ def _velocities(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 def _weights(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
         if body.motion is Motion.DYNAMIC:
-            _arrow(sheet, layer, pose[:2], clip.scales.force * body.mass * clip.world.gravity)
+            _arrow(
+                sheet,
+                layer,
+                pose[:2],
+                clip.scales.force * body.mass * clip.world.gravity,
+            )
 
 
 def _forces(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """The scene's pushes while they act; an impulse from when it is given, for a moment."""
     for push in clip.world.pushes:
-        body, (x, y, angle) = clip.world.bodies[push.body], _poses(clip, sheet)[push.body].tolist()
+        body, (x, y, angle) = (
+            clip.world.bodies[push.body],
+            _poses(clip, sheet)[push.body].tolist(),
+        )
         end = push.start + clip.flash if push.load is Load.IMPULSE else push.end
-        if body.motion is not Motion.DYNAMIC or not push.start - 1e-9 <= sheet.time < end - 1e-9:
+        if (
+            body.motion is not Motion.DYNAMIC
+            or not push.start - 1e-9 <= sheet.time < end - 1e-9
+        ):
             continue
         at = np.array([x, y]) + rotation(angle) @ push.at
         if push.load is Load.TORQUE:
             radius = min(1.25 * body.reach, 0.2 * max(clip.world.size))
             sweep = clip.scales.torque * push.torque
             if abs(sweep) * radius * sheet.zoom >= STYLE.still:
-                curved_arrow(layer, sheet.at(arc(np.array([x, y]), radius, sweep)), sheet.pen)
+                curved_arrow(
+                    layer, sheet.at(arc(np.array([x, y]), radius, sweep)), sheet.pen
+                )
         elif push.load is Load.IMPULSE:
             left = _left(clip, sheet, push.start)
-            _arrow(sheet, layer, at, clip.scales.impulse * push.vector, left, struck=True)
+            _arrow(
+                sheet, layer, at, clip.scales.impulse * push.vector, left, struck=True
+            )
         else:
             _arrow(sheet, layer, at, clip.scales.force * push.vector)
 
 
 def _arrow(
-    sheet: Sheet, layer: Layer, at: Array, way: Array, strength: float = 1.0, *, struck: bool = False
+    sheet: Sheet,
+    layer: Layer,
+    at: Array,
+    way: Array,
+    strength: float = 1.0,
+    *,
+    struck: bool = False,
 ) -> None:
     """From a point (2,) of the photo, as long as `way` (2,) px of the photo."""
     tail, along = sheet.at(at), sheet.way(way)
@@ -292,13 +364,21 @@ def _left(clip: OverlayClip, sheet: Sheet, since: float) -> float:
 def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """A dot wherever objects touch now, a ring where an impact fell a moment ago; its area shows the impulse."""
     contacts, now = clip.seen.contacts, sheet.time + 1e-9
-    lasting = (contacts.touch_times[:, 0] <= now) & (contacts.touch_times[:, 1] >= sheet.time)
+    lasting = (contacts.touch_times[:, 0] <= now) & (
+        contacts.touch_times[:, 1] >= sheet.time
+    )
     for first, second in contacts.touch_pairs[lasting].tolist():
-        points, gap = contact_points_between(clip.world, _poses(clip, sheet), first, second)
+        points, gap = contact_points_between(
+            clip.world, _poses(clip, sheet), first, second
+        )
         if gap < STYLE.still:
             for point in sheet.at(points):
                 layer.area(circle(point, 1.5 * sheet.pen))
-    shown = [impact for impact in clip.impacts if impact.time <= now < impact.time + clip.flash]
+    shown = [
+        impact
+        for impact in clip.impacts
+        if impact.time <= now < impact.time + clip.flash
+    ]
     for impact in shown:
         radius = float(np.sqrt(clip.scales.ring * impact.impulse))
         if radius * sheet.unit > STYLE.still:

@@ -19,8 +19,12 @@ class ScaleStyle:
     """Sizes of arrows, arcs and rings."""
 
     long: float = 0.17  # of the picture's longer side: how long an arrow of the most common largest is
-    longest: float = 0.45  # of the picture's longer side: how long any velocity in sight is
-    sample: float = 0.09  # of the picture's longer side: how long an arrow of the key is at most
+    longest: float = (
+        0.45  # of the picture's longer side: how long any velocity in sight is
+    )
+    sample: float = (
+        0.09  # of the picture's longer side: how long an arrow of the key is at most
+    )
     usual: int = 97
     """Percentile of all speeds that counts as the largest: a rare fast one may be longer than the rest."""
 
@@ -64,7 +68,9 @@ class Entry:
     size: float
 
 
-def scales(world: World, seen: Trajectory, kinds: Collection[Overlay], impacts: Sequence[float]) -> Scales:
+def scales(
+    world: World, seen: Trajectory, kinds: Collection[Overlay], impacts: Sequence[float]
+) -> Scales:
     """The scales of a clip; `impacts` are their impulses, g·px/s."""
     side = float(max(world.size))
     usual = SCALE.long * side
@@ -76,12 +82,19 @@ def scales(world: World, seen: Trajectory, kinds: Collection[Overlay], impacts: 
     loads: dict[Load, list[float]] = {load: [] for load in Load}
     if Overlay.FORCES in kinds:
         for push in world.pushes:
-            if world.bodies[push.body].motion is Motion.DYNAMIC and push.start <= world.duration:
+            if (
+                world.bodies[push.body].motion is Motion.DYNAMIC
+                and push.start <= world.duration
+            ):
                 turning = push.load is Load.TORQUE
-                loads[push.load].append(abs(push.torque) if turning else float(np.hypot(*push.vector)))
+                loads[push.load].append(
+                    abs(push.torque) if turning else float(np.hypot(*push.vector))
+                )
     if Overlay.WEIGHT in kinds:
         pull = float(np.hypot(*world.gravity))
-        loads[Load.FORCE] += [body.mass * pull for body in world.bodies if body.motion is Motion.DYNAMIC]
+        loads[Load.FORCE] += [
+            body.mass * pull for body in world.bodies if body.motion is Motion.DYNAMIC
+        ]
     most = {load: max(values, default=0.0) for load, values in loads.items()}
     strongest = max(impacts, default=0.0)
     return Scales(
@@ -98,23 +111,59 @@ def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list
     longest = SCALE.sample * max(world.size)
     meter = world.pixels_per_meter
     newton = 1000 * meter  # g·px/s²
-    pushed = Overlay.FORCES in kinds and any(push.load is Load.FORCE for push in world.pushes)
+    pushed = Overlay.FORCES in kinds and any(
+        push.load is Load.FORCE for push in world.pushes
+    )
     forces = Overlay.FORCES if pushed else Overlay.WEIGHT
     rows = (
         (Overlay.VELOCITY, None, "velocity", scale.velocity * meter, "m/s", longest),
-        (forces, Load.FORCE, "force" if pushed else "weight", scale.force * newton, "N", longest),
-        (Overlay.FORCES, Load.IMPULSE, "impulse", scale.impulse * newton, "N·s", longest),
-        (Overlay.FORCES, Load.TORQUE, "torque", scale.torque * newton * meter, "N·m", SWEEP),
+        (
+            forces,
+            Load.FORCE,
+            "force" if pushed else "weight",
+            scale.force * newton,
+            "N",
+            longest,
+        ),
+        (
+            Overlay.FORCES,
+            Load.IMPULSE,
+            "impulse",
+            scale.impulse * newton,
+            "N·s",
+            longest,
+        ),
+        (
+            Overlay.FORCES,
+            Load.TORQUE,
+            "torque",
+            scale.torque * newton * meter,
+            "N·m",
+            SWEEP,
+        ),
     )
     found = []
     for kind, load, name, unit_size, unit, most in rows:
         if unit_size > 0:
             value = largest_round(most / unit_size)
-            found.append(Entry(kind, load, f"{name} {value_text(value, unit)}", value * unit_size))
+            found.append(
+                Entry(
+                    kind, load, f"{name} {value_text(value, unit)}", value * unit_size
+                )
+            )
     if scale.ring > 0:
-        value = largest_round((0.55 * RING * max(world.size)) ** 2 / (scale.ring * newton))
+        value = largest_round(
+            (0.55 * RING * max(world.size)) ** 2 / (scale.ring * newton)
+        )
         size = float(np.sqrt(value * scale.ring * newton))
-        found.append(Entry(Overlay.CONTACTS, Load.IMPULSE, f"impact {value_text(value, 'N·s')}", size))
+        found.append(
+            Entry(
+                Overlay.CONTACTS,
+                Load.IMPULSE,
+                f"impact {value_text(value, 'N·s')}",
+                size,
+            )
+        )
     return found
 
 
@@ -155,6 +204,8 @@ def _per(size: float, most: float) -> float:
 
 def _speeds(world: World, seen: Trajectory) -> Array:
     """(K,) px/s: the speeds of what moves in sight."""
-    inside = ((seen.poses[..., :2] >= 0) & (seen.poses[..., :2] < world.size)).all(axis=-1)
+    inside = ((seen.poses[..., :2] >= 0) & (seen.poses[..., :2] < world.size)).all(
+        axis=-1
+    )
     speeds = np.hypot(seen.velocities[..., 0], seen.velocities[..., 1])[inside]
     return np.asarray(speeds[speeds > max(1.0, 0.02 * float(speeds.max(initial=0.0)))])

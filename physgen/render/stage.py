@@ -34,7 +34,9 @@ class Placement:
     """Where a sprite falls on the canvas."""
 
     box: Slices  # rows and columns of the canvas
-    own: Slices | None = None  # at rest: the same on the sprite, whose pixels are then the photo's
+    own: Slices | None = (
+        None  # at rest: the same on the sprite, whose pixels are then the photo's
+    )
     matrix: Array | None = None  # (2, 3) Moved: pixel of the box -> pixel of the sprite
     turn: float = 0.0  # rad by which the sprite's picture turns
     space: Array | None = None  # (3, 3) A ball: how its skin has turned
@@ -56,22 +58,37 @@ def place_sprite(
         right, bottom = min(width, size[0] - x0), min(height, size[1] - y0)
         if left >= right or top >= bottom:
             return None
-        return Placement(np.s_[y0 + top : y0 + bottom, x0 + left : x0 + right], np.s_[top:bottom, left:right])
+        return Placement(
+            np.s_[y0 + top : y0 + bottom, x0 + left : x0 + right],
+            np.s_[top:bottom, left:right],
+        )
     if not sprite.hull:
         return None
     if sprite.ball is not None:
         return _rolled(sprite, start, pose, size, space)
     start, pose = (at._replace(y=at.y + sprite.face) for at in (start, pose))
     c, s = cos(turn), sin(turn)
-    away = [(x - start.x, y - start.y) for x, y in sprite.hull]  # a dozen points: quicker than arrays
-    xs, ys = [c * x - s * y + pose.x for x, y in away], [s * x + c * y + pose.y for x, y in away]
+    away = [
+        (x - start.x, y - start.y) for x, y in sprite.hull
+    ]  # a dozen points: quicker than arrays
+    xs, ys = (
+        [c * x - s * y + pose.x for x, y in away],
+        [s * x + c * y + pose.y for x, y in away],
+    )
     above = SPREAD + (0.0 if sprite.sides is None else sprite.sides.depth)
-    box = _boxed(min(xs) - SPREAD, min(ys) - above, max(xs) + SPREAD, max(ys) + SPREAD, size)
+    box = _boxed(
+        min(xs) - SPREAD, min(ys) - above, max(xs) + SPREAD, max(ys) + SPREAD, size
+    )
     if box is None:
         return None
     # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
     dx, dy = box[1].start - pose.x, box[0].start - pose.y
-    matrix = np.array([[c, s, c * dx + s * dy + start.x - x0], [-s, c, c * dy - s * dx + start.y - y0]])
+    matrix = np.array(
+        [
+            [c, s, c * dx + s * dy + start.x - x0],
+            [-s, c, c * dy - s * dx + start.y - y0],
+        ]
+    )
     return Placement(box, matrix=matrix, turn=turn)
 
 
@@ -92,9 +109,17 @@ def _rolled(
     return Placement(box, None, matrix, 0.0, space, (dx, dy))
 
 
-def _boxed(lx: float, ly: float, hx: float, hy: float, size: tuple[int, int]) -> Slices | None:
+def _boxed(
+    lx: float, ly: float, hx: float, hy: float, size: tuple[int, int]
+) -> Slices | None:
     """The pixels of a canvas of `size` (W, H) between two corners; None where there are none."""
-    if not isfinite(lx + hx + ly + hy) or hx < 0 or hy < 0 or lx >= size[0] or ly >= size[1]:
+    if (
+        not isfinite(lx + hx + ly + hy)
+        or hx < 0
+        or hy < 0
+        or lx >= size[0]
+        or ly >= size[1]
+    ):
         return None
     rows = slice(max(floor(ly), 0), min(ceil(hy) + 1, size[1]))
     return rows, slice(max(floor(lx), 0), min(ceil(hx) + 1, size[0]))
@@ -112,67 +137,99 @@ def draw_sprite(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F
     size = (columns.stop - columns.start, rows.stop - rows.start)
     many = (size[0] * fine, size[1] * fine)
     matrix = _finer(where.matrix, fine)
-    warped = cv2.warpAffine(sprite.fine, 2 * matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
-    light = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
+    warped = cv2.warpAffine(
+        sprite.fine, 2 * matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT
+    )
+    light = np.asarray(
+        cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR), np.float32
+    )  # the first three channels
     coverage = np.asarray(cv2.extractChannel(warped, 3), np.float32)
     if sprite.relief is not None and where.turn != 0.0:
         ratio = sprite.relief.ratio(where.turn)
-        there = cv2.warpAffine(ratio, matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_REPLICATE)
+        there = cv2.warpAffine(
+            ratio, matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_REPLICATE
+        )
         light *= three_channels(np.asarray(there, np.float32))
     if sprite.sides is not None and sprite.sides.share(where.turn) > 0:
         kept = sprite.sides.kept(matrix, coverage.shape, where.turn)
         light, coverage = light * three_channels(kept), coverage * kept
     if fine > 1:
-        light = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32)
-        coverage = np.asarray(cv2.resize(coverage, size, interpolation=cv2.INTER_AREA), np.float32)
+        light = np.asarray(
+            cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32
+        )
+        coverage = np.asarray(
+            cv2.resize(coverage, size, interpolation=cv2.INTER_AREA), np.float32
+        )
     return light, coverage
 
 
-def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> tuple[Slices, F32] | None:
+def draw_border(
+    sprite: Sprite, where: Placement, left: NDArray[np.float32]
+) -> tuple[Slices, F32] | None:
     """A box and (h, w, 3) the share of `Sprite.rest` that still shows there; None: nothing.
 
     `left` (N + 1,): of what each body leaves on this one, by `borders_left`; 0: of what is its own.
     """
     if sprite.rest is None or not (shares := left[sprite.beside]).any():
         return None
-    if where.own is None and sprite.ball is not None and sprite.ball.pattern is not None:
+    if (
+        where.own is None
+        and sprite.ball is not None
+        and sprite.ball.pattern is not None
+    ):
         return None  # it is painted anew: these are mixtures of the photo's pixels
     rest = sprite.rest
     if shares.min() < 1:
-        rest = rest * (left[0] if sprite.hider is None else three_channels(left[sprite.hider]))
+        rest = rest * (
+            left[0] if sprite.hider is None else three_channels(left[sprite.hider])
+        )
     if where.own is not None:
         return where.box, rest[where.own]
     assert where.matrix is not None
     rows, columns = where.box
     size = (columns.stop - columns.start, rows.stop - rows.start)
-    border = cv2.warpAffine(rest, where.matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
+    border = cv2.warpAffine(
+        rest, where.matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT
+    )
     return where.box, np.asarray(border, np.float32)
 
 
-def borders_left(sprites: Sequence[Sprite], there: Sequence[SpritePose]) -> NDArray[np.float32]:
+def borders_left(
+    sprites: Sequence[Sprite], there: Sequence[SpritePose]
+) -> NDArray[np.float32]:
     """(n, N + 1) of those `there`, in the picture: the share that each body, from 1 on, still leaves on their borders.
 
     It goes as the two part, however both have moved; 0: what is their own, which goes as they leave their place.
     """
-    shifts = np.full((max((sprite.hiders for sprite in sprites), default=0) + 1, 3), np.inf)
+    shifts = np.full(
+        (max((sprite.hiders for sprite in sprites), default=0) + 1, 3), np.inf
+    )
     shifts[0] = 0
     seen = [sprites[at.k] for at in there]
     turns = [
-        0.0 if sprite.ball else at.pose.angle - at.start.angle for at, sprite in zip(there, seen, strict=True)
+        0.0 if sprite.ball else at.pose.angle - at.start.angle
+        for at, sprite in zip(there, seen, strict=True)
     ]
     moves = [
-        (at.pose.x - at.start.x, at.pose.y - at.start.y, turn) for at, turn in zip(there, turns, strict=True)
+        (at.pose.x - at.start.x, at.pose.y - at.start.y, turn)
+        for at, turn in zip(there, turns, strict=True)
     ]
     own = np.array(moves).reshape(-1, 3)
     shifts[[sprite.body + 1 for sprite in seen]] = own
     far = np.abs(own[:, None] - shifts)
-    far[..., 2] *= np.array([max(sprite.coverage.shape) / 2 for sprite in seen])[:, None]
+    far[..., 2] *= np.array([max(sprite.coverage.shape) / 2 for sprite in seen])[
+        :, None
+    ]
     return np.asarray(np.maximum(1 - far.max(axis=2) / FADE, 0), np.float32)
 
 
-def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> NDArray[np.float32]:
+def halos_left(
+    sprites: Sequence[Sprite], stands: Sequence[SpritePose]
+) -> NDArray[np.float32]:
     """(N + 1,) from 1 on: of each body, the share of what the photo shows around it that it has not taken away."""
-    left = np.ones(max((sprite.hiders for sprite in sprites), default=0) + 1, np.float32)
+    left = np.ones(
+        max((sprite.hiders for sprite in sprites), default=0) + 1, np.float32
+    )
     for stand in stands:
         sprite = sprites[stand.k]
         side = max(min(sprite.coverage.shape), 1)
@@ -182,7 +239,9 @@ def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> NDArr
     return left
 
 
-def draw_halo(sprite: Sprite, stand: SpritePose, left: NDArray[np.float32]) -> tuple[Slices, F32] | None:
+def draw_halo(
+    sprite: Sprite, stand: SpritePose, left: NDArray[np.float32]
+) -> tuple[Slices, F32] | None:
     """A box of the canvas and (h, w, 3) what still shows of `Sprite.halo` there, by `halos_left`; None: nothing."""
     share = left[sprite.body + 1]
     if sprite.halo is None or stand.where is None or share < FAINT:
@@ -201,14 +260,20 @@ def sprite_coverage(sprite: Sprite, where: Placement) -> F32:
     rows, columns = where.box
     size = (columns.stop - columns.start, rows.stop - rows.start)
     warped = cv2.warpAffine(
-        sprite.fine_coverage, 2 * where.matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT
+        sprite.fine_coverage,
+        2 * where.matrix,
+        size,
+        flags=WARP_FLAGS,
+        borderMode=cv2.BORDER_CONSTANT,
     )
     return np.asarray(warped, np.float32)
 
 
 def _finer(matrix: Array, fine: int) -> Array:
     """(2, 3) from the pixels of a grid `fine` times as fine, where `matrix` is from the pixels."""
-    into = np.array([[1, 0, 0.5 - fine / 2], [0, 1, 0.5 - fine / 2], [0, 0, fine]]) / fine
+    into = (
+        np.array([[1, 0, 0.5 - fine / 2], [0, 1, 0.5 - fine / 2], [0, 0, fine]]) / fine
+    )
     return matrix @ into if fine > 1 else matrix
 
 
@@ -233,8 +298,12 @@ class Frame:
     index: int
     time: float  # s
     rgb: U8  # (H, W, 3) sRGB
-    named: Callable[[], U16] = field(repr=False, compare=False)  # works out `ids`: few ask
-    covering: Callable[[], Sequence[Cover]] = field(default=tuple, repr=False, compare=False)
+    named: Callable[[], U16] = field(
+        repr=False, compare=False
+    )  # works out `ids`: few ask
+    covering: Callable[[], Sequence[Cover]] = field(
+        default=tuple, repr=False, compare=False
+    )
     """Works out `covers`."""
     faces: Mapping[int, float] = field(default_factory=dict, repr=False, compare=False)
     """px of the photo by which the front of a body lies below its centre, where it does."""
@@ -263,10 +332,14 @@ class ShadowBody:
 class Mirror:
     """What a floor mirrors of what stands on it."""
 
-    share: F32  # (n,): of the light of an object's lowest rows, of each row below its foot
+    share: (
+        F32  # (n,): of the light of an object's lowest rows, of each row below its foot
+    )
     feet: Sequence[tuple[int, float, float] | None]
     """One a sprite: the row of the photo at which it ends, and its floor's end columns; None: it does not stand."""
-    rough: float = 2.0  # px, standard deviation: how much less sharp this is than the object
+    rough: float = (
+        2.0  # px, standard deviation: how much less sharp this is than the object
+    )
 
 
 @dataclass(frozen=True)
@@ -278,7 +351,9 @@ class Stage:
     lit: LitBackground | None = None
     """Where shadows move: the background taken apart, with a cast for each sprite in turn."""
     actors: Sequence[ShadowBody] = ()  # one a sprite, where there is `lit`
-    grounds: Sequence[Array] = ()  # side view: as `staging.floors` has them, what shadows fall on from above.
+    grounds: Sequence[
+        Array
+    ] = ()  # side view: as `staging.floors` has them, what shadows fall on from above.
     veils: Sequence[F32 | None] | None = None
     """One a sprite, on its box: -log of the light that the others leave on it at t = 0; None: none."""
     supersample: int = 1  # samples a pixel, along each side, of what moves
@@ -290,7 +365,11 @@ class Stage:
     @property
     def faces(self) -> Mapping[int, float]:
         """See `Frame.faces`."""
-        return {sprite.body: sprite.face / self.scale for sprite in self.sprites if sprite.face}
+        return {
+            sprite.body: sprite.face / self.scale
+            for sprite in self.sprites
+            if sprite.face
+        }
 
 
 @dataclass(frozen=True)
@@ -310,7 +389,9 @@ def sprite_poses(
 ) -> Iterator[tuple[float, list[SpritePose]]]:
     """Time, s, of each sample in its `order` and how every sprite stands then: geometry alone."""
     if stage.scale != 1.0:
-        trajectory = replace(trajectory, poses=enlarged_poses(trajectory.poses, stage.scale))
+        trajectory = replace(
+            trajectory, poses=enlarged_poses(trajectory.poses, stage.scale)
+        )
     size = (stage.background.shape[1], stage.background.shape[0])
     starts: Sequence[Pose] = stage.starts
     if not starts and len(trajectory.poses):
@@ -341,4 +422,6 @@ def _about(angle: float) -> Array:
 
 def enlarged_poses(poses: Array, scale: float) -> Array:
     """Poses (..., 3) on a canvas with `scale` pixels a photo pixel."""
-    return np.concatenate([(poses[..., :2] + 0.5) * scale - 0.5, poses[..., 2:]], axis=-1)
+    return np.concatenate(
+        [(poses[..., :2] + 0.5) * scale - 0.5, poses[..., 2:]], axis=-1
+    )

@@ -22,7 +22,13 @@ from physgen.geometry.shadows import F32, ShadowSetting, Silhouette, floor_conta
 from physgen.maps import U8, Percepts
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, in_one_light, sphere_shading
-from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
+from physgen.render.occlusion import (
+    SUNK,
+    ground_below,
+    occluders,
+    occlusions,
+    silhouette,
+)
 from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import (
     CUT,
@@ -59,19 +65,23 @@ class StagingTuning:
     seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
     back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
-    around: float = 0.75  # of a disc's ring that must be seen, for light to be told from paint
+    around: float = (
+        0.75  # of a disc's ring that must be seen, for light to be told from paint
+    )
     uneven: float = 0.7  # change once around, of the mean, from which it is paint
     box: float = 0.9  # of the box around it, that a block fills
     edged: float = 0.3  # of the spread of an edge's light that one direction must explain, to be light
     lit: float = 0.5  # of a face's light, by which that of its edges changes with their direction, at most
-    sun: float = (
-        0.5  # weight of the scene's light in where edges are lit from: two sides alone do not show that
-    )
+    sun: float = 0.5  # weight of the scene's light in where edges are lit from: two sides alone do not show that
     faint: float = 0.05  # of a face's light: less at an edge may be its grain
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
-    mirrored: int = 60  # px below an object's foot in which a floor is asked what it mirrors
-    near_foot: int = 4  # px of these that objects' blurred rims and contact shadows may spoil
+    mirrored: int = (
+        60  # px below an object's foot in which a floor is asked what it mirrors
+    )
+    near_foot: int = (
+        4  # px of these that objects' blurred rims and contact shadows may spoil
+    )
     alike: float = 0.7  # correlation of what lies there with objects upside down, from which it mirrors them
     joined: float = 9.0  # px between the ends of two boundaries that are one floor
 
@@ -79,7 +89,9 @@ class StagingTuning:
 STAGING = StagingTuning()
 
 
-def enlarged_world(world: World, outlines: Sequence[Outline], scale: float) -> tuple[World, list[Outline]]:
+def enlarged_world(
+    world: World, outlines: Sequence[Outline], scale: float
+) -> tuple[World, list[Outline]]:
     """Canvas, walls, bodies and outlines as large as they are on a canvas with `scale` pixels a photo pixel.
 
     For drawing alone: masses, velocities and the like stay as they are.
@@ -97,12 +109,18 @@ def enlarged_world(world: World, outlines: Sequence[Outline], scale: float) -> t
         )
         for body in world.bodies
     )
-    walls = tuple(replace(wall, chains=tuple(map(at, wall.chains))) for wall in world.walls)
+    walls = tuple(
+        replace(wall, chains=tuple(map(at, wall.chains))) for wall in world.walls
+    )
     width, height = (ceil(side * scale - 1e-6) for side in world.size)
     shapes: list[Outline] = [
         Disc(at(shape.center), shape.radius * scale)
         if isinstance(shape, Disc)
-        else Region(tuple(Ring(at(ring.outer), tuple(map(at, ring.holes))) for ring in shape.rings))
+        else Region(
+            tuple(
+                Ring(at(ring.outer), tuple(map(at, ring.holes))) for ring in shape.rings
+            )
+        )
         for shape in outlines
     ]
     return replace(world, size=(width, height), bodies=bodies, walls=walls), shapes
@@ -118,8 +136,18 @@ def flat_background(world: World, pen: float = 1.0) -> U8:
         for chain in wall.chains:
             points = np.rint((chain + 0.5) * scale * 16).astype(np.int64)
             points = np.clip(points, -(2**24), 2**24).astype(np.int32)
-            cv2.polylines(canvas, [points], False, INK, round(2 * scale * pen), cv2.LINE_AA, shift=4)
-    return np.asarray(cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+            cv2.polylines(
+                canvas,
+                [points],
+                False,
+                INK,
+                round(2 * scale * pen),
+                cv2.LINE_AA,
+                shift=4,
+            )
+    return np.asarray(
+        cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def flat_sprites(
@@ -135,7 +163,9 @@ def flat_sprites(
     for k in order:
         x0, y0, x1, y1 = bounds(outlines[k])
         window = (-around, -around, width + around, height + around)
-        alpha, (x0, y0) = coverage_box(outlines[k], window if (x1 - x0) * (y1 - y0) > STAGING.large else None)
+        alpha, (x0, y0) = coverage_box(
+            outlines[k], window if (x1 - x0) * (y1 - y0) > STAGING.large else None
+        )
         if not alpha.size:
             continue
         alpha = np.pad(alpha, MARGIN)
@@ -143,11 +173,15 @@ def flat_sprites(
         fill = decode(np.array(PALETTE[k % len(PALETTE)], np.uint8))
         lines = _lines(world.bodies[k], corner, alpha.shape, pen)[..., None]
         colour = fill * (1 - lines) + fill * 0.3 * lines
-        sprites.append(Sprite(k, corner, (alpha[..., None] * colour).astype(np.float32), alpha))
+        sprites.append(
+            Sprite(k, corner, (alpha[..., None] * colour).astype(np.float32), alpha)
+        )
     return sprites
 
 
-def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: float) -> F32:
+def _lines(
+    body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: float
+) -> F32:
     """(h, w) in 0..1: how much of a pixel the rim and spoke cover."""
     height, width = shape
     fine = STAGING.fine if height * width < 250_000 else 2
@@ -161,10 +195,14 @@ def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: flo
     if body.radius is not None:
         spoke = pixels(np.array([[0.0, 0.0], [body.radius, 0.0]]))
         cv2.line(canvas, spoke[0].tolist(), spoke[1].tolist(), 255, thick)
-    return (cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) / 255.0).astype(np.float32)
+    return (
+        cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) / 255.0
+    ).astype(np.float32)
 
 
-NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)  # even, from all around: nothing is shaded
+NO_LIGHT = DistantLight(
+    (0.0, 0.0, 1.0), 0.0, 1.0
+)  # even, from all around: nothing is shaded
 
 
 def matte_stage(stage: Stage) -> Stage:
@@ -194,7 +232,9 @@ def _white(sprite: Sprite) -> Sprite:
             trust=1.0,
             fade=None,
         )
-    sides = sprite.sides and replace(sprite.sides, colour=np.ones(3, np.float32), light=None)
+    sides = sprite.sides and replace(
+        sprite.sides, colour=np.ones(3, np.float32), light=None
+    )
     return replace(
         sprite,
         light=three_channels(sprite.coverage),
@@ -222,9 +262,17 @@ def lit_stage(
 ) -> Stage:
     """`background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all objects, `absent` ones too."""
     if scene.light is None:
-        return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
-    light = DistantLight(scene.light.direction, scene.light.intensity, scene.light.ambient)
-    parts = [part for sprite in sprites for part in _parted(sprite, world.bodies[sprite.body])]
+        return Stage(
+            background, anchored(sprites, decode(maps.rgb), decode(background), absent)
+        )
+    light = DistantLight(
+        scene.light.direction, scene.light.intensity, scene.light.ambient
+    )
+    parts = [
+        part
+        for sprite in sprites
+        for part in _parted(sprite, world.bodies[sprite.body])
+    ]
     top = world.view is View.TOP
     setting = ShadowSetting(
         light=light,
@@ -236,30 +284,57 @@ def lit_stage(
     )
     grounds = [] if top else floors(world)
     if np.isfinite(setting.backdrop) and maps.shadows is not None:
-        grounds = [ground for ground in grounds if not passed(ground, maps.labels, maps.shadows)]
-    actors = [_actor(sprite, world.bodies[sprite.body], loose, top) for sprite, loose in parts]
+        grounds = [
+            ground
+            for ground in grounds
+            if not passed(ground, maps.labels, maps.shadows)
+        ]
+    actors = [
+        _actor(sprite, world.bodies[sprite.body], loose, top) for sprite, loose in parts
+    ]
     starts = [
-        silhouette(grounds, s.coverage, s.corner, world.bodies[s.body].center, actor, setting.tilt)
+        silhouette(
+            grounds,
+            s.coverage,
+            s.corner,
+            world.bodies[s.body].center,
+            actor,
+            setting.tilt,
+        )
         for (s, _), actor in zip(parts, actors, strict=True)
     ]
     veils: list[F32 | None] = [None] * len(parts)
-    if scene.render.shadows and maps.clean is not None:  # shadows of this light were seen
+    if (
+        scene.render.shadows and maps.clean is not None
+    ):  # shadows of this light were seen
         near = occluders(starts, setting)
-        thrown = occlusions(starts, {k: near.get(k, []) for k in range(len(starts))}, setting)
+        thrown = occlusions(
+            starts, {k: near.get(k, []) for k in range(len(starts))}, setting
+        )
         veils = [thrown.get(k) for k in range(len(starts))]
         seen = [
             seen_share(sprite, actor, start, before, light)
-            for (sprite, _), actor, start, before in zip(parts, actors, starts, veils, strict=True)
+            for (sprite, _), actor, start, before in zip(
+                parts, actors, starts, veils, strict=True
+            )
             if before is not None
         ]
         usual, known = float(np.median(seen)) if seen else 1.0, iter(seen)
         shares = [usual if before is None else next(known) for before in veils]
-        actors = [replace(actor, veiled=share) for actor, share in zip(actors, shares, strict=True)]
+        actors = [
+            replace(actor, veiled=share)
+            for actor, share in zip(actors, shares, strict=True)
+        ]
         veils = [
-            None if before is None or share == 0 else np.asarray(share * before, np.float32)
+            None
+            if before is None or share == 0
+            else np.asarray(share * before, np.float32)
             for before, share in zip(veils, shares, strict=True)
         ]
-    sprites = [sprite if top else _faced(sprite, world.bodies[sprite.body], light) for sprite, _ in parts]
+    sprites = [
+        sprite if top else _faced(sprite, world.bodies[sprite.body], light)
+        for sprite, _ in parts
+    ]
     if scene.render.relight:
         sprites = [
             sprite
@@ -267,37 +342,65 @@ def lit_stage(
             else _skinned(sprite, world.bodies[sprite.body], light, world.view, before)
             for sprite, actor, before in zip(sprites, actors, veils, strict=True)
         ]
-        balls = iter(in_one_light([sprite.ball for sprite in sprites if sprite.ball is not None]))
-        sprites = [sprite if sprite.ball is None else replace(sprite, ball=next(balls)) for sprite in sprites]
+        balls = iter(
+            in_one_light([sprite.ball for sprite in sprites if sprite.ball is not None])
+        )
+        sprites = [
+            sprite if sprite.ball is None else replace(sprite, ball=next(balls))
+            for sprite in sprites
+        ]
         if maps.normals is not None:
             sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
         elif top:
-            sprites = [_turned_disc(sprite, world.bodies[sprite.body]) for sprite in sprites]
+            sprites = [
+                _turned_disc(sprite, world.bodies[sprite.body]) for sprite in sprites
+            ]
         if not top:
             sprites = [_edged(sprite, light) for sprite in sprites]
     if not scene.render.shadows:
-        return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
-    rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
+        return Stage(
+            background, anchored(sprites, decode(maps.rgb), decode(background), absent)
+        )
+    rounds = [
+        world.bodies[s.body].radius is not None and not loose for s, loose in parts
+    ]
     gone = _ghosts(maps.labels, absent, coverage, grounds, setting)
-    changed = (cv2.inRange(cv2.absdiff(maps.rgb, background), (0, 0, 0), (0, 0, 0)) == 0) & (coverage == 0)
-    lit, left = decompose_shadows(background, maps.clean, coverage, starts, rounds, setting, gone, changed)
+    changed = (
+        cv2.inRange(cv2.absdiff(maps.rgb, background), (0, 0, 0), (0, 0, 0)) == 0
+    ) & (coverage == 0)
+    lit, left = decompose_shadows(
+        background, maps.clean, coverage, starts, rounds, setting, gone, changed
+    )
     photo = decode(maps.rgb)
     if left is not None:  # the photo as it would be without what is left out
-        photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(np.float32)
-    mirror = None if top else floor_mirror(sprites, starts, photo - lit.behind(), coverage, setting.tilt)
+        photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(
+            np.float32
+        )
+    mirror = (
+        None
+        if top
+        else floor_mirror(sprites, starts, photo - lit.behind(), coverage, setting.tilt)
+    )
     sprites = anchored(sprites, photo, lit.behind(), absent, lit.owner)
     veils_seen = veils if maps.clean is not None else None
     return Stage(background, sprites, lit, actors, grounds, veils_seen, mirror=mirror)
 
 
 def floor_mirror(
-    sprites: Sequence[Sprite], starts: Sequence[Silhouette], beyond: F32, coverage: F32, tilt: float
+    sprites: Sequence[Sprite],
+    starts: Sequence[Silhouette],
+    beyond: F32,
+    coverage: F32,
+    tilt: float,
 ) -> Mirror | None:
     """What a floor mirrors of what stands on it; None where `beyond` (H, W, 3), linear light that the photo shows
     beyond the background, is not like the objects turned upside down."""
     sums, feet = np.zeros((3, STAGING.mirrored)), []
     for sprite, start in zip(sprites, starts, strict=True):
-        rows, contact = np.flatnonzero((sprite.coverage > 0.5).any(axis=1)), floor_contact(start, tilt)
+        rows, contact = (
+            np.flatnonzero((sprite.coverage > 0.5).any(axis=1)),
+            floor_contact(start, tilt),
+        )
         stands = contact is not None and len(rows) and contact.low < 1
         feet.append((sprite.corner[1] + int(rows[-1]), *start.ends) if stands else None)
         if not stands:
@@ -307,9 +410,14 @@ def floor_mirror(
         there = np.s_[below : below + len(own), left : left + own.shape[1]]
         seen = beyond[there] * (coverage[there] == 0)[..., None]
         own = own[: len(seen)] * (coverage[there] == 0)[..., None]
-        for total, product in zip(sums, (own * seen, own * own, seen * seen), strict=True):
+        for total, product in zip(
+            sums, (own * seen, own * own, seen * seen), strict=True
+        ):
             total[: len(seen)] += product.sum(axis=(1, 2))
-    share, alike = sums[0] / np.maximum(sums[1], 1e-6), sums[0] / np.sqrt(sums[1] * sums[2] + 1e-12)
+    share, alike = (
+        sums[0] / np.maximum(sums[1], 1e-6),
+        sums[0] / np.sqrt(sums[1] * sums[2] + 1e-12),
+    )
     unlike = np.flatnonzero(alike[STAGING.near_foot :] < STAGING.alike)
     count = STAGING.near_foot + int(unlike[0]) if len(unlike) else len(share)
     if count < 3 * STAGING.near_foot:
@@ -319,7 +427,11 @@ def floor_mirror(
 
 
 def _ghosts(
-    labels: NDArray[np.uint16], absent: Mask, coverage: F32, grounds: Sequence[Array], setting: ShadowSetting
+    labels: NDArray[np.uint16],
+    absent: Mask,
+    coverage: F32,
+    grounds: Sequence[Array],
+    setting: ShadowSetting,
 ) -> list[Silhouette]:
     """Things of the photo that the scene leaves out, as light saw them."""
     found = []
@@ -327,16 +439,22 @@ def _ghosts(
     order = np.argsort(labels[absent], kind="stable")
     ids, counts = np.unique(labels[absent], return_counts=True)
     least = np.sort(counts)[-STAGING.ghosts :].min(initial=0)
-    for id_, pixels in zip(ids.tolist(), np.split(order, np.cumsum(counts)[:-1]), strict=False):
+    for id_, pixels in zip(
+        ids.tolist(), np.split(order, np.cumsum(counts)[:-1]), strict=False
+    ):
         if len(pixels) < least:
             continue
         rows, columns = every[0][pixels], every[1][pixels]
         y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
-        own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(np.float32)
+        own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(
+            np.float32
+        )
         thick = STAGING.deep * float(np.sqrt(len(rows))) * (0.6 if setting.top else 1.0)
         middle = np.array([columns.mean(), rows.mean()])
         actor = ShadowBody(None, thick)
-        found.append(silhouette(grounds, own, (int(x0), int(y0)), middle, actor, setting.tilt))
+        found.append(
+            silhouette(grounds, own, (int(x0), int(y0)), middle, actor, setting.tilt)
+        )
     return found
 
 
@@ -344,14 +462,23 @@ def floors(world: World) -> list[Array]:
     """(8,) px: segments of walls that are level enough for shadows, the columns between which they go on level, and 1
     or 0: whether an upright wall stands at either end."""
     every = [
-        np.concatenate(pair) for wall in world.walls for chain in wall.chains for pair in pairwise(chain)
+        np.concatenate(pair)
+        for wall in world.walls
+        for chain in wall.chains
+        for pair in pairwise(chain)
     ]
     across, down = (np.abs([one[k + 2] - one[k] for one in every]) for k in (0, 1))
-    found = [every[k] for k in np.flatnonzero((across > 1) & (down < STAGING.steep * across))]
+    found = [
+        every[k] for k in np.flatnonzero((across > 1) & (down < STAGING.steep * across))
+    ]
     upright = [every[k] for k in np.flatnonzero(across < STAGING.steep * down)]
     joined = []
     for one in found:
-        level = [g for g in found if np.abs(np.subtract.outer(g[1::2], one[1::2])).min() < STAGING.joined]
+        level = [
+            g
+            for g in found
+            if np.abs(np.subtract.outer(g[1::2], one[1::2])).min() < STAGING.joined
+        ]
         spans = sorted((min(g[::2]), max(g[::2])) for g in level)
         left, right = sorted(one[::2])
         for a, b in (*spans, *reversed(spans)):
@@ -359,8 +486,11 @@ def floors(world: World) -> list[Array]:
                 left, right = min(left, a), max(right, b)
         walls = [
             any(
-                abs(foot[0] - x) < STAGING.joined and top[1] < min(one[1::2]) < foot[1] + STAGING.joined
-                for top, foot in (sorted((w[:2], w[2:]), key=lambda end: end[1]) for w in upright)
+                abs(foot[0] - x) < STAGING.joined
+                and top[1] < min(one[1::2]) < foot[1] + STAGING.joined
+                for top, foot in (
+                    sorted((w[:2], w[2:]), key=lambda end: end[1]) for w in upright
+                )
             )
             for x in (left, right)
         ]
@@ -368,7 +498,9 @@ def floors(world: World) -> list[Array]:
     return joined
 
 
-def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16]) -> bool:
+def passed(
+    ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16]
+) -> bool:
     """Whether the photo shows shadows pass by a floor: those of objects on it lie below it, on a wall behind.
 
     A floor that reaches back to the wall would have caught them; this one is a line that perception laid under objects
@@ -390,18 +522,29 @@ def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16
 def thickness(body: Body, top: bool) -> float:
     """px that a body reaches above the table, or through the plane of motion: about its width, for want of better."""
     if body.radius is not None:
-        return 2 * body.radius if body.solid is Solid.SPHERE or not top else STAGING.flat * body.radius
+        return (
+            2 * body.radius
+            if body.solid is Solid.SPHERE or not top
+            else STAGING.flat * body.radius
+        )
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
     deep = float(STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0))
     # what stands and is no box was turned on a wheel or a lathe
     w, h = cv2.minAreaRect(points.astype(np.float32))[1]
-    full = sum(cv2.contourArea(piece.astype(np.float32)) for piece in body.pieces) > STAGING.box * w * h
+    full = (
+        sum(cv2.contourArea(piece.astype(np.float32)) for piece in body.pieces)
+        > STAGING.box * w * h
+    )
     return deep if top or full else min(deep, width)
 
 
 def seen_share(
-    sprite: Sprite, actor: ShadowBody, start: Silhouette, before: F32, light: DistantLight
+    sprite: Sprite,
+    actor: ShadowBody,
+    start: Silhouette,
+    before: F32,
+    light: DistantLight,
 ) -> float:
     """How much of a predicted veil (h, w) the photo shows on an object, 0..1: light between objects fills some of it.
 
@@ -417,7 +560,9 @@ def seen_share(
         u = (columns + sprite.corner[0] - start.center[0]) / actor.radius
         v = (rows + sprite.corner[1] - start.center[1]) / actor.radius
         z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-        level -= np.log(sphere_shading(light, *(part.astype(np.float32) for part in (u, v, z))))
+        level -= np.log(
+            sphere_shading(light, *(part.astype(np.float32) for part in (u, v, z)))
+        )
     terms = np.column_stack([np.ones(len(x)), x, y, -before[rows, columns]])
     terms[:, 1:3] /= max(sprite.coverage.shape)
     trust = np.ones(len(x))
@@ -425,7 +570,8 @@ def seen_share(
     for _ in range(4):
         weighted = terms * trust[:, None]
         found = np.linalg.solve(
-            weighted.T @ terms + 1e-3 * len(x) * np.diag([0.0, 1, 1, 0.1]), weighted.T @ level
+            weighted.T @ terms + 1e-3 * len(x) * np.diag([0.0, 1, 1, 0.1]),
+            weighted.T @ level,
         )
         trust = 1 / np.maximum(np.abs(level - terms @ found) / 0.15, 1)
     return float(np.clip(found[3], 0, 1))
@@ -458,7 +604,9 @@ def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     if not block or np.ptp(np.percentile(tops, (25, 75))) > CUT.flat:
         return replace(sprite, face=face)
     colour = np.median(sprite.light[top], axis=0)
-    return replace(sprite, face=face, sides=Sides(first, STAGING.back * 2 * face, colour, light))
+    return replace(
+        sprite, face=face, sides=Sides(first, STAGING.back * 2 * face, colour, light)
+    )
 
 
 def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
@@ -468,26 +616,43 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
     x, y = body.center.tolist()
     rows, columns = np.indices(sprite.coverage.shape)
     away = np.hypot(columns + sprite.corner[0] - x, rows + sprite.corner[1] - y)
-    hangs = sprite.coverage[away > body.radius + 2].sum() > STAGING.stray * sprite.coverage.sum()
+    hangs = (
+        sprite.coverage[away > body.radius + 2].sum()
+        > STAGING.stray * sprite.coverage.sum()
+    )
     # the thread lies beneath and reaches a pixel farther in, so that nothing shows through where they meet
     within = np.clip(body.radius + (1 if hangs else 2) - away, 0, 1).astype(np.float32)
     beyond = np.clip(away - body.radius + 1, 0, 1).astype(np.float32)
     return [
-        (replace(sprite, light=sprite.light * part[..., None], coverage=sprite.coverage * part), loose)
+        (
+            replace(
+                sprite,
+                light=sprite.light * part[..., None],
+                coverage=sprite.coverage * part,
+            ),
+            loose,
+        )
         for part, loose in ((beyond, True), (within, False))
         if hangs or not loose  # what was taken for its border only goes
     ]
 
 
-def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View, before: F32 | None) -> Sprite:
+def _skinned(
+    sprite: Sprite, body: Body, light: DistantLight, view: View, before: F32 | None
+) -> Sprite:
     """A sphere's sprite with its skin; `before` (h, w) is -log of the light that other objects leave on it."""
     assert body.radius is not None
     x, y = body.center.tolist()
     alpha = sprite.coverage[..., None]
-    colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(np.float32)
+    colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(
+        np.float32
+    )
     if before is not None:
         colour *= np.exp(before)[..., None]
-    return replace(sprite, ball=ball_from_photo(colour, sprite.corner, (x, y), body.radius, light, view))
+    return replace(
+        sprite,
+        ball=ball_from_photo(colour, sprite.corner, (x, y), body.radius, light, view),
+    )
 
 
 def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
@@ -500,7 +665,9 @@ def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
     own = np.zeros((h, w, 3), np.float32)
     known = np.zeros((h, w), bool)
     here = np.s_[max(y0, 0) : min(y0 + h, height), max(x0, 0) : min(x0 + w, width)]
-    there = np.s_[here[0].start - y0 : here[0].stop - y0, here[1].start - x0 : here[1].stop - x0]
+    there = np.s_[
+        here[0].start - y0 : here[0].stop - y0, here[1].start - x0 : here[1].stop - x0
+    ]
     own[there] = normals[here]
     known[there] = sprite.coverage[there] > 0.7
     return replace(sprite, relief=relief_of(own, known, light))
@@ -513,19 +680,33 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
     if sprite.sides is not None:
         solid[: ceil(sprite.sides.first)] = 0
     away = cv2.distanceTransform(np.pad(solid, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    if sprite.ball is not None or sprite.relief is not None or not (away > 2 * CUT.rim).any():
+    if (
+        sprite.ball is not None
+        or sprite.relief is not None
+        or not (away > 2 * CUT.rim).any()
+    ):
         return sprite
     soft = cv2.GaussianBlur(solid.astype(np.float32), (0, 0), CUT.clean)
     x, y = (-cv2.Sobel(soft, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
     normal = np.stack([x, y], axis=2) / np.maximum(np.hypot(x, y), 1e-6)[..., None]
     bright, inner = sprite.light.mean(axis=2), (away > CUT.rim).astype(np.float32)
-    near = [np.maximum(cv2.GaussianBlur(part, (0, 0), CUT.along), 1e-4) for part in (bright * inner, inner)]
+    near = [
+        np.maximum(cv2.GaussianBlur(part, (0, 0), CUT.along), 1e-4)
+        for part in (bright * inner, inner)
+    ]
     edge = bright * near[1] / near[0] - 1
-    gain, ring, strength = np.zeros_like(normal), np.maximum(np.ceil(away), 1), [0.0] * CUT.rim
+    gain, ring, strength = (
+        np.zeros_like(normal),
+        np.maximum(np.ceil(away), 1),
+        [0.0] * CUT.rim,
+    )
     sun = light.direction[:2] / np.maximum(np.hypot(*light.direction[:2]), 1e-6)
     for d in range(1, CUT.rim + 1):
         here = (ring == d) & (solid > 0)
-        there, change = normal[here] - normal[here].mean(axis=0), edge[here] - edge[here].mean()
+        there, change = (
+            normal[here] - normal[here].mean(axis=0),
+            edge[here] - edge[here].mean(),
+        )
         slope = np.linalg.lstsq(there, change)[0]
         explained = ((there @ slope) ** 2).sum() > STAGING.edged * (change**2).sum()
         if explained and slope @ light.direction[:2] > 0:
@@ -537,11 +718,15 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
     (x, y), (gx, gy) = (np.moveaxis(part, 2, 0) for part in (normal, gain))
     toward, across = gx * x + gy * y, gx * y - gy * x
     # where the outline is off by a pixel, the photo shows no such edge: half of it will do, a quarter is none
-    shown = np.divide(edge, toward, out=np.ones_like(edge), where=np.abs(toward) > STAGING.faint)
+    shown = np.divide(
+        edge, toward, out=np.ones_like(edge), where=np.abs(toward) > STAGING.faint
+    )
     toward, across = (part * np.clip(4 * shown - 1, 0, 1) for part in (toward, across))
     model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
     parts = (toward, across, np.ones_like(toward), np.zeros_like(toward))
-    return replace(sprite, relief=Relief(*(np.asarray(part / model, np.float32) for part in parts)))
+    return replace(
+        sprite, relief=Relief(*(np.asarray(part / model, np.float32) for part in parts))
+    )
 
 
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
@@ -550,10 +735,20 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     if body.radius is None or body.solid is Solid.SPHERE:
         return sprite
     rows, columns = np.indices(sprite.coverage.shape)
-    x, y = columns + sprite.corner[0] - body.center[0], rows + sprite.corner[1] - body.center[1]
+    x, y = (
+        columns + sprite.corner[0] - body.center[0],
+        rows + sprite.corner[1] - body.center[1],
+    )
     away = np.maximum(np.hypot(x, y), 1.0)
-    c, s, ring = x / away, y / away, np.minimum(away, max(body.radius - 2, 0)).astype(int)
-    bright, sure = sprite.light.mean(axis=2), (sprite.coverage >= 1) & (away < body.radius)
+    c, s, ring = (
+        x / away,
+        y / away,
+        np.minimum(away, max(body.radius - 2, 0)).astype(int),
+    )
+    bright, sure = (
+        sprite.light.mean(axis=2),
+        (sprite.coverage >= 1) & (away < body.radius),
+    )
     sums = [
         np.bincount(ring[sure], (bright * part)[sure], ring.max() + 1)
         for part in (np.ones_like(c), 2 * c, 2 * s)
@@ -562,11 +757,14 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     whole = count > STAGING.around * np.pi * (2 * np.arange(len(count)) + 1)
     light = whole & (np.hypot(*sums[1:]) < STAGING.uneven * sums[0])
     sums = [sums[0], *(part * light for part in sums[1:])]
-    even, along, across = (cv2.GaussianBlur(part / count, (0, 0), 1.0).ravel()[ring] for part in sums)
+    even, along, across = (
+        cv2.GaussianBlur(part / count, (0, 0), 1.0).ravel()[ring] for part in sums
+    )
     even = np.maximum(even, CUT.dark)
     first, second = (along * c + across * s) / even, (along * s - across * c) / even
     model = np.maximum(1 + first, 1 / MOST_RELIGHTING)
     fields = [
-        np.asarray(part / model, np.float32) for part in (first, second, np.ones_like(c), np.zeros_like(c))
+        np.asarray(part / model, np.float32)
+        for part in (first, second, np.ones_like(c), np.zeros_like(c))
     ]
     return replace(sprite, relief=Relief(*fields))

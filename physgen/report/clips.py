@@ -58,7 +58,9 @@ def write_failure(
         return
     errors = tuple(str(p) for p in problems if p.severity is Severity.ERROR)
     warnings = tuple(str(p) for p in problems if p.severity is Severity.WARNING)
-    failure = Failure(scene, path, variant, tuple(overrides), tuple(command), errors, warnings)
+    failure = Failure(
+        scene, path, variant, tuple(overrides), tuple(command), errors, warnings
+    )
     out.mkdir(parents=True, exist_ok=True)
     write_json(file, {"failed": 1, **vars(failure)})
 
@@ -96,7 +98,9 @@ class Clip:
     name: str
     variant: str | None = None
     overrides: tuple[str, ...] = ()
-    document: Mapping[str, Any] = field(default_factory=dict)  # the resolved scene; empty for one that failed
+    document: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # the resolved scene; empty for one that failed
     photo: str = ""
     """SHA-256 of the scene's photo; empty without one."""
     size: tuple[int, int] = (4, 3)  # width and height of the film, px
@@ -129,7 +133,9 @@ class Clip:
     def labels(self) -> Mapping[str, int]:
         """Label -> number of objects with it, the most common first."""
         objects = self.document.get("objects", {}).values()
-        return dict(Counter(str(o["label"]) for o in objects if o.get("label")).most_common())
+        return dict(
+            Counter(str(o["label"]) for o in objects if o.get("label")).most_common()
+        )
 
     @property
     def objects(self) -> int:
@@ -143,7 +149,11 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
     Folders whose names begin with a dot, and files that are not ours, are skipped.
     """
     fix = "name folders that physgen rendered into, e.g. out"
-    missing = [InputError.of(str(root), "", "is no folder", fix) for root in roots if not root.is_dir()]
+    missing = [
+        InputError.of(str(root), "", "is no folder", fix)
+        for root in roots
+        if not root.is_dir()
+    ]
     if missing:
         raise InputError(problem for error in missing for problem in error.problems)
     found: dict[Path, Clip] = {}
@@ -151,7 +161,9 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
         for clip in _below(root):
             found.setdefault(clip.home.resolve(), clip)
     # a clip whose refinement failed replaces the record of that failure
-    failures = {clip.home: clip for clip in found.values() if clip.home.name.endswith(ENDING)}
+    failures = {
+        clip.home: clip for clip in found.values() if clip.home.name.endswith(ENDING)
+    }
     kept = []
     for clip in found.values():
         failure = failures.get(clip.home.with_name(clip.home.name + ENDING))
@@ -159,7 +171,10 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
             kept.append(replace(clip, problems=failures.pop(failure.home).problems))
         elif clip.home not in failures:
             kept.append(clip)
-    return sorted([*kept, *failures.values()], key=lambda clip: [natural(part) for part in clip.home.parts])
+    return sorted(
+        [*kept, *failures.values()],
+        key=lambda clip: [natural(part) for part in clip.home.parts],
+    )
 
 
 def _below(root: Path) -> Iterator[Clip]:
@@ -172,7 +187,10 @@ def _below(root: Path) -> Iterator[Clip]:
             continue
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
-            if name.endswith(ENDING) and (failure := read_failure(here / name)) is not None:
+            if (
+                name.endswith(ENDING)
+                and (failure := read_failure(here / name)) is not None
+            ):
                 yield _failed(here / name, failure)
 
 
@@ -181,14 +199,25 @@ def _rendered(folder: Path) -> Clip | None:
     path = folder / "manifest.json"
     try:
         data: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        files, frames, document, video = data["files"], data["frames"], data["document"], data["video"]
+        files, frames, document, video = (
+            data["files"],
+            data["frames"],
+            data["document"],
+            data["video"],
+        )
         objects = document.get("objects", {}).values()
         if data["manifest"] != 1 or not isfinite(float(video["fps"])):
             return None
         if not all(isinstance(item, dict) for item in objects):
             return None
-        fault = (data.get("refine") or {}).get("failed") or "the frames could not be made"
-        films = (name for name in (*FILMS, *UNREFINED) if name in files and (folder / name).is_file())
+        fault = (data.get("refine") or {}).get(
+            "failed"
+        ) or "the frames could not be made"
+        films = (
+            name
+            for name in (*FILMS, *UNREFINED)
+            if name in files and (folder / name).is_file()
+        )
         film = next(films, None)
         return Clip(
             home=folder,
@@ -215,7 +244,9 @@ def _failed(file: Path, failure: Failure) -> Clip:
     """Problems name the scene's file without its folders."""
     name = Path(failure.path).name
     texts = (
-        text.replace(failure.path, name, 1) if failure.path and text.startswith(failure.path) else text
+        text.replace(failure.path, name, 1)
+        if failure.path and text.startswith(failure.path)
+        else text
         for text in failure.problems
     )
     return Clip(
@@ -234,5 +265,7 @@ def _seal(files: Mapping[str, str], film: str) -> str:
     if not film.endswith("/00000.png"):
         return str(files[film])[:20]
     folder = film.removesuffix("00000.png")
-    hashes = "".join(str(files[name]) for name in sorted(files) if name.startswith(folder))
+    hashes = "".join(
+        str(files[name]) for name in sorted(files) if name.startswith(folder)
+    )
     return hashlib.sha256(hashes.encode()).hexdigest()[:20]

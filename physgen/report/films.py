@@ -33,7 +33,9 @@ class Film:
 
 def linked_film(made: Sequence[str]) -> Film:
     """The best of the films and folders of frames `made` beside the page."""
-    name = min(made, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix))
+    name = min(
+        made, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix)
+    )
     if "." in name:
         return Film(name, name.endswith(".mp4"), name)
     return Film(f"{name}/00000.png", False, f"{name}/00000.png", f"{name}/")
@@ -47,6 +49,11 @@ def poster(film: Path) -> bytes:
     """The first frame of a film, which is the photo, as WebP. Raises OSError where it cannot be read."""
     try:
         frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)
-    except (SyntaxError, ValueError, EOFError, IndexError) as error:  # SyntaxError: a broken PNG
+    except (
+        SyntaxError,
+        ValueError,
+        EOFError,
+        IndexError,
+    ) as error:  # SyntaxError: a broken PNG
         raise OSError(f"{film} cannot be read: {error}") from error
     return encoded(fitted(frame, SIDE), QUALITY)

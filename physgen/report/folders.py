@@ -17,7 +17,9 @@ from physgen.problems import InputError
 from physgen.report.record import TIMING
 from physgen.text import listed
 
-_LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)")
+_LEFT = re.compile(
+    r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)"
+)
 _SWEPT: set[Path] = set()
 
 
@@ -35,7 +37,11 @@ def remove_leftovers(out: Path) -> None:
     """Remove what ended processes of this machine left in `out`; what they had moved aside goes back."""
     try:
         with os.scandir(out) as entries:
-            left = [(entry, match) for entry in entries if (match := _LEFT.fullmatch(entry.name))]
+            left = [
+                (entry, match)
+                for entry in entries
+                if (match := _LEFT.fullmatch(entry.name))
+            ]
     except OSError:
         return
     for entry, match in sorted(left, key=lambda pair: pair[0].name):
@@ -76,7 +82,9 @@ OURS = re.compile(
 def atomic_folder(final: Path) -> Iterator[Path]:
     """A fresh folder beside `final`, renamed to it at the end; removed, and `final` left as it was, on any error."""
     final.parent.mkdir(parents=True, exist_ok=True)
-    if final.parent.resolve() not in _SWEPT:  # once: listing a folder of 100,000 clips takes long
+    if (
+        final.parent.resolve() not in _SWEPT
+    ):  # once: listing a folder of 100,000 clips takes long
         _SWEPT.add(final.parent.resolve())
         remove_leftovers(final.parent)
     beside = partial(final)
@@ -104,7 +112,11 @@ def _instead(beside: Path, final: Path, old: Path) -> None:
             beside.rename(final)
             return
         except OSError as error:
-            if left == 1 or error.errno not in (errno.ENOENT, errno.ENOTEMPTY, errno.EEXIST):
+            if left == 1 or error.errno not in (
+                errno.ENOENT,
+                errno.ENOTEMPTY,
+                errno.EEXIST,
+            ):
                 raise
 
 
@@ -116,12 +128,17 @@ def output_folder(out: Path, name: str) -> Path:
     strange = _strangers(final)
     if strange is None:
         fix = "choose another folder with -o"
-        raise InputError.of(str(final), "", "is there already and was not made by physgen", fix)
+        raise InputError.of(
+            str(final), "", "is there already and was not made by physgen", fix
+        )
     if strange:
         found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
         fix = "move it out, or choose another folder with -o"
         raise InputError.of(
-            str(final), "", f"would be replaced, and holds {found}, which physgen did not make", fix
+            str(final),
+            "",
+            f"would be replaced, and holds {found}, which physgen did not make",
+            fix,
         )
     return final
 
@@ -138,7 +155,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
     """What an earlier run left and a new one, which writes `again`, does not; "" for nothing."""
     kept, there = (
-        {str(name).partition("/")[0] for name in names} for names in (again, manifest.get("files", ()))
+        {str(name).partition("/")[0] for name in names}
+        for names in (again, manifest.get("files", ()))
     )
     return listed(sorted(there - kept), "and")
 
@@ -146,7 +164,9 @@ def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
 def looks_like_clip(names: Iterable[str]) -> bool:
     """Whether names in a folder are those of a clip without its manifest."""
     there = set(names)
-    return "clip.json" not in there and len(there & CLIPS) > 1  # data sets have clip.json
+    return (
+        "clip.json" not in there and len(there & CLIPS) > 1
+    )  # data sets have clip.json
 
 
 def _strangers(folder: Path) -> list[str] | None:
@@ -155,8 +175,16 @@ def _strangers(folder: Path) -> list[str] | None:
         return []
     if not (folder / "manifest.json").is_file():
         return None
-    names = [p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir()]
+    names = [
+        p.relative_to(folder).as_posix()
+        for p in sorted(folder.rglob("*"))
+        if not p.is_dir()
+    ]
     if manifest := read_manifest(folder):
-        return [name for name in names if name not in {"manifest.json", TIMING, *manifest["files"]}]
+        return [
+            name
+            for name in names
+            if name not in {"manifest.json", TIMING, *manifest["files"]}
+        ]
     # ours, and damaged: a machine that lost its power left it so
     return None if any(OURS.fullmatch(name) is None for name in names) else []

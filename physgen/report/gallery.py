@@ -36,7 +36,9 @@ KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
 class GalleryLimits:
     """What the page shows."""
 
-    most_choices: int = 8  # values of a key that are offered one by one; more become a range
+    most_choices: int = (
+        8  # values of a key that are offered one by one; more become a range
+    )
     common_labels: int = 6  # labels that are offered at once, the most frequent
     many: int = 200  # cards; of more, those out of sight are laid out as they come
 
@@ -73,7 +75,9 @@ def write_gallery(
     roots that are no folders.
     """
     if index.is_dir():
-        raise InputError.of("-o", f'"{index}"', "is a folder", "name a file, e.g. -o out/index.html")
+        raise InputError.of(
+            "-o", f'"{index}"', "is a folder", "name a file, e.g. -o out/index.html"
+        )
     clips = clips_in(roots)
     index.parent.mkdir(parents=True, exist_ok=True)
     files = index.with_name(f"{index.stem}.files")
@@ -82,8 +86,14 @@ def write_gallery(
         progress("gallery", k, len(clips))
         shots.append(clip_poster(clip, files))
     if title is None:
-        names = [root.resolve().name.replace("-", " ").replace("_", " ") for root in roots]
-        title = ", ".join(dict.fromkeys(names)) if len(set(names)) <= 3 and all(names) else "Gallery"
+        names = [
+            root.resolve().name.replace("-", " ").replace("_", " ") for root in roots
+        ]
+        title = (
+            ", ".join(dict.fromkeys(names))
+            if len(set(names)) <= 3 and all(names)
+            else "Gallery"
+        )
         title = title[:1].upper() + title[1:]
     text = gallery_page(clips, shots, index.parent, title or "Gallery")
     if index.exists() and not _ours(index):
@@ -91,7 +101,9 @@ def write_gallery(
     data = text.encode("utf-8")
     write_atomic(index, data)
     sweep_files(files, {Path(shot).name for shot in shots})
-    return Gallery(index, len(clips), sum(bool(clip.problems) for clip in clips), len(data))
+    return Gallery(
+        index, len(clips), sum(bool(clip.problems) for clip in clips), len(data)
+    )
 
 
 def keep_pictures(home: Path, index: Path) -> None:
@@ -101,7 +113,9 @@ def keep_pictures(home: Path, index: Path) -> None:
             clip_poster(clip, index.with_name(f"{index.stem}.files"))
 
 
-def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title: str) -> str:
+def gallery_page(
+    clips: Sequence[Clip], shots: Sequence[str], home: Path, title: str
+) -> str:
     """The HTML; paths are relative to `home`."""
     keys = swept_keys(clips)
     names = Counter(clip.name for clip in clips)
@@ -109,11 +123,15 @@ def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title:
     for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
         values = [key.values[k] for key in keys]
         card = _card(k, clip, shot, keys, values, home)
-        card["where"] = card["data"]["where"] = _folder(clip, home) if names[clip.name] > 1 else ""
+        card["where"] = card["data"]["where"] = (
+            _folder(clip, home) if names[clip.name] > 1 else ""
+        )
         cards.append(card)
     labels = Counter(label for clip in clips for label in clip.labels).most_common()
     choices = [
-        (label, count) for label, count in labels if count < sum(bool(clip.document) for clip in clips)
+        (label, count)
+        for label, count in labels
+        if count < sum(bool(clip.document) for clip in clips)
     ]
     free = [key for key in keys if not key.follows]
     swept = bool(free) and len({clip.subject for clip in clips if clip.document}) == 1
@@ -122,9 +140,15 @@ def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title:
         "keys": [_axis(key) for key in keys],
         "swept": swept,
         # a sweep over two keys is shown as a table of both
-        "grid": swept and len(clips) > 3 and len(free) == 2 and all(None not in key.values for key in free),
+        "grid": swept
+        and len(clips) > 3
+        and len(free) == 2
+        and all(None not in key.values for key in free),
     }
-    scripts = [resource("templates", "gallery", f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
+    scripts = [
+        resource("templates", "gallery", f"{name}.js").read_text(encoding="utf-8")
+        for name in SCRIPTS
+    ]
     times = [clip.time for clip in clips]
     page: str = template("gallery.html.j2").render(
         title=title,
@@ -137,10 +161,16 @@ def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title:
         labels=choices if len(choices) > 1 else [],
         common=LIMITS.common_labels,
         many=LIMITS.many,
-        keys=[_filter(key) for key in keys if 2 * sum(value is None for value in key.values) <= len(clips)],
+        keys=[
+            _filter(key)
+            for key in keys
+            if 2 * sum(value is None for value in key.values) <= len(clips)
+        ],
         swept=swept,
         sentence=_sentence(clips, free if swept else []),
-        hero=None if data["grid"] else next((card for card in cards if card["moves"]), None),
+        hero=None
+        if data["grid"]
+        else next((card for card in cards if card["moves"]), None),
         aspect=_aspect(clips),
         data=script_json(data),
         script='(() => {\n"use strict";\n' + "\n".join(scripts) + "})();",
@@ -158,11 +188,20 @@ def _card(
     home: Path,
 ) -> dict[str, Any]:
     """Variables of the template for one clip; `data` is for the script."""
-    film = "" if clip.film is None or clip.film.suffix not in KINDS else link(clip.film, home)
+    film = (
+        ""
+        if clip.film is None or clip.film.suffix not in KINDS
+        else link(clip.film, home)
+    )
     labels = list(clip.labels.items())
     changes = list(dict.fromkeys(clip.overrides))
     href = "" if clip.report is None else link(clip.report, home)
-    shared = {"name": clip.name, "href": href, "size": clip.size, "variant": clip.variant}
+    shared = {
+        "name": clip.name,
+        "href": href,
+        "size": clip.size,
+        "variant": clip.variant,
+    }
     data = shared | {
         "scene": clip.scene,
         "labels": [label for label, _ in labels],
@@ -281,13 +320,18 @@ def _day(time: float) -> str:
 def _sorted_values(key: SweptKey) -> list[float | str]:
     """Numbers by size, then words in natural order."""
     have = {value for value in key.values if value is not None}
-    return sorted(have, key=lambda v: (0, v, []) if isinstance(v, float) else (1, 0.0, natural(v)))
+    return sorted(
+        have, key=lambda v: (0, v, []) if isinstance(v, float) else (1, 0.0, natural(v))
+    )
 
 
 def _axis(key: SweptKey) -> dict[str, Any]:
     """A key for the script."""
     values = _sorted_values(key)
-    plain = {name: getattr(key, name) for name in ("path", "name", "unit", "numeric", "follows")}
+    plain = {
+        name: getattr(key, name)
+        for name in ("path", "name", "unit", "numeric", "follows")
+    }
     return {**plain, "values": values, "texts": [value_text(value) for value in values]}
 
 
@@ -295,15 +339,28 @@ def _filter(key: SweptKey) -> dict[str, Any]:
     """A key as a filter: its values with the number of clips, or a range."""
     have = [value for value in key.values if value is not None]
     values = _sorted_values(key)
-    found: dict[str, Any] = {"path": key.path, "name": key.name, "unit": key.unit, "range": None}
+    found: dict[str, Any] = {
+        "path": key.path,
+        "name": key.name,
+        "unit": key.unit,
+        "range": None,
+    }
     if key.numeric and len(values) > LIMITS.most_choices:
         ends = [value_text(values[0]), value_text(values[-1])]
         return found | {"range": ends, "last": len(values) - 1}
     often = Counter(map(value_text, have))
-    return found | {"values": [(text, often[text]) for text in dict.fromkeys(map(value_text, values))]}
+    return found | {
+        "values": [
+            (text, often[text]) for text in dict.fromkeys(map(value_text, values))
+        ]
+    }
 
 
 def _aspect(clips: Sequence[Clip]) -> str:
     """Of all films; empty where they differ."""
     sizes = {clip.size for clip in clips if clip.document}
-    return "{} / {}".format(*max(sizes)) if len({round(w / h, 2) for w, h in sizes}) == 1 else ""
+    return (
+        "{} / {}".format(*max(sizes))
+        if len({round(w / h, 2) for w, h in sizes}) == 1
+        else ""
+    )

@@ -51,7 +51,18 @@ class PageLimits:
 
 LIMITS = PageLimits()
 
-SCRIPTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quantities", "charts", "page")
+SCRIPTS = (
+    "motion",
+    "clock",
+    "units",
+    "touch",
+    "balls",
+    "scene",
+    "layers",
+    "quantities",
+    "charts",
+    "page",
+)
 """Of the player, in the order in which they build on each other."""
 
 
@@ -82,7 +93,9 @@ def report_page(
     width, height = scene.size
     player, written = parts.player, None
     with suppress(OSError, ValueError):  # places name files as the user knows them
-        written = (scene.folder / Path(scene.place("").file).name).read_text(encoding="utf-8")
+        written = (scene.folder / Path(scene.place("").file).name).read_text(
+            encoding="utf-8"
+        )
     page: str = template("report.html.j2").render(
         title=scene.name,
         size=(width, height),
@@ -114,7 +127,9 @@ def report_page(
         touches=[] if player is None else _contacts(player, world),
         data=None if player is None else script_json(player),
         script=_script(),
-        arrows=[line(kind, tail, tip, title) for kind, tail, tip, title in arrows(world)],
+        arrows=[
+            line(kind, tail, tip, title) for kind, tail, tip, title in arrows(world)
+        ],
         holds=constraint_rows(scene),
         warnings=[str(warning["text"]) for warning in record.warnings],
         world=_world_facts(scene, world),
@@ -132,7 +147,10 @@ def report_page(
 
 @cache
 def _script() -> str:
-    parts = [resource("templates", "player", f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
+    parts = [
+        resource("templates", "player", f"{name}.js").read_text(encoding="utf-8")
+        for name in SCRIPTS
+    ]
     return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();"
 
 
@@ -140,15 +158,21 @@ def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
     """Rows of the table of contacts, by time."""
     names = [name for name, _ in world.surfaces]
     newton = player["scale"] and 1000 * player["scale"]
-    strongest = sorted(player["touches"], key=lambda touch: -touch[4])[: LIMITS.most_contacts]
+    strongest = sorted(player["touches"], key=lambda touch: -touch[4])[
+        : LIMITS.most_contacts
+    ]
     return [
         {
             "begin": begin,
             "pair": (names[first], names[second]),
             "lasts": None if end is None else f"{end - begin:.3f} s",
-            "impulse": f"{rounded(given / newton)} N·s" if newton else f"{rounded(given)} g·px/s",
+            "impulse": f"{rounded(given / newton)} N·s"
+            if newton
+            else f"{rounded(given)} g·px/s",
         }
-        for first, second, begin, end, given in sorted(strongest, key=lambda touch: (touch[2], touch[:2]))
+        for first, second, begin, end, given in sorted(
+            strongest, key=lambda touch: (touch[2], touch[:2])
+        )
     ]
 
 
@@ -166,8 +190,12 @@ def _engine(record: RunRecord) -> list[str]:
             f"{effort['divided']:,} steps were divided, into up to {effort['most_parts']} parts, so that fast objects "
             "do not pass through others and stiff springs oscillate correctly."
         )
-    lines.append(f"Contacts that close more slowly than {rounded(effort['still'])} px/s do not bounce.")
-    lines.append(f"Energy balance error: {rounded(100 * record.imbalance, 2)} % of the energy that flows.")
+    lines.append(
+        f"Contacts that close more slowly than {rounded(effort['still'])} px/s do not bounce."
+    )
+    lines.append(
+        f"Energy balance error: {rounded(100 * record.imbalance, 2)} % of the energy that flows."
+    )
     return lines
 
 
@@ -178,10 +206,22 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     facts = [
         ("view", world.view.value, ""),
         ("scale", f"{rounded(scale, 4)} px/m", ""),
-        ("gravity", f"{value_text(world.gravity)} px/s²", f"{rounded(gravity / scale)} m/s²"),
-        ("canvas", f"{wide} × {high} px", f"{rounded(wide / scale)} × {rounded(high / scale)} m"),
+        (
+            "gravity",
+            f"{value_text(world.gravity)} px/s²",
+            f"{rounded(gravity / scale)} m/s²",
+        ),
+        (
+            "canvas",
+            f"{wide} × {high} px",
+            f"{rounded(wide / scale)} × {rounded(high / scale)} m",
+        ),
         ("duration", f"{value_text(world.duration)} s", ""),
-        ("video", f"{scene.video_size[0]} × {scene.video_size[1]} px", _played(scene.render)),
+        (
+            "video",
+            f"{scene.video_size[0]} × {scene.video_size[1]} px",
+            _played(scene.render),
+        ),
         ("engine", f"{value_text(world.steps_per_second)} steps/s", ""),
         ("coefficients", world.combine.value, ""),
     ]
@@ -200,7 +240,9 @@ def _played(render: Render) -> str:
     return ", ".join(filter(None, parts))
 
 
-def provenance(record: RunRecord, resolved: str, written: str | None = None) -> dict[str, Any]:
+def provenance(
+    record: RunRecord, resolved: str, written: str | None = None
+) -> dict[str, Any]:
     """Everything needed to reproduce a run, for `provenance.html.j2`.
 
     `resolved`: the scene with every default; `written`: the file itself, where it can be read. `frames` is one hash of
@@ -208,15 +250,23 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
     """
     texts = [] if written is None else [_source_text("Scene file", written)]
     separator = "" if texts else ","
-    texts.append(_source_text(f"Scene file{separator} with every default filled in", resolved))
+    texts.append(
+        _source_text(f"Scene file{separator} with every default filled in", resolved)
+    )
     facts = [("platform", f"{platform.system()}, {platform.machine()}")]
-    seeds = {name: seed for name, seed in record.seeds.items() if record.refine or name != "refine"}
+    seeds = {
+        name: seed
+        for name, seed in record.seeds.items()
+        if record.refine or name != "refine"
+    }
     facts += [(f"seed of {name}", str(seed)) for name, seed in seeds.items()]
     facts += [] if record.variant is None else [("variant", record.variant)]
     digest = hashlib.sha256("\n".join(record.frames).encode()).hexdigest()
     return {
         "command": shlex.join(record.alone or record.command),
-        "run": shlex.join(record.command) if record.alone not in ([], record.command) else "",
+        "run": shlex.join(record.command)
+        if record.alone not in ([], record.command)
+        else "",
         "texts": texts,
         "facts": facts,
         "edits": record.overrides,
@@ -228,7 +278,11 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
 
 def _source_text(title: str, text: str) -> dict[str, Any]:
     """A text with a button to copy it."""
-    return {"title": title, "text": text, "lines": text.count("\n") + (not text.endswith("\n"))}
+    return {
+        "title": title,
+        "text": text,
+        "lines": text.count("\n") + (not text.endswith("\n")),
+    }
 
 
 def _refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:
@@ -236,7 +290,9 @@ def _refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:
     if note is None:
         return None
     rows = [
-        (name.replace("_", " "), value_text(value)) for name, value in note.items() if name not in ELSEWHERE
+        (name.replace("_", " "), value_text(value))
+        for name, value in note.items()
+        if name not in ELSEWHERE
     ]
     return {
         "failed": str(note.get("failed", "")).splitlines(),

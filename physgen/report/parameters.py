@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
 from physgen.scene.provenance import Provenance, Source
-from physgen.scene.scene import Field, FieldKind, Joint, JointKind, Load, Motion, Scene, Solid
+from physgen.scene.scene import (
+    Field,
+    FieldKind,
+    Joint,
+    JointKind,
+    Load,
+    Motion,
+    Scene,
+    Solid,
+)
 from physgen.text import name_ranges, rounded, value_text
 
 Array = NDArray[np.float64]
@@ -44,7 +53,9 @@ def outlines(world: World, labels: dict[str, str]) -> list[dict[str, str]]:
             "name": body.name,
             "label": labels.get(body.name, ""),
             "motion": body.motion.value,
-            "path": " ".join(f"M{svg_points(ring + body.center)}Z" for ring in body.rings),
+            "path": " ".join(
+                f"M{svg_points(ring + body.center)}Z" for ring in body.rings
+            ),
         }
         for body in world.bodies
     ]
@@ -59,16 +70,28 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
             found["velocity"].append((body.center, body.velocity, title))
     for push in world.pushes:
         if push.load is not Load.TORQUE and push.vector.any():
-            body, unit = world.bodies[push.body], "g·px/s" if push.load is Load.IMPULSE else "g·px/s²"
-            title = f"{push.load.value} on {body.name}: {value_text(push.vector)} {unit}"
+            body, unit = (
+                world.bodies[push.body],
+                "g·px/s" if push.load is Load.IMPULSE else "g·px/s²",
+            )
+            title = (
+                f"{push.load.value} on {body.name}: {value_text(push.vector)} {unit}"
+            )
             found["force"].append(
-                (body.center + push.at, push.vector, f"{title} from {value_text(push.start)} s")
+                (
+                    body.center + push.at,
+                    push.vector,
+                    f"{title} from {value_text(push.start)} s",
+                )
             )
     longest = LONGEST_ARROW * float(np.hypot(*world.size))
     rows = []
     for kind, some in found.items():
         most = max((float(np.hypot(*vector)) for _, vector, _ in some), default=0.0)
-        rows += [(kind, tail, tail + vector / most * longest, title) for tail, vector, title in some]
+        rows += [
+            (kind, tail, tail + vector / most * longest, title)
+            for tail, vector, title in some
+        ]
     return rows
 
 
@@ -96,21 +119,43 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
         on = ", ".join(field.objects[:8]) + (", ..." if len(field.objects) > 8 else "")
         here = field.kind is FieldKind.ATTRACTOR
         at = value_text(field.vector) if here else "everywhere"
-        rows.append((field.name, field.kind.value, on or "every dynamic object", at, _strength(field)))
-    return [dict(zip(("name", "kind", "on", "at", "how"), row, strict=True)) for row in rows]
+        rows.append(
+            (
+                field.name,
+                field.kind.value,
+                on or "every dynamic object",
+                at,
+                _strength(field),
+            )
+        )
+    return [
+        dict(zip(("name", "kind", "on", "at", "how"), row, strict=True)) for row in rows
+    ]
 
 
 def _settings(joint: Joint) -> str:
     parts = []
     if joint.kind is JointKind.SPRING:
         (x1, y1), (x2, y2) = joint.points
-        length = float(np.hypot(x2 - x1, y2 - y1)) if joint.length is None else joint.length
+        length = (
+            float(np.hypot(x2 - x1, y2 - y1)) if joint.length is None else joint.length
+        )
         stiffness, damping = value_text(joint.stiffness), value_text(joint.damping)
-        parts = [f"{stiffness} g/s²", f"damping {damping} g/s", f"length {rounded(length, 4)} px"]
+        parts = [
+            f"{stiffness} g/s²",
+            f"damping {damping} g/s",
+            f"length {rounded(length, 4)} px",
+        ]
     elif joint.kind is JointKind.MOTOR:
         parts = [f"{value_text(joint.speed)} °/s"]
-        parts += [] if joint.limit is None else [f"at most {value_text(joint.limit)} g·px²/s²"]
-    return ", ".join([*parts, *(["the two bump into each other"] if joint.collide else [])])
+        parts += (
+            []
+            if joint.limit is None
+            else [f"at most {value_text(joint.limit)} g·px²/s²"]
+        )
+    return ", ".join(
+        [*parts, *(["the two bump into each other"] if joint.collide else [])]
+    )
 
 
 def _strength(field: Field) -> str:
@@ -147,9 +192,15 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
         corners = sum(len(chain) for chain in wall.chains)
         shape = "mask" if item.mask is not None else "wall"
         cells = {
-            "shape": Cell(f"{corners} points", sources.of(f"{path}.{shape}", None, near=True)),
-            "friction": Cell(value_text(item.friction), sources.of(f"{path}.friction", None)),
-            "elasticity": Cell(value_text(item.elasticity), sources.of(f"{path}.elasticity", None)),
+            "shape": Cell(
+                f"{corners} points", sources.of(f"{path}.{shape}", None, near=True)
+            ),
+            "friction": Cell(
+                value_text(item.friction), sources.of(f"{path}.friction", None)
+            ),
+            "elasticity": Cell(
+                value_text(item.elasticity), sources.of(f"{path}.elasticity", None)
+            ),
         }
         rows.append(Row(item.name, "", "boundary", cells, ""))
     return rows
@@ -160,7 +211,13 @@ def collapsed(rows: Sequence[Row]) -> list[Row]:
     alike: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
         cells = [
-            (name, cell.text, replace(cell.source, text="") if cell.source.kind == "file" else cell.source)
+            (
+                name,
+                cell.text,
+                replace(cell.source, text="")
+                if cell.source.kind == "file"
+                else cell.source,
+            )
             for name, cell in row.cells.items()
         ]
         alike.setdefault((row.label, row.kind, row.also, *cells), []).append(row)
@@ -173,7 +230,9 @@ def _together(rows: Sequence[Row]) -> Row:
     for name, cell in first.cells.items():
         text, end = cell.source.text, last.cells[name].source.text
         if text != end:
-            text = f"{text} to {end}".replace("line ", "lines ", 1).replace(" to line ", " to ")
+            text = f"{text} to {end}".replace("line ", "lines ", 1).replace(
+                " to line ", " to "
+            )
         cells[name] = Cell(cell.text, replace(cell.source, text=text))
     return replace(first, name=name_ranges([row.name for row in rows]), cells=cells)
 
@@ -184,20 +243,36 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
 
     def cell(text: str, key: str) -> Cell:
         return Cell(
-            text, sources.of(f"{path}.{key}", item.provenance.get(key), written_at=f"{path}.from.{key}")
+            text,
+            sources.of(
+                f"{path}.{key}",
+                item.provenance.get(key),
+                written_at=f"{path}.from.{key}",
+            ),
         )
 
     cells = {
         "shape": cell(_shape(body), "shape"),
-        "mass": cell(rounded(body.mass, 4), "mass" if item.mass is not None else "density"),
+        "mass": cell(
+            rounded(body.mass, 4), "mass" if item.mass is not None else "density"
+        ),
         "moment": Cell(rounded(body.moment, 4), Source("computed", "computed")),
-        **{key: cell(value_text(getattr(item, key)), key) for key in ("friction", "elasticity", "rolling")},
+        **{
+            key: cell(value_text(getattr(item, key)), key)
+            for key in ("friction", "elasticity", "rolling")
+        },
         "velocity": cell(value_text(body.velocity), "velocity"),
         "spin": cell(value_text(degrees(body.spin)), "spin"),
     }
     if item.motion is Motion.STATIC:
-        cells = {key: value for key, value in cells.items() if key not in ("mass", "moment")}
-    also = "; ".join(f"{key}: {source}" for key, source in item.provenance.items() if key not in cells)
+        cells = {
+            key: value for key, value in cells.items() if key not in ("mass", "moment")
+        }
+    also = "; ".join(
+        f"{key}: {source}"
+        for key, source in item.provenance.items()
+        if key not in cells
+    )
     return Row(item.name, item.label, item.motion.value, cells, also)
 
 

@@ -69,10 +69,16 @@ class Comparison:
     @cached_property
     def start(self) -> int:
         """Where the slider starts, % from the left: in the middle of what changes."""
-        change = np.abs(self.before.rgb.astype(np.float64) - self.after.rgb).sum(axis=(0, 2))
+        change = np.abs(self.before.rgb.astype(np.float64) - self.after.rgb).sum(
+            axis=(0, 2)
+        )
         if not change.any():
             return 50
-        return round(100 * float(np.searchsorted(change.cumsum(), change.sum() / 2)) / len(change))
+        return round(
+            100
+            * float(np.searchsorted(change.cumsum(), change.sum() / 2))
+            / len(change)
+        )
 
 
 @dataclass(frozen=True)
@@ -87,7 +93,9 @@ Outlines = Sequence[tuple[int, Sequence[Array]]]
 """Number of the colour, and closed rings (K, 2) px of each object."""
 
 
-def perception(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Perception | None:
+def perception(
+    scene: Scene, compiled: Compiled, maps: Percepts | None
+) -> Perception | None:
     """None for a scene without a photo."""
     if maps is None:
         return None
@@ -111,19 +119,33 @@ def perception(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Perce
     if maps.background is None or maps.clean is None:
         behind = maps.background if maps.clean is None else maps.clean
         if behind is not None:
-            without = "the objects" if maps.clean is None else "the objects and their shadows"
-            pictures.append(_picture("background", "Background", f"The place without {without}.", behind))
+            without = (
+                "the objects" if maps.clean is None else "the objects and their shadows"
+            )
+            pictures.append(
+                _picture(
+                    "background", "Background", f"The place without {without}.", behind
+                )
+            )
         return Perception(tuple(pictures), ())
     caption = "The area behind the objects, filled in; slide to remove their shadows."
-    before, after = ("with their old shadows", maps.background), ("without them", maps.clean)
-    return Perception(tuple(pictures), (compared("background", "Background", caption, before, after),))
+    before, after = (
+        ("with their old shadows", maps.background),
+        ("without them", maps.clean),
+    )
+    return Perception(
+        tuple(pictures), (compared("background", "Background", caption, before, after),)
+    )
 
 
 def written_suitability(assets: Path | None) -> str:
     """Whether the photo suits, by the run that wrote these assets; `""` where they have no record of it."""
     found = recorded(assets, "suitability")
     reasons = found.get("reasons")
-    told = (str(found.get("verdict", "")), "; ".join(map(str, reasons if isinstance(reasons, list) else ())))
+    told = (
+        str(found.get("verdict", "")),
+        "; ".join(map(str, reasons if isinstance(reasons, list) else ())),
+    )
     return ": ".join(filter(None, told))
 
 
@@ -132,11 +154,15 @@ def compared(
 ) -> Comparison:
     """Two frames (H, W, 3) sRGB of one size, each with a description: `("refined", frame)`."""
     if before[1].shape != after[1].shape:
-        raise ValueError(f"pictures of shapes {before[1].shape} and {after[1].shape} cannot be compared")
+        raise ValueError(
+            f"pictures of shapes {before[1].shape} and {after[1].shape} cannot be compared"
+        )
     pair = []
     for side, (words, rgb) in (("before", before), ("after", after)):
         alt, small = f"{title}, {words}", fitted(rgb, PAIR_SIDE)
-        pair.append(Picture(f"{name}-{side}", words, "", alt, small, webp(small, PAIR_QUALITY)))
+        pair.append(
+            Picture(f"{name}-{side}", words, "", alt, small, webp(small, PAIR_QUALITY))
+        )
     return Comparison(name, title, caption, *pair)
 
 
@@ -159,7 +185,12 @@ def _photo_pictures(
     return [
         _picture("photo", "Photo", f"{width} × {height} px.", photo),
         _picture("masks", "Masks", f"{count}, each in its own colour.", masked),
-        _picture("shapes", "Shapes and supports", f"{count}; {bounds}, in yellow; seen {seen}.", outlined),
+        _picture(
+            "shapes",
+            "Shapes and supports",
+            f"{count}; {bounds}, in yellow; seen {seen}.",
+            outlined,
+        ),
     ]
 
 
@@ -167,22 +198,32 @@ def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:
     """Those of depth, normals, albedo, shading and light that exist."""
     found = []
     if maps.depth is not None:
-        found.append(_picture("depth", "Depth", "Bright is near, dark is far.", _depth(maps.depth)))
+        found.append(
+            _picture(
+                "depth", "Depth", "Bright is near, dark is far.", _depth(maps.depth)
+            )
+        )
     if maps.normals is not None:
         text = "Orientation of surfaces: red to the right, green downwards, blue towards you."
-        found.append(_picture("normals", "Normals", text, _u8(127.5 + 127.5 * maps.normals)))
+        found.append(
+            _picture("normals", "Normals", text, _u8(127.5 + 127.5 * maps.normals))
+        )
     if maps.albedo is not None:
         text = "Colours without the light on them."
         found.append(_picture("albedo", "Albedo", text, encode_u8(maps.albedo)))
     if maps.shading is not None:
         most = max(float(np.percentile(maps.shading, 99.5)), 1e-6)
         grey = np.repeat(encode_u8(np.clip(maps.shading / most, 0, 1))[..., None], 3, 2)
-        found.append(_picture("shading", "Shading", "The light without the colours.", grey))
+        found.append(
+            _picture("shading", "Shading", "The light without the colours.", grey)
+        )
     if light is not None:
         height, width = fitted(maps.rgb, SIDE).shape[:2]
         text = light_description(light)
         alt = f"A shaded sphere. {text}"
-        found.append(_picture("light", "Light", text, light_picture(light, (width, height)), alt))
+        found.append(
+            _picture("light", "Light", text, light_picture(light, (width, height)), alt)
+        )
     return found
 
 
@@ -204,14 +245,18 @@ def _grey(rgb: U8) -> NDArray[np.float32]:
 
 def _colours(labels: U16) -> NDArray[np.float32]:
     """(H, W, 3): each label's colour; black for 0."""
-    table = np.array([(0, 0, 0), *map(colour, range(1, int(labels.max(initial=0)) + 1))], np.float32)
+    table = np.array(
+        [(0, 0, 0), *map(colour, range(1, int(labels.max(initial=0)) + 1))], np.float32
+    )
     return np.asarray(table.take(labels, axis=0))
 
 
 def _masked(rgb: U8, labels: U16, scale: float) -> U8:
     """The photo in pale grey, objects in colours, white along borders."""
     grey = _grey(rgb)
-    result = np.where((labels > 0)[..., None], 0.4 * grey + 0.6 * _colours(labels), 0.55 * grey)
+    result = np.where(
+        (labels > 0)[..., None], 0.4 * grey + 0.6 * _colours(labels), 0.55 * grey
+    )
     kernel = np.ones((2 * max(1, round(scale)) + 1,) * 2, np.uint8)
     ids = labels.astype(np.float32)  # a type that OpenCV can erode
     result[(labels > 0) & (cv2.dilate(ids, kernel) != cv2.erode(ids, kernel))] = 255
@@ -225,7 +270,9 @@ def _shadows(rgb: U8, objects: U16) -> U8:
     return _u8(np.where(there, 0.45 * grey + 0.55 * _colours(objects), 0.8 * grey))
 
 
-def _outlined(picture: U8, scale: float, objects: Outlines, walls: Sequence[Array]) -> U8:
+def _outlined(
+    picture: U8, scale: float, objects: Outlines, walls: Sequence[Array]
+) -> U8:
     """Outlines in the colours of the masks, boundaries in yellow."""
     size = picture.shape[1], picture.shape[0]
     dim, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
@@ -252,7 +299,9 @@ def _by_object(scene: Scene, shadows: U16) -> U16:
 def _depth(depth: NDArray[np.float32]) -> U8:
     low, high = np.percentile(depth, (0.5, 99.5)).tolist()
     near = _u8(255 * (1 - np.clip((depth - low) / max(high - low, 1e-6), 0, 1)))
-    return np.asarray(cv2.applyColorMap(near, cv2.COLORMAP_CIVIDIS)[..., ::-1], np.uint8)
+    return np.asarray(
+        cv2.applyColorMap(near, cv2.COLORMAP_CIVIDIS)[..., ::-1], np.uint8
+    )
 
 
 def light_description(light: Light) -> str:
@@ -265,8 +314,12 @@ def light_description(light: Light) -> str:
     across = "" if abs(x) < 0.2 else "right" if x > 0 else "left"
     up = "" if abs(y) < 0.2 else "above" if y < 0 else "below"
     corner = {"above": "upper", "below": "lower"}.get(up, "")
-    where = f"the {corner} {across}" if across and up else f"the {across}" if across else up
-    deep = "" if abs(z) < 0.2 else "in front of the scene" if z > 0 else "behind the scene"
+    where = (
+        f"the {corner} {across}" if across and up else f"the {across}" if across else up
+    )
+    deep = (
+        "" if abs(z) < 0.2 else "in front of the scene" if z > 0 else "behind the scene"
+    )
     share = light.ambient / max(light.ambient + light.intensity, 1e-6)
     return f"From {', '.join(filter(None, (where, deep)))}; {100 * share:.0f} % of it from all around."
 
@@ -275,7 +328,9 @@ def light_picture(light: Light, size: tuple[int, int]) -> U8:
     """(h, w, 3) of `size` (w, h): a white ball in the light."""
     width, height = size
     radius, center = 0.26 * min(size), np.array([(width - 1) / 2, (height - 1) / 2])
-    normals, inside = sphere_normals(height, width, (float(center[0]), float(center[1])), radius)
+    normals, inside = sphere_normals(
+        height, width, (float(center[0]), float(center[1])), radius
+    )
     lamp = DistantLight(light.direction, light.intensity, light.ambient)
     shades = 0.86 * lamp.shade(normals) / max(light.ambient + light.intensity, 1e-6)
     linear = np.where(inside, np.maximum(shades, 0.012), 0.04).astype(np.float32)

@@ -86,7 +86,11 @@ def sprites(stage: Stage) -> list[dict[str, Any]]:
     Of a ball that shows its rotation also `ball`: `center` from the box's corner and `radius`, px, and `skin`, `lit`,
     `gloss`, each with its `most`.
     """
-    return [_cut(sprite, _less(stage), stage.scale) for sprite in stage.sprites if sprite.coverage.any()]
+    return [
+        _cut(sprite, _less(stage), stage.scale)
+        for sprite in stage.sprites
+        if sprite.coverage.any()
+    ]
 
 
 def _less(stage: Stage) -> float:
@@ -98,7 +102,9 @@ def _smaller(pixels: U8, less: float) -> U8:
     if less >= 1:
         return pixels
     height, width = (max(1, round(side * less)) for side in pixels.shape[:2])
-    return np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(
+        cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
@@ -115,14 +121,20 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
     """A sprite with unmultiplied colours on what it covers, and a pixel around."""
     x0, y0, x1, y1 = sprite.within
     h, w = sprite.coverage.shape
-    rows, columns = slice(max(y0 - 1, 0), min(y1 + 1, h)), slice(max(x0 - 1, 0), min(x1 + 1, w))
+    rows, columns = (
+        slice(max(y0 - 1, 0), min(y1 + 1, h)),
+        slice(max(x0 - 1, 0), min(x1 + 1, w)),
+    )
     alpha = sprite.coverage[rows, columns]
     bare = sprite.light[rows, columns] / np.maximum(alpha, 1e-3)[..., None]
     covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
     pixels = np.dstack([encode_u8(np.clip(bare, 0, 1)), covers])
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
     # a ball whose skin is of one colour looks the same however it has turned: its shading stays
-    alike = sprite.ball is not None and float(np.ptp(sprite.ball.skin, axis=(0, 1)).max()) < 1e-6
+    alike = (
+        sprite.ball is not None
+        and float(np.ptp(sprite.ball.skin, axis=(0, 1)).max()) < 1e-6
+    )
     found = {
         "body": sprite.body,
         "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
@@ -130,7 +142,12 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         "face": round(sprite.face / scale, 3),
         "src": webp(_smaller(pixels, less), LIMITS.quality),
     }
-    if sprite.ball is not None and found["turns"] and less == 1 and alpha.size <= LIMITS.large:
+    if (
+        sprite.ball is not None
+        and found["turns"]
+        and less == 1
+        and alpha.size <= LIMITS.large
+    ):
         ball = sprite.ball
         found["ball"] = {
             "center": [round(ball.center[0] - left, 3), round(ball.center[1] - top, 3)],
@@ -146,14 +163,27 @@ def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
     """Linear light (h, w, 3) as a picture of its roots, which eyes see evenly; none is grey where `signed`."""
     most = max(float(np.abs(values).max()), 1e-6)
     roots = np.sqrt(np.abs(values) / most)
-    codes = 128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
-    return {"most": float(f"{most:.4g}"), "src": webp(np.rint(codes).astype(np.uint8), LIMITS.balls)}
+    codes = (
+        128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
+    )
+    return {
+        "most": float(f"{most:.4g}"),
+        "src": webp(np.rint(codes).astype(np.uint8), LIMITS.balls),
+    }
 
 
 def _placed(box: PixelBox, scale: float) -> list[float]:
     """Left, top, width, height, px of the photo; (0, 0) is the middle of a pixel."""
     x0, y0, x1, y1 = box
-    return [round(v, 3) for v in (x0 / scale - 0.5, y0 / scale - 0.5, (x1 - x0) / scale, (y1 - y0) / scale)]
+    return [
+        round(v, 3)
+        for v in (
+            x0 / scale - 0.5,
+            y0 / scale - 0.5,
+            (x1 - x0) / scale,
+            (y1 - y0) / scale,
+        )
+    ]
 
 
 def keyed(path: Array, reach: float) -> list[int]:
@@ -162,7 +192,9 @@ def keyed(path: Array, reach: float) -> list[int]:
     keys = [0, len(flat) - 1] if len(flat) > 1 else [0]
     while len(keys) < LIMITS.keys:
         samples = np.arange(len(flat))
-        straight = np.stack([np.interp(samples, keys, column[keys]) for column in flat.T], axis=1)
+        straight = np.stack(
+            [np.interp(samples, keys, column[keys]) for column in flat.T], axis=1
+        )
         away = np.abs(flat - straight).max(axis=1)
         if away.max() <= LIMITS.strays:
             break
@@ -170,32 +202,50 @@ def keyed(path: Array, reach: float) -> list[int]:
     return keys
 
 
-def shadows(stage: Stage, trajectory: Trajectory, moving: Sequence[int]) -> list[dict[str, Any]]:
+def shadows(
+    stage: Stage, trajectory: Trajectory, moving: Sequence[int]
+) -> list[dict[str, Any]]:
     """`body`, `slides` and `keys` of some sprites; a key has `sample`, `box`, `at` (centre of darkness) and `src`."""
     lit = stage.lit
     if lit is None or not moving:
         return []
-    keys: dict[int, list[int]] = {}  # a shadow that only slides keeps its shape and is computed once
+    keys: dict[
+        int, list[int]
+    ] = {}  # a shadow that only slides keeps its shape and is computed once
     for k in moving:
         body = stage.sprites[k].body
         reach = max(stage.sprites[k].coverage.shape) / 2
-        keys[k] = [0] if lit.casts[k].sliding is not None else keyed(trajectory.poses[:, body], reach)
+        keys[k] = (
+            [0]
+            if lit.casts[k].sliding is not None
+            else keyed(trajectory.poses[:, body], reach)
+        )
     order = sorted({sample for mine in keys.values() for sample in mine})
     rows: dict[int, list[dict[str, Any]]] = {k: [] for k in moving}
-    for sample, (_, stands) in zip(order, sprite_poses(stage, trajectory, order), strict=True):
+    for sample, (_, stands) in zip(
+        order, sprite_poses(stage, trajectory, order), strict=True
+    ):
         for k in moving:
             if sample in keys[k]:
                 dark = _dark(stage, lit, stands[k])
-                rows[k].append({"sample": sample} | ({} if dark is None else _shadow(*dark)))
+                rows[k].append(
+                    {"sample": sample} | ({} if dark is None else _shadow(*dark))
+                )
     return [
-        {"body": stage.sprites[k].body, "slides": lit.casts[k].sliding is not None, "keys": rows[k]}
+        {
+            "body": stage.sprites[k].body,
+            "slides": lit.casts[k].sliding is not None,
+            "keys": rows[k],
+        }
         | ({"lean": round(lit.casts[k].lean, 4)} if lit.casts[k].lean else {})
         for k in moving
         if any("src" in row for row in rows[k])
     ]
 
 
-def _dark(stage: Stage, lit: LitBackground, stand: SpritePose) -> tuple[PixelBox, F32] | None:
+def _dark(
+    stage: Stage, lit: LitBackground, stand: SpritePose
+) -> tuple[PixelBox, F32] | None:
     """A box, which may leave the photo, and -log of the light that an object lets through there."""
     cast = lit.casts[stand.k]
     if cast.sliding is not None:
@@ -206,7 +256,10 @@ def _dark(stage: Stage, lit: LitBackground, stand: SpritePose) -> tuple[PixelBox
     now = None
     if stand.where is not None:
         now = sprite_silhouette(
-            stage, stand, stand.where, sprite_coverage(stage.sprites[stand.k], stand.where)
+            stage,
+            stand,
+            stand.where,
+            sprite_coverage(stage.sprites[stand.k], stand.where),
         )
     parts = lit.moved(stand.k, now, stand.start, stand.pose)
     return joined_pictures(parts) if parts else None
@@ -215,10 +268,17 @@ def _dark(stage: Stage, lit: LitBackground, stand: SpritePose) -> tuple[PixelBox
 def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
     """Its picture, black that covers more or less; nothing where it is too faint to be seen."""
     covers = 1 - np.exp(-np.maximum(dark, 0) / LIMITS.gamma)
-    rows, columns = (np.flatnonzero((covers > LIMITS.faintest).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (
+        np.flatnonzero((covers > LIMITS.faintest).any(axis=axis)) for axis in (1, 0)
+    )
     if not len(rows):
         return {}
-    y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+    y0, y1, x0, x1 = (
+        int(rows[0]),
+        int(rows[-1]) + 1,
+        int(columns[0]),
+        int(columns[-1]) + 1,
+    )
     covers = covers[y0:y1, x0:x1]
     total = float(covers.sum())
     at = [
@@ -240,7 +300,9 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
 Data = dict[str, Any]
 
 
-def player_data(scene: Scene, world: World, trajectory: Trajectory, stage: Stage, shot: Shot) -> Data | None:
+def player_data(
+    scene: Scene, world: World, trajectory: Trajectory, stage: Stage, shot: Shot
+) -> Data | None:
     """Everything the page's script needs; None where there is no frame, or more than a page can carry.
 
     `trajectory` has one sample a frame played forward; heaps of hundreds of objects are shown by their frames alone,
@@ -251,8 +313,12 @@ def player_data(scene: Scene, world: World, trajectory: Trajectory, stage: Stage
         return None
     seen, struck = trajectory, list[Impact]()
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
-        seen = trajectory.sampled(sample_times(trajectory, LIMITS.finer, max(T, LIMITS.few // N)))
-        struck = find_impacts(world, seen, world.duration / max(len(world.times), 1) / LIMITS.finer)
+        seen = trajectory.sampled(
+            sample_times(trajectory, LIMITS.finer, max(T, LIMITS.few // N))
+        )
+        struck = find_impacts(
+            world, seen, world.duration / max(len(world.times), 1) / LIMITS.finer
+        )
         struck = sorted(
             sorted(struck, key=lambda impact: -impact.impulse)[: LIMITS.most_impacts],
             key=lambda impact: impact.time,
@@ -273,13 +339,19 @@ def player_data(scene: Scene, world: World, trajectory: Trajectory, stage: Stage
         **fixed_data(scene, world),
         "steps": steps,
         "times": column(seen.times, LIMITS.instant),
-        "frames": np.searchsorted(seen.times, trajectory.times - LIMITS.instant / 2).tolist(),
+        "frames": np.searchsorted(
+            seen.times, trajectory.times - LIMITS.instant / 2
+        ).tolist(),
         "camera": _camera(shot),
-        "bodies": [_body(scene, k, body, seen, steps) for k, body in enumerate(world.bodies)],
+        "bodies": [
+            _body(scene, k, body, seen, steps) for k, body in enumerate(world.bodies)
+        ],
         "energy": _energy(seen),
         "touches": touches(seen),
         "impacts": [_impact(impact) for impact in struck],
-        "arrows": asdict(scales(world, seen, kinds, [impact.impulse for impact in struck])),
+        "arrows": asdict(
+            scales(world, seen, kinds, [impact.impulse for impact in struck])
+        ),
         "background": plate(stage, moving),
         "sprites": sprites(stage),
         "shadows": shadows(stage, trajectory, moving),
@@ -291,7 +363,9 @@ def fixed_data(scene: Scene, world: World) -> Data:
     return {
         "name": scene.name,
         "size": list(world.size),
-        "scale": world.pixels_per_meter if "world.pixels_per_meter" in scene.places else None,
+        "scale": world.pixels_per_meter
+        if "world.pixels_per_meter" in scene.places
+        else None,
         "gravity": world.gravity.tolist(),
         "top": world.view is View.TOP,
         "clip": {"fps": scene.render.fps, "order": scene.render.play.value},
@@ -318,11 +392,14 @@ def _short(value: float, digits: int = 5) -> float:
 
 def _rounded(points: Array) -> list[list[float]]:
     return [
-        [round(round(v / LIMITS.outline) * LIMITS.outline, 2) for v in point] for point in points.tolist()
+        [round(round(v / LIMITS.outline) * LIMITS.outline, 2) for v in point]
+        for point in points.tolist()
     ]
 
 
-def _body(scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, float]) -> Data:
+def _body(
+    scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, float]
+) -> Data:
     pose, velocity = seen.poses[:, k], seen.velocities[:, k]
     found = figure(scene, k, body)
     if seen.turns.size and (seen.turns[:, k] != seen.turns[:1, k]).any():
@@ -369,9 +446,21 @@ def _energy(seen: Trajectory) -> Data:
     """Potential energy counts from its least: only its changes mean anything."""
     e = seen.energy
     low = float(e.potential.min()) if len(e.potential) else 0.0
-    rows = {"kinetic": e.kinetic, "potential": e.potential - low, "dissipated": e.dissipated, "work": e.work}
-    step = max(float(np.abs(values).max(initial=0.0)) for values in rows.values()) / LIMITS.codes or 1.0
-    return {"step": step, **{name: column(values, step) for name, values in rows.items()}}
+    rows = {
+        "kinetic": e.kinetic,
+        "potential": e.potential - low,
+        "dissipated": e.dissipated,
+        "work": e.work,
+    }
+    step = (
+        max(float(np.abs(values).max(initial=0.0)) for values in rows.values())
+        / LIMITS.codes
+        or 1.0
+    )
+    return {
+        "step": step,
+        **{name: column(values, step) for name, values in rows.items()},
+    }
 
 
 def touches(seen: Trajectory) -> list[list[float | int | None]]:
@@ -380,7 +469,9 @@ def touches(seen: Trajectory) -> list[list[float | int | None]]:
     if not len(contacts.touch_pairs):
         return []
     when = seen.times[contacts.impulse_rows[:, 0]]
-    pair = contacts.impulse_rows[:, 1].astype(np.int64) * N + contacts.impulse_rows[:, 2]
+    pair = (
+        contacts.impulse_rows[:, 1].astype(np.int64) * N + contacts.impulse_rows[:, 2]
+    )
     size = np.hypot(*contacts.impulses.T)
     begins: dict[int, list[tuple[float, int]]] = {}
     for row, ((first, second), (begin, _)) in enumerate(
@@ -388,26 +479,53 @@ def touches(seen: Trajectory) -> list[list[float | int | None]]:
     ):
         begins.setdefault(first * N + second, []).append((begin, row))
     total = np.zeros(len(contacts.touch_pairs))
-    for key, mine in begins.items():  # impulses up to a sample belong to the touch begun last before it
+    for (
+        key,
+        mine,
+    ) in (
+        begins.items()
+    ):  # impulses up to a sample belong to the touch begun last before it
         of = np.flatnonzero(pair == key)
-        at = np.searchsorted([begin for begin, _ in mine], when[of] + LIMITS.instant) - 1
-        np.add.at(total, np.array([row for _, row in mine])[np.maximum(at, 0)], size[of])
+        at = (
+            np.searchsorted([begin for begin, _ in mine], when[of] + LIMITS.instant) - 1
+        )
+        np.add.at(
+            total, np.array([row for _, row in mine])[np.maximum(at, 0)], size[of]
+        )
     return [
-        [first, second, round(begin, 6), round(end, 6) if np.isfinite(end) else None, _short(given)]
+        [
+            first,
+            second,
+            round(begin, 6),
+            round(end, 6) if np.isfinite(end) else None,
+            _short(given),
+        ]
         for (first, second), (begin, end), given in zip(
-            contacts.touch_pairs.tolist(), contacts.touch_times.tolist(), total.tolist(), strict=True
+            contacts.touch_pairs.tolist(),
+            contacts.touch_times.tolist(),
+            total.tolist(),
+            strict=True,
         )
     ]
 
 
 def _impact(impact: Impact) -> list[float | int]:
     x, y = impact.at.tolist()
-    return [round(impact.time, 6), round(x, 2), round(y, 2), _short(impact.impulse), *impact.pair]
+    return [
+        round(impact.time, 6),
+        round(x, 2),
+        round(y, 2),
+        _short(impact.impulse),
+        *impact.pair,
+    ]
 
 
 def _walls(world: World) -> list[Data]:
     """Boundaries as chains of points."""
-    return [{"name": wall.name, "chains": [_rounded(chain) for chain in wall.chains]} for wall in world.walls]
+    return [
+        {"name": wall.name, "chains": [_rounded(chain) for chain in wall.chains]}
+        for wall in world.walls
+    ]
 
 
 def _pushes(world: World) -> list[Data]:
@@ -420,7 +538,9 @@ def _pushes(world: World) -> list[Data]:
             "torque": _short(push.torque),
             "at": [round(v, 2) for v in push.at.tolist()],
             "start": push.start,
-            "end": push.start if push.load is Load.IMPULSE else min(push.end, world.duration),
+            "end": push.start
+            if push.load is Load.IMPULSE
+            else min(push.end, world.duration),
         }
         for push in world.pushes
         if world.bodies[push.body].motion is Motion.DYNAMIC
@@ -459,6 +579,11 @@ def _camera(shot: Shot) -> list[list[float]] | None:
     for time in shot.times.tolist():
         (large, _, x), (_, _, y) = shot.affine(time)
         left, top = (-0.5 - x) / large, (-0.5 - y) / large
-        views.append([round(float(v), 2) for v in (left, top, shot.video[0] / large, shot.video[1] / large)])
+        views.append(
+            [
+                round(float(v), 2)
+                for v in (left, top, shot.video[0] / large, shot.video[1] / large)
+            ]
+        )
     whole = [-0.5, -0.5, *map(float, shot.photo)]
     return views if np.abs(np.array(views) - whole).max(initial=0.0) > 1.0 else None

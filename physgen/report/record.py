@@ -47,23 +47,33 @@ class RunRecord:
 
     scene: str
     command: list[str]
-    alone: list[str] = field(default_factory=list)  # the command that makes this clip and no other
+    alone: list[str] = field(
+        default_factory=list
+    )  # the command that makes this clip and no other
     source: str = ""
     """Path of the scene file, relative to the clip's folder."""
-    inputs: dict[str, str] = field(default_factory=dict)  # path relative to the scene's folder -> SHA-256
+    inputs: dict[str, str] = field(
+        default_factory=dict
+    )  # path relative to the scene's folder -> SHA-256
     overrides: list[str] = field(default_factory=list)
     variant: str | None = None
     seeds: dict[str, int] = field(default_factory=dict)
     stages: dict[str, StageTime] = field(default_factory=dict)
-    samples: list[str] = field(default_factory=list)  # SHA-256 of each trajectory sample
+    samples: list[str] = field(
+        default_factory=list
+    )  # SHA-256 of each trajectory sample
     frames: list[str] = field(default_factory=list)  # SHA-256 of each frame's RGB bytes
-    video: dict[str, Any] = field(default_factory=dict)  # `size`: width and height, px; `fps`: 1/s
+    video: dict[str, Any] = field(
+        default_factory=dict
+    )  # `size`: width and height, px; `fps`: 1/s
     files: dict[str, str] = field(default_factory=dict)  # output file -> SHA-256
     warnings: list[dict[str, object]] = field(default_factory=list)
     document: Mapping[str, Any] = field(default_factory=dict)  # the resolved scene
     effort: dict[str, float] = field(default_factory=dict)
     """What the engine did; see `simulate.trajectory.Effort`."""
-    imbalance: float = 0.0  # relative error of the energy balance; see `Trajectory.imbalance`
+    imbalance: float = (
+        0.0  # relative error of the energy balance; see `Trajectory.imbalance`
+    )
     fan: dict[str, Any] | None = None
     """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
     refine: dict[str, Any] | None = None
@@ -74,7 +84,9 @@ class RunRecord:
     """SHA-256 of the RGB bytes of each frame before refinement; empty without one."""
 
     @contextmanager
-    def stage(self, name: str, clock: Callable[[], float] = time.process_time) -> Iterator[None]:
+    def stage(
+        self, name: str, clock: Callable[[], float] = time.process_time
+    ) -> Iterator[None]:
         """Add the time of a block to a stage; `clock` measures CPU time, of all threads by default."""
         times = self.stages.setdefault(name, StageTime())
         wall, cpu = time.perf_counter(), clock()
@@ -113,13 +125,18 @@ class RunRecord:
 
     def timing(self) -> dict[str, Any]:
         """What differs between equal runs, as JSON data."""
-        stages = {name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()}
+        stages = {
+            name: {k: round(v, 4) for k, v in asdict(t).items()}
+            for name, t in self.stages.items()
+        }
         return {"stages": stages, "peak_memory_mib": round(peak_memory() / 2**20, 1)}
 
 
 def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Of physgen, Python and the libraries whose results reach the output, those in `refine` included."""
-    return _installed() | {name: str(refine[name]) for name in REFINING if refine and name in refine}
+    return _installed() | {
+        name: str(refine[name]) for name in REFINING if refine and name in refine
+    }
 
 
 @cache
@@ -160,28 +177,40 @@ def file_hash(path: Path) -> str:
 
 def frame_hash(rgb: NDArray[np.uint8]) -> str:
     """SHA-256 of a frame's shape and bytes."""
-    return hashlib.sha256(f"{rgb.shape}".encode() + np.ascontiguousarray(rgb).tobytes()).hexdigest()
+    return hashlib.sha256(
+        f"{rgb.shape}".encode() + np.ascontiguousarray(rgb).tobytes()
+    ).hexdigest()
 
 
 def source_of(path: Path, folder: Path) -> str:
     """The path of a scene from a clip's folder: links are followed, except the file itself, since its name counts."""
     home = os.path.realpath(path.parent)
-    return Path(os.path.relpath(os.path.join(home, path.name), os.path.realpath(folder))).as_posix()
+    return Path(
+        os.path.relpath(os.path.join(home, path.name), os.path.realpath(folder))
+    ).as_posix()
 
 
 def write_json(path: Path, data: object) -> None:
     """Indented, UTF-8, under its final name when it is whole."""
     text = json.dumps(data, indent=1, ensure_ascii=False, default=str) + "\n"
-    write_atomic(path, text.encode("utf-8", "backslashreplace"))  # the path of a folder need not be text
+    write_atomic(
+        path, text.encode("utf-8", "backslashreplace")
+    )  # the path of a folder need not be text
 
 
-def inputs(scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash) -> dict[str, str]:
+def inputs(
+    scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash
+) -> dict[str, str]:
     """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
     files = [path, *scene.files]
     if scene.image is not None:
         files.append(scene.image)
         if scene.assets is not None and scene.assets.is_dir():
-            files += sorted(p for p in scene.assets.iterdir() if p.suffix == ".png" or p.name in DATA)
+            files += sorted(
+                p
+                for p in scene.assets.iterdir()
+                if p.suffix == ".png" or p.name in DATA
+            )
     folder = scene.folder.resolve()
     named = {}
     for file in dict.fromkeys(file.resolve() for file in files):

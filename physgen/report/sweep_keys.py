@@ -35,7 +35,9 @@ class SweptKey:
     @property
     def numeric(self) -> bool:
         """Whether all values are numbers."""
-        return all(isinstance(value, float) for value in self.values if value is not None)
+        return all(
+            isinstance(value, float) for value in self.values if value is not None
+        )
 
 
 def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
@@ -45,7 +47,9 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
     """
     edits = [_edits(clip) for clip in clips]
     subjects = {clip.subject for clip in clips if clip.document}
-    only = subjects.pop() if len(subjects) == 1 else ""  # a clip that failed is of it, too
+    only = (
+        subjects.pop() if len(subjects) == 1 else ""
+    )  # a clip that failed is of it, too
     rows = []
     for path in dict.fromkeys(path for edit in edits for path in edit):
         values = [
@@ -53,18 +57,30 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
             for clip, edit in zip(clips, edits, strict=True)
         ]
         pairs = zip(clips, values, strict=True)
-        had = {(clip.subject or only, value) for clip, value in pairs if value is not None}
+        had = {
+            (clip.subject or only, value) for clip, value in pairs if value is not None
+        }
         if len(had) > len({subject for subject, _ in had}):
             rows.append((path, values))
     names = [dotted(path) for path, _ in rows[:MOST_KEYS]]
     found: list[SweptKey] = []
     splits: set[tuple[int, ...]] = set()
-    for (path, values), key, short in zip(rows, names, shortest_names(names), strict=False):
-        made = [value for value, clip in zip(values, clips, strict=True) if clip.document]
+    for (path, values), key, short in zip(
+        rows, names, shortest_names(names), strict=False
+    ):
+        made = [
+            value for value, clip in zip(values, clips, strict=True) if clip.document
+        ]
         split = tuple(made.index(value) for value in made)
         name = " ".join(short).replace("_", " ")
-        plain = not any(isinstance(value, str) for value in values)  # a text has a unit of its own
-        found.append(SweptKey(key, name, unit(path) if plain else "", tuple(values), split in splits))
+        plain = not any(
+            isinstance(value, str) for value in values
+        )  # a text has a unit of its own
+        found.append(
+            SweptKey(
+                key, name, unit(path) if plain else "", tuple(values), split in splits
+            )
+        )
         splits.add(split)
     return found
 
@@ -86,7 +102,9 @@ def _edits(clip: Clip) -> dict[KeyPath, Value]:
 def _leaves(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Value]]:
     """Numbers and words below a path; lists by component."""
     if isinstance(value, Mapping | list):
-        for key, child in value.items() if isinstance(value, Mapping) else enumerate(value):
+        for key, child in (
+            value.items() if isinstance(value, Mapping) else enumerate(value)
+        ):
             yield from _leaves(child, (*path, key))
     elif isinstance(value, bool):
         yield path, "yes" if value else "no"
@@ -112,9 +130,13 @@ def shortest_names(paths: Sequence[str]) -> list[list[str]]:
     >>> shortest_names(["objects.*.mass", "objects.cue.velocity.0", "objects.cue.friction", "world.table.friction"])
     [['mass'], ['velocity', 'x'], ['cue', 'friction'], ['table', 'friction']]
     """
-    split = [[part for part in re.findall(r"[^.\[\]]+", path) if part != "*"] for path in paths]
+    split = [
+        [part for part in re.findall(r"[^.\[\]]+", path) if part != "*"]
+        for path in paths
+    ]
     named = [
-        [*parts[:-1], "xyz"[int(parts[-1])]] if parts[-1] in ("0", "1", "2") else parts for parts in split
+        [*parts[:-1], "xyz"[int(parts[-1])]] if parts[-1] in ("0", "1", "2") else parts
+        for parts in split
     ]
     found = []
     for parts in named:

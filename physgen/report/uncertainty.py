@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.report.html import U8, fitted, webp
-from physgen.simulate.uncertainty import VERBS, Ensemble, Fate, Verdict, headline, percent
+from physgen.simulate.uncertainty import (
+    VERBS,
+    Ensemble,
+    Fate,
+    Verdict,
+    headline,
+    percent,
+)
 from physgen.text import rounded
 
 Array = NDArray[np.float64]
@@ -28,14 +35,18 @@ class SectionLimits:
     most_draws: int = 64
     most_points: int = 100_000
     """Draws whose paths are drawn, and points of all paths; further draws are left out."""
-    path_error: float = 0.25  # px of a canvas 640 px wide by which a drawn path may deviate
+    path_error: float = (
+        0.25  # px of a canvas 640 px wide by which a drawn path may deviate
+    )
     visible: float = 0.01  # of the canvas's longer side: shorter paths are not drawn
 
 
 LIMITS = SectionLimits()
 
 
-def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World, first: U8) -> dict[str, Any]:
+def uncertainty_section(
+    fan: Ensemble, found: Sequence[Verdict], world: World, first: U8
+) -> dict[str, Any]:
     """`found` are the ensemble's verdicts.
 
     `ways` are paths of bodies in draws, `own` those in the clip, `rows` the table.
@@ -49,9 +60,17 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World, f
         "photo": webp(fitted(first, LIMITS.widest), LIMITS.quality),
         "facts": _facts(fan),
         "ways": ways,
-        "own": [d for b in range(len(fan.names)) if (d := _path(fan.own_poses[:, b, :2], world))],
+        "own": [
+            d
+            for b in range(len(fan.names))
+            if (d := _path(fan.own_poses[:, b, :2], world))
+        ],
         "shown": len(shown),
-        "fates": [(f.name.lower(), VERBS[f]) for f in sorted(Fate, reverse=True) if f.name.lower() in fates],
+        "fates": [
+            (f.name.lower(), VERBS[f])
+            for f in sorted(Fate, reverse=True)
+            if f.name.lower() in fates
+        ],
         "rows": [_row(verdict) for verdict in found],
         "failures": [str(problem) for problem in fan.failures],
     }
@@ -86,7 +105,9 @@ def _path(points: Array, world: World) -> str:
     if np.hypot(*np.ptp(points, axis=0)) < LIMITS.visible * max(world.size):
         return ""
     error = LIMITS.path_error * max(world.size) / 640
-    kept = cv2.approxPolyDP(np.ascontiguousarray(points, np.float32)[:, None], error, False)[:, 0]
+    kept = cv2.approxPolyDP(
+        np.ascontiguousarray(points, np.float32)[:, None], error, False
+    )[:, 0]
     corners = kept.tolist() if len(kept) > 1 else points[[0, -1]].tolist()
     return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
 

@@ -38,7 +38,9 @@ _WORDS: dict[str, bool | None] = {
     **dict.fromkeys(("true", "True", "TRUE"), True),
     **dict.fromkeys(("false", "False", "FALSE"), False),
 }
-_NUMBER = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?").fullmatch
+_NUMBER = re.compile(
+    r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
+).fullmatch
 _BASE = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+").fullmatch
 _ENDLESS = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)").fullmatch
 _STARTS = frozenset("+-.0123456789")
@@ -59,7 +61,9 @@ def resolve(text: str) -> Scalar:
             return int(text) if len(text) < 20 else int(_short(text))
         number = float(text) if len(text) < 30 else float(_short(text))
         if math.isinf(number):
-            raise RefusedError("is too large a number", "write a finite number, at most 1.0e308")
+            raise RefusedError(
+                "is too large a number", "write a finite number, at most 1.0e308"
+            )
         return number
     if _BASE(text):
         return int(_short(text), 0)
@@ -70,7 +74,9 @@ def resolve(text: str) -> Scalar:
 
 def _short(text: str) -> str:
     if len(text) > MAX_NUMBER:
-        raise RefusedError(f"is a number of {len(text)} characters", f"write at most {MAX_NUMBER}")
+        raise RefusedError(
+            f"is a number of {len(text)} characters", f"write at most {MAX_NUMBER}"
+        )
     return text
 
 
@@ -124,7 +130,11 @@ def plain(node: Node) -> Any:
 def children(node: Node | None, *keys: str) -> dict[str, Node]:
     """The mapping below `keys`, empty where there is none."""
     for key in keys:
-        node = node.value.get(key) if node is not None and isinstance(node.value, dict) else None
+        node = (
+            node.value.get(key)
+            if node is not None and isinstance(node.value, dict)
+            else None
+        )
     return node.value if node is not None and isinstance(node.value, dict) else {}
 
 
@@ -151,12 +161,18 @@ def decode(data: bytes, name: str) -> str:
     except UnicodeDecodeError as error:
         if data.startswith((b"\x89PNG", b"\xff\xd8\xff", b"RIFF")):
             fix = "make a scene of it with physgen perceive"
-            raise InputError.of(name, "", "is a picture, not a scene file", fix) from None
+            raise InputError.of(
+                name, "", "is a picture, not a scene file", fix
+            ) from None
         if data.startswith(b"PK\x03\x04"):
-            raise InputError.of(name, "", "is a zip, not a scene file", "unzip it") from None
+            raise InputError.of(
+                name, "", "is a zip, not a scene file", "unzip it"
+            ) from None
         before = data[: error.start]
         place = Place(name, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
-        raise InputError([Problem(place, "", "", "not UTF-8 text", "save the file as UTF-8")]) from None
+        raise InputError(
+            [Problem(place, "", "", "not UTF-8 text", "save the file as UTF-8")]
+        ) from None
 
 
 def read(text: str, source: Source, counted: bool = True) -> Node:
@@ -216,7 +232,11 @@ class _Reader:
                 stack.pop()
                 above = stack[-1].value if stack else None
                 continue
-            if kind is ScalarEvent or kind is SequenceStartEvent or kind is MappingStartEvent:
+            if (
+                kind is ScalarEvent
+                or kind is SequenceStartEvent
+                or kind is MappingStartEvent
+            ):
                 if event.anchor is not None or event.tag is not None:
                     raise self._refused(event)
             elif kind is AliasEvent:
@@ -224,7 +244,11 @@ class _Reader:
             elif kind is DocumentStartEvent:
                 documents += 1
                 if documents > 1:
-                    raise _stop(self._place(event), "a second document", "write one scene a file")
+                    raise _stop(
+                        self._place(event),
+                        "a second document",
+                        "write one scene a file",
+                    )
                 continue
             else:
                 continue
@@ -246,10 +270,20 @@ class _Reader:
                         value = resolve(event.value)
                     except RefusedError as error:
                         where, found = _path(stack, key), quoted(event.value, "")
-                        self._collect(Problem(self._place(event), where, found, error.expected, error.fix))
+                        self._collect(
+                            Problem(
+                                self._place(event),
+                                where,
+                                found,
+                                error.expected,
+                                error.fix,
+                            )
+                        )
                 node = Node(value, source, line, column)
             else:
-                node = Node([] if kind is SequenceStartEvent else {}, source, line, column)
+                node = Node(
+                    [] if kind is SequenceStartEvent else {}, source, line, column
+                )
             if key is not None:
                 node.key = at
                 above.setdefault(key, node)
@@ -268,15 +302,23 @@ class _Reader:
     def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
         """The text of a key; one that is repeated or not allowed is reported."""
         if type(event) is not ScalarEvent:
-            raise _stop(self._place(event), "a key that is not text", "write a name before the colon")
+            raise _stop(
+                self._place(event),
+                "a key that is not text",
+                "write a name before the colon",
+            )
         key: str = event.value
         if key in siblings:
             first = siblings[key].key
             where = f", first on line {first[0]}" if first and self.counted else ""
             expected = f"is written twice{where}"
-            self._collect(Problem(self._place(event), _path(stack, key), "", expected, "keep one"))
+            self._collect(
+                Problem(self._place(event), _path(stack, key), "", expected, "keep one")
+            )
         elif key == "<<" and event.implicit[0]:
-            raise _stop(self._place(event), "a merge key `<<`", "use extends or variants")
+            raise _stop(
+                self._place(event), "a merge key `<<`", "use extends or variants"
+            )
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
             top = stack[0].value
             assert isinstance(top, dict)
@@ -291,11 +333,17 @@ class _Reader:
 
     def _refused(self, event: Any) -> InputError:
         if getattr(event, "tag", None) is not None:
-            return _stop(self._place(event), f"a tag, {quoted(event.tag, '')}", "write plain values")
+            return _stop(
+                self._place(event),
+                f"a tag, {quoted(event.tag, '')}",
+                "write plain values",
+            )
         what = "an alias" if type(event) is AliasEvent else "an anchor"
         shown = quoted(event.anchor, "")
         return _stop(
-            self._place(event), f"{what}, {shown}", "write the value out, or use extends or variants"
+            self._place(event),
+            f"{what}, {shown}",
+            "write the value out, or use extends or variants",
         )
 
 
@@ -320,7 +368,11 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
     """PyYAML's complaint as a Problem, in its own words less its pictures."""
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
-        place = Place(source.name, mark.line + 1, mark.column + 1) if mark else Place(source.name)
+        place = (
+            Place(source.name, mark.line + 1, mark.column + 1)
+            if mark
+            else Place(source.name)
+        )
         text_ = error.problem or error.context or "wrong YAML"
         if error.context and error.problem:
             text_ = f"{error.problem} {error.context}"
@@ -330,30 +382,48 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             opened = [error.context_mark.index]
         if opened:
             text_ = "a quoted scalar begins here and does not end in its line"
-            line, column = text.count("\n", 0, opened[-1]) + 1, opened[-1] - text.rfind("\n", 0, opened[-1])
+            line, column = (
+                text.count("\n", 0, opened[-1]) + 1,
+                opened[-1] - text.rfind("\n", 0, opened[-1]),
+            )
             place = Place(source.name, line, column)
     else:
         position = min(getattr(error, "position", 0), len(text))
-        found = re.search(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text)
+        found = re.search(
+            r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text
+        )
         position = found.start() if found else position
         start = text.rfind("\n", 0, position) + 1
-        place = Place(source.name, text.count("\n", 0, position) + 1, position - start + 1)
+        place = Place(
+            source.name, text.count("\n", 0, position) + 1, position - start + 1
+        )
         text_ = "control characters are not allowed"
     if source.name.startswith("--set "):
         place = Place(source.name)
-    if "maximum nesting depth" in text_:  # libyaml's own limit, from 0.2.6 on, is met before ours is seen
+    if (
+        "maximum nesting depth" in text_
+    ):  # libyaml's own limit, from 0.2.6 on, is met before ours is seen
         return Limit.DEPTH.error(place).problems[0]
-    fix = next((fix for start, fix in _FIXES if start in text_), "write `key: value`, one a line")
+    fix = next(
+        (fix for start, fix in _FIXES if start in text_),
+        "write `key: value`, one a line",
+    )
     return Problem(place, "", "", f"not YAML: {text_}", fix)
 
 
 _FIXES = (
-    ("could not find expected ':'", "put a space after the colon of a key, here or in the line above"),
+    (
+        "could not find expected ':'",
+        "put a space after the colon of a key, here or in the line above",
+    ),
     (
         "mapping values are not allowed",
         'put text that holds ": " in quotes, and a space after the colon of every key, also in the line above',
     ),
-    ("cannot start any token", "indent with spaces, not tabs; put text that starts with @ or ` in quotes"),
+    (
+        "cannot start any token",
+        "indent with spaces, not tabs; put text that starts with @ or ` in quotes",
+    ),
     ("flow sequence", "close the ["),
     ("flow mapping", "close the {"),
     ("invalid Unicode character escape", "write the character itself"),

@@ -25,7 +25,17 @@ from physgen.scene.overlay import merge
 from physgen.text import quoted, shown
 
 SUFFIXES = (".yaml", ".yml")
-MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
+MAPS = (
+    "masks",
+    "coverage",
+    "background",
+    "clean",
+    "shadows",
+    "depth",
+    "normals",
+    "albedo",
+    "shading",
+)
 """The files `NAME.png` of an assets folder."""
 OUTLINES = "outlines.json"
 """Of the same folder: id in masks.png -> the CRC-32 of its pixels, and a shape as in scene files."""
@@ -36,24 +46,34 @@ ASSETS = (*(f"{name}.png" for name in MAPS), *DATA)
 
 
 def confined(
-    written: str, folder: Path, within: Path, allow_outside: bool, what: str = "the scene's folder"
+    written: str,
+    folder: Path,
+    within: Path,
+    allow_outside: bool,
+    what: str = "the scene's folder",
 ) -> Path:
     """The path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
     if "\0" in written:
-        raise RefusedError("has a character that no path can have", "write the name of a file")
+        raise RefusedError(
+            "has a character that no path can have", "write the name of a file"
+        )
     if max(len(os.fsencode(part)) for part in written.split("/")) > Limit.NAME.most:
         raise RefusedError(Limit.NAME.expected, Limit.NAME.fix)
     path = folder / written
     if allow_outside:
         return path
     if os.path.isabs(written) or written[1:3] in (":\\", ":/"):
-        raise RefusedError("is an absolute path", f"keep it below {what}, or use --allow-outside")
+        raise RefusedError(
+            "is an absolute path", f"keep it below {what}, or use --allow-outside"
+        )
     try:
         real, root = os.path.realpath(path), os.path.realpath(within)
     except (OSError, ValueError):
         raise RefusedError("cannot be followed", "write the name of a file") from None
     if os.path.commonpath([real, root]) != root:
-        raise RefusedError(f"leads out of {what}", f"keep it below {what}, or use --allow-outside")
+        raise RefusedError(
+            f"leads out of {what}", f"keep it below {what}, or use --allow-outside"
+        )
     return path
 
 
@@ -66,20 +86,36 @@ def read_scene(path: Path, name: str) -> Node:
 def scene_bytes(path: Path, name: str) -> bytes:
     """What one file holds, up to a byte more than it may. Raises InputError."""
     try:
-        if stat.S_ISFIFO(os.stat(path).st_mode) and not os.path.realpath(path).startswith("/proc/"):
+        if stat.S_ISFIFO(os.stat(path).st_mode) and not os.path.realpath(
+            path
+        ).startswith("/proc/"):
             raise InputError.of(
-                name, "", "is a pipe", "name a file; what a program writes is read as /dev/stdin"
+                name,
+                "",
+                "is a pipe",
+                "name a file; what a program writes is read as /dev/stdin",
             )
         with open(path, "rb") as stream:
             return stream.read(Limit.BYTES.most + 1)
     except IsADirectoryError:
-        raise InputError.of(name, "", "a folder", "name a scene file in it, e.g. scene.yaml") from None
-    except FileNotFoundError:
-        raise InputError.of(name, "", "no such file", "write the path of a scene file") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "the path is no path"
         raise InputError.of(
-            name, "", f"cannot be read: {reason.lower()}", "name a file that can be read"
+            name, "", "a folder", "name a scene file in it, e.g. scene.yaml"
+        ) from None
+    except FileNotFoundError:
+        raise InputError.of(
+            name, "", "no such file", "write the path of a scene file"
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = (
+            error.strerror
+            if isinstance(error, OSError) and error.strerror
+            else "the path is no path"
+        )
+        raise InputError.of(
+            name,
+            "",
+            f"cannot be read: {reason.lower()}",
+            "name a file that can be read",
         ) from None
 
 
@@ -98,7 +134,9 @@ def recorded(assets: Path | None, key: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def with_bases(root: Node, file: Path, allow_outside: bool, files: dict[Path, Stamp] | None = None) -> Node:
+def with_bases(
+    root: Node, file: Path, allow_outside: bool, files: dict[Path, Stamp] | None = None
+) -> Node:
     """The tree with what it extends underneath, and `extends` gone; these `files` are added. Raises InputError."""
     home = root.source.folder.parent
     chain = [root]
@@ -109,29 +147,48 @@ def with_bases(root: Node, file: Path, allow_outside: bool, files: dict[Path, St
         link = top.value.get("extends")
         if link is None:
             break
-        base = _base(link, home, allow_outside, len(chain), seen, {} if files is None else files)
+        base = _base(
+            link, home, allow_outside, len(chain), seen, {} if files is None else files
+        )
         chain.append(base)
     whole = chain.pop()
     while chain:
         whole = merge(whole, chain.pop())
     assert isinstance(whole.value, dict)
-    return whole.with_value({key: child for key, child in whole.value.items() if key != "extends"})
+    return whole.with_value(
+        {key: child for key, child in whole.value.items() if key != "extends"}
+    )
 
 
 def _base(
-    link: Node, home: Path, allow_outside: bool, depth: int, seen: set[str], files: dict[Path, Stamp]
+    link: Node,
+    home: Path,
+    allow_outside: bool,
+    depth: int,
+    seen: set[str],
+    files: dict[Path, Stamp],
 ) -> Node:
     """The tree of the file that `extends` names."""
 
     def refused(expected: str, fix: str) -> InputError:
-        return InputError([Problem(link.place, "extends", shown(link.value), expected, fix)])
+        return InputError(
+            [Problem(link.place, "extends", shown(link.value), expected, fix)]
+        )
 
     if not isinstance(link.value, str) or not link.value:
-        raise refused("is not a path", "write another scene file, e.g. ../pool/scene.yaml")
+        raise refused(
+            "is not a path", "write another scene file, e.g. ../pool/scene.yaml"
+        )
     if depth > Limit.EXTENDS.most:
         raise refused(Limit.EXTENDS.expected, Limit.EXTENDS.fix)
     try:
-        path = confined(link.value, link.source.folder, home, allow_outside, "the folder above the scene's")
+        path = confined(
+            link.value,
+            link.source.folder,
+            home,
+            allow_outside,
+            "the folder above the scene's",
+        )
     except RefusedError as error:
         raise refused(error.expected, error.fix) from None
     if path.suffix.lower() not in SUFFIXES:
@@ -144,9 +201,13 @@ def _base(
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
         fix = "write the path of a scene file, relative to this one"
-        raise refused("does not exist", similar(link.value, path, SUFFIXES, fix, seen)) from None
+        raise refused(
+            "does not exist", similar(link.value, path, SUFFIXES, fix, seen)
+        ) from None
     if not stat.S_ISREG(mode):
-        raise refused("is not a file", "write the path of a scene file, relative to this one")
+        raise refused(
+            "is not a file", "write the path of a scene file, relative to this one"
+        )
     files[path] = file_stamp(path)  # before it is read: a save in between is noticed
     return read_scene(path, beside(link.source.name, link.value))
 
@@ -160,13 +221,27 @@ def beside(name: str, written: str) -> str:
     return os.path.normpath(os.path.join(os.path.dirname(name), written))
 
 
-def similar(written: str, path: Path, ends: tuple[str, ...], fix: str, besides: Collection[str] = ()) -> str:
+def similar(
+    written: str,
+    path: Path,
+    ends: tuple[str, ...],
+    fix: str,
+    besides: Collection[str] = (),
+) -> str:
     """The fix where nothing has a `path`: a similar name there with one of the `ends`, / of a folder, else `fix`."""
     folder, above = path.parent, os.path.dirname(written.rstrip("/"))
     names = sorted((*glob("*", root_dir=folder), *glob("*/", root_dir=folder)))
-    names = [n for n in names if n.lower().endswith(ends) and os.path.realpath(folder / n) not in besides]
+    names = [
+        n
+        for n in names
+        if n.lower().endswith(ends) and os.path.realpath(folder / n) not in besides
+    ]
     close = get_close_matches(path.name, names, 1)
-    return f"did you mean {quoted(os.path.join(above, close[0].rstrip('/')))}?" if close else fix
+    return (
+        f"did you mean {quoted(os.path.join(above, close[0].rstrip('/')))}?"
+        if close
+        else fix
+    )
 
 
 def image_size(path: Path, written: str) -> tuple[int, int]:
@@ -218,7 +293,9 @@ class Record:
         """What was written of an object, whose data is `own` now."""
         return self.objects.get(str(own.get("mask"))) or self.objects.get(name) or {}
 
-    def sources(self, own: Mapping[str, Any], filled: Mapping[str, Any], name: str) -> dict[str, str]:
+    def sources(
+        self, own: Mapping[str, Any], filled: Mapping[str, Any], name: str
+    ) -> dict[str, str]:
         """`from` of an object: its own, or as it was recorded, without values that a user has changed since.
 
         `own` is the object's data as it is written, in numbers; `filled` the same with defaults.
@@ -228,7 +305,8 @@ class Record:
         return {
             key: text
             for key, text in (sources.items() if isinstance(sources, Mapping) else ())
-            if isinstance(text, str) and (key not in wrote or equal(filled.get(key), wrote[key]))
+            if isinstance(text, str)
+            and (key not in wrote or equal(filled.get(key), wrote[key]))
         }
 
 
@@ -240,14 +318,31 @@ def written(path: Path) -> Record:
     found = read_record(path)
     try:
         entries = found.get("objects") or found.get("values") or {}
-        objects = {key: entry for key, entry in entries.items() if isinstance(entry, dict)}
-        maps = {name: (float(low), float(high)) for name, (low, high) in found.get("maps", {}).items()}
-        maps = {name: ends for name, ends in maps.items() if all(map(isfinite, ends)) and ends[0] < ends[1]}
-        world = {key: value for key, value in found.get("world", {}).items() if key != "boundaries"}
+        objects = {
+            key: entry for key, entry in entries.items() if isinstance(entry, dict)
+        }
+        maps = {
+            name: (float(low), float(high))
+            for name, (low, high) in found.get("maps", {}).items()
+        }
+        maps = {
+            name: ends
+            for name, ends in maps.items()
+            if all(map(isfinite, ends)) and ends[0] < ends[1]
+        }
+        world = {
+            key: value
+            for key, value in found.get("world", {}).items()
+            if key != "boundaries"
+        }
         walls = found.get("world", {}).get("boundaries")
-        if isinstance(walls, dict) and all(isinstance(wall, dict) for wall in walls.values()):
+        if isinstance(walls, dict) and all(
+            isinstance(wall, dict) for wall in walls.values()
+        ):
             world["boundaries"] = walls
-        return Record(objects, world, maps, frozenset(map(str, found.get("comments", ()))))
+        return Record(
+            objects, world, maps, frozenset(map(str, found.get("comments", ())))
+        )
     except (ValueError, TypeError, AttributeError, OverflowError):
         return Record()
 
@@ -255,9 +350,13 @@ def written(path: Path) -> Record:
 def equal(one: object, other: object, within: float = WRITTEN) -> bool:
     """Whether two values are equal; numbers but for the digits that are not written, or `within`."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(equal(one[key], other[key], within) for key in one)
+        return one.keys() == other.keys() and all(
+            equal(one[key], other[key], within) for key in one
+        )
     if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(equal(*pair, within) for pair in zip(one, other, strict=True))
+        return len(one) == len(other) and all(
+            equal(*pair, within) for pair in zip(one, other, strict=True)
+        )
     if isinstance(one, int | float) and isinstance(other, int | float):
         return isclose(one, other, rel_tol=WRITTEN, abs_tol=within)
     return one == other

@@ -15,7 +15,14 @@ from physgen.problems import InputError, Limit, Place, Problem
 from physgen.scene import scene as parts
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
 from physgen.scene.files import Record, read_scene, with_bases
-from physgen.scene.overlay import Edit, apply, edit_of_flag, edits_of_variant, targets, variants_of
+from physgen.scene.overlay import (
+    Edit,
+    apply,
+    edit_of_flag,
+    edits_of_variant,
+    targets,
+    variants_of,
+)
 from physgen.scene.rules import Files, Ground, check_rules
 from physgen.scene.schema import Schema, at, expanded, inner, with_defaults
 from physgen.scene.validate import Findings, TooManyError, check_schema
@@ -38,7 +45,10 @@ class Opened:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], allow_outside: bool = False, text: str | None = None
+        self,
+        path: str | os.PathLike[str],
+        allow_outside: bool = False,
+        text: str | None = None,
     ) -> None:
         self.file = Path(os.fspath(path))
         name = os.fspath(path)
@@ -54,7 +64,9 @@ class Opened:
         self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Findings()
         _check(in_numbers(self._root), self._own, self._files)
-        self._of_variants = tuple(_problems_of_variants(self._root, self._own, self._files))
+        self._of_variants = tuple(
+            _problems_of_variants(self._root, self._own, self._files)
+        )
 
     def document(self) -> dict[str, Any]:
         """As plain YAML data, with what it extends and without any default."""
@@ -66,7 +78,9 @@ class Opened:
         """Whether the file, or one that it extends, was written since."""
         return any(file_stamp(file) != stamp for file, stamp in self._stamps.items())
 
-    def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> parts.Scene:
+    def scene(
+        self, overrides: Sequence[str] = (), variant: str | None = None
+    ) -> parts.Scene:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         report = Findings()
         edited = _edited(self._root, overrides, variant, self._source)
@@ -75,7 +89,10 @@ class Opened:
         if problems:
             raise InputError(problems)
         scene = scene_from_tree(
-            *_followed(edited, self._root, ground), scene_name(self.file), self._source, ground
+            *_followed(edited, self._root, ground),
+            scene_name(self.file),
+            self._source,
+            ground,
         )
         return replace(scene, files=tuple(self._stamps))
 
@@ -94,7 +111,9 @@ def load(
     return Opened(path, allow_outside).scene(overrides, variant)
 
 
-def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: Source) -> Node:
+def _edited(
+    root: Node, overrides: Sequence[str], variant: str | None, source: Source
+) -> Node:
     """The tree after a variant and the overrides; raises InputError with every edit that cannot be made."""
     problems: list[Problem] = []
     edits = []
@@ -104,11 +123,21 @@ def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: S
             edits += edits_of_variant(known[variant], variant)
         else:
             close = nearest(variant, known)
-            fix = f'did you mean "{close}"?' if close else f"write one of {listed(list(known)[:30])}"
+            fix = (
+                f'did you mean "{close}"?'
+                if close
+                else f"write one of {listed(list(known)[:30])}"
+            )
             fix = fix if known else "the file has no variants"
             found = quoted(variant)
             problems.append(
-                Problem(Place(f"--variant {quoted(variant, '')}"), "", found, "is not a variant", fix)
+                Problem(
+                    Place(f"--variant {quoted(variant, '')}"),
+                    "",
+                    found,
+                    "is not a variant",
+                    fix,
+                )
             )
     for text in overrides:
         try:
@@ -141,8 +170,16 @@ def in_numbers(root: Node) -> Node:
     stated = children(root, "world").get("pixels_per_meter")
     scale = float(at("world.pixels_per_meter")["default"])
     if stated is not None:
-        value = quantity(str(stated.value), "px/m", 1.0) if isinstance(stated.value, str) else stated.value
-        scale = value if isinstance(value, int | float) and 0 < value <= LARGEST_SCALE else scale
+        value = (
+            quantity(str(stated.value), "px/m", 1.0)
+            if isinstance(stated.value, str)
+            else stated.value
+        )
+        scale = (
+            value
+            if isinstance(value, int | float) and 0 < value <= LARGEST_SCALE
+            else scale
+        )
 
     def changed(node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
         value = node.value
@@ -161,18 +198,29 @@ def in_numbers(root: Node) -> Node:
         if isinstance(value, list) and part.get("items", {}).get("type") == "string":
             return node  # names
         keys = (
-            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+            value.items()
+            if isinstance(value, dict)
+            else enumerate(value)
+            if isinstance(value, list)
+            else ()
         )
         found: dict[Any, Node] = {}
         for key, child in keys:
-            if isinstance(child.value, str | list | dict) and (below := inner(part, key)) is not None:
+            if (
+                isinstance(child.value, str | list | dict)
+                and (below := inner(part, key)) is not None
+            ):
                 of_list = unit if isinstance(key, int) else ""
                 new = changed(child, below, (*path, key), below.get("x-unit", of_list))
                 found |= {} if new is child else {key: new}
         if isinstance(value, dict):
             return node.with_value({**value, **found}) if found else node
         return (
-            node.with_value([found.get(n, child) for n, child in enumerate(items(node))]) if found else node
+            node.with_value(
+                [found.get(n, child) for n, child in enumerate(items(node))]
+            )
+            if found
+            else node
         )
 
     return changed(root, expanded(), (), "")
@@ -204,9 +252,14 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
         try:
             for edit in edits_of_variant(node, name):
                 left -= targets(changed, edit) * _values(edit.value)
-                if left < 0:  # at once: no other problem may be looked for in such a tree
+                if (
+                    left < 0
+                ):  # at once: no other problem may be looked for in such a tree
                     raise InputError(
-                        [*own.problems, *edit.problem(Limit.SET.expected, Limit.SET.fix).problems]
+                        [
+                            *own.problems,
+                            *edit.problem(Limit.SET.expected, Limit.SET.fix).problems,
+                        ]
                     )
                 changed = apply(changed, edit)
         except InputError as error:
@@ -226,7 +279,11 @@ def _values(node: Node) -> int:
 
 def scene_name(file: Path) -> str:
     """The file's stem, or its folder's name where the file is called `scene.yaml`."""
-    return Path(os.path.abspath(file)).parent.name if file.name == "scene.yaml" else file.stem
+    return (
+        Path(os.path.abspath(file)).parent.name
+        if file.name == "scene.yaml"
+        else file.stem
+    )
 
 
 def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
@@ -242,21 +299,38 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
     data = plain(tree)
     outlines: dict[str, Any] = {}
     for name, own in data.get("objects", {}).items():
-        stored = ground.outlines.get(own["mask"]) if isinstance(own.get("mask"), int) else None
-        shape = own["shape"] if isinstance(own.get("shape"), dict) else stored[1] if stored else None
+        stored = (
+            ground.outlines.get(own["mask"])
+            if isinstance(own.get("mask"), int)
+            else None
+        )
+        shape = (
+            own["shape"]
+            if isinstance(own.get("shape"), dict)
+            else stored[1]
+            if stored
+            else None
+        )
         outline = None if shape is None else parts.shape_outline(_shape(shape))
         outlines |= {} if outline is None else {name: outline}
-    values, record = followed(plain(root), with_defaults(data), record, outlines, ground.size)
+    values, record = followed(
+        plain(root), with_defaults(data), record, outlines, ground.size
+    )
     home = children(root)["assets"].source
     for path, value in sorted(values.items(), key=lambda one: len(one[0])):
         key = dotted(path)
         node = _at(root, path)
         written = children(root, *path[:-1]).get(path[-1])
         if written is not None and (
-            written.source != home or written is not children(file, *path[:-1]).get(path[-1])
+            written.source != home
+            or written is not children(file, *path[:-1]).get(path[-1])
         ):
             continue
-        made = [node.with_value(part) for part in value] if isinstance(value, list) else value
+        made = (
+            [node.with_value(part) for part in value]
+            if isinstance(value, list)
+            else value
+        )
         root = apply(root, Edit(key, node.with_value(made), ()))
     return in_numbers(root) if values else tree, record
 
@@ -268,7 +342,9 @@ def _at(root: Node, path: KeyPath) -> Node:
     return root
 
 
-def scene_from_tree(root: Node, record: Record, name: str, source: Source, ground: Ground) -> parts.Scene:
+def scene_from_tree(
+    root: Node, record: Record, name: str, source: Source, ground: Ground
+) -> parts.Scene:
     """The scene of a checked tree, called `name`; `source` is the file that was opened.
 
     `record` is what perception wrote, and what followed from it since.
@@ -280,16 +356,26 @@ def scene_from_tree(root: Node, record: Record, name: str, source: Source, groun
     for own_name, own in written.get("objects", {}).items():
         item = data["objects"][own_name]
         item["from"] = record.sources(own, item, own_name)
-        stored = ground.outlines.get(own["mask"]) if isinstance(own.get("mask"), int) else None
+        stored = (
+            ground.outlines.get(own["mask"])
+            if isinstance(own.get("mask"), int)
+            else None
+        )
         if stored is not None and stored[2] is not None and "shape" not in own:
             item.setdefault("solid", stored[2])
     for key in ("image", "assets"):
         node = children(root).get(key)
         if node is not None and node.source.folder != source.folder:
-            data[key] = Path(os.path.relpath(node.source.folder / str(node.value), source.folder)).as_posix()
+            data[key] = Path(
+                os.path.relpath(node.source.folder / str(node.value), source.folder)
+            ).as_posix()
     world = data["world"]
     if "gravity" not in world:
-        down = round(EARTH * world["pixels_per_meter"], 9) if world["view"] == "side" else 0
+        down = (
+            round(EARTH * world["pixels_per_meter"], 9)
+            if world["view"] == "side"
+            else 0
+        )
         world["gravity"] = [0, down]
     for item in data["objects"].values():
         if "mass" not in item and "density" not in item:
@@ -307,7 +393,9 @@ def scene_from_tree(root: Node, record: Record, name: str, source: Source, groun
             table_friction=float(world["table"]["friction"]),
             until_rest=isinstance(world["duration"], _Open),
         ),
-        objects=tuple(_outlined(item, ground) for item in _named(data["objects"], _object)),
+        objects=tuple(
+            _outlined(item, ground) for item in _named(data["objects"], _object)
+        ),
         boundaries=_named(data["boundaries"], _boundary),
         forces=tuple(map(_force, data["forces"])),
         joints=_named(data["joints"], _joint),
@@ -316,7 +404,10 @@ def scene_from_tree(root: Node, record: Record, name: str, source: Source, groun
         render=_render(data["render"]),
         refine=refinement(data["refine"]),
         maps=MappingProxyType(
-            {**ground.record.maps, **{name: _pair(ends) for name, ends in data.get("maps", {}).items()}}
+            {
+                **ground.record.maps,
+                **{name: _pair(ends) for name, ends in data.get("maps", {}).items()},
+            }
         ),
         record=replace(ground.record, world=record.world),
         places=MappingProxyType(dict(_places(root, ()))),
@@ -336,7 +427,11 @@ def _places(node: Node, path: KeyPath) -> Iterator[tuple[str, Place]]:
     if isinstance(node.value, dict):
         for key, child in node.value.items():
             yield from _places(child, (*path, key))
-    elif isinstance(node.value, list) and node.value and isinstance(node.value[0].value, dict):
+    elif (
+        isinstance(node.value, list)
+        and node.value
+        and isinstance(node.value[0].value, dict)
+    ):
         for index, child in enumerate(node.value):
             yield from _places(child, (*path, index))
 
@@ -357,9 +452,12 @@ def _make(made: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
 @cache
 def _readers(made: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Name of each field, and what converts its value."""
-    found = ((field.name, str(field.type).removesuffix(" | None")) for field in fields(made))
+    found = (
+        (field.name, str(field.type).removesuffix(" | None")) for field in fields(made)
+    )
     return tuple(
-        (name, _CONVERSIONS.get(text, getattr(parts, text, lambda value: value))) for name, text in found
+        (name, _CONVERSIONS.get(text, getattr(parts, text, lambda value: value)))
+        for name, text in found
     )
 
 
@@ -388,7 +486,10 @@ def _shape(value: Any) -> parts.Shape:
     if kind == "polygon":
         return parts.Polygon((parts.Ring(_points(part)),))
     rings = (
-        parts.Ring(_points(piece["outline"]), tuple(map(_points, piece.get("holes", ())))) for piece in part
+        parts.Ring(
+            _points(piece["outline"]), tuple(map(_points, piece.get("holes", ())))
+        )
+        for piece in part
     )
     return parts.Polygon(tuple(rings))
 
@@ -414,7 +515,9 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         name=name,
         roll=item["roll"] if isinstance(item["roll"], str) else _pair(item["roll"]),
         motion=parts.Motion.SCRIPTED if path else parts.Motion(item["motion"]),
-        path=tuple(parts.Waypoint(float(k[0]), _pair(k[1:3]), float([*k, 0][3])) for k in path),
+        path=tuple(
+            parts.Waypoint(float(k[0]), _pair(k[1:3]), float([*k, 0][3])) for k in path
+        ),
         provenance=MappingProxyType(dict(item["from"])),
         prompt=_prompt(item["prompt"]) if "prompt" in item else None,
         place=tuple(map(float, [*item["place"], 0][:3])) if "place" in item else None,
@@ -423,7 +526,11 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
 
 def _outlined(item: parts.Object, ground: Ground) -> parts.Object:
     """The object with the shape that is stored for its mask."""
-    stored = ground.outlines.get(item.mask.id) if isinstance(item.mask, parts.MaskId) else None
+    stored = (
+        ground.outlines.get(item.mask.id)
+        if isinstance(item.mask, parts.MaskId)
+        else None
+    )
     if stored is None or not isinstance(item.shape, parts.Auto):
         return item
     shape = _shape(stored[1])
@@ -461,19 +568,25 @@ def _joint(name: str, item: Mapping[str, Any]) -> parts.Joint:
 def _field(name: str, item: Mapping[str, Any]) -> parts.Field:
     (kind,) = (kind for kind in parts.FieldKind if kind.value in item)
     item = {"objects": (), "drag": 0, "strength": 0, "soften": 0, **item}
-    return _make(parts.Field, item, name=name, kind=kind, vector=_pair(item[kind.value]))
+    return _make(
+        parts.Field, item, name=name, kind=kind, vector=_pair(item[kind.value])
+    )
 
 
 def _light(item: Mapping[str, Any]) -> parts.Light:
     x, y, z = (float(value) for value in item["direction"])
     length = (x * x + y * y + z * z) ** 0.5
     direction = (x / length, y / length, z / length)
-    return _make(parts.Light, item, direction=direction, provenance=item.get("from", ""))
+    return _make(
+        parts.Light, item, direction=direction, provenance=item.get("from", "")
+    )
 
 
 def _render(item: Mapping[str, Any]) -> parts.Render:
     camera = item.get("camera", ())
-    views = [{"time": 0, **camera}] if isinstance(camera, dict) else camera  # one view holds all the time
+    views = (
+        [{"time": 0, **camera}] if isinstance(camera, dict) else camera
+    )  # one view holds all the time
     return _make(
         parts.Render,
         {"slow": 1, **item},

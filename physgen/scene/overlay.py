@@ -101,7 +101,9 @@ class Edit:
 def edits_of_variant(variant: Node, name: str) -> list[Edit]:
     """The edits of one entry of `variants`."""
     assert isinstance(variant.value, dict)
-    return [Edit(key, child, ("variants", name)) for key, child in variant.value.items()]
+    return [
+        Edit(key, child, ("variants", name)) for key, child in variant.value.items()
+    ]
 
 
 def edit_of_flag(text: str, folder: Source) -> Edit:
@@ -111,7 +113,10 @@ def edit_of_flag(text: str, folder: Source) -> Edit:
     if not equals or not key.strip():
         expected = "has no key" if equals else "has no ="
         raise InputError.of(
-            source.name, "", expected, "write --set KEY=VALUE, e.g. --set objects.ball.mass=200"
+            source.name,
+            "",
+            expected,
+            "write --set KEY=VALUE, e.g. --set objects.ball.mass=200",
         )
     return Edit(key.strip(), read(value, source, counted=False), ())
 
@@ -124,14 +129,17 @@ def apply(root: Node, edit: Edit) -> Node:
     path = parse_key(edit.key)
     if path is None:
         raise edit.problem(
-            f"{quoted(edit.key)} is not a dotted key", "write keys joined by dots, e.g. objects.ball.mass"
+            f"{quoted(edit.key)} is not a dotted key",
+            "write keys joined by dots, e.g. objects.ball.mass",
         )
     if path[0] in SEALED:
         raise edit.problem(f"{path[0]} cannot be set", "write it in the scene file")
     return _set(root, path, 0, edit, star=False, at=())
 
 
-def _set(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath) -> Node:
+def _set(
+    node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
+) -> Node:
     """The node with path[depth:] set to the edit's value. `at` is where we are in the scene."""
     if depth == len(path):
         return edit.value
@@ -142,14 +150,19 @@ def _set(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, a
         path = (*path[:depth], step, *path[depth + 1 :])
     if isinstance(step, int) or step == "[*]":
         default = (schema_at(kind_of(at)) or {}).get("default")
-        if node is None and isinstance(default, list) and default:  # so that velocity.0 alone can be set
-            node = edit.value.with_value([edit.value.with_value(item) for item in default])
+        if (
+            node is None and isinstance(default, list) and default
+        ):  # so that velocity.0 alone can be set
+            node = edit.value.with_value(
+                [edit.value.with_value(item) for item in default]
+            )
         return _set_item(node, path, depth, edit, star, at)
     changed = dict(children(node))
     if step == "*":
         if node is None or not isinstance(node.value, dict):
             raise edit.problem(
-                f"{dotted(at) or 'the scene'} has no keys for * to stand for", "name a key that is there"
+                f"{dotted(at) or 'the scene'} has no keys for * to stand for",
+                "name a key that is there",
             )
         for key in children(node):
             _put(changed, key, path, depth, edit, True, at)
@@ -160,7 +173,13 @@ def _set(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, a
 
 
 def _put(
-    changed: dict[str, Node], key: str, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
+    changed: dict[str, Node],
+    key: str,
+    path: KeyPath,
+    depth: int,
+    edit: Edit,
+    star: bool,
+    at: KeyPath,
 ) -> None:
     """Sets or removes one key of a mapping that is being made."""
     last = depth + 1 == len(path)
@@ -172,12 +191,19 @@ def _put(
             fix = f'did you mean "{known}"?' if known else "leave it out"
             raise edit.problem(f"{dotted((*at, key))} is not there to take away", fix)
         return
-    may_begin = not last and path[depth + 1] in ("shape", "mask")  # objects.new.shape makes one
+    may_begin = not last and path[depth + 1] in (
+        "shape",
+        "mask",
+    )  # objects.new.shape makes one
     if at == ("objects",) and not last and key not in changed and not may_begin:
         known = nearest(key, changed)
         names = ", ".join(list(changed)[:8]) + (", ..." if len(changed) > 8 else "")
         fix = (
-            f'did you mean "{known}"?' if known else f"the objects are {names}" if names else "there are none"
+            f'did you mean "{known}"?'
+            if known
+            else f"the objects are {names}"
+            if names
+            else "there are none"
         )
         raise edit.problem(f"no object is called {quoted(key)}", fix)
     child = _set(changed.get(key), path, depth + 1, edit, star, (*at, key))
@@ -186,15 +212,20 @@ def _put(
     changed[key] = child
 
 
-def _set_item(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath) -> Node:
+def _set_item(
+    node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
+) -> Node:
     step = path[depth]
     if node is None or not isinstance(node.value, list):
         whole = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
-        raise edit.problem(f"{dotted(at)} is not a list", f"write {whole}=[...] to set all of it")
+        raise edit.problem(
+            f"{dotted(at)} is not a list", f"write {whole}=[...] to set all of it"
+        )
     changed = list(node.value)
     if isinstance(step, int) and step >= len(changed):
         raise edit.problem(
-            f"{dotted(at)} has {len(changed)} item{'' if len(changed) == 1 else 's'}", "count from 0"
+            f"{dotted(at)} has {len(changed)} item{'' if len(changed) == 1 else 's'}",
+            "count from 0",
         )
     for index in range(len(changed)) if step == "[*]" else [int(step)]:
         changed[index] = _set(changed[index], path, depth + 1, edit, star, (*at, index))
@@ -206,7 +237,11 @@ def targets(root: Node, edit: Edit) -> int:
     found: list[Node | None] = [root]
     for step in parse_key(edit.key) or ():
         if step in ("*", "[*]"):
-            found = [child for node in found for child in (*children(node).values(), *items(node))]
+            found = [
+                child
+                for node in found
+                for child in (*children(node).values(), *items(node))
+            ]
         elif isinstance(step, str):
             found = [children(node).get(step) for node in found]
         else:

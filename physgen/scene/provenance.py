@@ -59,14 +59,21 @@ class Provenance:
         self._scene = scene
         start = f"variants.{variant}"
         self._edited = {
-            place for key, place in scene.places.items() if variant is not None and key.startswith(start)
+            place
+            for key, place in scene.places.items()
+            if variant is not None and key.startswith(start)
         }
         self._variant = variant
         root = scene.places.get("", Place(""))
         self._file = root.file
 
     def of(
-        self, path: str, provenance: str | None, *, written_at: str | None = None, near: bool = False
+        self,
+        path: str,
+        provenance: str | None,
+        *,
+        written_at: str | None = None,
+        near: bool = False,
     ) -> Source:
         """The source of the value at `path`, or its `provenance`, the text at `written_at`, if that was written later.
 
@@ -87,7 +94,10 @@ class Provenance:
             return Source("variant", f"variant {self._variant}")
         name = Path(place.file).name
         return Source(
-            "file", f"line {place.line}" if place.file == self._file else f"{name}, line {place.line}"
+            "file",
+            f"line {place.line}"
+            if place.file == self._file
+            else f"{name}, line {place.line}",
         )
 
     def _counts(self, value: Place | None, entry: Place | None) -> bool:
@@ -123,7 +133,11 @@ def provenance(source: str, confidence: float) -> str:
 def perceived_keys(was: Entry, only: Collection[str] = ()) -> set[str]:
     """Keys of an object that its `from` names, but for label and mask; those of `only` some sources, if any."""
     sources = was.get("from", {}) if isinstance(was.get("from", {}), Mapping) else {}
-    keys = {key for key, one in sources.items() if not only or str(one).split(" ")[0] in only}
+    keys = {
+        key
+        for key, one in sources.items()
+        if not only or str(one).split(" ")[0] in only
+    }
     return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
 
 
@@ -133,9 +147,15 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
     `side` is the photo's longer side, px.
     """
     moving = ("velocity", "spin", "roll", "density")
-    chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get("world", {})
+    chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get(
+        "world", {}
+    )
     if chosen or any(
-        key in was and not (_metric(was[key]) or equal(was[key], record.entry(name, was).get(key, [0, 0])))
+        key in was
+        and not (
+            _metric(was[key])
+            or equal(was[key], record.entry(name, was).get(key, [0, 0]))
+        )
         for name, was in scene["objects"].items()
         for key in moving
     ):
@@ -146,7 +166,9 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
 def _metric(value: object) -> bool:
     """Whether a speed is in m/s or the like, and so the same at any scale."""
     parts = value if isinstance(value, list) else [value]
-    return all(part == 0 or (isinstance(part, str) and "px" not in part) for part in parts)
+    return all(
+        part == 0 or (isinstance(part, str) and "px" not in part) for part in parts
+    )
 
 
 def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
@@ -154,13 +176,21 @@ def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
     stated = stated_scale(scene)
     if record.world.get("given"):
         return True
-    return not (is_assumed(stated, side) if record.scale is None else equal(stated, record.scale))
+    return not (
+        is_assumed(stated, side)
+        if record.scale is None
+        else equal(stated, record.scale)
+    )
 
 
 def stated_scale(scene: Entry) -> float:
     """px/m, of data as it is written."""
     stated = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
-    return quantity(stated, "px/m", 1.0) or 0.0 if isinstance(stated, str) else float(stated)
+    return (
+        quantity(stated, "px/m", 1.0) or 0.0
+        if isinstance(stated, str)
+        else float(stated)
+    )
 
 
 def scaled_values(
@@ -178,12 +208,21 @@ def scaled_values(
     for name, own in scene.get("objects", {}).items():
         velocity = record.entry(name, own).get("velocity")
         if isinstance(velocity, list) and equal(own.get("velocity"), velocity):
-            speeds = [quantity(part, "m/s", 1.0) if isinstance(part, str) else 0 for part in velocity]
+            speeds = [
+                quantity(part, "m/s", 1.0) if isinstance(part, str) else 0
+                for part in velocity
+            ]
             if any(speeds) and None not in speeds:
-                found["objects", name, "velocity"] = [meters(ratio * (part or 0)) for part in speeds]
+                found["objects", name, "velocity"] = [
+                    meters(ratio * (part or 0)) for part in speeds
+                ]
     film = scene.get("render", {})
     before, slow = film.get("slow", 1), slow_motion(side, pixels_per_meter)
-    if "frames" not in film and equal(before, record.world.get("slow")) and slow != before:
+    if (
+        "frames" not in film
+        and equal(before, record.world.get("slow"))
+        and slow != before
+    ):
         found["render", "slow"] = slow
     return found
 
@@ -194,7 +233,11 @@ def meters(speed: float) -> Any:
 
 
 def followed(
-    written: Entry, filled: Entry, record: Record, outlines: Mapping[str, Outline], size: tuple[int, int]
+    written: Entry,
+    filled: Entry,
+    record: Record,
+    outlines: Mapping[str, Outline],
+    size: tuple[int, int],
 ) -> tuple[dict[tuple[str, ...], Any], Record]:
     """Values that follow from labels and a scale that differ from those of the record, by path; and their record.
 
@@ -205,12 +248,22 @@ def followed(
     objects, side = filled["objects"], max(size)
     named = [name for name in outlines if "label" in written["objects"][name]]
     wrote = {name: record.entry(name, objects[name]) for name in named}
-    wrote = {name: entry for name, entry in wrote.items() if isinstance(entry.get("label"), str)}
-    renamed = [name for name, entry in wrote.items() if objects[name]["label"] != entry["label"]]
+    wrote = {
+        name: entry
+        for name, entry in wrote.items()
+        if isinstance(entry.get("label"), str)
+    }
+    renamed = [
+        name
+        for name, entry in wrote.items()
+        if objects[name]["label"] != entry["label"]
+    ]
     per_meter = filled["world"]["pixels_per_meter"]
     values: dict[tuple[str, ...], Any] = {}
     if renamed and follows_scale(written, record, side):
-        seen = [photo_object(k, outlines[name], "", size) for k, name in enumerate(wrote)]
+        seen = [
+            photo_object(k, outlines[name], "", size) for k, name in enumerate(wrote)
+        ]
         kinds = {k: kind(objects[name]["label"]) for k, name in enumerate(wrote)}
         sure = {
             k: 1.0 if name in renamed else label_confidence(entry.get("from"))
@@ -221,27 +274,49 @@ def followed(
             per_meter = values["world", "pixels_per_meter"] = scale.pixels_per_meter
     stated = "pixels_per_meter" in written.get("world", {})
     values |= scaled_values(written, record, per_meter, side) if stated else {}
-    rescaled = stated and record.scale is not None and not equal(record.scale, per_meter)
-    most, entries = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0, dict(record.objects)
+    rescaled = (
+        stated and record.scale is not None and not equal(record.scale, per_meter)
+    )
+    most, entries = (
+        WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0,
+        dict(record.objects),
+    )
     for name in wrote if rescaled else renamed:
         own, entry = objects[name], wrote[name]
         listed = {"from": written["objects"][name].get("from", entry.get("from")) or {}}
         new, sources = _table_values(outlines[name], own["label"], per_meter, most)
         own = {"solid": entry.get("solid"), **own}  # which lies in the assets
-        made_by = registry.names("physics") if name in renamed else [registry.find("physics").name]
+        made_by = (
+            registry.names("physics")
+            if name in renamed
+            else [registry.find("physics").name]
+        )
         keys = perceived_keys(listed, made_by) | ({"solid"} - objects[name].keys())
-        keys -= {key for key in keys - {"solid"} if isinstance(written["objects"][name].get(key), str)}
+        keys -= {
+            key
+            for key in keys - {"solid"}
+            if isinstance(written["objects"][name].get(key), str)
+        }
         new = {
             key: new[key]
             for key in keys & entry.keys() & new.keys()
             if equal(own.get(key), entry[key]) or own.get(key) == new[key]
         }
         values |= {("objects", name, key): value for key, value in new.items()}
-        sources = {**entry.get("from", {}), **{key: sources[key] for key in new if key in sources}}
+        sources = {
+            **entry.get("from", {}),
+            **{key: sources[key] for key in new if key in sources},
+        }
         id_ = str(own.get("mask"))
-        entries[id_ if id_ in record.objects else name] = {**entry, **new, "from": sources}
+        entries[id_ if id_ in record.objects else name] = {
+            **entry,
+            **new,
+            "from": sources,
+        }
     by_labels = ("world", "pixels_per_meter") in values
-    return values, replace(record, objects=entries, world={**record.world, "by_labels": by_labels})
+    return values, replace(
+        record, objects=entries, world={**record.world, "by_labels": by_labels}
+    )
 
 
 def _table_values(
@@ -250,15 +325,25 @@ def _table_values(
     """What the material table gives an object, and the sources of that; `most` is the most sure that a mass can be."""
     what = kind(label)
     mass, confidence, _ = weigh(outline, what, per_meter)
-    material = {key: getattr(what.material, key) for key in ("friction", "elasticity", "rolling")}
+    material = {
+        key: getattr(what.material, key)
+        for key in ("friction", "elasticity", "rolling")
+    }
     solid = {"solid": what.solid or "sphere"} if isinstance(outline, Disc) else {}
-    table, sure = registry.find("physics").name, table_confidences(min(confidence, most))
-    return {"mass": mass, **material, **solid}, {key: provenance(table, one) for key, one in sure.items()}
+    table, sure = (
+        registry.find("physics").name,
+        table_confidences(min(confidence, most)),
+    )
+    return {"mass": mass, **material, **solid}, {
+        key: provenance(table, one) for key, one in sure.items()
+    }
 
 
 def table_confidences(mass: float) -> dict[str, float]:
     """By key, from the confidence of a mass."""
-    return {"mass": mass} | dict.fromkeys(("friction", "elasticity", "rolling"), 0.5 * mass + 0.2)
+    return {"mass": mass} | dict.fromkeys(
+        ("friction", "elasticity", "rolling"), 0.5 * mass + 0.2
+    )
 
 
 def label_confidence(sources: object) -> float:

@@ -14,15 +14,32 @@ from physgen import registry
 from physgen.files import Stamp, file_stamp
 from physgen.problems import InputError, Limit, RefusedError
 from physgen.scene.document import Node, children, items, plain, whole
-from physgen.scene.files import ASSETS, OUTLINES, Record, confined, image_size, read_scene, similar, written
+from physgen.scene.files import (
+    ASSETS,
+    OUTLINES,
+    Record,
+    confined,
+    image_size,
+    read_scene,
+    similar,
+    written,
+)
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part
 from physgen.text import KeyPath, listed, nearest, number, quoted, shown
 
 FORCES = ("impulse", "force", "torque")
-KINDS = {"joints": ("pivot", "spring", "weld", "motor"), "fields": ("wind", "attractor")}
-NEEDED = {"spring": "stiffness", "motor": "speed", "wind": "drag", "attractor": "strength"}
+KINDS = {
+    "joints": ("pivot", "spring", "weld", "motor"),
+    "fields": ("wind", "attractor"),
+}
+NEEDED = {
+    "spring": "stiffness",
+    "motor": "speed",
+    "wind": "drag",
+    "attractor": "strength",
+}
 """Kind of a joint or field -> the key without which it has no effect."""
 OWNER = {
     **dict.fromkeys(("stiffness", "damping", "length"), "spring"),
@@ -121,7 +138,11 @@ class _Rules:
 
     def good(self, node: Node | None) -> dict[str, Node]:
         """The keys of a mapping whose values satisfy the schema."""
-        return {key: part for key, part in children(node).items() if part not in self.findings.bad}
+        return {
+            key: part
+            for key, part in children(node).items()
+            if part not in self.findings.bad
+        }
 
     # The canvas and the files
 
@@ -136,15 +157,22 @@ class _Rules:
         if image and "image" in good:
             folder = image.source.folder
             try:
-                path = confined(str(image.value), folder, folder, self.files.allow_outside)
+                path = confined(
+                    str(image.value), folder, folder, self.files.allow_outside
+                )
                 self.ground.size = self.files.size(path, str(image.value))
                 self.ground.image = path
             except RefusedError as error:
-                self.add(image.place, "image", shown(image.value), error.expected, error.fix)
+                self.add(
+                    image.place, "image", shown(image.value), error.expected, error.fix
+                )
         elif not image and "size" in good:
             width, height = whole(good["size"])
             if width * height > Limit.PIXELS.most:
-                fix, found = f"{Limit.PIXELS.fix}, e.g. [512, 512]", f"{width} x {height}"
+                fix, found = (
+                    f"{Limit.PIXELS.fix}, e.g. [512, 512]",
+                    f"{width} x {height}",
+                )
                 self.add(good["size"].place, "size", found, Limit.PIXELS.expected, fix)
             else:
                 self.ground.size = (width, height)
@@ -160,7 +188,9 @@ class _Rules:
             if not folder.is_dir():
                 raise RefusedError(
                     "is not a folder",
-                    similar(str(node.value), folder, ("/",), "write the folder of masks.png"),
+                    similar(
+                        str(node.value), folder, ("/",), "write the folder of masks.png"
+                    ),
                 )
         except RefusedError as error:
             self.add(node.place, "assets", found, error.expected, error.fix)
@@ -179,21 +209,35 @@ class _Rules:
     def outlines(self, path: Path) -> None:
         """Reads the stored shapes; they are checked as those in the file are."""
         name = os.path.join(
-            os.path.dirname(self.root.source.name), os.path.relpath(path, self.root.source.folder)
+            os.path.dirname(self.root.source.name),
+            os.path.relpath(path, self.root.source.folder),
         )
         try:
             tree = self.files.outlines(path, name)
         except InputError as error:
             raise RefusedError(
-                f"cannot be read: {error.problems[0]}", "remove it, and outlines are fitted"
+                f"cannot be read: {error.problems[0]}",
+                "remove it, and outlines are fitted",
             ) from None
         for key, entry in children(tree).items():
-            crc, shape, solid = (children(entry).get(part) for part in ("crc", "shape", "solid"))
-            if not (key.isdecimal() and crc is not None and type(crc.value) is int and shape is not None):
-                raise RefusedError(f"has no outline at {quoted(key)}", "remove it, and outlines are fitted")
+            crc, shape, solid = (
+                children(entry).get(part) for part in ("crc", "shape", "solid")
+            )
+            if not (
+                key.isdecimal()
+                and crc is not None
+                and type(crc.value) is int
+                and shape is not None
+            ):
+                raise RefusedError(
+                    f"has no outline at {quoted(key)}",
+                    "remove it, and outlines are fitted",
+                )
             before = len(self.findings.problems)
             check_part(shape, (key, "shape"), "objects.*.shape", self.findings)
-            if len(self.findings.problems) > before or not isinstance(shape.value, dict):
+            if len(self.findings.problems) > before or not isinstance(
+                shape.value, dict
+            ):
                 continue
             for where, outline, crossing in _outlines(None, children(shape)):
                 self.outline(outline, (key, *where), crossing)
@@ -227,8 +271,16 @@ class _Rules:
                 id_ = int(mask.value)
                 if id_ in owner:
                     expected = f"is the mask of {owner[id_]} already"
-                    self.add(mask.place, path, shown(id_), expected, "give each an id of its own")
-                owner.setdefault(id_, name if section == "objects" else f"boundary {name}")
+                    self.add(
+                        mask.place,
+                        path,
+                        shown(id_),
+                        expected,
+                        "give each an id of its own",
+                    )
+                owner.setdefault(
+                    id_, name if section == "objects" else f"boundary {name}"
+                )
                 if not has_masks and not is_reported:
                     is_reported = True
                     self.no_masks(mask, path, id_)
@@ -236,10 +288,22 @@ class _Rules:
     def no_masks(self, mask: Node, path: KeyPath, id_: int) -> None:
         if self.ground.assets is None:
             fix = "write assets: and the folder of masks.png, or mask: {polygon: [[x, y], ...]}"
-            self.add(mask.place, path, shown(id_), "is an id, but the scene names no assets", fix)
+            self.add(
+                mask.place,
+                path,
+                shown(id_),
+                "is an id, but the scene names no assets",
+                fix,
+            )
         else:
             assets = self.top["assets"]
-            self.add(assets.place, "assets", shown(assets.value), "has no masks.png", "put it there")
+            self.add(
+                assets.place,
+                "assets",
+                shown(assets.value),
+                "has no masks.png",
+                "put it there",
+            )
 
     # Objects and boundaries
 
@@ -255,17 +319,34 @@ class _Rules:
             close = nearest(name, (other for other in self.objects if other != name))
             if close and shape is None and len(parts) < 3:
                 fix += f"; or did you mean {quoted(close)}?"
-            what = "has neither mask nor shape" if shape is None else "has a shape to fit, but no mask"
+            what = (
+                "has neither mask nor shape"
+                if shape is None
+                else "has a shape to fit, but no mask"
+            )
             self.add(node.place, path, "", what, fix)
         kinds = children(good.get("shape"))
         solid = good.get("solid")
-        if solid is not None and kinds and "circle" not in kinds and solid.value != "plate":
+        if (
+            solid is not None
+            and kinds
+            and "circle" not in kinds
+            and solid.value != "plate"
+        ):
             expected = f"does not go with a {next(iter(kinds))}"
-            self.add(solid.place, (*path, "solid"), shown(solid.value), expected, "write plate")
+            self.add(
+                solid.place,
+                (*path, "solid"),
+                shown(solid.value),
+                expected,
+                "write plate",
+            )
         for where, outline, crossing in _outlines(good.get("mask"), kinds):
             self.outline(outline, (*path, *where), crossing)
         self.holes(kinds, path)
-        self.rising(items(children(good.get("motion")).get("path")), (*path, "motion", "path"))
+        self.rising(
+            items(children(good.get("motion")).get("path")), (*path, "motion", "path")
+        )
 
     def outline(self, node: Node, path: KeyPath, crossing: bool) -> None:
         problem = outline_problem(_points(node), crossing)
@@ -279,10 +360,17 @@ class _Rules:
             for hole, node in enumerate(items(children(piece).get("holes"))):
                 sides = zip(*_points(node), strict=True)
                 if any(
-                    min(side) < low or max(side) > high for (low, high), side in zip(box, sides, strict=True)
+                    min(side) < low or max(side) > high
+                    for (low, high), side in zip(box, sides, strict=True)
                 ):
                     where: KeyPath = (*path, "shape", "polygons", index, "holes", hole)
-                    self.add(node.place, where, "", "leads out of its outline", "keep holes inside")
+                    self.add(
+                        node.place,
+                        where,
+                        "",
+                        "leads out of its outline",
+                        "keep holes inside",
+                    )
 
     def rising(self, knots: list[Node], path: KeyPath) -> None:
         """Times of knots start at 0 and rise; the first wrong one is reported."""
@@ -292,11 +380,19 @@ class _Rules:
             where: KeyPath = (*path, index, 0)
             now: Any = time.value
             if before is None and now != 0:
-                self.add(time.place, where, shown(now), "is not 0", "start the path at time 0")
+                self.add(
+                    time.place,
+                    where,
+                    shown(now),
+                    "is not 0",
+                    "start the path at time 0",
+                )
                 return
             if before is not None and now <= before:
                 fix = "write knots with rising times"
-                self.add(time.place, where, shown(now), f"is not after {number(before)}", fix)
+                self.add(
+                    time.place, where, shown(now), f"is not after {number(before)}", fix
+                )
                 return
             before = now
 
@@ -306,7 +402,9 @@ class _Rules:
         if len(given) != 1:
             has = f"has {listed(given, 'and')}" if given else "has no line"
             fix = "write segment: [[0, 457], [512, 457]], polyline or mask"
-            self.add(node.place, path, "", has, "write only one of them" if given else fix)
+            self.add(
+                node.place, path, "", has, "write only one of them" if given else fix
+            )
             return
         line = self.good(node).get(given[0])
         if line is None:
@@ -317,10 +415,18 @@ class _Rules:
             return
         points = _points(line)
         for index in range(1, len(points)):
-            if max(abs(a - b) for a, b in zip(points[index - 1], points[index], strict=True)) < SAME_POINT:
+            if (
+                max(
+                    abs(a - b)
+                    for a, b in zip(points[index - 1], points[index], strict=True)
+                )
+                < SAME_POINT
+            ):
                 where: KeyPath = (*path, given[0], index)
                 place = items(line)[index].place
-                self.add(place, where, "", "is the point before it again", "move or drop it")
+                self.add(
+                    place, where, "", "is the point before it again", "move or drop it"
+                )
                 return
 
     # Forces, joints and fields
@@ -334,7 +440,11 @@ class _Rules:
                 self.is_object(node.value["object"], (*path, "object"))
             kind = self.one_of(node, path, FORCES)
             if kind == "torque" and "at" in node.value:
-                self.senseless(node.value["at"], (*path, "at"), "a torque turns the body as a whole")
+                self.senseless(
+                    node.value["at"],
+                    (*path, "at"),
+                    "a torque turns the body as a whole",
+                )
             if kind == "impulse" and "duration" in node.value:
                 why = "an impulse is given at once"
                 self.senseless(node.value["duration"], (*path, "duration"), why)
@@ -349,20 +459,36 @@ class _Rules:
             if not isinstance(node.value, dict):
                 continue
             self.kind(node, path, section)
-            names = [item.value for item in objects if item not in bad] if section == "joints" else []
+            names = (
+                [item.value for item in objects if item not in bad]
+                if section == "joints"
+                else []
+            )
             if len(names) == 2 and names[0] == names[1]:
                 fix = "name two objects, or one to hold it to the world"
                 place = children(node)["objects"].place
-                self.add(place, (*path, "objects"), shown(names[0]), "is joined to itself", fix)
+                self.add(
+                    place,
+                    (*path, "objects"),
+                    shown(names[0]),
+                    "is joined to itself",
+                    fix,
+                )
 
     def is_object(self, node: Node, path: KeyPath) -> None:
         """Adds a problem where a value names no object of the scene."""
         if str(node.value) in self.objects:
             return
         close = nearest(str(node.value), self.objects)
-        fix = f"did you mean {quoted(close)}?" if close else f"write {listed(list(self.objects)[:30])}"
+        fix = (
+            f"did you mean {quoted(close)}?"
+            if close
+            else f"write {listed(list(self.objects)[:30])}"
+        )
         fix = fix if self.objects else "write it under objects first"
-        self.add(node.place, path, shown(node.value), "is not an object of this scene", fix)
+        self.add(
+            node.place, path, shown(node.value), "is not an object of this scene", fix
+        )
 
     def one_of(self, node: Node, path: KeyPath, kinds: tuple[str, ...]) -> str | None:
         """The one kind that a mapping has; a problem where it has none or several."""
@@ -370,7 +496,9 @@ class _Rules:
         if len(given) == 1:
             return given[0]
         has = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
-        self.add(node.place, path, "", has, f"write exactly one of {listed(kinds, 'and')}")
+        self.add(
+            node.place, path, "", has, f"write exactly one of {listed(kinds, 'and')}"
+        )
         return None
 
     def kind(self, node: Node, path: KeyPath, section: str) -> None:
@@ -381,7 +509,13 @@ class _Rules:
         parts, needed = children(node), NEEDED.get(kind)
         if needed and needed not in parts:
             fix = advice(at(f"{section}.*")["properties"][needed])
-            self.add(node.place, (*path, needed), "", f"missing, and {_a(kind)} needs it", fix)
+            self.add(
+                node.place,
+                (*path, needed),
+                "",
+                f"missing, and {_a(kind)} needs it",
+                fix,
+            )
         for key, owner in OWNER.items():
             if key in parts and owner != kind:
                 why = f"it belongs to {_a(owner)}, and this is {_a(kind)}"
@@ -399,19 +533,32 @@ class _Rules:
         self.exclusive(node, ("render",), "render")
         self.video_size(self.good(node))
         camera = children(node).get("camera")
-        views = items(camera) if camera is not None and isinstance(camera.value, list) else [camera]
+        views = (
+            items(camera)
+            if camera is not None and isinstance(camera.value, list)
+            else [camera]
+        )
         before: Any = None
         for index, view in enumerate(views):
             if view is None:
                 continue
-            path: KeyPath = ("render", "camera", *((index,) if view is not camera else ()))
+            path: KeyPath = (
+                "render",
+                "camera",
+                *((index,) if view is not camera else ()),
+            )
             self.exclusive(view, path, "render.camera")
             good = self.good(view)
             if "time" in good:
                 now: Any = good["time"].value
                 if before is not None and now <= before:
-                    expected, fix = f"is not after {number(before)}", "write views with rising times"
-                    self.add(good["time"].place, (*path, "time"), shown(now), expected, fix)
+                    expected, fix = (
+                        f"is not after {number(before)}",
+                        "write views with rising times",
+                    )
+                    self.add(
+                        good["time"].place, (*path, "time"), shown(now), expected, fix
+                    )
                 before = now
             if "follow" in good:
                 self.is_object(good["follow"], (*path, "follow"))
@@ -424,7 +571,13 @@ class _Rules:
         for group in at(schema_path)["x-exclusive"]:
             first, *rest = [key for key in group if key in parts] or [""]
             for key in rest:
-                self.add(parts[key].key_place, (*path, key), "", f"stands beside {first}", ONE_OF_TWO)
+                self.add(
+                    parts[key].key_place,
+                    (*path, key),
+                    "",
+                    f"stands beside {first}",
+                    ONE_OF_TWO,
+                )
 
     def video_size(self, good: dict[str, Node]) -> None:
         """A video is no larger than a photo may be."""
@@ -434,19 +587,32 @@ class _Rules:
         if size is not None:
             width, height = whole(size)
             if width * height > Limit.PIXELS.most:
-                found, fix = f"{width} x {height}", f"{Limit.PIXELS.fix}, e.g. [832, 480]"
+                found, fix = (
+                    f"{width} x {height}",
+                    f"{Limit.PIXELS.fix}, e.g. [832, 480]",
+                )
                 self.add(size.place, "render.size", found, Limit.PIXELS.expected, fix)
         if scale is not None:
             factor: Any = scale.value
             width, height = video_size(photo, factor, None)
             if width * height > Limit.PIXELS.most:
-                most = floor(sqrt(Limit.PIXELS.most / (photo[0] * photo[1])) * 100) / 100
+                most = (
+                    floor(sqrt(Limit.PIXELS.most / (photo[0] * photo[1])) * 100) / 100
+                )
                 expected = f"makes a video of {width} x {height}, which {Limit.PIXELS.expected}"
-                self.add(scale.place, "render.scale", shown(factor), expected, f"write at most {most:g}")
+                self.add(
+                    scale.place,
+                    "render.scale",
+                    shown(factor),
+                    expected,
+                    f"write at most {most:g}",
+                )
 
     def in_photo(self, node: Node, path: KeyPath, photo: tuple[int, int]) -> None:
         x, y = _point(node)
-        if not all(-0.5 <= c <= side - 0.5 for c, side in zip((x, y), photo, strict=True)):
+        if not all(
+            -0.5 <= c <= side - 0.5 for c, side in zip((x, y), photo, strict=True)
+        ):
             expected = f"is beside the photo, which is {photo[0]} x {photo[1]}"
             fix = f"write a point in it, e.g. [{photo[0] // 2}, {photo[1] // 2}]"
             self.add(node.place, path, f"[{shown(x)}, {shown(y)}]", expected, fix)
@@ -460,12 +626,18 @@ class _Rules:
         known = registry.names("refine")
         if backend.value not in known:
             fix = registry.suggestion(str(backend.value), known)
-            self.findings.value(backend, ("refine", "backend"), "is no backend that refines", fix)
+            self.findings.value(
+                backend, ("refine", "backend"), "is no backend that refines", fix
+            )
         steps, strength = (
             parts[key].value if key in parts else at(f"refine.{key}")["default"]
             for key in ("steps", "strength")
         )
-        if isinstance(steps, int) and isinstance(strength, int | float) and steps * strength < 0.5:
+        if (
+            isinstance(steps, int)
+            and isinstance(strength, int | float)
+            and steps * strength < 0.5
+        ):
             wrong = parts.get("strength", parts.get("steps", backend))
             what = f"leaves none of {shown(steps)} steps to run"
             fix = f"write at least {number(ceil(50 / steps) / 100)}, or backend: none"
@@ -483,10 +655,18 @@ class _Rules:
         low, high = _point(node)
         if low >= high:
             found = f"[{shown(low)}, {shown(high)}]"
-            self.add(node.place, ("maps", name), found, "does not rise", "write the smaller number first")
+            self.add(
+                node.place,
+                ("maps", name),
+                found,
+                "does not rise",
+                "write the smaller number first",
+            )
 
 
-def _outlines(mask: Node | None, kinds: dict[str, Node]) -> Iterator[tuple[KeyPath, Node, bool]]:
+def _outlines(
+    mask: Node | None, kinds: dict[str, Node]
+) -> Iterator[tuple[KeyPath, Node, bool]]:
     """Every outline of an object or a boundary, its path, and whether it may not cross itself."""
     if "polygon" in children(mask):
         yield ("mask", "polygon"), children(mask)["polygon"], False
@@ -527,7 +707,9 @@ def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
     import shapely
 
     corners = np.asarray(points, dtype=float)
-    lines = shapely.linestrings(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+    lines = shapely.linestrings(
+        np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    )
     tree = shapely.STRtree(lines)
     compared = 0
     for start in range(0, len(lines), BLOCK):

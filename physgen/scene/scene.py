@@ -60,7 +60,9 @@ def room(photo: Size, video: Size, zoom: float) -> tuple[Point, Point]:
     low, high = [], []
     for side, seen in zip(photo, video, strict=True):
         half, middle = seen / (2 * large), (side - 1) / 2
-        low.append(min(half - 0.5, middle))  # where there is no room, a rounding must not make less
+        low.append(
+            min(half - 0.5, middle)
+        )  # where there is no room, a rounding must not make less
         high.append(max(side - 0.5 - half, middle))
     return (low[0], low[1]), (high[0], high[1])
 
@@ -159,13 +161,30 @@ def shape_outline(shape: Shape) -> polygon.Outline | None:
         case Circle(center=center, radius=radius):
             return polygon.Disc(np.array(center, np.float64), float(radius))
         case Box(center=center, size=(width, height), angle=angle):
-            corners = np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
-            return polygon.Region((polygon.Ring(corners @ polygon.rotation(radians(angle)).T + center, ()),))
+            corners = (
+                np.array(
+                    [
+                        [-width, -height],
+                        [width, -height],
+                        [width, height],
+                        [-width, height],
+                    ]
+                )
+                / 2
+            )
+            return polygon.Region(
+                (
+                    polygon.Ring(
+                        corners @ polygon.rotation(radians(angle)).T + center, ()
+                    ),
+                )
+            )
         case Polygon(rings=rings):
             return polygon.Region(
                 tuple(
                     polygon.Ring(
-                        np.array(r.outline, np.float64), tuple(np.array(h, np.float64) for h in r.holes)
+                        np.array(r.outline, np.float64),
+                        tuple(np.array(h, np.float64) for h in r.holes),
                     )
                     for r in rings
                 )

@@ -17,7 +17,9 @@ Schema = dict[str, Any]
 @cache
 def published() -> Schema:
     """The schema as it is published."""
-    loaded: Schema = json.loads(resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8"))
+    loaded: Schema = json.loads(
+        resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8")
+    )
     return loaded
 
 
@@ -44,8 +46,13 @@ def _expand(part: Any, defs: Schema) -> Any:
     if not isinstance(part, dict):
         return part
     own = {key: _expand(value, defs) for key, value in part.items() if key != "$ref"}
-    if part.get("type") in (["number", "string"], ["array", "string"]) and "if" not in part:
-        own["type"] = part["type"][0]  # texts with units are numbers before the schema is asked
+    if (
+        part.get("type") in (["number", "string"], ["array", "string"])
+        and "if" not in part
+    ):
+        own["type"] = part["type"][
+            0
+        ]  # texts with units are numbers before the schema is asked
         own.pop("pattern", None)
     if "$ref" not in part:
         return own
@@ -105,7 +112,9 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
     rest = schema.get("additionalProperties")
     for key, value in data.items():
         if key not in properties:
-            filled[key] = with_defaults(value, rest) if isinstance(rest, dict) else value
+            filled[key] = (
+                with_defaults(value, rest) if isinstance(rest, dict) else value
+            )
     return filled
 
 
@@ -137,7 +146,9 @@ def measure(schema: Schema, unit: str, ranged: bool) -> str:
             return what
     huge = greatest >= 1e9
     if open_:
-        return f"{what} above {limit(least)}" + ("" if huge else f", at most {limit(greatest)}")
+        return f"{what} above {limit(least)}" + (
+            "" if huge else f", at most {limit(greatest)}"
+        )
     if huge:
         return what if least <= -1e9 else f"{what} of at least {limit(least)}"
     return f"{what} from {limit(least)} to {limit(greatest)}"
@@ -153,5 +164,7 @@ def advice(schema: Schema) -> str:
         return f"write {measure(schema, unit, ranged=False)}{hint}"
     if kind == "array":
         return f"write a list{f' in {UNITS.get(unit, unit)}' if unit else ''}{hint}"
-    what = "a name" if "pattern" in schema else "text" if kind == "string" else "a mapping"
+    what = (
+        "a name" if "pattern" in schema else "text" if kind == "string" else "a mapping"
+    )
     return f"write {what}{hint}"

@@ -16,8 +16,27 @@ from typing import TYPE_CHECKING, Any
 from physgen.problems import Place, Problem
 from physgen.scene.document import Node, plain
 from physgen.scene.overlay import NAMED
-from physgen.scene.schema import Schema, advice, at, bounds, expanded, inner, limit, measure
-from physgen.text import ALLOWED, UNITS, KeyPath, dotted, example, listed, nearest, quoted, shown
+from physgen.scene.schema import (
+    Schema,
+    advice,
+    at,
+    bounds,
+    expanded,
+    inner,
+    limit,
+    measure,
+)
+from physgen.text import (
+    ALLOWED,
+    UNITS,
+    KeyPath,
+    dotted,
+    example,
+    listed,
+    nearest,
+    quoted,
+    shown,
+)
 
 if TYPE_CHECKING:
     from jsonschema import ValidationError
@@ -42,14 +61,18 @@ class Findings:
         self._texts: dict[Place, set[tuple[str, ...]]] = {}
         self.bad: set[Node] = set()
 
-    def add(self, place: Place, path: KeyPath | str, found: str, expected: str, fix: str) -> None:
+    def add(
+        self, place: Place, path: KeyPath | str, found: str, expected: str, fix: str
+    ) -> None:
         """One problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
         where = path if isinstance(path, str) else dotted(path)
         text = where.rpartition(".")[2], found, expected, fix
         if text in self._texts.setdefault(place, set()):
             return  # of a key with a star: one mistake, in many objects
         if len(self.problems) >= MAX_PROBLEMS:
-            self.problems[Problem(place, "", "", "more problems follow", "fix these first")] = None
+            self.problems[
+                Problem(place, "", "", "more problems follow", "fix these first")
+            ] = None
             raise TooManyError
         self._texts[place].add(text)
         self.problems[Problem(place, where, found, expected, fix)] = None
@@ -77,17 +100,33 @@ def check_schema(root: Node, findings: Findings) -> None:
 
 
 def check_part(
-    node: Node, path: KeyPath, schema_path: str, findings: Findings, shallow: bool = False
+    node: Node,
+    path: KeyPath,
+    schema_path: str,
+    findings: Findings,
+    shallow: bool = False,
 ) -> None:
     """Adds the violations in one part of the tree; `shallow`: in the keys of a mapping alone."""
-    data: Any = dict.fromkeys(node.value) if isinstance(node.value, dict) and shallow else plain(node)
+    data: Any = (
+        dict.fromkeys(node.value)
+        if isinstance(node.value, dict) and shallow
+        else plain(node)
+    )
     errors: list[ValidationError] = []
     if not _quick_check(schema_path, shallow)(data):
-        errors = list(islice(_validator(schema_path, shallow).iter_errors(data), MAX_ERRORS))
-    short = [tuple(error.path) for error in errors if error.validator in ("minItems", "maxItems")]
+        errors = list(
+            islice(_validator(schema_path, shallow).iter_errors(data), MAX_ERRORS)
+        )
+    short = [
+        tuple(error.path)
+        for error in errors
+        if error.validator in ("minItems", "maxItems")
+    ]
     for error in errors:
         where = tuple(error.path)
-        if not any(len(where) > len(other) and where[: len(other)] == other for other in short):
+        if not any(
+            len(where) > len(other) and where[: len(other)] == other for other in short
+        ):
             _Fault(error, node, path, at(schema_path)).report(findings)
 
 
@@ -95,7 +134,10 @@ def _part(schema_path: str, shallow: bool) -> Schema:
     """The part of the schema at a path; `shallow`: without the schemas of a mapping's values."""
     schema = at(schema_path)
     if shallow:
-        schema = {**schema, "properties": {key: {} for key in schema.get("properties", {})}}
+        schema = {
+            **schema,
+            "properties": {key: {} for key in schema.get("properties", {})},
+        }
         if isinstance(schema.get("additionalProperties"), dict):
             schema["additionalProperties"] = {}
     return schema
@@ -112,7 +154,9 @@ def _validator(schema_path: str, shallow: bool) -> Validator:
     return made
 
 
-def _items(validator: Any, part: Schema, instance: Any, schema: Schema) -> Iterator[ValidationError]:
+def _items(
+    validator: Any, part: Schema, instance: Any, schema: Schema
+) -> Iterator[ValidationError]:
     """The keyword `items`: numbers and points in range are most of a file and pass without a call of jsonschema."""
     if isinstance(instance, list):
         accepts = _quick_test(part)
@@ -121,7 +165,9 @@ def _items(validator: Any, part: Schema, instance: Any, schema: Schema) -> Itera
                 yield from validator.descend(item, part, path=index)
 
 
-def _pattern(validator: Any, pattern: str, instance: Any, schema: Schema) -> Iterator[ValidationError]:
+def _pattern(
+    validator: Any, pattern: str, instance: Any, schema: Schema
+) -> Iterator[ValidationError]:
     """The keyword `pattern` as JSON Schema defines it: $ is the very end, not also before a last line break."""
     from jsonschema import ValidationError
 
@@ -160,12 +206,18 @@ def _quick_test(schema: Schema) -> Test:
         least, greatest, is_open = bounds(schema)
         types = (int,) if kinds == "integer" else (int, float)
         return lambda value: (
-            type(value) in types and least <= value <= greatest and not (is_open and value == least)
+            type(value) in types
+            and least <= value <= greatest
+            and not (is_open and value == least)
         )
     if kinds == "string":
         fewest, most = schema.get("minLength", 0), schema.get("maxLength", math.inf)
         search = _compiled(schema.get("pattern", "")).search
-        return lambda value: isinstance(value, str) and fewest <= len(value) <= most and bool(search(value))
+        return lambda value: (
+            isinstance(value, str)
+            and fewest <= len(value) <= most
+            and bool(search(value))
+        )
     if kinds == "array":
         return _quick_list(schema)
     return _quick_mapping(schema) if kinds == "object" else lambda value: True
@@ -185,7 +237,11 @@ def _quick_list(schema: Schema) -> Test:
     every = _quick_test(schema["items"]) if "items" in schema else None
     fewest, most = schema.get("minItems", 0), schema.get("maxItems", math.inf)
     if every is not None:
-        return lambda value: type(value) is list and fewest <= len(value) <= most and all(map(every, value))
+        return lambda value: (
+            type(value) is list
+            and fewest <= len(value) <= most
+            and all(map(every, value))
+        )
     return lambda value: (
         type(value) is list
         and fewest <= len(value) <= most
@@ -194,7 +250,9 @@ def _quick_list(schema: Schema) -> Test:
 
 
 def _quick_mapping(schema: Schema) -> Test:
-    tests = {key: _quick_test(part) for key, part in schema.get("properties", {}).items()}
+    tests = {
+        key: _quick_test(part) for key, part in schema.get("properties", {}).items()
+    }
     rest = schema.get("additionalProperties", {})
     other = _quick_test(rest) if isinstance(rest, dict) else lambda value: False
     is_name = _quick_test(schema.get("propertyNames", {}))
@@ -204,14 +262,18 @@ def _quick_mapping(schema: Schema) -> Test:
         isinstance(value, dict)
         and fewest <= len(value) <= most
         and all(key in value for key in required)
-        and all(is_name(key) and tests.get(key, other)(item) for key, item in value.items())
+        and all(
+            is_name(key) and tests.get(key, other)(item) for key, item in value.items()
+        )
     )
 
 
 class _Fault:
     """One error of jsonschema, with the node and the part of the schema that it belongs to."""
 
-    def __init__(self, error: ValidationError, node: Node, path: KeyPath, schema: Schema) -> None:
+    def __init__(
+        self, error: ValidationError, node: Node, path: KeyPath, schema: Schema
+    ) -> None:
         self.error = error
         self.chain = [node]
         self.path: KeyPath = (*path, *error.path)
@@ -225,7 +287,9 @@ class _Fault:
         self.node, self.schema = node, schema
         kinds = schema.get("type", "")
         self.kinds: list[str] = [kinds] if isinstance(kinds, str) else kinds
-        self.hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
+        self.hint = (
+            f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
+        )
 
     def report(self, findings: Findings) -> None:
         """Adds the message, and marks the values that rules between keys cannot rely on."""
@@ -243,22 +307,41 @@ class _Fault:
         if "enum" in self.schema:
             return self._choice(findings)
         if "object" in kinds and (len(kinds) == 1 or "array" in kinds):
-            expected, fix = "is not a mapping", advice({**self.schema, "type": "object"})
+            expected, fix = (
+                "is not a mapping",
+                advice({**self.schema, "type": "object"}),
+            )
         elif len(kinds) > 1 and not ("integer" in kinds and type(value) is float):
             expected, fix = "does not fit here", f"write {listed(self._ways())}"
         elif "array" in kinds:
             what, count = self._count()
-            expected, fix = (f"is not a list of {count}", f"write {count}{self._in_unit(what)}{self.hint}")
+            expected, fix = (
+                f"is not a list of {count}",
+                f"write {count}{self._in_unit(what)}{self.hint}",
+            )
         elif "boolean" in kinds:
-            meant = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
+            meant = {
+                "yes": "true",
+                "on": "true",
+                "y": "true",
+                "no": "false",
+                "off": "false",
+                "n": "false",
+            }
             word = meant.get(value.lower()) if isinstance(value, str) else None
             expected, fix = "is not true or false", f"write {word or 'true or false'}"
         elif "string" in kinds:
             is_scalar = isinstance(value, int | float)
             expected = "is not text"
-            fix = f'write it in quotes: "{shown(value)}"' if is_scalar else f"write text{self.hint}"
+            fix = (
+                f'write it in quotes: "{shown(value)}"'
+                if is_scalar
+                else f"write text{self.hint}"
+            )
         else:
-            expected = "is not a whole number" if "integer" in kinds else "is not a number"
+            expected = (
+                "is not a whole number" if "integer" in kinds else "is not a number"
+            )
             ranged = isinstance(value, float)
             fix = f"write {measure(self._numeric(), self.unit, ranged=ranged)}{self._units()}{self.hint}"
         return findings.value(self.node, self.path, expected, fix)
@@ -277,23 +360,41 @@ class _Fault:
     def _count(self) -> tuple[str, str]:
         """What a list holds: `points`, and with its number `2 points`."""
         part = inner(self.schema, 0) or {}
-        kinds = {"number": "numbers", "integer": "whole numbers", "array": "points", "object": "mappings"}
-        what = kinds.get(part.get("type", ""), "names" if part.get("type") == "string" else "values")
+        kinds = {
+            "number": "numbers",
+            "integer": "whole numbers",
+            "array": "points",
+            "object": "mappings",
+        }
+        what = kinds.get(
+            part.get("type", ""), "names" if part.get("type") == "string" else "values"
+        )
         fewest, most = self.schema.get("minItems", 0), self.schema.get("maxItems")
         return what, f"{fewest} {what}" if fewest == most else what
 
     def _in_unit(self, what: str) -> str:
-        return f" in {UNITS.get(self.unit, self.unit)}" if self.unit and what != "mappings" else ""
+        return (
+            f" in {UNITS.get(self.unit, self.unit)}"
+            if self.unit and what != "mappings"
+            else ""
+        )
 
     def _units(self) -> str:
         """Units that a text may have here."""
         auto = ", or auto" if self.path == ("world", "duration") else ""
-        return f", or a number with {ALLOWED[self.unit]} behind it{auto}" if self.unit in ALLOWED else ""
+        return (
+            f", or a number with {ALLOWED[self.unit]} behind it{auto}"
+            if self.unit in ALLOWED
+            else ""
+        )
 
     def _choice(self, findings: Findings) -> None:
         value, schema = self.node.value, self.schema
         if "const" in schema:
-            expected, fix = "is not a version that this physgen reads", f"write {example(schema['const'])}"
+            expected, fix = (
+                "is not a version that this physgen reads",
+                f"write {example(schema['const'])}",
+            )
         elif "then" in schema:
             words = schema["then"]["enum"]
             close = nearest(str(value), [*words, *schema.get("properties", {})])
@@ -323,7 +424,10 @@ class _Fault:
     def _text(self, findings: Findings) -> None:
         value, schema = str(self.node.value), self.schema
         if self.error.validator == "maxLength":
-            expected, fix = f"is {len(value)} characters long", f"write at most {schema['maxLength']}"
+            expected, fix = (
+                f"is {len(value)} characters long",
+                f"write at most {schema['maxLength']}",
+            )
         elif self.error.validator == "minLength":
             expected, fix = "is empty", f"write text{self.hint}"
         else:
@@ -354,7 +458,10 @@ class _Fault:
         value, parts = self.node.value, self.schema.get("properties", {})
         assert isinstance(value, dict)
         if not parts:
-            has, fix = f"has {len(value):,} keys", f"write at most {self.schema['maxProperties']:,}"
+            has, fix = (
+                f"has {len(value):,} keys",
+                f"write at most {self.schema['maxProperties']:,}",
+            )
         elif all(key in parts for key in value):
             has = f"has {listed(value, 'and')}" if value else "is empty"
             fix = f"write exactly one of {listed(parts)}"
@@ -366,7 +473,13 @@ class _Fault:
         key, names = str(self.error.instance), self.schema["propertyNames"]
         assert isinstance(self.node.value, dict)
         fix = f"write {names['x-pattern']}, e.g. {example(names['examples'][0])}"
-        findings.add(self.node.value[key].key_place, (*self.path, key), quoted(key), "is not a name", fix)
+        findings.add(
+            self.node.value[key].key_place,
+            (*self.path, key),
+            quoted(key),
+            "is not a name",
+            fix,
+        )
 
     def _unknown(self, findings: Findings) -> None:
         value, known = self.node.value, list(self.schema["properties"])
@@ -374,14 +487,25 @@ class _Fault:
         for key, child in value.items():
             if key in known:
                 continue
-            alias = _ALIASES.get(key.replace("-", "_").lower()) if self.path[:1] == ("objects",) else None
+            alias = (
+                _ALIASES.get(key.replace("-", "_").lower())
+                if self.path[:1] == ("objects",)
+                else None
+            )
             close = alias or nearest(key, known)
-            fix = f'did you mean "{close}"?' if close else f"write {listed(islice(known, 30))}"
+            fix = (
+                f'did you mean "{close}"?'
+                if close
+                else f"write {listed(islice(known, 30))}"
+            )
             if not self.path and key in at("objects.*")["properties"]:
                 fix = f"it belongs to an object: objects.NAME.{key}"
             findings.add(child.key_place, (*self.path, key), "", "unknown key", fix)
             findings.bad.add(child)
-        if self.schema.get("maxProperties") == 1 and sum(key in known for key in value) != 1:
+        if (
+            self.schema.get("maxProperties") == 1
+            and sum(key in known for key in value) != 1
+        ):
             findings.bad.update(self.chain)
 
 

@@ -16,7 +16,9 @@ WIDTH = 112
 """Columns after which a list of points goes on in the next line, and a mapping is written a key a line."""
 
 _LONGEST_KEY = 1000  # YAML takes 1024 characters before the colon
-_BLOCK = re.compile(r"world|objects(\.[^.]+)?|boundaries|doubtful|joints|fields|variants|").fullmatch
+_BLOCK = re.compile(
+    r"world|objects(\.[^.]+)?|boundaries|doubtful|joints|fields|variants|"
+).fullmatch
 _WRAPPED = re.compile(r"boundaries\.[^.]+|light").fullmatch
 _PLAIN = re.compile(r"(?!\.\.\.)(?:-(?=\d))?[\w./][\w./ ()+*=%-]*(?<! )").fullmatch
 
@@ -58,14 +60,26 @@ class _Writer:
     def __init__(self, comments: Mapping[str, str]) -> None:
         self.comments = comments
         above = (re.split(r"(?=[.\[])", path) for path in comments)
-        self.commented = {"".join(parts[:n]) for parts in above for n in range(len(parts))}
+        self.commented = {
+            "".join(parts[:n]) for parts in above for n in range(len(parts))
+        }
 
     def mapping(
-        self, value: Mapping[str, Any], indent: str, path: KeyPath, schema: Schema | None
+        self,
+        value: Mapping[str, Any],
+        indent: str,
+        path: KeyPath,
+        schema: Schema | None,
     ) -> Iterator[str]:
         for key in _ordered(value, schema):
             part = inner(schema, key)
-            yield from self.entry(value[key], f"{indent}{key_text(key)}:", indent + "  ", (*path, key), part)
+            yield from self.entry(
+                value[key],
+                f"{indent}{key_text(key)}:",
+                indent + "  ",
+                (*path, key),
+                part,
+            )
 
     def entry(
         self, value: Any, start: str, indent: str, path: KeyPath, schema: Schema | None
@@ -76,7 +90,10 @@ class _Writer:
         value = _data(value)
         text = _flow(value, schema)
         block = bool(value) and (
-            (isinstance(value, Mapping) and (where in self.commented or bool(_BLOCK(where))))
+            (
+                isinstance(value, Mapping)
+                and (where in self.commented or bool(_BLOCK(where)))
+            )
             or (
                 isinstance(value, Mapping | list)
                 and path[-1:] != ("from",)
@@ -89,8 +106,12 @@ class _Writer:
         dashed = (
             block and isinstance(value, Mapping) and start.endswith("-")
         )  # its first key stands behind the dash
-        if comment and (dashed or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 8):
-            yield from _comment_lines(comment, start[: len(start) - len(start.lstrip())])
+        if comment and (
+            dashed or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 8
+        ):
+            yield from _comment_lines(
+                comment, start[: len(start) - len(start.lstrip())]
+            )
         elif comment:
             first = f"{first}  {_comment_lines(comment, '')[0]}"
         if not block:
@@ -106,12 +127,15 @@ class _Writer:
             yield first
             items = schema.get("items") if schema else None
             for index, item in enumerate(value):
-                yield from self.entry(item, f"{indent}-", indent + "  ", (*path, index), items)
+                yield from self.entry(
+                    item, f"{indent}-", indent + "  ", (*path, index), items
+                )
 
 
 def _comment_lines(text: str, indent: str) -> list[str]:
     clean = (
-        "".join(c if c.isprintable() else " " for c in line).strip() for line in text.strip().split("\n")
+        "".join(c if c.isprintable() else " " for c in line).strip()
+        for line in text.strip().split("\n")
     )
     return [f"{indent}# {line}".rstrip() for line in clean]
 
@@ -123,7 +147,9 @@ def _wrapped(first: str, start: str, indent: str, text: str) -> Iterator[str]:
         yield first
         return
     line = f"{start} "
-    for part in re.split(r"(?<=,) (?=\[|[a-z])" if "[" in text[1:] else r"(?<=,) ", text):
+    for part in re.split(
+        r"(?<=,) (?=\[|[a-z])" if "[" in text[1:] else r"(?<=,) ", text
+    ):
         if len(line) + len(part) > WIDTH:
             yield line.rstrip()
             line = indent
@@ -138,7 +164,9 @@ def _points(value: Any) -> bool:
         and len(value) > 2
         and all(
             isinstance(item, int | float)
-            or (isinstance(item, list) and all(isinstance(n, int | float) for n in item))
+            or (
+                isinstance(item, list) and all(isinstance(n, int | float) for n in item)
+            )
             for item in value
         )
     )
@@ -153,7 +181,9 @@ def _data(value: Any) -> Any:
 
 def _ordered(value: Mapping[str, Any], schema: Schema | None) -> list[str]:
     known = list(schema.get("properties", {})) if schema else []
-    return [key for key in known if key in value] + [key for key in value if key not in known]
+    return [key for key in known if key in value] + [
+        key for key in value if key not in known
+    ]
 
 
 def _flow(value: Any, schema: Schema | None) -> str:
@@ -161,7 +191,8 @@ def _flow(value: Any, schema: Schema | None) -> str:
     value = _data(value)
     if isinstance(value, Mapping):
         pairs = (
-            f"{key_text(key)}: {_flow(value[key], inner(schema, key))}" for key in _ordered(value, schema)
+            f"{key_text(key)}: {_flow(value[key], inner(schema, key))}"
+            for key in _ordered(value, schema)
         )
         return "{" + ", ".join(pairs) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):
@@ -204,4 +235,10 @@ def _escaped(char: str) -> str:
     if char.isprintable():
         return char
     code = ord(char)
-    return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" if code < 65536 else f"\\U{code:08x}"
+    return (
+        f"\\x{code:02x}"
+        if code < 256
+        else f"\\u{code:04x}"
+        if code < 65536
+        else f"\\U{code:08x}"
+    )

@@ -43,7 +43,9 @@ class Marked:
     """Of a scalar: `""` plain, or its quote, `|` or `>`."""
     keys: list[tuple[str, int, int]] = field(default_factory=list)
     """Of a mapping: each key, and where it stands."""
-    children: list[Marked] = field(default_factory=list)  # values of a mapping, or items
+    children: list[Marked] = field(
+        default_factory=list
+    )  # values of a mapping, or items
 
     def place(self, key: str | int) -> int | None:
         """Index of the child at a key or an index; None where there is none."""
@@ -63,7 +65,10 @@ class Marked:
     def data(self) -> Any:
         """The plain data."""
         if self.kind is dict:
-            return {key: child.data() for (key, _, _), child in zip(self.keys, self.children, strict=True)}
+            return {
+                key: child.data()
+                for (key, _, _), child in zip(self.keys, self.children, strict=True)
+            }
         if self.kind is list:
             return [child.data() for child in self.children]
         return self.value
@@ -78,12 +83,18 @@ def marked(text: str) -> Marked:
         problem = error.problems[0]
         where = f" (line {problem.place.line})" if problem.place.line else ""
         reason = f"{problem.found} {problem.expected}".strip()
-        raise impossible(f"the file cannot be read{where}: {reason}", "correct the YAML, or undo") from None
+        raise impossible(
+            f"the file cannot be read{where}: {reason}", "correct the YAML, or undo"
+        ) from None
     return _marked(yaml.compose(text, Loader=LOADER), text)
 
 
 def _marked(node: Any, text: str) -> Marked:
-    begin, end, column = node.start_mark.index, node.end_mark.index, node.start_mark.column
+    begin, end, column = (
+        node.start_mark.index,
+        node.end_mark.index,
+        node.start_mark.column,
+    )
     if isinstance(node, yaml.ScalarNode):
         style = node.style if node.style in ("'", '"', "|", ">") else ""
         if style in ("|", ">"):
@@ -92,13 +103,24 @@ def _marked(node: Any, text: str) -> Marked:
         return Marked(str, False, begin, end, column, value, style)
     keys: list[tuple[str, int, int]] = []
     if isinstance(node, yaml.MappingNode):
-        keys = [(key.value, key.start_mark.index, key.end_mark.index) for key, _ in node.value]
+        keys = [
+            (key.value, key.start_mark.index, key.end_mark.index)
+            for key, _ in node.value
+        ]
         children = [_marked(child, text) for _, child in node.value]
     else:
         children = [_marked(child, text) for child in node.value]
     flow = bool(node.flow_style)
     kind = dict if isinstance(node, yaml.MappingNode) else list
-    return Marked(kind, flow, begin, end if flow else children[-1].end, column, keys=keys, children=children)
+    return Marked(
+        kind,
+        flow,
+        begin,
+        end if flow else children[-1].end,
+        column,
+        keys=keys,
+        children=children,
+    )
 
 
 def entry(text: str, parent: Marked, at: int) -> int:
@@ -110,7 +132,10 @@ def entry(text: str, parent: Marked, at: int) -> int:
     if at == 0:
         return parent.begin
     place = line_after(text, parent.children[at - 1].end)
-    while text[place : place + parent.column].strip(" ") or text[place + parent.column] != "-":
+    while (
+        text[place : place + parent.column].strip(" ")
+        or text[place + parent.column] != "-"
+    ):
         place = line_after(text, place)
     return place + parent.column
 
@@ -153,7 +178,9 @@ def below(text: str, place: int, lines: Sequence[str]) -> Patch:
 
 def joint(text: str, node: Marked, before: Marked) -> str:
     """Separator of a new entry in brackets: with a line break where each entry has a line of its own."""
-    begin = node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
+    begin = (
+        node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
+    )
     if leads(text, begin) and line_begin(text, begin) > node.begin:
         return "," + newline(text) + text[line_begin(text, begin) : begin]
     return ", "
@@ -165,7 +192,10 @@ def find(text: str, path: Sequence[str | int]) -> Marked:
     for key in path:
         child = node.child(key)
         if child is None:
-            raise impossible(f"{dotted(tuple(path))} is not there", "ask for the state and edit again")
+            raise impossible(
+                f"{dotted(tuple(path))} is not there",
+                "ask for the state and edit again",
+            )
         node = child
     return node
 
@@ -173,7 +203,9 @@ def find(text: str, path: Sequence[str | int]) -> Marked:
 def same(one: Any, other: Any) -> bool:
     """Whether two values are equal; true and 1 are not."""
     if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+        return one.keys() == other.keys() and all(
+            same(one[key], other[key]) for key in one
+        )
     if isinstance(one, list) and isinstance(other, list):
         return len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, bool) or isinstance(other, bool):
@@ -186,7 +218,9 @@ def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
     parent = find(text, path[:-1])
     at = parent.place(path[-1])
     if at is None:
-        raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
+        raise impossible(
+            f"{dotted(path)} is not there", "ask for the state and edit again"
+        )
     return parent, at
 
 
@@ -208,7 +242,10 @@ def write(text: str, data: dict[str, Any]) -> str:
             return made
     except EditError:
         pass
-    raise impossible("the YAML is written in a way that this cannot be written into", "edit the YAML beside")
+    raise impossible(
+        "the YAML is written in a way that this cannot be written into",
+        "edit the YAML beside",
+    )
 
 
 def written_anew(text: str, path: KeyPath, value: Any) -> str:
@@ -223,7 +260,9 @@ def put(text: str, path: KeyPath, value: Any) -> str:
     """Set the value at a path whose holder is there."""
     if path and find(text, path[:-1]).place(path[-1]) is None:
         return _made(text, path, value)
-    return text if same(find(text, path).data(), value) else _replaced(text, path, value)
+    return (
+        text if same(find(text, path).data(), value) else _replaced(text, path, value)
+    )
 
 
 def _drop(text: str, path: KeyPath) -> str:
@@ -233,7 +272,9 @@ def _drop(text: str, path: KeyPath) -> str:
     if parent.is_flow or not leads(text, begin):
         return patched(text, _cut(text, parent, at, begin))
     stop, first = line_after(text, parent.children[at].end), line_begin(text, begin)
-    if stop == len(text) and not BREAK.search(text[-1:]):  # nor does the new last line end
+    if stop == len(text) and not BREAK.search(
+        text[-1:]
+    ):  # nor does the new last line end
         first -= 2 if text[:first].endswith("\r\n") else 1
     return patched(text, (first, stop, ""))
 
@@ -241,7 +282,9 @@ def _drop(text: str, path: KeyPath) -> str:
 def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
     """Patch that removes one of several entries in brackets, and no comments of others."""
     child = parent.children[at]
-    if at and leads(text, begin):  # the comma before it may stay: YAML lets one stand at the end
+    if at and leads(
+        text, begin
+    ):  # the comma before it may stay: YAML lets one stand at the end
         if re.fullmatch(r"\s*,\s*(#.*)?", text[child.end : line_end(text, child.end)]):
             return line_begin(text, begin), line_after(text, child.end), ""
         if at + 1 == len(parent.children):
@@ -249,7 +292,9 @@ def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
     elif at:
         return parent.children[at - 1].end, child.end, ""
     after = entry(text, parent, at + 1)
-    if not parent.is_flow and "#" in text[line_end(text, child.end) : after]:  # behind a dash, comments below
+    if (
+        not parent.is_flow and "#" in text[line_end(text, child.end) : after]
+    ):  # behind a dash, comments below
         return begin, line_end(text, child.end), ""
     return begin, after, ""
 
@@ -264,13 +309,17 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
         inner, before = flow_text(value, path), node.children[max(at - 1, 0)]
         if at == 0:
             return patched(text, (before.begin, before.begin, f"{inner}, "))
-        return patched(text, (before.end, before.end, joint(text, node, before) + inner))
+        return patched(
+            text, (before.end, before.end, joint(text, node, before) + inner)
+        )
     indent = " " * node.column
     lines = entry_lines(value, f"{indent}-", indent + "  ", path)
     if at:
         return patched(text, below(text, node.children[at - 1].end, lines))
     begin = entry(text, node, 0)
-    return patched(text, (begin, begin, (newline(text).join([*lines, indent]))[node.column :]))
+    return patched(
+        text, (begin, begin, (newline(text).join([*lines, indent]))[node.column :])
+    )
 
 
 def _rename(text: str, path: KeyPath, to: str) -> str:
@@ -294,7 +343,12 @@ def _made(text: str, path: KeyPath, value: Any) -> str:
         return patched(text, (after.end, after.end, joint(text, node, after) + inner))
     indent = " " * node.column
     return patched(
-        text, below(text, after.end, entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", path))
+        text,
+        below(
+            text,
+            after.end,
+            entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", path),
+        ),
     )
 
 
@@ -315,15 +369,23 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
         keys = {key for key, _, _ in node.keys}
         if not node.is_flow or (keys != value.keys() and keys & value.keys()):
             return _entries(text, path, node, value)
-    is_filled_list = node.kind is list and isinstance(value, list) and value and node.children
+    is_filled_list = (
+        node.kind is list and isinstance(value, list) and value and node.children
+    )
     if is_filled_list and (not node.is_flow or len(value) != len(node.children)):
         return _items(text, path, node.data(), value)
 
     patches = _differences(node, value, path) if node.is_flow else None
     if not path:
-        lines = [line for key in value for line in entry_lines(value[key], f"{key_text(key)}:", "  ", (key,))]
+        lines = [
+            line
+            for key in value
+            for line in entry_lines(value[key], f"{key_text(key)}:", "  ", (key,))
+        ]
         patches = patches or [(node.begin, node.end, newline(text).join(lines) or "{}")]
-    return patched(text, *(_rewritten(text, path, value) if patches is None else patches))
+    return patched(
+        text, *(_rewritten(text, path, value) if patches is None else patches)
+    )
 
 
 def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> str:
@@ -352,7 +414,10 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
     """A list item by item between its ends that stay; from the last, so that numbers of items stay what they are."""
     most = min(len(old), len(new))
     head = next((at for at in range(most) if not same(old[at], new[at])), most)
-    tail = next((at for at in range(most - head) if not same(old[-1 - at], new[-1 - at])), most - head)
+    tail = next(
+        (at for at in range(most - head) if not same(old[-1 - at], new[-1 - at])),
+        most - head,
+    )
     shared = most - tail
     for at in reversed(range(shared, len(old) - tail)):
         text = _drop(text, (*path, at))
@@ -365,13 +430,23 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
 
 def _differences(node: Marked, value: Any, path: KeyPath) -> list[Patch] | None:
     """Patches that change values inside brackets; None where keys or the number of items differ."""
-    if node.kind is dict and isinstance(value, dict) and {key for key, _, _ in node.keys} == value.keys():
+    if (
+        node.kind is dict
+        and isinstance(value, dict)
+        and {key for key, _, _ in node.keys} == value.keys()
+    ):
         pairs = [
             (child, value[key], (*path, key))
             for (key, _, _), child in zip(node.keys, node.children, strict=True)
         ]
-    elif node.kind is list and isinstance(value, list) and len(node.children) == len(value):
-        pairs = [(child, value[at], (*path, at)) for at, child in enumerate(node.children)]
+    elif (
+        node.kind is list
+        and isinstance(value, list)
+        and len(node.children) == len(value)
+    ):
+        pairs = [
+            (child, value[at], (*path, at)) for at, child in enumerate(node.children)
+        ]
     else:
         return None
     patches: list[Patch] = []
@@ -392,7 +467,11 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     """Patches that write the value of a key or an item anew; a comment at the line's end stays, unless an entry's."""
     parent, at = parent_of(text, path)
     node = parent.children[at]
-    end = line_end(text, node.end) if node.kind in (dict, list) and not node.is_flow else node.end
+    end = (
+        line_end(text, node.end)
+        if node.kind in (dict, list) and not node.is_flow
+        else node.end
+    )
     if parent.is_flow:
         return [_inside(node, value, path)]
     begin = entry(text, parent, at)
@@ -404,7 +483,12 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
         start = " " * parent.column + "-"
     first, *rest = entry_lines(value, start, " " * parent.column + "  ", path)
     first = first[len(start) :]
-    if rest and not first and (node.kind is str or node.is_flow) and node.style not in ("|", ">"):
+    if (
+        rest
+        and not first
+        and (node.kind is str or node.is_flow)
+        and node.style not in ("|", ">")
+    ):
         return [(colon + 1, node.end, ""), below(text, node.end, rest)]
     return [(colon + 1, end, newline(text).join([first, *rest]))]
 
@@ -417,7 +501,9 @@ DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
 """Keys of a path to a value with a comment of perception, by section."""
 
 
-def without_comments(text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]) -> str:
+def without_comments(
+    text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]
+) -> str:
     """The text without the comments that are `ours` behind or above values that a user has set; others stay."""
     for path in paths:
         if depth := DEEP.get(str(path[0]), 0):
@@ -425,7 +511,9 @@ def without_comments(text: str, paths: Sequence[Sequence[str | int]], ours: Coll
     return text
 
 
-def with_comments(text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]) -> str:
+def with_comments(
+    text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]
+) -> str:
     """The text with comments at dotted keys, behind short values and above others, in the place of those that are
     `ours`; where none is, at keys that are `new` alone."""
     for key, comment in comments.items():
@@ -451,7 +539,9 @@ def with_comments(text: str, comments: Mapping[str, str], ours: Collection[str],
         if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
             text = patched(text, (stop, stop, f"  # {words}"))
         else:
-            text = patched(text, (first, first, f"{text[first:begin]}# {words}{newline(text)}"))
+            text = patched(
+                text, (first, first, f"{text[first:begin]}# {words}{newline(text)}")
+            )
     return text
 
 
@@ -479,5 +569,7 @@ def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
         if words in ours and lines[line].lstrip().startswith("#"):
             del lines[line]
         elif words in ours:
-            lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[line].endswith("\r")
+            lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[
+                line
+            ].endswith("\r")
     return "\n".join(lines)

@@ -14,7 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.simulate.contacts import Array, ContactProperties, Flags, Point, Points, point_at_closing
+from physgen.simulate.contacts import (
+    Array,
+    ContactProperties,
+    Flags,
+    Point,
+    Points,
+    point_at_closing,
+)
 from physgen.simulate.joints import Assemblies, find
 
 Index = NDArray[np.int64]
@@ -25,7 +32,9 @@ class CollisionTuning:
     """Limits and tolerances of the impact solver."""
 
     sweeps: int = 300
-    few: int = 30  # passes over points that close together, at most; few in a heap of hundreds
+    few: int = (
+        30  # passes over points that close together, at most; few in a heap of hundreds
+    )
     rounds: int = 400
     """Impacts in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
     faint: float = 1e-4
@@ -91,7 +100,11 @@ def single_point_impulse(
 
 
 def simultaneous_impulses(
-    matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float
+    matrix: Array,
+    before: Array,
+    elasticity: list[float],
+    friction: list[float],
+    exact: float,
 ) -> tuple[Array, int]:
     """Impulses (2P,), normal and along the surface in turn, of points that close together; and passes over them.
 
@@ -119,19 +132,40 @@ def _gain(matrix: Array, before: Array, impulse: Array) -> float:
 
 
 def _swept(
-    matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float
+    matrix: Array,
+    before: Array,
+    elasticity: list[float],
+    friction: list[float],
+    exact: float,
 ) -> tuple[Array, int]:
     """Projected Gauss-Seidel to the last digits: no pull, the wanted rebound, friction within its cone."""
     speed = before.tolist()
-    impulse, give = [0.0] * len(speed), [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()]
+    impulse, give = (
+        [0.0] * len(speed),
+        [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()],
+    )
     goals = [-e * min(v, 0.0) for e, v in zip(elasticity, speed[::2], strict=True)]
-    columns: list[list[tuple[int, float]]] = [[] for _ in speed]  # a point changes the speeds of few others
+    columns: list[list[tuple[int, float]]] = [
+        [] for _ in speed
+    ]  # a point changes the speeds of few others
     rows, by = np.nonzero(matrix)
-    for row, one, value in zip(rows.tolist(), by.tolist(), matrix[rows, by].tolist(), strict=True):
+    for row, one, value in zip(
+        rows.tolist(), by.tolist(), matrix[rows, by].tolist(), strict=True
+    ):
         columns[one].append((row, value))
     normals, sides = range(0, len(speed), 2), range(1, len(speed), 2)
     points = list(
-        zip(normals, sides, goals, friction, give[::2], give[1::2], columns[::2], columns[1::2], strict=True)
+        zip(
+            normals,
+            sides,
+            goals,
+            friction,
+            give[::2],
+            give[1::2],
+            columns[::2],
+            columns[1::2],
+            strict=True,
+        )
     )
     for passes in range(1, 1 + (TUNING.sweeps if exact < 1e-6 else TUNING.few)):  # noqa: B007 - counts
         change = size = 0.0
@@ -204,11 +238,17 @@ class ImpactSolver:
         """`touched` (K,): whether the pair touched a step ago already."""
         points = points.sorted()
         self._properties, self._joined = properties, joined
-        self._pose, self._velocity, self._drift = motion.pose, motion.velocity, motion.drift
+        self._pose, self._velocity, self._drift = (
+            motion.pose,
+            motion.velocity,
+            motion.drift,
+        )
         self._found, self._h, self._threshold = points, h, threshold
         self._own = points.closing > threshold
         self._earlier = points.earlier(self._own, touched, h)
-        self._exact = TUNING.exact if len(points.first) < TUNING.crowd else TUNING.nearly
+        self._exact = (
+            TUNING.exact if len(points.first) < TUNING.crowd else TUNING.nearly
+        )
         both = np.concatenate([points.first, points.second])
         order = np.argsort(both, kind="stable")
         self._owner, self._listed = both[order], order % len(points.first)
@@ -231,10 +271,16 @@ class ImpactSolver:
             times = {k: self._time(k, number) for k in closing}
             struck = self._leading(closing, times)
             self._begin(struck, times)
-            moved = set[int]().union(*(self._solve(group, times) for group in self._groups(struck)))
+            moved = set[int]().union(
+                *(self._solve(group, times) for group in self._groups(struck))
+            )
             near = set(closing).union(*(self._beside(body) for body in sorted(moved)))
             points = ((k, self._point(k)) for k in sorted(near))
-            closing = [k for k, p in points if p.leaving(self._speeds(p.a), self._speeds(p.b)) < -faint]
+            closing = [
+                k
+                for k, p in points
+                if p.leaving(self._speeds(p.a), self._speeds(p.b)) < -faint
+            ]
         velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
         for body, (vx, vy, spin) in self._v.items():
             lx, ly = self._leap.get(body, (0.0, 0.0))
@@ -289,7 +335,10 @@ class ImpactSolver:
         leads = []
         for k in closing:
             p = self._point(k)
-            if all(not self._free(body) or times[k] >= latest[body] - slack for body in (p.a, p.b)):
+            if all(
+                not self._free(body) or times[k] >= latest[body] - slack
+                for body in (p.a, p.b)
+            ):
                 leads.append(k)
         return leads
 
@@ -301,7 +350,10 @@ class ImpactSolver:
                 if body not in self._when and self._free(body):
                     self._when[body] = times[k]
                     part = self._h / 2 - times[k]
-                    leap = float(self._drift[body, 0]) * part, float(self._drift[body, 1]) * part
+                    leap = (
+                        float(self._drift[body, 0]) * part,
+                        float(self._drift[body, 1]) * part,
+                    )
                     self._leap[body] = leap
                     v = self._speeds(body)
                     v[0] += leap[0]
@@ -328,7 +380,13 @@ class ImpactSolver:
     def _point(self, k: int) -> Point:
         if k not in self._points:
             self._points[k] = point_at_closing(
-                self._properties, self._found, k, self._pose, self._velocity, self._earlier, self._own
+                self._properties,
+                self._found,
+                k,
+                self._pose,
+                self._velocity,
+                self._earlier,
+                self._own,
             )
         return self._points[k]
 
@@ -343,21 +401,35 @@ class ImpactSolver:
         driven = [self._drive(p) for p in points]
         if len(points) == 1 and not wholes:
             (q,) = points
-            found = [single_point_impulse(q.nn, q.nt, q.tt, q.elasticity, q.friction, *was[0])]
+            found = [
+                single_point_impulse(
+                    q.nn, q.nt, q.tt, q.elasticity, q.friction, *was[0]
+                )
+            ]
             self._give(self._v, points[0], *found[0], 1.0)
             self._give(self._shift, points[0], *found[0], times[group[0]])
         else:
             for whole in wholes:
-                bodies |= set(self._joined.members[whole]) if whole is not None else set()
-            found = self._together(points, was, sorted(bodies), [times[k] for k in group])
-        for k, p, (jn, jt), (vn, vt), (dn, dt) in zip(group, points, found, was, driven, strict=True):
-            self._rows.append((p.a, p.b, jt * p.ny - jn * p.nx, -jn * p.ny - jt * p.nx, times[k]))
+                bodies |= (
+                    set(self._joined.members[whole]) if whole is not None else set()
+                )
+            found = self._together(
+                points, was, sorted(bodies), [times[k] for k in group]
+            )
+        for k, p, (jn, jt), (vn, vt), (dn, dt) in zip(
+            group, points, found, was, driven, strict=True
+        ):
+            self._rows.append(
+                (p.a, p.b, jt * p.ny - jn * p.nx, -jn * p.ny - jt * p.nx, times[k])
+            )
             leaves, slides = p.motion(self._speeds(p.a), self._speeds(p.b))
             self._lost -= jn * (vn + leaves) / 2 + jt * (vt + slides) / 2
             self._work += jn * dn + jt * dt
         return bodies
 
-    def _give(self, to: dict[int, list[float]], p: Point, jn: float, jt: float, part: float) -> None:
+    def _give(
+        self, to: dict[int, list[float]], p: Point, jn: float, jt: float, part: float
+    ) -> None:
         """Add the changes of velocity by an impulse on two free bodies, times `part`."""
         fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
         for body, m, turn, sign in (
@@ -365,32 +437,51 @@ class ImpactSolver:
             (p.b, p.mb, p.eb * (p.nb * jn + p.tb * jt) * part, 1.0),
         ):
             if m > 0:
-                row = self._speeds(body) if to is self._v else to.setdefault(body, [0.0, 0.0, 0.0])
+                row = (
+                    self._speeds(body)
+                    if to is self._v
+                    else to.setdefault(body, [0.0, 0.0, 0.0])
+                )
                 row[0] += sign * m * fx
                 row[1] += sign * m * fy
                 row[2] += sign * turn
 
     def _together(
-        self, points: list[Point], was: list[tuple[float, float]], bodies: list[int], times: list[float]
+        self,
+        points: list[Point],
+        was: list[tuple[float, float]],
+        bodies: list[int],
+        times: list[float],
     ) -> list[tuple[float, float]]:
         """Impulses of points that share bodies, or whose bodies joints hold, carried out on all of them."""
         properties = self._properties
         inverse = np.array(
-            [[properties.lightness[b], properties.lightness[b], properties.ease[b]] for b in bodies]
+            [
+                [properties.lightness[b], properties.lightness[b], properties.ease[b]]
+                for b in bodies
+            ]
         ).ravel()
         response = self._joined.response(bodies, inverse, self._pose)
         place = {body: 3 * k for k, body in enumerate(bodies)}
         J = np.zeros((2 * len(points), len(inverse)))
         for i, p in enumerate(points):
-            for body, sign, turn, slide in ((p.a, -1.0, p.na, p.ta), (p.b, 1.0, p.nb, p.tb)):
+            for body, sign, turn, slide in (
+                (p.a, -1.0, p.na, p.ta),
+                (p.b, 1.0, p.nb, p.tb),
+            ):
                 if body in place:
                     k = place[body]
                     J[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * turn
                     J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
         spread = response @ J.T
-        elasticity, friction = [p.elasticity for p in points], [p.friction for p in points]
+        elasticity, friction = (
+            [p.elasticity for p in points],
+            [p.friction for p in points],
+        )
         exact = TUNING.nearly if self._budget.exceeded_by else self._exact
-        found, passes = simultaneous_impulses(J @ spread, np.array(was).ravel(), elasticity, friction, exact)
+        found, passes = simultaneous_impulses(
+            J @ spread, np.array(was).ravel(), elasticity, friction, exact
+        )
         self._budget.spend(passes, points)
         change, moved = spread @ found, spread @ (found * np.repeat(times, 2))
         for body, k in place.items():
@@ -402,7 +493,9 @@ class ImpactSolver:
 
     def _drive(self, p: Point) -> tuple[float, float]:
         """px/s, along the normal and the surface, of the first's point less the second's, where they are scripted."""
-        sides = [[0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b)]
+        sides = [
+            [0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b)
+        ]
         if not (any(sides[0]) or any(sides[1])):
             return 0.0, 0.0
         leaves, slides = p.motion(*sides)

@@ -39,7 +39,9 @@ class Brakes:
 
     pairs: list[Pair]
     array: NDArray[np.int64]  # (B, 2): the same
-    by: list[tuple[float, list[int]]]  # px and contacts, as listed, of each: the lever of the normal forces
+    by: list[
+        tuple[float, list[int]]
+    ]  # px and contacts, as listed, of each: the lever of the normal forces
 
 
 class Order:
@@ -56,7 +58,9 @@ class Order:
         self._alike = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
         self._runs: list[tuple[int, int]] = []
         for k in self._alike.tolist():
-            start = self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
+            start = (
+                self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
+            )
             self._runs.append((start, k + 1))
         self.places = np.tile(_POINTS, len(listed))
         """(14 K,): 1 for numbers of points, else 0."""
@@ -68,15 +72,24 @@ class Order:
         """The numbers of one or more steps, in order; contacts of the same pairs by their places."""
         if not (self._mixed or self._runs):
             return numbers
-        steps = np.frombuffer(numbers).reshape(-1, len(self._rows), NUMBERS).take(self._rows, axis=1)
+        steps = (
+            np.frombuffer(numbers)
+            .reshape(-1, len(self._rows), NUMBERS)
+            .take(self._rows, axis=1)
+        )
         x = steps[:, :, _PLACE[0]]
-        if not self._runs or (x.take(self._alike - 1, axis=1) < x.take(self._alike, axis=1)).all():
+        if (
+            not self._runs
+            or (x.take(self._alike - 1, axis=1) < x.take(self._alike, axis=1)).all()
+        ):
             return steps.tobytes()
         for start, end in self._runs:
             alike = steps[:, start:end]
             by = np.lexsort([alike[..., at] for at in reversed(_PLACE)], axis=-1)
             steps[:, start:end] = np.take_along_axis(alike, by[..., None], axis=1)
-            self._rows[start:end] = self._rows[start:end][by[-1]]  # the next steps' order most likely
+            self._rows[start:end] = self._rows[start:end][
+                by[-1]
+            ]  # the next steps' order most likely
         return steps.tobytes()
 
 
@@ -119,14 +132,20 @@ def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
     now, then = _pairs(words), np.sort(_pairs(before))
     at = then.searchsorted(now)
     at[at == len(then)] = 0
-    found: list[int] = np.flatnonzero(then.take(at) != now).tolist() if len(then) else list(range(len(now)))
+    found: list[int] = (
+        np.flatnonzero(then.take(at) != now).tolist()
+        if len(then)
+        else list(range(len(now)))
+    )
     return found
 
 
 @lru_cache(maxsize=256)
 def _pairs(words: bytes) -> Index:
     first, second, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
-    return np.asarray((np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count)
+    return np.asarray(
+        (np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count
+    )
 
 
 def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:
@@ -136,7 +155,9 @@ def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:
     """
     off = np.frombuffer(now) - np.frombuffer(before)
     # what moved less all together needs no closer look
-    return bool((off * off).dot(places) > LEAP * LEAP and (np.abs(off) * places).max() > LEAP)
+    return bool(
+        (off * off).dot(places) > LEAP * LEAP and (np.abs(off) * places).max() > LEAP
+    )
 
 
 @dataclass(frozen=True)
@@ -157,7 +178,9 @@ class Points:
         x, y = self.on_first.T
         # contacts come sorted but for the two points of one
         second = np.flatnonzero(self.row[1:] == self.row[:-1]) + 1
-        ahead = (x[second] < x[second - 1]) | ((x[second] == x[second - 1]) & (y[second] < y[second - 1]))
+        ahead = (x[second] < x[second - 1]) | (
+            (x[second] == x[second - 1]) & (y[second] < y[second - 1])
+        )
         if not ahead.any():
             return self
         order = np.arange(len(x))
@@ -172,7 +195,11 @@ class Points:
         """
         row = self.row
         depth = np.maximum(self.depth, 0.0)
-        earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(self.closing, 1e-300), h), 0.0)
+        earlier = np.where(
+            own & ~touched[row],
+            np.minimum(depth / np.maximum(self.closing, 1e-300), h),
+            0.0,
+        )
         # two points of one pair close together: what lands flat stays flat
         pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
         pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
@@ -217,21 +244,37 @@ class Point:
 
     def leaving(self, va: list[float], vb: list[float]) -> float:
         """px/s at which b leaves a, by their velocities; negative: it closes."""
-        return self.nx * (vb[0] - va[0]) + self.ny * (vb[1] - va[1]) + self.nb * vb[2] - self.na * va[2]
+        return (
+            self.nx * (vb[0] - va[0])
+            + self.ny * (vb[1] - va[1])
+            + self.nb * vb[2]
+            - self.na * va[2]
+        )
 
     def motion(self, va: list[float], vb: list[float]) -> tuple[float, float]:
         """px/s at which b leaves a, and slides along it."""
-        slides = self.nx * (vb[1] - va[1]) - self.ny * (vb[0] - va[0]) + self.tb * vb[2] - self.ta * va[2]
+        slides = (
+            self.nx * (vb[1] - va[1])
+            - self.ny * (vb[0] - va[0])
+            + self.tb * vb[2]
+            - self.ta * va[2]
+        )
         return self.leaving(va, vb), slides
 
 
-def contact_points(words: bytes, numbers: bytes, pose: Array, velocity: Array) -> Points:
+def contact_points(
+    words: bytes, numbers: bytes, pose: Array, velocity: Array
+) -> Points:
     """One row a point of a step's contacts; pose and velocity (N, 3) of all objects."""
     a, b, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
     flat, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
     place = NUMBERS * row + _ON_FIRST[0]
     place[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
-    first, second, normal = a.take(row), b.take(row), flat.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0)
+    first, second, normal = (
+        a.take(row),
+        b.take(row),
+        flat.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0),
+    )
     on1, on2 = (flat.take(np.add.outer(place, [part, part + 1])) for part in (0, 2))
     x1, y1 = _at(velocity, first, on1, pose)
     x2, y2 = _at(velocity, second, on2, pose)
@@ -239,7 +282,9 @@ def contact_points(words: bytes, numbers: bytes, pose: Array, velocity: Array) -
     return Points(row, first, second, normal, on1, on2, -flat.take(place + 4), closing)
 
 
-def _at(velocity: Array, objects: Index, points: Array, pose: Array) -> tuple[Array, Array]:
+def _at(
+    velocity: Array, objects: Index, points: Array, pose: Array
+) -> tuple[Array, Array]:
     """(P,) and (P,) px/s of points (P, 2) on bodies."""
     vx, vy, spin = velocity.take(objects, axis=0).T
     x, y, _ = pose.take(objects, axis=0).T
@@ -268,7 +313,9 @@ def point_at_closing(
         vx, vy, spin = velocity[body].tolist()
         px, py = on[k].tolist()
         centers.append((x - back * vx, y - back * vy))
-        places.append((px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x))))
+        places.append(
+            (px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x)))
+        )
     (ax, ay), (bx, by) = centers
     px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
     # a circle touches where its normal leaves it, however it turns
@@ -281,7 +328,12 @@ def point_at_closing(
         px, py = ax + ra * nx, ay + ra * ny
     elif not isnan(rb):
         px, py = bx - rb * nx, by - rb * ny
-    ma, mb, ea, eb = objects.lightness[a], objects.lightness[b], objects.ease[a], objects.ease[b]
+    ma, mb, ea, eb = (
+        objects.lightness[a],
+        objects.lightness[b],
+        objects.ease[a],
+        objects.ease[b],
+    )
     na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
     ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
     return Point(

@@ -44,7 +44,13 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, UNKNOWN_PLACE, Recorder, Step
+from physgen.simulate.recorder import (
+    DIVERGED_FIX,
+    NOT_BRAKED,
+    UNKNOWN_PLACE,
+    Recorder,
+    Step,
+)
 from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
@@ -61,7 +67,9 @@ LOOK = 8
 """Steps after which speeds are looked at again."""
 
 
-def simulate(world: World, times: Array | None = None, progress: Progress = silent) -> Trajectory:
+def simulate(
+    world: World, times: Array | None = None, progress: Progress = silent
+) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
 
     Raises InputError where a body leaves all numbers.
@@ -77,7 +85,9 @@ class Running:
     Its steps do not depend on the samples: they are kept, to be read again at other times.
     """
 
-    def __init__(self, world: World, times: Array | None = None, most: int = 64_000_000) -> None:
+    def __init__(
+        self, world: World, times: Array | None = None, most: int = 64_000_000
+    ) -> None:
         """A run whose steps take more than `most` bytes is not kept."""
         self.times = world.times if times is None else np.asarray(times, np.float64)
         self._base = 1.0 / world.steps_per_second
@@ -106,7 +116,9 @@ class Running:
         if self._stiff > MOST_PARTS:
             found = f"needs every step divided into {self._stiff:,} parts"
             fix = f"make it softer, what it joins heavier, or steps_per_second larger: at most {MOST_PARTS} parts"
-            raise InputError([Problem(UNKNOWN_PLACE, f"joints.{name}.stiffness", "", found, fix)])
+            raise InputError(
+                [Problem(UNKNOWN_PLACE, f"joints.{name}.stiffness", "", found, fix)]
+            )
         self._divided = self._most_parts = self._reviewed = 0
 
     @property
@@ -120,7 +132,10 @@ class Running:
         return self._ledger.done
 
     def on(
-        self, until: float, progress: Progress = silent, enough: Callable[[], bool] = lambda: False
+        self,
+        until: float,
+        progress: Progress = silent,
+        enough: Callable[[], bool] = lambda: False,
     ) -> None:
         """Steps from where the run stands to a time, s; fewer where `enough`, asked before each step, says so.
 
@@ -160,11 +175,21 @@ class Running:
         return ledger.trajectory(effort, self.sampled)
 
     def _effort(self) -> Effort:
-        stepper, governor, alone = self._stepper, self._governor, self._reach.overworked_by
+        stepper, governor, alone = (
+            self._stepper,
+            self._governor,
+            self._reach.overworked_by,
+        )
         pair = stepper.budget.exceeded_by or (-1, -1)
         if alone is not None:
             pair = int(self._space.moving[alone]), -1
-        counts = stepper.steps, self._divided, self._most_parts, governor.most_sweeps, stepper.impacts
+        counts = (
+            stepper.steps,
+            self._divided,
+            self._most_parts,
+            governor.most_sweeps,
+            stepper.impacts,
+        )
         return Effort(*counts, governor.threshold(self._base, governor.loudest), *pair)
 
     @contextmanager
@@ -175,14 +200,18 @@ class Running:
                 yield
         except (OverflowError, np.linalg.LinAlgError) as error:
             found = f"leaves all numbers by t = {self._number * self._base:.3f} s"
-            raise InputError([Problem(UNKNOWN_PLACE, "world", "the motion", found, DIVERGED_FIX)]) from error
+            raise InputError(
+                [Problem(UNKNOWN_PLACE, "world", "the motion", found, DIVERGED_FIX)]
+            ) from error
 
     def _start(self) -> None:
         """The half step to t = 0: velocities from t = 0 to the middle of the first step."""
         world = self._world
         h = self._base / self._stiff
         pose = self._center.copy()
-        velocity = np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(-1, 3)
+        velocity = np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(
+            -1, 3
+        )
         roll = self._lasting.roll
         if self._scripts.busy:
             self._scripts.sample(0.0, pose, velocity)
@@ -193,7 +222,9 @@ class Running:
         kicks.append(EnergyEvent(0.0, lost, 0.0))
         shown = velocity.copy()
         moving = self._space.moving
-        state = np.concatenate([pose[moving] - velocity[moving] * h, velocity[moving]], axis=1)
+        state = np.concatenate(
+            [pose[moving] - velocity[moving] * h, velocity[moving]], axis=1
+        )
         self._space.place(state)
         self._h = h
         # a whole step of half the strength: the engine's stored impulses do not bear a change of step
@@ -237,7 +268,9 @@ class Running:
                 self._scripts.drive(time, h, driven, self._row)
                 speeds.append(driven[:, 3:])
             for row in self._scripts.rows(self._row):
-                state[row, 3:] = max((v[row] for v in speeds), key=lambda v: float(np.hypot(*v[:2])))
+                state[row, 3:] = max(
+                    (v[row] for v in speeds), key=lambda v: float(np.hypot(*v[:2]))
+                )
         return state
 
     def _part(self, begin: float, h: float) -> None:
@@ -293,18 +326,25 @@ class Running:
 class Stepper:
     """Takes one step after the other."""
 
-    def __init__(self, world: World, space: Space, lasting: StepForces, governor: Governor) -> None:
+    def __init__(
+        self, world: World, space: Space, lasting: StepForces, governor: Governor
+    ) -> None:
         bodies, walls = world.bodies, world.walls
         self._space, self._lasting, self._governor = space, lasting, governor
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         nothing = [0.0] * len(walls)
         surfaces = [surface for _, surface in world.surfaces]
         self._properties = ContactProperties(
-            lightness=[1 / b.mass if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
-            ease=[1 / b.moment if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
+            lightness=[
+                1 / b.mass if b.motion is Motion.DYNAMIC else 0.0 for b in bodies
+            ]
+            + nothing,
+            ease=[1 / b.moment if b.motion is Motion.DYNAMIC else 0.0 for b in bodies]
+            + nothing,
             friction=[surface.friction for surface in surfaces],
             elasticity=[surface.elasticity for surface in surfaces],
-            radius=[b.radius if b.radius is not None else nan for b in bodies] + [nan] * len(walls),
+            radius=[b.radius if b.radius is not None else nan for b in bodies]
+            + [nan] * len(walls),
         )
         self.budget = WorkBudget(len(bodies))
         self._joined = Assemblies(world)
@@ -333,14 +373,21 @@ class Stepper:
         if len(state) == len(self._center):
             return state[:, :3].copy(), state[:, 3:].copy()
         pose, velocity = self._center.copy(), np.zeros_like(self._center)
-        pose[self._space.moving], velocity[self._space.moving] = state[:, :3], state[:, 3:]
+        pose[self._space.moving], velocity[self._space.moving] = (
+            state[:, :3],
+            state[:, 3:],
+        )
         return pose, velocity
 
     @property
     def within(self) -> Array:
         """(M, 3): velocities within the last step."""
         velocity, before = self._within
-        return np.frombuffer(before).reshape(-1, 6)[:, 3:] if velocity is None else velocity
+        return (
+            np.frombuffer(before).reshape(-1, 6)[:, 3:]
+            if velocity is None
+            else velocity
+        )
 
     @property
     def pull(self) -> Array:
@@ -353,7 +400,9 @@ class Stepper:
             return velocity, 0.0
         allowed, _ = self._joined.hold(pose, velocity, 1.0, None)
         weight = 1 / self._inverse[self._dynamic]
-        return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
+        return allowed, float(
+            (weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2
+        )
 
     def _begin(
         self, end: float, h: float, state: Array | None, first: bool
@@ -384,7 +433,12 @@ class Stepper:
         return contacts_jumped(numbers, before, order.places)
 
     def take(
-        self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
+        self,
+        end: float,
+        h: float,
+        state: Array | None,
+        kicks: list[EnergyEvent],
+        first: bool = False,
     ) -> Step:
         """Step to the time `end`; again, with other velocities, where impacts fall. state (M, 6): as placed."""
         before = None if state is None else state[:, 3:].copy()
@@ -399,8 +453,14 @@ class Stepper:
             impact = None
             # the last try is taken as it comes: what still closes then does not bounce
             new: Sequence[int] | None = None
-            if not (self.suspicious or self._leaps(order, numbers)):  # the first step is one, too
-                new = new_contacts(order.raw, self._order.raw) if order is not self._order else ()
+            if not (
+                self.suspicious or self._leaps(order, numbers)
+            ):  # the first step is one, too
+                new = (
+                    new_contacts(order.raw, self._order.raw)
+                    if order is not self._order
+                    else ()
+                )
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
@@ -419,7 +479,11 @@ class Stepper:
                 state[:, 3:] = impact.velocity[moving]
                 before = state[:, 3:].copy()
                 state[:, :3] = after[:, :3] + impact.shift[moving] - before * h
-            self._space.iterations = self._governor.sweeps if impact is None else self._governor.after_impacts
+            self._space.iterations = (
+                self._governor.sweeps
+                if impact is None
+                else self._governor.after_impacts
+            )
             probing = False
             self._space.place(state)
         self.steps += 1
@@ -439,14 +503,32 @@ class Stepper:
             states = exact.tobytes()
         self.stirred |= not self._calm
         self._within = before, self._states
-        self._order, self._numbers, self._states, self.suspicious = order, numbers, states, False
+        self._order, self._numbers, self._states, self.suspicious = (
+            order,
+            numbers,
+            states,
+            False,
+        )
         braked, resistance = NOT_BRAKED, self._lasting.resistance
         if load is not None:
             self._lasting.end(load)
         if resistance.busy:
             braked = resistance.brakes.array, self._space.braked()
             resistance.follow(order, numbers, h)
-        return Step(end, h, states, order, numbers, before, original, impacts, load, driven, braked, kicks)
+        return Step(
+            end,
+            h,
+            states,
+            order,
+            numbers,
+            before,
+            original,
+            impacts,
+            load,
+            driven,
+            braked,
+            kicks,
+        )
 
     def _strike(
         self,
@@ -483,5 +565,7 @@ class Stepper:
         drift[np.frombuffer(were, np.int64).reshape(-1, WORDS)[:, :2]] = 0.0
         drift[self._held] = 0.0
         motion = StepMotion(wide, fast, drift)
-        solver = ImpactSolver(self._properties, self._joined, motion, points, touched, h, threshold)
+        solver = ImpactSolver(
+            self._properties, self._joined, motion, points, touched, h, threshold
+        )
         return solver.run(self.budget)

@@ -23,7 +23,10 @@ def spring_joints(world: World) -> list[Joint]:
 def spring_compliance(world: World, spring: Joint) -> float:
     """1/g: how easily a spring's ends move."""
     total = 0.0
-    for index, at in ((spring.first, spring.first_at), (spring.second, spring.second_at)):
+    for index, at in (
+        (spring.first, spring.first_at),
+        (spring.second, spring.second_at),
+    ):
         if index is not None and world.bodies[index].motion is Motion.DYNAMIC:
             body = world.bodies[index]
             total += 1 / body.mass + float(at @ at) / body.moment
@@ -60,7 +63,8 @@ class Impulses:
         dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
         self._bodies = world.bodies
         self._coming = sorted(
-            (p for p in world.pushes if p.load is Load.IMPULSE and dynamic[p.body]), key=lambda p: p.start
+            (p for p in world.pushes if p.load is Load.IMPULSE and dynamic[p.body]),
+            key=lambda p: p.start,
         )
 
     def due(self, end: float) -> bool:
@@ -77,7 +81,9 @@ class Impulses:
         body = self._bodies[push.body]
         v = velocity[push.body]
         arm = _turned(push.at, pose[push.body, 2] + v[2] * since)
-        change = np.array([*push.vector, arm[0] * push.vector[1] - arm[1] * push.vector[0]])
+        change = np.array(
+            [*push.vector, arm[0] * push.vector[1] - arm[1] * push.vector[0]]
+        )
         change /= [body.mass, body.mass, body.moment]
         work = body.mass * (change[:2] @ (v[:2] + change[:2] / 2))
         work += body.moment * change[2] * (v[2] + change[2] / 2)
@@ -103,22 +109,32 @@ class ForceFields:
         dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         self._mass = np.array([b.mass for b in bodies])
         self._gravity = world.gravity
-        self._lightness = np.divide(1.0, self._mass, out=np.zeros(self._N), where=dynamic)
+        self._lightness = np.divide(
+            1.0, self._mass, out=np.zeros(self._N), where=dynamic
+        )
         moment = np.array([b.moment for b in bodies])
         self._ease = np.divide(1.0, moment, out=np.zeros(self._N), where=dynamic)
-        self._pushes = [p for p in world.pushes if p.load is not Load.IMPULSE and dynamic[p.body]]
+        self._pushes = [
+            p for p in world.pushes if p.load is not Load.IMPULSE and dynamic[p.body]
+        ]
         self._springs = spring_joints(world)
         self._winds = [f for f in world.fields if f.kind is FieldKind.WIND]
         self._attractors = [f for f in world.fields if f.kind is FieldKind.ATTRACTOR]
-        self._width = np.array([2 * np.sqrt(area(b) / pi) for b in bodies if self._winds])
+        self._width = np.array(
+            [2 * np.sqrt(area(b) / pi) for b in bodies if self._winds]
+        )
         self._dampers: dict[int, int] = {}
         for spring in self._springs:
             for body in (spring.first, spring.second):
                 if body is not None:
-                    self._dampers[body] = self._dampers.get(body, 0) + (spring.damping > 0)
+                    self._dampers[body] = self._dampers.get(body, 0) + (
+                        spring.damping > 0
+                    )
         self.steers = bool(self._attractors)
         """Whether `pace` has anything to say."""
-        self.busy = bool(self._pushes or self._springs or self._winds or self._attractors)
+        self.busy = bool(
+            self._pushes or self._springs or self._winds or self._attractors
+        )
 
     def pace(self, pose: Array, velocity: Array) -> float:
         """1/s: how fast the pull of an attractor changes, at most; 0 without attractors."""
@@ -137,7 +153,9 @@ class ForceFields:
 
         velocity (N, 3) is that of half the time before.
         """
-        total = LoadSum(np.zeros((self._N, 3)), np.zeros((self._N, 3)), np.zeros((self._N, 3)))
+        total = LoadSum(
+            np.zeros((self._N, 3)), np.zeros((self._N, 3)), np.zeros((self._N, 3))
+        )
         h = end - begin
         for push in self._pushes:
             part = (min(push.end, end) - max(push.start, begin)) / h
@@ -145,7 +163,9 @@ class ForceFields:
                 arm = _turned(push.at, pose[push.body, 2])
                 force = push.vector * part
                 total.drive[push.body, :2] += force
-                total.drive[push.body, 2] += push.torque * part + arm[0] * force[1] - arm[1] * force[0]
+                total.drive[push.body, 2] += (
+                    push.torque * part + arm[0] * force[1] - arm[1] * force[0]
+                )
         for spring in self._springs:
             self._spring(spring, pose, velocity, h, total)
         for field in self._attractors:
@@ -159,7 +179,13 @@ class ForceFields:
             known = self._gravity + total.hold[on, :2] * self._lightness[on, None]
             rush = field.vector - velocity[on, :2] - h / 2 * known
             # drag alone brakes by 1 / (1 + k |u| t): exact, and never beyond the wind's own speed
-            slows = field.drag * self._width[on] * self._lightness[on] * np.hypot(*rush.T) * h
+            slows = (
+                field.drag
+                * self._width[on]
+                * self._lightness[on]
+                * np.hypot(*rush.T)
+                * h
+            )
             part = slows / (1 + slows)
             total.drive[on, :2] += (self._mass[on] * part / h)[:, None] * rush
         return total
@@ -169,11 +195,17 @@ class ForceFields:
         stored = 0.0
         for spring in self._springs:
             between = self._ends(spring, pose)[2]
-            stored += spring.stiffness / 2 * (float(np.hypot(*between)) - spring.length) ** 2
+            stored += (
+                spring.stiffness / 2 * (float(np.hypot(*between)) - spring.length) ** 2
+            )
         for field in self._attractors:
             on = np.array(field.bodies, np.int64)
             near = ((field.vector - pose[on, :2]) ** 2).sum(axis=1) + field.soften**2
-            stored -= float((self._mass[on] * field.strength / np.sqrt(np.maximum(near, 1e-12))).sum())
+            stored -= float(
+                (
+                    self._mass[on] * field.strength / np.sqrt(np.maximum(near, 1e-12))
+                ).sum()
+            )
         return stored
 
     def _ends(self, spring: Joint, pose: Array) -> tuple[Array, Array, Array]:
@@ -185,7 +217,9 @@ class ForceFields:
         arm2 = _turned(spring.second_at, pose[spring.second, 2])
         return arm1, arm2, end1 - pose[spring.second, :2] - arm2
 
-    def _spring(self, spring: Joint, pose: Array, velocity: Array, h: float, total: LoadSum) -> None:
+    def _spring(
+        self, spring: Joint, pose: Array, velocity: Array, h: float, total: LoadSum
+    ) -> None:
         arm1, arm2, between = self._ends(spring, pose)
         length = float(np.hypot(*between))
         if length < 1e-9:
@@ -199,13 +233,20 @@ class ForceFields:
         for body, arm, sign in sides:
             lever = arm[0] * along[1] - arm[1] * along[0]
             give += self._lightness[body] + self._ease[body] * lever**2
-            speed += sign * float(velocity[body, :2] @ along + velocity[body, 2] * lever)
+            speed += sign * float(
+                velocity[body, :2] @ along + velocity[body, 2] * lever
+            )
         damp = 0.0
         if spring.damping and give:
             # as many dampers as share a body take their part each: together they never overshoot
             share = max(self._dampers.get(body, 1) for body, _, _ in sides)
             rate = spring.damping * give * h * share
-            damp = -spring.damping * (speed + h / 2 * give * pull) * -np.expm1(-rate) / rate
+            damp = (
+                -spring.damping
+                * (speed + h / 2 * give * pull)
+                * -np.expm1(-rate)
+                / rate
+            )
         for body, arm, sign in sides:
             lever = arm[0] * along[1] - arm[1] * along[0]
             for part, force in ((total.hold, pull), (total.spend, damp)):
@@ -237,7 +278,9 @@ class Forces(NamedTuple):
 class StepForces:
     """Pushes, springs, fields, the table, rolling resistance and motors of a world."""
 
-    def __init__(self, world: World, moving: NDArray[np.int64], loads: ForceFields) -> None:
+    def __init__(
+        self, world: World, moving: NDArray[np.int64], loads: ForceFields
+    ) -> None:
         bodies = world.bodies
         self._moving, self._loads, self._table = moving, loads, Table(world)
         self.resistance = Resistance(world)
@@ -266,9 +309,13 @@ class StepForces:
         fall: Array = self._fall[:, :2]
         if load is None:
             return fall
-        return np.asarray(fall + (load.total / self._weight)[:, :2] * self._dynamic[:, None])
+        return np.asarray(
+            fall + (load.total / self._weight)[:, :2] * self._dynamic[:, None]
+        )
 
-    def push(self, state: Array, end: float, h: float, *, first: bool, alone: bool) -> Forces:
+    def push(
+        self, state: Array, end: float, h: float, *, first: bool, alone: bool
+    ) -> Forces:
         """Lasting forces for the step to `end`, taken where the bodies then are; `alone`: nothing touched in the step
         before, no joint holds, and nothing stepped in since."""
         velocity = self._spread(state[:, 3:], self._nothing)
@@ -281,16 +328,27 @@ class StepForces:
             load = Forces(loads.hold * part + drive + spend, drive, spend, None)
         if self._table.busy:
             part = h / 2 if first else h
-            trial = velocity + load.total / self._weight * h if self._loads.busy else velocity
+            trial = (
+                velocity + load.total / self._weight * h
+                if self._loads.busy
+                else velocity
+            )
             trial = trial + self._fall * part if self._falls else trial
             alone &= not (self._loads.busy or self._falls)
             if not (alone and self._foreseen):
-                self._foreseen = self._table.foreseen(trial, self.roll, part, 32 if alone else 1)
+                self._foreseen = self._table.foreseen(
+                    trial, self.roll, part, 32 if alone else 1
+                )
             change, rolled = self._foreseen.pop()
             grip = change * self._weight
             grip /= h
             spend = grip if load.spend is None else load.spend + grip
-            load = Forces(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
+            load = Forces(
+                load.total + grip if self._loads.busy else grip,
+                load.drive,
+                spend,
+                rolled,
+            )
         return load
 
     def _spread(self, rows: Array, others: Array) -> Array:
@@ -307,10 +365,14 @@ class ScriptedMotion:
 
     def __init__(self, world: World) -> None:
         self._paths = [
-            (k, body.path) for k, body in enumerate(world.bodies) if body.motion is Motion.SCRIPTED
+            (k, body.path)
+            for k, body in enumerate(world.bodies)
+            if body.motion is Motion.SCRIPTED
         ]
         self.busy = bool(self._paths)
-        self._knots = np.sort(np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)]))
+        self._knots = np.sort(
+            np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)])
+        )
 
     def jump(self, begin: float, end: float) -> bool:
         """Whether a path's velocity changes after `begin`, up to `end`, s."""

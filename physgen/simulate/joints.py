@@ -33,15 +33,29 @@ class Assemblies:
         root = {k: k for k in range(len(world.bodies))}
         joints = [j for j in world.joints if j.kind is not JointKind.SPRING]
         for joint in joints:
-            if joint.second is not None and dynamic[joint.first] and dynamic[joint.second]:
+            if (
+                joint.second is not None
+                and dynamic[joint.first]
+                and dynamic[joint.second]
+            ):
                 root[find(root, joint.first)] = find(root, joint.second)
-        self.busy = any(dynamic[j.first] or (j.second is not None and dynamic[j.second]) for j in joints)
+        self.busy = any(
+            dynamic[j.first] or (j.second is not None and dynamic[j.second])
+            for j in joints
+        )
         self._root: dict[int, int] = {}
         for joint in joints:
             for body in (joint.first, joint.second):
                 if body is not None and dynamic[body]:
                     self._root[body] = find(root, body)
-            held = next((b for b in (joint.first, joint.second) if b is not None and dynamic[b]), None)
+            held = next(
+                (
+                    b
+                    for b in (joint.first, joint.second)
+                    if b is not None and dynamic[b]
+                ),
+                None,
+            )
             if held is not None:
                 self._joints.setdefault(find(root, held), []).append(joint)
         for body, group in self._root.items():
@@ -53,10 +67,22 @@ class Assemblies:
         # what is not dynamic has a place in the system, too, and does not yield
         self._held: list[tuple[list[Joint], list[int], list[float]]] = []
         for _, joints in sorted(self._joints.items()):
-            bodies = sorted({b for joint in joints for b in (joint.first, joint.second) if b is not None})
-            weights = [(body.mass, body.mass, body.moment) for body in (world.bodies[b] for b in bodies)]
+            bodies = sorted(
+                {
+                    b
+                    for joint in joints
+                    for b in (joint.first, joint.second)
+                    if b is not None
+                }
+            )
+            weights = [
+                (body.mass, body.mass, body.moment)
+                for body in (world.bodies[b] for b in bodies)
+            ]
             light = [
-                1 / m if dynamic[b] else 0.0 for b, own in zip(bodies, weights, strict=True) for m in own
+                1 / m if dynamic[b] else 0.0
+                for b, own in zip(bodies, weights, strict=True)
+                for m in own
             ]
             self._held.append((joints, bodies, light))
         self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
@@ -65,7 +91,9 @@ class Assemblies:
         """The group that a body belongs to; None for one that no joint holds."""
         return self._root.get(body)
 
-    def hold(self, pose: Array, velocity: Array, h: float, strength: float | None) -> tuple[Array, float]:
+    def hold(
+        self, pose: Array, velocity: Array, h: float, strength: float | None
+    ) -> tuple[Array, float]:
         """Velocities (N, 3) with which every joint is whole a step of h seconds later, and the work of the motors.
 
         pose (N, 3) now. One linear system a group, so that chains and welds hold whatever their length and masses
@@ -73,7 +101,9 @@ class Assemblies:
         `strength`; None: what the pins allow now.
         """
         work, motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
-        speeds = dict(zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True))
+        speeds = dict(
+            zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True)
+        )
         for joints, bodies, light in self._held:
             place = {body: 3 * k for k, body in enumerate(bodies)}
             rows: list[list[float]] = []
@@ -93,9 +123,15 @@ class Assemblies:
                     wanted.append(joint.speed)
                     limits.append(joint.limit * h * (strength or 0.0))
             now = [speed for body in bodies for speed in speeds[body]]
-            if len(rows) <= 8 and min(limits) == inf and (change := _few_changes(rows, light, now, wanted)):
+            if (
+                len(rows) <= 8
+                and min(limits) == inf
+                and (change := _few_changes(rows, light, now, wanted))
+            ):
                 for k, body in enumerate(bodies):
-                    speeds[body] = list(map(add, speeds[body], change[3 * k : 3 * k + 3]))
+                    speeds[body] = list(
+                        map(add, speeds[body], change[3 * k : 3 * k + 3])
+                    )
                 continue
             J, before = np.array(rows), np.array(now)
             give = (J * light) @ J.T
@@ -103,12 +139,18 @@ class Assemblies:
             goal = np.array(wanted) - J @ before
             impulse = _solved(give, goal)
             turned = [k for k, limit in enumerate(limits) if limit < inf]
-            if turned and (driven := np.isfinite(limits) & (np.abs(impulse) > limits)).any():
-                fixed = np.where(driven, np.sign(impulse) * np.minimum(limits, np.abs(impulse)), 0.0)
+            if (
+                turned
+                and (driven := np.isfinite(limits) & (np.abs(impulse) > limits)).any()
+            ):
+                fixed = np.where(
+                    driven, np.sign(impulse) * np.minimum(limits, np.abs(impulse)), 0.0
+                )
                 free = ~driven
                 impulse = fixed
                 impulse[free] = _solved(
-                    give[np.ix_(free, free)], goal[free] - give[np.ix_(free, driven)] @ fixed[driven]
+                    give[np.ix_(free, free)],
+                    goal[free] - give[np.ix_(free, driven)] @ fixed[driven],
                 )
             after = before + light * (J.T @ impulse)
             if turned:
@@ -142,7 +184,10 @@ class Assemblies:
 
 
 def _few_changes(
-    rows: list[list[float]], light: list[float], before: list[float], wanted: list[float]
+    rows: list[list[float]],
+    light: list[float],
+    before: list[float],
+    wanted: list[float],
 ) -> list[float]:
     """Changes of velocities by which few rows have the speeds that are wanted, by Cholesky's method in plain numbers;
     empty where joints say nearly the same twice."""
@@ -151,12 +196,16 @@ def _few_changes(
     for row, goal in zip(rows, wanted, strict=True):
         heavy, line = list(map(mul, row, light)), list[float]()
         for other, known in zip(rows, lower, strict=False):
-            line.append((sum(map(mul, heavy, other)) - sum(map(mul, line, known))) / known[-1])
+            line.append(
+                (sum(map(mul, heavy, other)) - sum(map(mul, line, known))) / known[-1]
+            )
         size = sum(map(mul, heavy, row))
         left = size - sum(map(mul, line, line))
         if left <= 1e-9 * size:
             return []
-        y.append((goal - sum(map(mul, row, before)) - sum(map(mul, line, y))) / sqrt(left))
+        y.append(
+            (goal - sum(map(mul, row, before)) - sum(map(mul, line, y))) / sqrt(left)
+        )
         lower.append([*line, sqrt(left)])
     for k in reversed(range(len(y))):
         above = 0.0
@@ -186,7 +235,9 @@ class _Spots:
         """pose (N, 3)."""
         pose = pose.take(bodies, axis=0)
         angle = pose[:, 2]
-        turns = zip(pose.tolist(), np.cos(angle).tolist(), np.sin(angle).tolist(), strict=True)
+        turns = zip(
+            pose.tolist(), np.cos(angle).tolist(), np.sin(angle).tolist(), strict=True
+        )
         self._of = dict(zip(bodies, turns, strict=True))
 
     def find(self, body: int, at: Array) -> tuple[list[float], float, float]:
@@ -202,7 +253,10 @@ def _rows(
     px, px and, of a weld, rad by which its two sides are apart."""
     rows = [[0.0] * size for _ in range(3 if joint.kind is JointKind.WELD else 2)]
     off = [0.0, 0.0, 0.0]
-    for body, at, sign in ((joint.first, joint.first_at, 1.0), (joint.second, joint.second_at, -1.0)):
+    for body, at, sign in (
+        (joint.first, joint.first_at, 1.0),
+        (joint.second, joint.second_at, -1.0),
+    ):
         if body is None:
             x, y = at.tolist()
             off[0] -= x

@@ -101,7 +101,9 @@ class ContactLog:
             self._touches.append((pair, self._open[pair], float(times[0])))
         self._open = still
 
-    def _joined(self, touches: list[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
+    def _joined(
+        self, touches: list[tuple[int, float, float]]
+    ) -> list[tuple[int, float, float]]:
         """One touch for those of a pair that follow each other at once; sorted by pair and begin."""
         joined: list[tuple[int, float, float]] = []
         for pair, begin, end in touches:
@@ -114,11 +116,18 @@ class ContactLog:
     def result(self) -> Contacts:
         """All of it; touches by begin, then by pair."""
         N = len(self._surfaces)
-        touches = [*self._touches, *((pair, begin, np.inf) for pair, begin in self._open.items())]
+        touches = [
+            *self._touches,
+            *((pair, begin, np.inf) for pair, begin in self._open.items()),
+        ]
         touches = self._joined(sorted(touches))
         touches.sort(key=lambda touch: (touch[1], touch[0], touch[2]))
-        pairs = np.array([divmod(pair, N) for pair, _, _ in touches], np.int32).reshape(-1, 2)
-        codes, parts = zip((np.zeros(0, np.int64), np.zeros((0, 2))), *self._sums, strict=True)
+        pairs = np.array([divmod(pair, N) for pair, _, _ in touches], np.int32).reshape(
+            -1, 2
+        )
+        codes, parts = zip(
+            (np.zeros(0, np.int64), np.zeros((0, 2))), *self._sums, strict=True
+        )
         rows, total = _totals(np.concatenate(codes), np.concatenate(parts))
         given = total.any(axis=1)
         rows, total = rows[given], total[given]
@@ -126,7 +135,9 @@ class ContactLog:
         return Contacts(
             surfaces=self._surfaces,
             touch_pairs=pairs,
-            touch_times=np.array([(begin, end) for _, begin, end in touches]).reshape(-1, 2),
+            touch_times=np.array([(begin, end) for _, begin, end in touches]).reshape(
+                -1, 2
+            ),
             impulse_rows=np.stack([rows // max(N * N, 1), first, second], axis=1)
             .astype(np.int32)
             .reshape(-1, 3),
@@ -155,8 +166,12 @@ class Step:
     states: bytes
     order: Order  # of its contacts
     numbers: bytes  # of them, as they are listed
-    before: Array | None  # (M, 3): velocities within the step; None: as the step before left them
-    original: Array | None  # (M, 3): the same before impacts changed them; None without impacts
+    before: (
+        Array | None
+    )  # (M, 3): velocities within the step; None: as the step before left them
+    original: (
+        Array | None
+    )  # (M, 3): the same before impacts changed them; None without impacts
     impacts: list[Impacts]
     load: Forces | None  # lasting forces in it
     driven: float  # g·px²/s² that motors did
@@ -178,7 +193,9 @@ class Recorder:
 
     def __post_init__(self) -> None:
         world, T, N = self.world, len(self.times), len(self.world.bodies)
-        self.log = ContactLog(tuple(name for name, _ in world.surfaces), 2 / world.steps_per_second)
+        self.log = ContactLog(
+            tuple(name for name, _ in world.surfaces), 2 / world.steps_per_second
+        )
         self._steps: list[Step] = []
         self._count = self._held = 0  # steps and bytes of the block
         self.poses, self.velocities = np.zeros((T, N, 3)), np.zeros((T, N, 3))
@@ -190,14 +207,20 @@ class Recorder:
         """Samples taken."""
         dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
         self._mass = np.where(dynamic, [b.mass for b in world.bodies], 0.0).reshape(-1)
-        self._moment = np.where(dynamic, [b.moment for b in world.bodies], 0.0).reshape(-1)
+        self._moment = np.where(dynamic, [b.moment for b in world.bodies], 0.0).reshape(
+            -1
+        )
         scripted = [b.motion is Motion.SCRIPTED for b in world.bodies]
         self._scripted = np.array(scripted + [False] * len(world.walls), bool)
         self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
-        self._even = 0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
+        self._even = (
+            0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
+        )
         """px/s: points of a contact that open no faster than this against each other share its impulse."""
         self._time = 0.0
-        self._smooth = np.zeros(2)  # lost and work up to the middle of the last step's doing
+        self._smooth = np.zeros(
+            2
+        )  # lost and work up to the middle of the last step's doing
         self._owed = np.zeros(2)  # the other half
         self._struck: list[tuple[float, float, float]] = []
         self._spent = np.zeros(2)  # lost and work of the impacts of earlier blocks
@@ -240,10 +263,14 @@ class Recorder:
         if not steps:
             return
         M = len(self.moving)
-        loads = [step.load for step in steps if step.load is not None]  # of all steps, or of none
+        loads = [
+            step.load for step in steps if step.load is not None
+        ]  # of all steps, or of none
         rolled = [load.rolled for load in loads if load.rolled is not None]
         self._rolling |= bool(rolled)
-        states = np.frombuffer(b"".join(step.states for step in steps), np.float64).reshape(len(steps), M, 6)
+        states = np.frombuffer(
+            b"".join(step.states for step in steps), np.float64
+        ).reshape(len(steps), M, 6)
         after = states[:, :, 3:]
         before = np.concatenate([self._after[None], after[:-1]])
         for s, step in enumerate(steps):
@@ -256,20 +283,29 @@ class Recorder:
         flow = self._contacts(steps, pose, self._all(before), self._all(after))
         lost, work = self._loaded(steps, mean, rolls)
         flow[:, 0] += lost + self._braked(steps, mean[:, :, 2])
-        flow[:, 1] += work + [step.driven for step in steps] + self._lifted(steps, states, before)
+        flow[:, 1] += (
+            work + [step.driven for step in steps] + self._lifted(steps, states, before)
+        )
         ends = np.array([step.time for step in steps])
         # at a step's end half of what it did is done: its velocities are those of the middle of two steps
         smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
         owed = flow[-1] / 2
         if self._first:  # of the half step to t = 0, nothing is done yet at t = 0
-            pose[0], mean[0], smooth, owed = self._pose, self._mean, np.zeros((1, 2)), flow[-1]
+            pose[0], mean[0], smooth, owed = (
+                self._pose,
+                self._mean,
+                np.zeros((1, 2)),
+                flow[-1],
+            )
             self._first = False
         vectors = turns = np.zeros((0, 0, 3))
         if self._rolling:
             spans = np.diff(np.concatenate([[self._time], ends]))[:, None]
             vectors = np.empty(pose.shape)
             vectors[:, :, :2] = (rolls[1:] + rolls[:-1]) / 2 * spans[..., None]
-            vectors[:, :, 2] = np.diff(np.concatenate([self._pose[None], pose])[:, :, 2], axis=0)
+            vectors[:, :, 2] = np.diff(
+                np.concatenate([self._pose[None], pose])[:, :, 2], axis=0
+            )
             turns = cumulative_quaternions(vectors, self._turn)
         self._samples(steps, ends, pose, mean, smooth, rolls, vectors, turns)
         if self._rolling:
@@ -300,9 +336,13 @@ class Recorder:
         scripted = self._scripted[: mean.shape[1], None]
         if scripted.any():  # a spring on a scripted body hands on what its script does
             both[1] -= work([load.total * scripted for load in loads])
-        if len(rolls) > 1:  # what the table takes from a sphere's motion partly goes into its rolling
+        if (
+            len(rolls) > 1
+        ):  # what the table takes from a sphere's motion partly goes into its rolling
             rolled = np.array([load.rolled for load in loads])
-            both[0] -= (self._moment[:, None] * rolled * (rolls[:-1] + rolled / 2)).sum(axis=(1, 2))
+            both[0] -= (self._moment[:, None] * rolled * (rolls[:-1] + rolled / 2)).sum(
+                axis=(1, 2)
+            )
         return both
 
     def _lifted(self, steps: list[Step], states: Array, before: Array) -> Array:
@@ -331,21 +371,35 @@ class Recorder:
         impulse = np.array([one for step in steps for one in step.braked[1]])
         return np.bincount(row, impulse * turned, len(steps)).astype(np.float64)
 
-    def _contacts(self, steps: list[Step], pose: Array, before: Array, after: Array) -> Array:
+    def _contacts(
+        self, steps: list[Step], pose: Array, before: Array, after: Array
+    ) -> Array:
         """(S, 2) lost and work of the steps' contacts; impacts go into their own list, and all into the log."""
         S, W = len(steps), len(self.world.walls)
         ends = np.array([step.time for step in steps])
-        row = np.repeat(np.arange(S), [len(step.numbers) // CONTACT_BYTES for step in steps])
+        row = np.repeat(
+            np.arange(S), [len(step.numbers) // CONTACT_BYTES for step in steps]
+        )
         alike: dict[Order, list[int]] = {}
         for s, order in enumerate([step.order for step in steps]):
             alike.setdefault(order, []).append(s)
         numbers = [step.numbers for step in steps]
         for order, some in alike.items():
-            ordered, size = order.sort(b"".join(numbers[s] for s in some)), len(numbers[some[0]])
+            ordered, size = (
+                order.sort(b"".join(numbers[s] for s in some)),
+                len(numbers[some[0]]),
+            )
             for k, s in enumerate(some):
                 numbers[s] = ordered[size * k : size * (k + 1)]
-        touch = touching(b"".join(step.order.words for step in steps), b"".join(numbers))
-        first, second, impulse, count = touch.first, touch.second, touch.impulse, touch.count
+        touch = touching(
+            b"".join(step.order.words for step in steps), b"".join(numbers)
+        )
+        first, second, impulse, count = (
+            touch.first,
+            touch.second,
+            touch.impulse,
+            touch.count,
+        )
         points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
 
         def widen(array: Array) -> Array:
@@ -362,20 +416,31 @@ class Recorder:
 
         centers = [columns(center, partner) for partner in (0, 1)]
 
-        def speed(motion: Array, partner: int, x: Array, y: Array) -> tuple[Array, Array]:
+        def speed(
+            motion: Array, partner: int, x: Array, y: Array
+        ) -> tuple[Array, Array]:
             (vx, vy, spin), (cx, cy, _) = motion, centers[partner]
             return vx - spin * (y - cy), vy + spin * (x - cx)
 
-        def along(one: tuple[Array, Array], other: tuple[Array, Array], way: Array) -> Array:
+        def along(
+            one: tuple[Array, Array], other: tuple[Array, Array], way: Array
+        ) -> Array:
             return (one[0] - other[0]) * way[:, 0] + (one[1] - other[1]) * way[:, 1]
 
         # of two points, the one that opens after the step carried nothing (Signorini's condition)
         ends1, ends2 = columns(last, 0), columns(last, 1)
         spots = [(points[:, k, 0], points[:, k, 1]) for k in (0, 1)]
-        opening = np.stack([along(speed(ends2, 1, *spot), speed(ends1, 0, *spot), normal) for spot in spots])
+        opening = np.stack(
+            [
+                along(speed(ends2, 1, *spot), speed(ends1, 0, *spot), normal)
+                for spot in spots
+            ]
+        )
         share = np.clip(0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0)
         share[count == 1] = 1.0
-        where = [share * near + (1 - share) * far for near, far in zip(*spots, strict=True)]
+        where = [
+            share * near + (1 - share) * far for near, far in zip(*spots, strict=True)
+        ]
         v1, v2 = (speed(columns(mean, partner), partner, *where) for partner in (0, 1))
         lost = -along(v1, v2, impulse)
         work = np.zeros(len(row))
@@ -384,32 +449,53 @@ class Recorder:
             if driven.any():
                 part = v[0] * impulse[:, 0] + v[1] * impulse[:, 1]
                 work[driven] += sign * part[driven]
-        flow = np.stack([np.bincount(row, values, S) for values in (lost, work)], axis=1).astype(np.float64)
+        flow = np.stack(
+            [np.bincount(row, values, S) for values in (lost, work)], axis=1
+        ).astype(np.float64)
         if len(row):
             least = np.where(count == 1, opening[0], opening.min(axis=0))
             self.residual = max(self.residual, -float(least.min()))
             self.overlap = max(self.overlap, float(touch.depth.max()))
         # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
         late = 0.0 if self._first else 1e-9
-        self._struck += [(kick.time + late, kick.lost, kick.work) for step in steps for kick in step.kicks]
-        blown = [(s, impacts) for s, step in enumerate(steps) for impacts in step.impacts]
+        self._struck += [
+            (kick.time + late, kick.lost, kick.work)
+            for step in steps
+            for kick in step.kicks
+        ]
+        blown = [
+            (s, impacts) for s, step in enumerate(steps) for impacts in step.impacts
+        ]
         for s, impacts in blown:
-            time = float(ends[s] - (impacts.earlier.max() if len(impacts.earlier) else 0.0))
+            time = float(
+                ends[s] - (impacts.earlier.max() if len(impacts.earlier) else 0.0)
+            )
             begun = (
                 float(ends[s - 1]) if s else self._time
             ) + 1e-9  # what fell as the step began falls after the last
             self._struck.append((max(time, begun), impacts.lost, impacts.work))
-        step = np.concatenate([row, *(np.full(len(b.first), s) for s, b in blown)]).astype(np.int64)
+        step = np.concatenate(
+            [row, *(np.full(len(b.first), s) for s, b in blown)]
+        ).astype(np.int64)
         when = np.concatenate([ends[row], *(ends[s] - b.earlier for s, b in blown)])
         sample = np.searchsorted(self.times, when - 1e-12)
         inside = sample < len(self.times)
         one, other = (
             np.concatenate([mine, *theirs])
-            for mine, theirs in ((first, [b.first for _, b in blown]), (second, [b.second for _, b in blown]))
+            for mine, theirs in (
+                (first, [b.first for _, b in blown]),
+                (second, [b.second for _, b in blown]),
+            )
         )
         given = np.concatenate([impulse, *(b.impulse for _, b in blown)])
         self.log.block(
-            ends, step[inside], sample[inside], one[inside], other[inside], given[inside], when[inside]
+            ends,
+            step[inside],
+            sample[inside],
+            one[inside],
+            other[inside],
+            given[inside],
+            when[inside],
         )
         return flow
 
@@ -425,7 +511,10 @@ class Recorder:
         turns: Array,
     ) -> None:
         """Take the samples that fall into these steps; rolls (S + 1, N, 2), their vectors and turns where any rolls."""
-        done, first = int(np.searchsorted(self.times, ends[-1] + 1e-12, side="right")), self.done
+        done, first = (
+            int(np.searchsorted(self.times, ends[-1] + 1e-12, side="right")),
+            self.done,
+        )
         time = self.times[first:done]
         s = np.searchsorted(ends, time - 1e-12)
         fresh = s == 0
@@ -435,7 +524,11 @@ class Recorder:
             begun[fresh] = before
             return begun
 
-        pose0, mean0, begin = start(pose, self._pose), start(mean, self._mean), start(ends, self._time)
+        pose0, mean0, begin = (
+            start(pose, self._pose),
+            start(mean, self._mean),
+            start(ends, self._time),
+        )
         h = ends[s] - begin
         part = np.maximum(0.0, (time - begin) / np.maximum(h, 1e-300))
         part[(h <= 0) | (time > ends[s] - 1e-9 * h)] = 1.0
@@ -444,7 +537,16 @@ class Recorder:
         for k in np.flatnonzero((part > 0) & (part < 1)).tolist():
             step = steps[s[k]]
             if step.original is not None:
-                self._inside(step, float(time[k]), part[k] * h[k], h[k], x[k], v[k], pose0[k], pose[s[k]])
+                self._inside(
+                    step,
+                    float(time[k]),
+                    part[k] * h[k],
+                    h[k],
+                    x[k],
+                    v[k],
+                    pose0[k],
+                    pose[s[k]],
+                )
         if self.scripts.busy:
             for k in range(len(time)):
                 self.scripts.sample(float(time[k]), x[k], v[k])
@@ -454,22 +556,38 @@ class Recorder:
             self.turns[first:done] = then(
                 quaternions_from_vectors(along * vectors[s]), start(turns, self._turn)
             )
-        self.poses[first:done], self.velocities[first:done], self.rolls[first:done] = x, v, roll
+        self.poses[first:done], self.velocities[first:done], self.rolls[first:done] = (
+            x,
+            v,
+            roll,
+        )
         _refuse_infinities(self.world, x, v, time)
         balance0 = start(smooth, self._smooth)
         blown = np.tile(self._spent, (len(time), 1))
         for first_after, (_, *flow) in zip(
-            np.searchsorted(time + 1e-12, [at for at, _, _ in self._struck]), self._struck, strict=True
+            np.searchsorted(time + 1e-12, [at for at, _, _ in self._struck]),
+            self._struck,
+            strict=True,
         ):
             blown[first_after:] += flow
         balance = balance0 + part[:, None] * (smooth[s] - balance0) + blown
-        self._balance[first:done] = np.column_stack([*self._energy(x, v, roll), balance])
+        self._balance[first:done] = np.column_stack(
+            [*self._energy(x, v, roll), balance]
+        )
         self.done = done
         for _, lost, work in self._struck:
             self._spent += np.array([lost, work])
 
     def _inside(
-        self, step: Step, time: float, since: float, h: float, x: Array, v: Array, pose0: Array, pose1: Array
+        self,
+        step: Step,
+        time: float,
+        since: float,
+        h: float,
+        x: Array,
+        v: Array,
+        pose0: Array,
+        pose1: Array,
     ) -> None:
         """Within a step with impacts, what was struck moves as before until then, and as after from then on."""
         assert step.original is not None
@@ -490,9 +608,13 @@ class Recorder:
         turning = velocity[..., 2] ** 2 + (roll**2).sum(axis=-1)
         kinetic = (self._mass * square + self._moment * turning).sum(axis=1) / 2
         height = -(self._mass * (pose[..., :2] @ self.world.gravity)).sum(axis=1)
-        return kinetic, height + [self.loads.potential(x) if self.loads.busy else 0.0 for x in pose]
+        return kinetic, height + [
+            self.loads.potential(x) if self.loads.busy else 0.0 for x in pose
+        ]
 
-    def trajectory(self, effort: Effort, sampled: Callable[[Array], Trajectory]) -> Trajectory:
+    def trajectory(
+        self, effort: Effort, sampled: Callable[[Array], Trajectory]
+    ) -> Trajectory:
         """What is known once the last step is read; `sampled` is the same motion at other times."""
         rolling = slice(None) if self._rolling else slice(0)
         return Trajectory(
@@ -509,8 +631,12 @@ class Recorder:
         )
 
 
-def _refuse_infinities(world: World, pose: Array, velocity: Array, times: Array) -> None:
-    wrong = np.argwhere(~(np.isfinite(pose).all(axis=2) & np.isfinite(velocity).all(axis=2))).tolist()
+def _refuse_infinities(
+    world: World, pose: Array, velocity: Array, times: Array
+) -> None:
+    wrong = np.argwhere(
+        ~(np.isfinite(pose).all(axis=2) & np.isfinite(velocity).all(axis=2))
+    ).tolist()
     if wrong:
         k, body = wrong[0]
         expected = f"leaves all numbers by t = {times[k]:.3f} s"

@@ -30,7 +30,12 @@ SEAM = 0.5
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
 
-_STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
+_STATE = (
+    BodyFields.POSITION
+    | BodyFields.ANGLE
+    | BodyFields.VELOCITY
+    | BodyFields.ANGULAR_VELOCITY
+)
 _LOAD = BodyFields.FORCE | BodyFields.TORQUE
 _CONTACT = (
     ArbiterFields.BODY_A_ID
@@ -54,7 +59,9 @@ class Space:
         space = pymunk.Space()
         space.gravity = tuple(world.gravity.tolist())
         space.collision_slop = SLOP
-        space.collision_persistence = 1  # else the batch reader still lists contacts that have parted
+        space.collision_persistence = (
+            1  # else the batch reader still lists contacts that have parted
+        )
         self._space, self._gravity = space, world.gravity
         bodies = [_add_body(space, body) for body in world.bodies]
         smooth = _neighbours(world.walls)
@@ -63,20 +70,31 @@ class Space:
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
         _add_joints(space, world.joints, bodies, self._anchor)
-        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)  # memory addresses
+        ids = np.array(
+            [body.id for body in (*bodies, *walls)], np.uint64
+        )  # memory addresses
         self._by_id = np.argsort(ids)
         self._ids = ids[self._by_id]
-        self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
+        self.moving = np.flatnonzero(
+            [body.motion is not Motion.STATIC for body in world.bodies]
+        )
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
         self._states, self._contacts = batch.Buffer(), batch.Buffer()
-        self._read_states = _batched(space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._states)
-        self._read_contacts = _batched(space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts)
-        # the batch functions go through the bodies that move in the order they were added, then the static ones
-        still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
-            len(walls) + 1
+        self._read_states = _batched(
+            space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._states
         )
-        self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((M + len(still), 3))
+        self._read_contacts = _batched(
+            space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts
+        )
+        # the batch functions go through the bodies that move in the order they were added, then the static ones
+        still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [
+            np.zeros(2)
+        ] * (len(walls) + 1)
+        self._placing, self._pushing = (
+            np.zeros((M + len(still), 6)),
+            np.zeros((M + len(still), 3)),
+        )
         self._placing[M:, :2] = np.array(still).reshape(-1, 2)
         self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
         if M:
@@ -107,7 +125,11 @@ class Space:
         """Move by the velocities, then find contacts and change the velocities; states, and contacts as listed."""
         # what pymunk does around these calls takes as long as a small step
         lib.cpSpaceStep(self._read_states[0], h)
-        states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
+        states, words, numbers = (
+            self._states._float_arr,
+            self._contacts._int_arr,
+            self._contacts._float_arr,
+        )
         states.num = words.num = numbers.num = 0
         lib.cpSpaceEachBody(*self._read_states)
         lib.cpSpaceEachCachedArbiter(*self._read_contacts)
@@ -123,7 +145,9 @@ class Space:
         if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
             self._orders.clear()
         pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
-        pairs[:, :2] = self._by_id[np.searchsorted(self._ids, pairs[:, :2].view(np.uint64))]
+        pairs[:, :2] = self._by_id[
+            np.searchsorted(self._ids, pairs[:, :2].view(np.uint64))
+        ]
         self._orders[listed] = Order(pairs)
         return self._orders[listed]
 
@@ -135,7 +159,9 @@ class Space:
         """Set positions and velocities, (M, 6)."""
         self._placing[: len(state)] = state
         if len(state):
-            self._place_buffer._float_arr.num = 0  # as pymunk does: from the first number on
+            self._place_buffer._float_arr.num = (
+                0  # as pymunk does: from the first number on
+            )
             lib.cpSpaceEachBody(*self._write_states)
 
     def push(self, load: Array) -> None:
@@ -166,10 +192,16 @@ class Space:
         return [lib.cpConstraintGetImpulse(motor) for motor in self._motors]
 
 
-def _batched(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:
+def _batched(
+    space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer
+) -> tuple[Any, Any, Any]:
     """What `pymunk.batch` hands to Chipmunk to read or set some fields of all bodies, or of all contacts."""
     request = ffi.new("pmBatchedData *")
-    request.fields, request.floatArray, request.intArray = fields.value, buffer._float_arr, buffer._int_arr
+    request.fields, request.floatArray, request.intArray = (
+        fields.value,
+        buffer._float_arr,
+        buffer._int_arr,
+    )
     return space._space, ffi.addressof(lib, name), request
 
 
@@ -192,7 +224,9 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
     return body
 
 
-def _add_wall(space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]) -> pymunk.Body:
+def _add_wall(
+    space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]
+) -> pymunk.Body:
     """A body of its own, so that contacts know which wall they touch."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
@@ -241,7 +275,10 @@ def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]
 
 
 def _add_joints(
-    space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body], world: pymunk.Body
+    space: pymunk.Space,
+    joints: tuple[Joint, ...],
+    bodies: list[pymunk.Body],
+    world: pymunk.Body,
 ) -> None:
     """Pins and welds, so that contacts are solved with them. They keep velocities only: where joints are, and motors,
     is for joined.py, which solves them exactly after each step; springs are loads.
@@ -264,7 +301,9 @@ def _add_joints(
                 else two
             )
             first, second = middle - one, middle - two
-        parts: list[pymunk.Constraint] = [pymunk.PivotJoint(a, b, first.tolist(), second.tolist())]
+        parts: list[pymunk.Constraint] = [
+            pymunk.PivotJoint(a, b, first.tolist(), second.tolist())
+        ]
         if joint.kind is JointKind.WELD:
             parts.append(pymunk.GearJoint(a, b, 0.0, 1.0))
         for part in parts:

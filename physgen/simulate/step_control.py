@@ -30,11 +30,19 @@ class StepTuning:
     many: int = 60
     most: int = 120
     """Sweeps of the contact solver a step: at least; where shapes overlap, impacts fell or joints hold; at most."""
-    work: int = 50_000  # sweeps times contacts of a step: heaps of hundreds get fewer sweeps
-    slack: float = 0.02  # closing speed that a step may leave, in units of gravity x step
+    work: int = (
+        50_000  # sweeps times contacts of a step: heaps of hundreds get fewer sweeps
+    )
+    slack: float = (
+        0.02  # closing speed that a step may leave, in units of gravity x step
+    )
     deep: float = 0.02  # px of overlap that is pushed apart with more sweeps
-    rest: float = 3.0  # speed, in units of gravity x step, below which contacts do not bounce
-    still: float = 0.01  # px/s below which contacts do not bounce where there is no gravity
+    rest: float = (
+        3.0  # speed, in units of gravity x step, below which contacts do not bounce
+    )
+    still: float = (
+        0.01  # px/s below which contacts do not bounce where there is no gravity
+    )
     busy: float = 6.0
     """Impacts a step above which ever faster contacts no longer bounce, up to `loudest` x the speed of rest: 94 px/s at
     980 px/s², which is where Box2D always stops bounces (1 m/s, at 100 px/m)."""
@@ -51,9 +59,13 @@ class StepDivider:
 
     def __init__(self, world: World, moving: Index) -> None:
         bodies = [world.bodies[k] for k in moving.tolist()]
-        self._limit = np.array([TUNING.share * body.size for body in bodies]).reshape(-1)
+        self._limit = np.array([TUNING.share * body.size for body in bodies]).reshape(
+            -1
+        )
         self._reach = np.array([body.reach for body in bodies]).reshape(-1)
-        self._turns = np.array([0.0 if body.radius is not None else body.reach for body in bodies], float)
+        self._turns = np.array(
+            [0.0 if body.radius is not None else body.reach for body in bodies], float
+        )
         boxes = [
             (*np.minimum(a, b), *np.maximum(a, b))
             for wall in world.walls
@@ -82,12 +94,18 @@ class StepDivider:
 
     def _ratio(self, state: Array, h: float, more: Array | float = 0.0) -> Array:
         """(M,): movement in h seconds over what is allowed."""
-        speed = np.hypot(state[:, 3], state[:, 4]) + np.abs(state[:, 5]) * self._turns + more
+        speed = (
+            np.hypot(state[:, 3], state[:, 4])
+            + np.abs(state[:, 5]) * self._turns
+            + more
+        )
         return np.asarray(speed * h / self._limit)
 
     def look(self, state: Array, ahead: float, gravity: float, h: float) -> None:
         """Start to watch where something may move too far in a step of h seconds within the time `ahead`."""
-        self.watchful = bool((self._ratio(state, h, gravity * ahead + self._jolt) > 1).any())
+        self.watchful = bool(
+            (self._ratio(state, h, gravity * ahead + self._jolt) > 1).any()
+        )
 
     def parts(self, state: Array, h: float) -> int:
         """Parts of a step of h seconds; 1 where what is fast has nothing in its way."""
@@ -122,7 +140,9 @@ class Governor:
 
     def __init__(self, world: World) -> None:
         self._gravity = float(np.hypot(*world.gravity))
-        self._jointed = any(joint.kind is not JointKind.SPRING for joint in world.joints)
+        self._jointed = any(
+            joint.kind is not JointKind.SPRING for joint in world.joints
+        )
         self._most = TUNING.most
         self.loud = 1.0
         """Factor on the speed of rest."""
@@ -150,12 +170,19 @@ class Governor:
         """Count the impacts of a step."""
         self._blows += impacts
 
-    def review(self, steps: int, contacts: int, residual: float, overlap: float, h: float) -> None:
+    def review(
+        self, steps: int, contacts: int, residual: float, overlap: float, h: float
+    ) -> None:
         """What the last steps left: contacts now, the fastest closing, px/s, the deepest overlap, px."""
         self._contacts = contacts
         limit = TUNING.slack * max(self._gravity * h, TUNING.still)
-        self._most = max(2 * TUNING.fewest, min(TUNING.most, TUNING.work // max(self._contacts, 1)))
-        now, least = self.sweeps, TUNING.many if overlap > TUNING.deep or self._jointed else TUNING.fewest
+        self._most = max(
+            2 * TUNING.fewest, min(TUNING.most, TUNING.work // max(self._contacts, 1))
+        )
+        now, least = (
+            self.sweeps,
+            TUNING.many if overlap > TUNING.deep or self._jointed else TUNING.fewest,
+        )
         if residual > limit:
             now += now // 2
         elif residual < limit / 10:

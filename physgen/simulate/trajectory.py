@@ -82,7 +82,9 @@ class Effort:
 
 
 def _unknown(times: Array) -> Trajectory:
-    raise ValueError("a motion that was read from a file is known at its own times only")
+    raise ValueError(
+        "a motion that was read from a file is known at its own times only"
+    )
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,9 @@ class Trajectory:
     contacts: Contacts
     energy: Energy
     effort: Effort
-    sampled: Callable[[Array], Trajectory] = field(default=_unknown, repr=False, compare=False)
+    sampled: Callable[[Array], Trajectory] = field(
+        default=_unknown, repr=False, compare=False
+    )
     """The same motion at other times (K,) s, rising; of a run, not of a file."""
 
     def imbalance(self, least: float = 0.0) -> float:
@@ -116,14 +120,19 @@ class Trajectory:
         total = e.kinetic + e.potential + e.dissipated - e.work
         if not len(total):
             return 0.0
-        flows = [float(np.ptp(part)) for part in (e.kinetic, e.potential, e.dissipated, e.work)]
+        flows = [
+            float(np.ptp(part))
+            for part in (e.kinetic, e.potential, e.dissipated, e.work)
+        ]
         flow = max(least, float(e.kinetic.max()), *flows)
         return float(np.ptp(total)) / flow if flow > 0 else 0.0
 
     def sample_hashes(self) -> list[str]:
         """SHA-256 of each sample's time, poses and velocities, as little-endian float64."""
         return [
-            hashlib.sha256(b"".join(np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v))).hexdigest()
+            hashlib.sha256(
+                b"".join(np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v))
+            ).hexdigest()
             for t, p, v in zip(self.times, self.poses, self.velocities, strict=True)
         ]
 
@@ -145,7 +154,11 @@ class Trajectory:
             "turns": self.turns,
             "contacts_surfaces": np.array(self.contacts.surfaces, dtype=np.str_),
         }
-        for part, of in (("contacts", self.contacts), ("energy", self.energy), ("effort", self.effort)):
+        for part, of in (
+            ("contacts", self.contacts),
+            ("energy", self.energy),
+            ("effort", self.effort),
+        ):
             for one in fields(of):
                 if one.name != "surfaces":
                     arrays[f"{part}_{one.name}"] = np.asarray(getattr(of, one.name))
@@ -155,7 +168,9 @@ class Trajectory:
         """The same arrays as one JSON object; a touch that outlasts the clip ends at null, JSON having no infinity."""
         arrays = {name: array.tolist() for name, array in self.as_arrays().items()}
         times = self.contacts.touch_times.tolist()
-        arrays["contacts_touch_times"] = [[begin, end if isfinite(end) else None] for begin, end in times]
+        arrays["contacts_touch_times"] = [
+            [begin, end if isfinite(end) else None] for begin, end in times
+        ]
         return json.dumps(arrays, allow_nan=False) + "\n"
 
     def as_csv(self) -> str:
@@ -205,7 +220,9 @@ def read_trajectory(path: Path | io.BytesIO) -> Trajectory:
             turns=file["turns"],
             contacts=Contacts(**parts["contacts"]),
             energy=Energy(**parts["energy"]),
-            effort=Effort(**{name: value.item() for name, value in parts["effort"].items()}),
+            effort=Effort(
+                **{name: value.item() for name, value in parts["effort"].items()}
+            ),
         )
 
 
@@ -235,7 +252,10 @@ def rest_times(trajectory: Trajectory) -> list[float | None]:
     for quiet in resting_mask(trajectory).T:
         moving = np.flatnonzero(~quiet)
         since = int(moving[-1]) + 1 if len(moving) else 0
-        over = since == len(quiet) or trajectory.times[-1] - trajectory.times[since] < REST_DURATION - 1e-9
+        over = (
+            since == len(quiet)
+            or trajectory.times[-1] - trajectory.times[since] < REST_DURATION - 1e-9
+        )
         found.append(None if over else float(trajectory.times[since]))
     return found
 
@@ -279,7 +299,9 @@ def cumulative_quaternions(vectors: Array, start: Array) -> Array:
     done = quaternions_from_vectors(vectors)
     reach = 1
     while reach < len(done):
-        done = np.concatenate([done[:reach], compose_quaternions(done[reach:], done[:-reach])])
+        done = np.concatenate(
+            [done[:reach], compose_quaternions(done[reach:], done[:-reach])]
+        )
         reach *= 2
     done = compose_quaternions(done, np.broadcast_to(start, done.shape))
     return np.asarray(done / np.sqrt((done**2).sum(axis=-1, keepdims=True)))

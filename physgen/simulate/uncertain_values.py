@@ -24,7 +24,13 @@ from physgen.scene.scene import Boundary, Motion, Object, Scene
 
 Array = NDArray[np.float64]
 
-POWERS = {"mass": 1.0, "density": 1.0, "friction": 0.5, "rolling": 0.75, "elasticity": 1.0}
+POWERS = {
+    "mass": 1.0,
+    "density": 1.0,
+    "friction": 0.5,
+    "rolling": 0.75,
+    "elasticity": 1.0,
+}
 """Powers of 1 / confidence in one standard deviation: at 0.5 a mass has a factor of 2, a friction of 1.4."""
 MIN_CONFIDENCE = 0.05
 """Lower confidences widen nothing further."""
@@ -57,14 +63,20 @@ class Spread:
             return 1 / (1 + (1 - self.median) / self.median * exp(-self.sigma * z))
         if self.at_least or self.most < inf:
             low = 0.5 if self.at_least else 0.0
-            high = 1.0 if self.most == inf else NORMAL.cdf(log(self.most / self.median) / self.sigma)
+            high = (
+                1.0
+                if self.most == inf
+                else NORMAL.cdf(log(self.most / self.median) / self.sigma)
+            )
             share = low + NORMAL.cdf(z) * (high - low)
             z = NORMAL.inv_cdf(min(max(share, 1e-300), 1 - 2**-53))
         value = self.median * exp(self.sigma * z)
         return min(max(value, self.median) if self.at_least else value, self.most)
 
 
-def spread(parameter: str, value: float, confidence: float, at_least: bool = False) -> Spread | None:
+def spread(
+    parameter: str, value: float, confidence: float, at_least: bool = False
+) -> Spread | None:
     """The distribution of a value with a confidence of 0..1; None where it is certain.
 
     >>> wide = spread("mass", 100.0, 0.5)
@@ -93,7 +105,9 @@ class UncertainValue:
     spread: Spread
     label: str = ""
     """Of the object: what values of one label have in common is drawn once."""
-    alike: float = 0.0  # 0..1: the part of the variance that all objects of the label share
+    alike: float = (
+        0.0  # 0..1: the part of the variance that all objects of the label share
+    )
 
     @property
     def path(self) -> str:
@@ -101,22 +115,40 @@ class UncertainValue:
         return f"{self.section}.{self.name}.{self.parameter}"
 
 
-def uncertain_values(scene: Scene, variant: str | None = None) -> tuple[UncertainValue, ...]:
+def uncertain_values(
+    scene: Scene, variant: str | None = None
+) -> tuple[UncertainValue, ...]:
     """Every uncertain value, of objects, then of boundaries; `variant` is the one that was applied."""
     provenance = Provenance(scene, variant)
-    of_objects = [value for item in scene.objects for value in _of_object(scene, item, provenance)]
-    of_boundaries = [value for item in scene.boundaries for value in _of_boundary(scene, item, provenance)]
+    of_objects = [
+        value for item in scene.objects for value in _of_object(scene, item, provenance)
+    ]
+    of_boundaries = [
+        value
+        for item in scene.boundaries
+        for value in _of_boundary(scene, item, provenance)
+    ]
     return (*of_objects, *of_boundaries)
 
 
-def _of_object(scene: Scene, item: Object, provenance: Provenance) -> Iterator[UncertainValue]:
+def _of_object(
+    scene: Scene, item: Object, provenance: Provenance
+) -> Iterator[UncertainValue]:
     path = f"objects.{item.name}"
     label = item.label.strip().lower()
     alike = 0.0
-    if label not in VAGUE_LABELS:  # as certain as the label is; 1 where a person wrote it
+    if (
+        label not in VAGUE_LABELS
+    ):  # as certain as the label is; 1 where a person wrote it
         origin = item.provenance.get("label")
-        of_label = provenance.of(f"{path}.label", origin, written_at=f"{path}.from.label")
-        alike = 1.0 if origin is None or of_label.kind != "guess" else source(origin).sure or 0.0
+        of_label = provenance.of(
+            f"{path}.label", origin, written_at=f"{path}.from.label"
+        )
+        alike = (
+            1.0
+            if origin is None or of_label.kind != "guess"
+            else source(origin).sure or 0.0
+        )
     for parameter in OBJECT_PARAMETERS:
         value = getattr(item, parameter)
         if value is None or parameter not in item.provenance:
@@ -124,15 +156,25 @@ def _of_object(scene: Scene, item: Object, provenance: Provenance) -> Iterator[U
         if parameter in ("mass", "density") and item.motion is not Motion.DYNAMIC:
             continue
         found = provenance.of(
-            f"{path}.{parameter}", item.provenance[parameter], written_at=f"{path}.from.{parameter}"
+            f"{path}.{parameter}",
+            item.provenance[parameter],
+            written_at=f"{path}.from.{parameter}",
         )
         at_least = parameter == "friction" and found.text == AT_LEAST
-        made = None if found.sure is None else spread(parameter, value, found.sure, at_least)
+        made = (
+            None
+            if found.sure is None
+            else spread(parameter, value, found.sure, at_least)
+        )
         if made is not None:
-            yield UncertainValue("objects", item.name, parameter, value, found, made, label, alike)
+            yield UncertainValue(
+                "objects", item.name, parameter, value, found, made, label, alike
+            )
 
 
-def _of_boundary(scene: Scene, item: Boundary, provenance: Provenance) -> Iterator[UncertainValue]:
+def _of_boundary(
+    scene: Scene, item: Boundary, provenance: Provenance
+) -> Iterator[UncertainValue]:
     origin = scene.document["boundaries"][item.name].get("from")
     path = f"boundaries.{item.name}"
     for parameter in BOUNDARY_PARAMETERS if origin is not None else ():
@@ -148,14 +190,21 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
 
     @cache
     def normal(*key: str) -> Array:
-        return np.array([NORMAL.inv_cdf(max(share, 2**-54)) for share in uniform(seed, count, *key).tolist()])
+        return np.array(
+            [
+                NORMAL.inv_cdf(max(share, 2**-54))
+                for share in uniform(seed, count, *key).tolist()
+            ]
+        )
 
     def column(value: UncertainValue) -> list[float]:
         z = np.zeros(count)
         if value.alike > 0:
             z += sqrt(value.alike) * normal("label", value.label, value.parameter)
         if value.alike < 1:
-            z += sqrt(1 - value.alike) * normal(value.section, value.name, value.parameter)
+            z += sqrt(1 - value.alike) * normal(
+                value.section, value.name, value.parameter
+            )
         return [value.spread.at(each) for each in z.tolist()]
 
     return np.array([column(value) for value in values]).T.reshape(count, len(values))
@@ -164,7 +213,9 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
 def uniform(seed: int, count: int, *key: str) -> Array:
     """(count,) uniform draws in 0..1: the first ones of a stream for every `key`."""
     digest = sha256("\0".join((str(seed), *key)).encode()).digest()
-    return np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:16], "big"))).random(count)
+    return np.random.Generator(
+        np.random.Philox(key=int.from_bytes(digest[:16], "big"))
+    ).random(count)
 
 
 def with_draw(scene: Scene, values: Sequence[UncertainValue], draw: Array) -> Scene:

@@ -23,7 +23,12 @@ from physgen.scene.scene import Motion, Scene, View
 from physgen.simulate.engine import simulate
 from physgen.simulate.forces import area
 from physgen.simulate.trajectory import Trajectory
-from physgen.simulate.uncertain_values import UncertainValue, draw_values, uncertain_values, with_draw
+from physgen.simulate.uncertain_values import (
+    UncertainValue,
+    draw_values,
+    uncertain_values,
+    with_draw,
+)
 from physgen.text import rounded
 
 Flags = NDArray[np.bool_]
@@ -69,7 +74,9 @@ class Ensemble:
     outcomes: tuple[Outcome | None, ...]  # one per draw
     own: Outcome  # with the values of the file, which the clip shows
     own_poses: Array  # (K, B, 3)
-    failures: tuple[Problem, ...] = ()  # why draws could not be simulated, each reason once
+    failures: tuple[
+        Problem, ...
+    ] = ()  # why draws could not be simulated, each reason once
 
     @property
     def whole(self) -> list[int]:
@@ -87,7 +94,9 @@ class Ensemble:
             if outcome is None:
                 cells += [""] * len(outcomes)
             else:
-                for fate, (x, y, angle) in zip(outcome.fates.tolist(), outcome.final.tolist(), strict=True):
+                for fate, (x, y, angle) in zip(
+                    outcome.fates.tolist(), outcome.final.tolist(), strict=True
+                ):
                     cells += [Fate(fate).name.lower(), x, y, degrees(angle)]
             rows.writerow(cells)
         return text.getvalue()
@@ -110,7 +119,9 @@ def simulate_ensemble(
     values = draw_values(found, seed, count)
     samples = max(ceil(world.duration * RATE), 2) + 1
     times = np.linspace(0, world.duration, samples)
-    kept = np.linspace(0, samples - 1, min(KEPT_SAMPLES, samples)).round().astype(np.intp)
+    kept = (
+        np.linspace(0, samples - 1, min(KEPT_SAMPLES, samples)).round().astype(np.intp)
+    )
     own_run = simulate(world, times)
     own, own_poses = outcome(world, own_run), own_run.poses[kept]
     poses = np.full((count, *own_poses.shape), np.nan)
@@ -119,10 +130,16 @@ def simulate_ensemble(
     for k in range(count):
         progress("fan", k, count)
         try:
-            drawn_world = compile_shapes(with_draw(scene, found, values[k]), compiled.shapes).world
+            drawn_world = compile_shapes(
+                with_draw(scene, found, values[k]), compiled.shapes
+            ).world
             run = simulate(drawn_world, times)
         except InputError as error:
-            failures |= {f"{p.path} {p.expected}": p for p in error.problems if p.path not in failures}
+            failures |= {
+                f"{p.path} {p.expected}": p
+                for p in error.problems
+                if p.path not in failures
+            }
             outcomes.append(None)
             continue
         poses[k] = run.poses[kept]
@@ -157,7 +174,9 @@ def outcome(world: World, run: Trajectory) -> Outcome:
     sizes = np.array([size(body) for body in world.bodies])
     away = np.hypot(*np.moveaxis(run.poses[:, :, :2] - start[:, :2], 2, 0)).max(axis=0)
     turned = np.abs(run.poses[:, :, 2] - start[:, 2]).max(axis=0)
-    tips = (turned > TIP_ANGLE) & np.array([body.radius is None for body in world.bodies], bool)
+    tips = (turned > TIP_ANGLE) & np.array(
+        [body.radius is None for body in world.bodies], bool
+    )
     falls = _can_fall(world) & (tips | (_drop(world, run) > SIZE_SHARE * sizes))
     fates = np.where(away > SIZE_SHARE * sizes, Fate.MOVES, Fate.STAYS)
     fates = np.where(_outside(world, final), Fate.LEAVES, fates)
@@ -169,7 +188,8 @@ def _can_fall(world: World) -> Flags:
     joined = {body for joint in world.joints for body in (joint.first, joint.second)}
     pulled = world.view is View.SIDE and world.gravity.any()
     free = [
-        pulled and body.motion is Motion.DYNAMIC and k not in joined for k, body in enumerate(world.bodies)
+        pulled and body.motion is Motion.DYNAMIC and k not in joined
+        for k, body in enumerate(world.bodies)
     ]
     return np.array(free, bool)
 
@@ -183,7 +203,9 @@ def _drop(world: World, run: Trajectory) -> Array:
     steps = np.diff(run.poses[:, :, :2], axis=0)
     deeper, across = steps @ down, np.abs(steps @ np.array([-down[1], down[0]]))
     steep = np.where(deeper > across, deeper, 0.0).sum(axis=0)
-    return np.asarray(np.minimum(steep, (deeper.cumsum(axis=0)).max(axis=0, initial=0.0)))
+    return np.asarray(
+        np.minimum(steep, (deeper.cumsum(axis=0)).max(axis=0, initial=0.0))
+    )
 
 
 def _outside(world: World, poses: Array) -> Flags:
@@ -191,13 +213,23 @@ def _outside(world: World, poses: Array) -> Flags:
     width, height = world.size
     reach = np.array([body.reach for body in world.bodies])
     x, y = poses[:, 0], poses[:, 1]
-    out = (x + reach < -0.5) | (x - reach > width - 0.5) | (y + reach < -0.5) | (y - reach > height - 0.5)
+    out = (
+        (x + reach < -0.5)
+        | (x - reach > width - 0.5)
+        | (y + reach < -0.5)
+        | (y - reach > height - 0.5)
+    )
     return np.asarray(out)
 
 
 LEVEL = 0.95  # of confidence intervals
 MOST = 0.9  # share of the draws that a radius holds
-VERBS = {Fate.STAYS: "stays", Fate.MOVES: "moves", Fate.LEAVES: "leaves the photo", Fate.FALLS: "falls"}
+VERBS = {
+    Fate.STAYS: "stays",
+    Fate.MOVES: "moves",
+    Fate.LEAVES: "leaves the photo",
+    Fate.FALLS: "falls",
+}
 
 
 def wilson(count: int, total: int) -> tuple[float, float]:
@@ -216,7 +248,11 @@ def wilson(count: int, total: int) -> tuple[float, float]:
 def radius(places: Array) -> float:
     """px about their median within which 9 of 10 places `(N, 2)` lie."""
     off = places - np.median(places, axis=0)
-    return float(np.quantile(np.hypot(*off.T), MOST, method="higher")) if len(places) else 0.0
+    return (
+        float(np.quantile(np.hypot(*off.T), MOST, method="higher"))
+        if len(places)
+        else 0.0
+    )
 
 
 def percent(share: float) -> str:
@@ -236,7 +272,9 @@ class Verdict:
     name: str
     counts: Mapping[Fate, int]  # of draws that could be simulated
     event: Fate  # the largest fate that occurs
-    interval: tuple[float, float]  # 0..1: of the share of draws in which the event happens
+    interval: tuple[
+        float, float
+    ]  # 0..1: of the share of draws in which the event happens
     radius: float  # px about the median of its final places within which 9 of 10 lie
     size: float  # px; see `uncertainty.size`
     own: Fate  # in the clip
@@ -287,7 +325,11 @@ class Verdict:
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
         return {
-            "draws": {fate.name.lower(): self.counts[fate] for fate in Fate if self.counts[fate]},
+            "draws": {
+                fate.name.lower(): self.counts[fate]
+                for fate in Fate
+                if self.counts[fate]
+            },
             "decided": self.decided,
             "event": self.event.name.lower(),
             "share": round(self.share, 6),
@@ -310,7 +352,9 @@ def headline(fan: Ensemble, found: Sequence[Verdict]) -> str:
     """One sentence about all bodies."""
     if not found:
         return (
-            f"None of the {len(fan.outcomes)} draws could be simulated." if fan.names else "Nothing can move."
+            f"None of the {len(fan.outcomes)} draws could be simulated."
+            if fan.names
+            else "Nothing can move."
         )
     count, fates = len(found), sum(v.decided for v in found)
     places = sum(v.decided and v.placed for v in found)

@@ -50,7 +50,9 @@ class Batch:
     """(N, HALF, HALF): small objects count as much as large ones."""
 
 
-def batches(stores: Sequence[Store], shares: Sequence[float], size: int, seed: int) -> Iterator[Batch]:
+def batches(
+    stores: Sequence[Store], shares: Sequence[float], size: int, seed: int
+) -> Iterator[Batch]:
     """Batches of `size` for ever; each picture from a store with the probability of its share."""
     rng = np.random.default_rng(seed)
     there = [np.flatnonzero(store.done) for store in stores]
@@ -64,22 +66,29 @@ def batches(stores: Sequence[Store], shares: Sequence[float], size: int, seed: i
         yield Batch(*(np.stack(part) for part in zip(*picked, strict=True)))
 
 
-def _sample(store: Store, k: int, rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
+def _sample(
+    store: Store, k: int, rng: np.random.Generator
+) -> tuple[NDArray[np.float32], ...]:
     side = int(rng.integers(112, SIDE + 1))
     y, x = (int(rng.integers(0, SIDE - side + 1)) for _ in range(2))
     box = np.s_[y : y + side, x : x + side]
-    tall = side if rng.random() < 0.5 else int(side * rng.uniform(0.8, 1.0))  # a little squeezed
+    tall = (
+        side if rng.random() < 0.5 else int(side * rng.uniform(0.8, 1.0))
+    )  # a little squeezed
     box = np.s_[y : y + tall, x : x + side]
     how = cv2.INTER_AREA if side > CROP else cv2.INTER_LINEAR
     rgb = cv2.resize(store.rgb[k][box], (CROP, CROP), interpolation=how)
     labels = cv2.resize(
-        np.ascontiguousarray(store.labels[k][box]), (HALF, HALF), interpolation=cv2.INTER_NEAREST_EXACT
+        np.ascontiguousarray(store.labels[k][box]),
+        (HALF, HALF),
+        interpolation=cv2.INTER_NEAREST_EXACT,
     )
     normals = cv2.resize(store.normals[k][box].astype(np.float32) / 127, (HALF, HALF))
     shadow = cv2.resize(store.shadow[k][box].astype(np.float32) / 255, (HALF, HALF))
     if rng.random() < 0.5:
         rgb, labels, normals, shadow = (
-            np.ascontiguousarray(part[:, ::-1]) for part in (rgb, labels, normals, shadow)
+            np.ascontiguousarray(part[:, ::-1])
+            for part in (rgb, labels, normals, shadow)
         )
         normals[..., 0] *= -1
     x_in = developed(rgb.astype(np.float32), rng)
@@ -90,22 +99,32 @@ def _sample(store: Store, k: int, rng: np.random.Generator) -> tuple[NDArray[np.
     )
 
 
-def developed(rgb: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+def developed(
+    rgb: NDArray[np.float32], rng: np.random.Generator
+) -> NDArray[np.float32]:
     """The same crop as another camera would have it."""
     if rng.random() < 0.2:
         rgb = rgb[..., rng.permutation(3)]
     if rng.random() < 0.5:
-        rgb = (rgb - 128) * np.float32(rng.uniform(0.5, 1.4)) + 128 + np.float32(rng.uniform(-40, 40))
+        rgb = (
+            (rgb - 128) * np.float32(rng.uniform(0.5, 1.4))
+            + 128
+            + np.float32(rng.uniform(-40, 40))
+        )
     if rng.random() < 0.3:
         rgb = rgb * rng.uniform(0.8, 1.2, 3).astype(np.float32)
     if rng.random() < 0.3:
-        rgb = 255 * np.power(np.clip(rgb / 255, 0, 1), np.float32(rng.uniform(0.6, 1.6)))
+        rgb = 255 * np.power(
+            np.clip(rgb / 255, 0, 1), np.float32(rng.uniform(0.6, 1.6))
+        )
     if rng.random() < 0.15:
         rgb = np.repeat(rgb.mean(2, keepdims=True), 3, 2)
     if rng.random() < 0.2:
         rgb = cv2.GaussianBlur(rgb, (0, 0), rng.uniform(0.4, 1.5))
     if rng.random() < 0.3:
-        rgb = rgb + rng.standard_normal(rgb.shape).astype(np.float32) * np.float32(rng.uniform(2, 12))
+        rgb = rgb + rng.standard_normal(rgb.shape).astype(np.float32) * np.float32(
+            rng.uniform(2, 12)
+        )
     return np.clip(rgb, 0, 255).astype(np.float32)
 
 
@@ -117,7 +136,11 @@ def targets(labels: NDArray[np.uint8]) -> tuple[NDArray[np.float32], ...]:
     for axis in (0, 1):
         ahead, behind = [slice(None)] * 2, [slice(None)] * 2
         ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
-        differ = (ids[tuple(ahead)] != ids[tuple(behind)]) & said[tuple(ahead)] & said[tuple(behind)]
+        differ = (
+            (ids[tuple(ahead)] != ids[tuple(behind)])
+            & said[tuple(ahead)]
+            & said[tuple(behind)]
+        )
         boundary[tuple(ahead)] |= differ
         boundary[tuple(behind)] |= differ
     pairs = np.zeros((len(OFFSETS), *ids.shape), np.float32)
@@ -142,4 +165,11 @@ def _rest(
     said = (labels != UNSAID).astype(np.float32)
     movable = ((labels > 0) & (labels < IMMOVABLE)).astype(np.float32)
     rendered = np.float32(normals.any())
-    return normals.transpose(2, 0, 1), shadow, movable, rendered, said, weight[labels].astype(np.float32)
+    return (
+        normals.transpose(2, 0, 1),
+        shadow,
+        movable,
+        rendered,
+        said,
+        weight[labels].astype(np.float32),
+    )

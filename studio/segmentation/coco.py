@@ -31,11 +31,15 @@ LEAST = 0.5
 def material() -> Path:
     """The folder that PHYSGEN_MATERIAL names."""
     if "PHYSGEN_MATERIAL" not in os.environ:
-        raise SystemExit("PHYSGEN_MATERIAL is not set; name the folder that holds coco/ and models3d/")
+        raise SystemExit(
+            "PHYSGEN_MATERIAL is not set; name the folder that holds coco/ and models3d/"
+        )
     return Path(os.environ["PHYSGEN_MATERIAL"])
 
 
-def photos(validation: bool) -> Iterator[tuple[str, NDArray[np.uint8], NDArray[np.uint8]]]:
+def photos(
+    validation: bool,
+) -> Iterator[tuple[str, NDArray[np.uint8], NDArray[np.uint8]]]:
     """ID, photo (H, W, 3) sRGB and labels (H, W) of every photo of one part, in the store's coding: movable objects
     from 1, immovable wholes from IMMOVABLE, UNSAID."""
     folder = material() / "coco"
@@ -74,10 +78,15 @@ def main() -> None:
             box = np.s_[:, :]
             if view:
                 side = int(min(height, width) * rng.uniform(LEAST, 1))
-                y, x = int(rng.integers(height - side + 1)), int(rng.integers(width - side + 1))
+                y, x = (
+                    int(rng.integers(height - side + 1)),
+                    int(rng.integers(width - side + 1)),
+                )
                 box = np.s_[y : y + side, x : x + side]
             store.put_maps(
-                VIEWS * k + view, np.ascontiguousarray(rgb[box]), np.ascontiguousarray(labels[box])
+                VIEWS * k + view,
+                np.ascontiguousarray(rgb[box]),
+                np.ascontiguousarray(labels[box]),
             )
 
 

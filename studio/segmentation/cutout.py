@@ -39,7 +39,9 @@ NOTHING, EMPTY, TRIES, CLEAR = 0.08, (0.06, 0.6), 8, 0.02
 """Share of the crops that show nothing, of their sides in the picture's shorter one, tries, and share that others may take."""
 MORE = 0.3
 """Of the usual rate, where the shipped head learns on."""
-SHIPPED = Path(__file__).resolve().parents[2] / "physgen/perceive/segment/segmentation.onnx"
+SHIPPED = (
+    Path(__file__).resolve().parents[2] / "physgen/perceive/segment/segmentation.onnx"
+)
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,9 @@ class Lesson:
     """N crops and what is to be cut out of them."""
 
     x: NDArray[np.float32]  # (N, 3, SIDE, SIDE)
-    truth: NDArray[np.float32]  # (N, SIDE / 2, SIDE / 2): share of each pixel on the object
+    truth: NDArray[
+        np.float32
+    ]  # (N, SIDE / 2, SIDE / 2): share of each pixel on the object
     weight: NDArray[np.float32]  # (N, SIDE / 2, SIDE / 2): 0 where nobody judges
     at_point: NDArray[np.float32]  # (N,): 1 where the crop is around a point
 
@@ -88,27 +92,43 @@ def lesson(one: Example, rng: np.random.Generator) -> tuple[NDArray[np.float32],
         moved = np.array(nothing)
     rgb = crop(one.rgb, moved, SIDE).astype(np.float32)
     half = SIDE // 2
-    on = np.zeros(one.labels.shape, np.uint8) if nothing else (one.labels == one.id).astype(np.uint8)
+    on = (
+        np.zeros(one.labels.shape, np.uint8)
+        if nothing
+        else (one.labels == one.id).astype(np.uint8)
+    )
     mask = crop(on * 255, moved, half, 0).astype(np.float32) / 255
-    unsaid = crop((one.labels == UNSAID).astype(np.uint8) * 255, moved, half, 0).astype(np.float32) / 255
+    unsaid = (
+        crop((one.labels == UNSAID).astype(np.uint8) * 255, moved, half, 0).astype(
+            np.float32
+        )
+        / 255
+    )
     box = np.zeros(one.labels.shape, np.uint8)
     box[one.box[1] : one.box[3], one.box[0] : one.box[2]] = 255
     inside = True if nothing else crop(box, moved, half, 0) > 0
     weight = 1 - unsaid * inside
     if rng.random() < 0.5:
-        rgb, mask, weight = (np.ascontiguousarray(part[:, ::-1]) for part in (rgb, mask, weight))
+        rgb, mask, weight = (
+            np.ascontiguousarray(part[:, ::-1]) for part in (rgb, mask, weight)
+        )
     x = (developed(rgb, rng).transpose(2, 0, 1) - np.float32(MEAN)) / np.float32(SPREAD)
     return x.astype(np.float32), mask, weight.astype(np.float32), np.float32(at_point)
 
 
-def _empty(labels: NDArray[np.uint8], at_point: bool, rng: np.random.Generator) -> tuple[float, ...] | None:
+def _empty(
+    labels: NDArray[np.uint8], at_point: bool, rng: np.random.Generator
+) -> tuple[float, ...] | None:
     """A box on nothing, or a square whose middle lies on nothing; None where none is met."""
     height, width = labels.shape
     for _ in range(TRIES):
         across, down = np.exp(rng.uniform(*np.log(EMPTY), 2)) * min(height, width)
         if at_point:
             down = across
-        x, y = rng.uniform(0, max(width - across, 1)), rng.uniform(0, max(height - down, 1))
+        x, y = (
+            rng.uniform(0, max(width - across, 1)),
+            rng.uniform(0, max(height - down, 1)),
+        )
         kept = 0.4 if at_point else 0.0
         part = labels[
             int(y + kept * down) : int(y + (1 - kept) * down) + 1,
@@ -129,7 +149,9 @@ def _click(one: Example, rng: np.random.Generator) -> tuple[float, float]:
     return left + float(columns[k]), top + float(rows[k])
 
 
-def lessons(sets: list[list[Example]], shares: list[float], size: int, seed: int) -> Iterator[Lesson]:
+def lessons(
+    sets: list[list[Example]], shares: list[float], size: int, seed: int
+) -> Iterator[Lesson]:
     """Batches for ever, each example from a set with the probability of its share."""
     rng = np.random.default_rng(seed)
     while True:
@@ -150,7 +172,14 @@ def loss(out: torch.Tensor, batch: dict[str, torch.Tensor]) -> torch.Tensor:
 
 
 def train(
-    rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path, device: str, more: bool
+    rank: int,
+    jobs: int,
+    stores: Shares,
+    steps: int,
+    seed: int,
+    out: Path,
+    device: str,
+    more: bool,
 ) -> None:
     """Learn so many steps; `out` gets what `learn` writes, as cutout.pt."""
     run = Run(rank, jobs, steps, out, device, seed)
@@ -161,18 +190,31 @@ def train(
     if more:
         with torch.inference_mode():
             levels = network.levels(blank)
-        load_exported(head, SHIPPED.with_name("cutout.onnx"), levels, torch.zeros(1, 1, 1, 1))
+        load_exported(
+            head, SHIPPED.with_name("cutout.onnx"), levels, torch.zeros(1, 1, 1, 1)
+        )
     before = {name: part.clone() for name, part in head.state_dict().items()}
     network, head = network.to(where, memory_format=torch.channels_last), head.to(where)
-    sets = [[one for _, rgb, labels in photos(validation=False) for one in examples(rgb, labels)]]
+    sets = [
+        [
+            one
+            for _, rgb, labels in photos(validation=False)
+            for one in examples(rgb, labels)
+        ]
+    ]
     for store in (Store.at(folder) for folder, _ in stores):
-        pictures = ((np.array(store.rgb[k]), np.array(store.labels[k])) for k in np.flatnonzero(store.done))
+        pictures = (
+            (np.array(store.rgb[k]), np.array(store.labels[k]))
+            for k in np.flatnonzero(store.done)
+        )
         sets.append([one for rgb, labels in pictures for one in examples(rgb, labels)])
     shares = [1 - sum(share for _, share in stores), *(share for _, share in stores)]
 
     def losses(batch: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         with torch.no_grad():
-            levels = network.levels(batch["x"].contiguous(memory_format=torch.channels_last))
+            levels = network.levels(
+                batch["x"].contiguous(memory_format=torch.channels_last)
+            )
         at_point = batch["at_point"][:, None, None, None]
         return {"cut": loss(head(levels, at_point), batch)}
 
@@ -180,7 +222,9 @@ def train(
         run,
         head,
         [{"params": list(head.parameters()), "share": MORE if more else 1.0}],
-        lambda step: ahead(lessons(sets, shares, BATCH // jobs, seed + 1000 * rank + step), where),
+        lambda step: ahead(
+            lessons(sets, shares, BATCH // jobs, seed + 1000 * rank + step), where
+        ),
         losses,
         "cutout",
     )
@@ -188,11 +232,20 @@ def train(
         more and rank == 0
     ):  # the mean of both is better than either (Wortsman et al. 2022, "Robust fine-tuning")
         after = torch.load(out / "cutout.pt", map_location="cpu", weights_only=True)
-        torch.save({name: (part + after[name]) / 2 for name, part in before.items()}, out / "cutout.pt")
+        torch.save(
+            {name: (part + after[name]) / 2 for name, part in before.items()},
+            out / "cutout.pt",
+        )
 
 
 if __name__ == "__main__":
     jobs, stores, args = arguments(__doc__, 5000, "--more")
     if sum(share for _, share in stores) >= 1:
-        raise SystemExit("shares of the stores: less than 1 in all, since COCO's photos have the rest")
-    spawn(train, jobs, (stores, args.steps, args.seed, args.output, args.device, args.more))
+        raise SystemExit(
+            "shares of the stores: less than 1 in all, since COCO's photos have the rest"
+        )
+    spawn(
+        train,
+        jobs,
+        (stores, args.steps, args.seed, args.output, args.device, args.more),
+    )

@@ -45,7 +45,9 @@ class _Cut(nn.Module):
         super().__init__()
         self.head = head
 
-    def forward(self, a: Tensor, b: Tensor, c: Tensor, d: Tensor, e: Tensor, at_point: Tensor) -> Tensor:
+    def forward(
+        self, a: Tensor, b: Tensor, c: Tensor, d: Tensor, e: Tensor, at_point: Tensor
+    ) -> Tensor:
         return self.head([a, b, c, d, e], at_point)
 
 
@@ -72,7 +74,9 @@ def export(
         for held in graph.graph.initializer:
             if held.name in kernels:
                 held.CopyFrom(
-                    numpy_helper.from_array(numpy_helper.to_array(held).astype(np.float16), held.name)
+                    numpy_helper.from_array(
+                        numpy_helper.to_array(held).astype(np.float16), held.name
+                    )
                 )
         onnx.save(graph, str(file))
         theirs = cv2.dnn.readNetFromONNX(str(file))
@@ -83,9 +87,15 @@ def export(
             with torch.inference_mode():
                 ours = model(*trial)
             ours = ours if isinstance(ours, Tensor) else ours[0]
-            off = float(np.maximum(off, np.abs(theirs.forward(list(out))[0] - ours.numpy()).max()))
+            off = float(
+                np.maximum(
+                    off, np.abs(theirs.forward(list(out))[0] - ours.numpy()).max()
+                )
+            )
         if not off <= CLOSE:  # nor NaN
-            raise SystemExit(f"OpenCV's output is {off:.3f} from torch's; nothing written")
+            raise SystemExit(
+                f"OpenCV's output is {off:.3f} from torch's; nothing written"
+            )
         path.write_bytes(file.read_bytes())
     return off
 
@@ -97,24 +107,37 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=SHIPPED, help="folder")
     args = parser.parse_args()
     if not args.weights.is_file():
-        parser.error(f"{args.weights}: no such file; make it with train.py or cutout.py")
+        parser.error(
+            f"{args.weights}: no such file; make it with train.py or cutout.py"
+        )
     held = torch.load(args.weights, map_location="cpu", weights_only=True)
     network = Network().eval()
     if "place" in held:
         path = args.output / "cutout.onnx"
-        load_exported(network, SHIPPED / "segmentation.onnx", torch.zeros(1, 3, SIDE, SIDE))
+        load_exported(
+            network, SHIPPED / "segmentation.onnx", torch.zeros(1, 3, SIDE, SIDE)
+        )
         head = Cutout(SIDE).eval()
         head.load_state_dict(held)
         with torch.no_grad():
             levels = network.levels(torch.randn(1, 3, SIDE, SIDE))
-        trials = [(*levels, torch.full((1, 1, 1, 1), at_point)) for at_point in (0.0, 1.0)]
-        off = export(_Cut(head).eval(), [*OUTPUTS[1:], "at-point"], ["cut"], trials, path)
+        trials = [
+            (*levels, torch.full((1, 1, 1, 1), at_point)) for at_point in (0.0, 1.0)
+        ]
+        off = export(
+            _Cut(head).eval(), [*OUTPUTS[1:], "at-point"], ["cut"], trials, path
+        )
     else:
         path = args.output / "segmentation.onnx"
         network.load_state_dict(held)
         photos = [(torch.randn(1, 3, *size),) for size in ((192, 256), (256, 416))]
-        off = export(_Seen(network).eval(), ["photo"], OUTPUTS, photos, path, any_size=True)
-    print(f"{path.stat().st_size / 1e6:.1f} MB, logits within {off:.4f} of torch's", file=sys.stderr)
+        off = export(
+            _Seen(network).eval(), ["photo"], OUTPUTS, photos, path, any_size=True
+        )
+    print(
+        f"{path.stat().st_size / 1e6:.1f} MB, logits within {off:.4f} of torch's",
+        file=sys.stderr,
+    )
 
 
 if __name__ == "__main__":

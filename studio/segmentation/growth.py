@@ -36,7 +36,12 @@ def seen(network: Network, path: Path) -> tuple[int, int, int, int]:
     said = labels != UNSAID
     told, rim = (out[FOREGROUND] > 0) & said, out[BOUNDARY] > 0
     true, edge = (on > 0) & said, border > 0
-    return int((told & true).sum()), int((told | true).sum()), int((rim & edge).sum()), int(edge.sum())
+    return (
+        int((told & true).sum()),
+        int((told | true).sum()),
+        int((rim & edge).sum()),
+        int(edge.sum()),
+    )
 
 
 def main() -> None:
@@ -51,7 +56,9 @@ def main() -> None:
     for file in files:
         network = Network().eval()
         network.load_state_dict(torch.load(file, map_location="cpu", weights_only=True))
-        both, either, rim, edge = np.sum([seen(network, p) for p in sorted(VALIDATION.glob("*.jpg"))], axis=0)
+        both, either, rim, edge = np.sum(
+            [seen(network, p) for p in sorted(VALIDATION.glob("*.jpg"))], axis=0
+        )
         print(f"| {file.stem} | {both / either:.3f} | {rim / edge:.3f} |", flush=True)
 
 

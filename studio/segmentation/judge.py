@@ -54,8 +54,15 @@ class Tried:
 def fits(found: Candidates, picture: Picture) -> NDArray[np.float64]:
     """(n,) the best intersection over union of each candidate with an object; unsaid pixels are nobody's."""
     size = found.shape[::-1]
-    labels = cv2.resize(picture.labels, size, interpolation=cv2.INTER_NEAREST_EXACT).astype(np.int64)
-    said = cv2.resize(picture.unsaid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) == 0
+    labels = cv2.resize(
+        picture.labels, size, interpolation=cv2.INTER_NEAREST_EXACT
+    ).astype(np.int64)
+    said = (
+        cv2.resize(
+            picture.unsaid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT
+        )
+        == 0
+    )
     area = np.bincount(labels[said], minlength=int(labels.max()) + 1)
     best = []
     for one in found.proposals:
@@ -83,7 +90,11 @@ def teach(some: Sequence[Tried], seed: int) -> dict[str, list]:
     mean, spread = x.mean(axis=0), x.std(axis=0) + 1e-6
     told = torch.tensor((x - mean) / spread, dtype=torch.float32)
     truth = torch.tensor(y, dtype=torch.float32)
-    layers = [nn.Linear(x.shape[1], WIDTH), nn.Linear(WIDTH, WIDTH), nn.Linear(WIDTH, 1)]
+    layers = [
+        nn.Linear(x.shape[1], WIDTH),
+        nn.Linear(WIDTH, WIDTH),
+        nn.Linear(WIDTH, 1),
+    ]
     network = nn.Sequential(layers[0], nn.ReLU(), layers[1], nn.ReLU(), layers[2])
     optimizer = torch.optim.AdamW(network.parameters(), lr=3e-3, weight_decay=0.02)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)
@@ -91,7 +102,9 @@ def teach(some: Sequence[Tried], seed: int) -> dict[str, list]:
     for step in range(STEPS):
         some_ = torch.randint(len(truth), (2048,))
         out = network(told[some_] + 0.03 * torch.randn(2048, x.shape[1]))[:, 0]
-        loss = F.binary_cross_entropy_with_logits(out, truth[some_], weight=weight[some_])
+        loss = F.binary_cross_entropy_with_logits(
+            out, truth[some_], weight=weight[some_]
+        )
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -131,7 +144,13 @@ def judged(some: Sequence[Tried]) -> dict[str, list]:
         for one in some[1 - half :: 2]:
             fit = worth(one.found, judge.expected_fit(one.found.evidence, numbers))
             chosen = choose(one.found, fit, COUNTED)
-            pairs += list(zip(fit[chosen].tolist(), (one.fit[chosen] >= RIGHT).tolist(), strict=True))
+            pairs += list(
+                zip(
+                    fit[chosen].tolist(),
+                    (one.fit[chosen] >= RIGHT).tolist(),
+                    strict=True,
+                )
+            )
     fit, right = counted(pairs)
     return {**teach(some, 2), "fit": fit, "right": right}
 
@@ -140,12 +159,19 @@ def counted(pairs: list[tuple[float, bool]]) -> tuple[list[float], list[float]]:
     """What was said and whether it was right -> the share that is, never falling (pool adjacent violators); from 0."""
     pairs.sort()
     blocks: list[list[float]] = []  # sum of fits, of rights, count
-    for bundle in np.array_split(np.array(pairs, float), max(1, min(24, len(pairs) // 25))):
+    for bundle in np.array_split(
+        np.array(pairs, float), max(1, min(24, len(pairs) // 25))
+    ):
         blocks.append([bundle[:, 0].sum(), bundle[:, 1].sum(), float(len(bundle))])
-        while len(blocks) > 1 and blocks[-2][1] / blocks[-2][2] >= blocks[-1][1] / blocks[-1][2]:
+        while (
+            len(blocks) > 1
+            and blocks[-2][1] / blocks[-2][2] >= blocks[-1][1] / blocks[-1][2]
+        ):
             last = blocks.pop()
             blocks[-1] = [a + b for a, b in zip(blocks[-1], last, strict=True)]
-    shares = np.maximum.accumulate([(right + 0.5) / (count + 1) for _, right, count in blocks])
+    shares = np.maximum.accumulate(
+        [(right + 0.5) / (count + 1) for _, right, count in blocks]
+    )
     return (
         [0.0, *(round(float(fit / count), 4) for fit, _, count in blocks)],
         [0.0, *(round(float(share), 4) for share in shares)],
@@ -155,14 +181,19 @@ def counted(pairs: list[tuple[float, bool]]) -> tuple[list[float], list[float]]:
 def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("pictures", nargs="*", type=Path, help="folders of rendered pictures")
+    parser.add_argument(
+        "pictures", nargs="*", type=Path, help="folders of rendered pictures"
+    )
     parser.add_argument("--drawn", type=int, default=160)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("-o", "--output", type=Path, default=SHIPPED)
     args = parser.parse_args()
     work: list[int | tuple[Path, str]] = list(range(FIRST, FIRST + args.drawn))
     for folder in args.pictures:
-        names = sorted(path.name.removesuffix(".labels.png") for path in folder.glob("*.labels.png"))
+        names = sorted(
+            path.name.removesuffix(".labels.png")
+            for path in folder.glob("*.labels.png")
+        )
         work += [(folder, name) for name in names]
     if len(work) < 2:
         parser.error(
@@ -173,7 +204,9 @@ def main() -> None:
         for one in pool.imap(tried, work, chunksize=4):
             some.append(one)
             if len(some) % 25 == 0:
-                print(f"{len(some)} of {len(work)} pictures", file=sys.stderr, flush=True)
+                print(
+                    f"{len(some)} of {len(work)} pictures", file=sys.stderr, flush=True
+                )
     told = judged(some)
     args.output.write_text(json.dumps(told) + "\n")
     print(

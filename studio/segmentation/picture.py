@@ -42,7 +42,9 @@ class Picture:
         _write(folder / f"{stem}.png", self.rgb[..., ::-1])
         _write(folder / f"{stem}.labels.png", stored)
         _write(folder / f"{stem}.normals.png", bent[..., ::-1])
-        _write(folder / f"{stem}.shadow.png", np.round(self.shadow * 255).astype(np.uint8))
+        _write(
+            folder / f"{stem}.shadow.png", np.round(self.shadow * 255).astype(np.uint8)
+        )
 
     @classmethod
     def load(cls, folder: Path, stem: str) -> Picture:
@@ -55,7 +57,9 @@ class Picture:
         normals = (bent.astype(np.float32) - 128) / 127
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
         return cls(
-            rgb=np.ascontiguousarray(_read(folder / f"{stem}.png")[..., ::-1], np.uint8),
+            rgb=np.ascontiguousarray(
+                _read(folder / f"{stem}.png")[..., ::-1], np.uint8
+            ),
             labels=labels,
             unsaid=unsaid,
             normals=np.where(known[..., None], normals, 0).astype(np.float32),

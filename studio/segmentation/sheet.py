@@ -19,7 +19,9 @@ def outlined(picture: Picture) -> NDArray[np.uint8]:
     for number in range(1, int(picture.labels.max()) + 1):
         mask = (picture.labels == number).astype(np.uint8)
         loops, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-        hue = cv2.cvtColor(np.array([[[number * 47 % 180, 200, 255]]], np.uint8), cv2.COLOR_HSV2RGB)[0, 0]
+        hue = cv2.cvtColor(
+            np.array([[[number * 47 % 180, 200, 255]]], np.uint8), cv2.COLOR_HSV2RGB
+        )[0, 0]
         cv2.drawContours(image, loops, -1, tuple(int(c) for c in hue), 1)
     return image
 

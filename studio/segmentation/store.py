@@ -60,7 +60,9 @@ class Store:
             elif count is None:
                 raise FileNotFoundError(path)
             else:
-                found[name] = np.lib.format.open_memmap(path, "w+", kind, (count, *shape))
+                found[name] = np.lib.format.open_memmap(
+                    path, "w+", kind, (count, *shape)
+                )
         return cls(**found)
 
     def put(self, k: int, picture: Picture) -> None:
@@ -82,14 +84,21 @@ class Store:
         size = (SIDE, SIDE)
         self.rgb[k] = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
         self.labels[k] = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
-        for store, values, most in ((self.normals, normals, 127), (self.shadow, shadow, 255)):
+        for store, values, most in (
+            (self.normals, normals, 127),
+            (self.shadow, shadow, 255),
+        ):
             if values is not None:
-                soft = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+                soft = cv2.resize(
+                    values.astype(np.float32), size, interpolation=cv2.INTER_AREA
+                )
                 store[k] = np.round(soft * most).astype(store.dtype)
         self.done[k] = 1
 
 
-def fill(folder: Path, count: int, first: int, jobs: int, make: Callable[[int], Picture]) -> Iterator[int]:
+def fill(
+    folder: Path, count: int, first: int, jobs: int, make: Callable[[int], Picture]
+) -> Iterator[int]:
     """Pictures `make(first)`, `make(first + 1)` ... into the folder's store; yields how many are there, as they come."""
     store = Store.at(folder, count)
     missing = [k for k in range(count) if not store.done[k]]

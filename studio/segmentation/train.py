@@ -43,17 +43,26 @@ def losses(out: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
 
     foreground = out[:, FOREGROUND]
     sure = torch.sigmoid(foreground) * said
-    dice = 1 - (2 * (sure * on).sum((1, 2)) + 20) / (sure.sum((1, 2)) + on.sum((1, 2)) + 20)
+    dice = 1 - (2 * (sure * on).sum((1, 2)) + 20) / (
+        sure.sum((1, 2)) + on.sum((1, 2)) + 20
+    )
     asked = batch["asked"]
     normals = (out[:, NORMALS] - batch["normals"]).abs().sum(1)
     known = (batch["normals"].abs().sum(1) > 0).float() * (0.2 + on)
     return {
-        "foreground": crossed(foreground, on, said * weight * (1 + 1.5 * batch["boundary"]))
+        "foreground": crossed(
+            foreground, on, said * weight * (1 + 1.5 * batch["boundary"])
+        )
         + 0.5 * dice.mean(),
-        "boundary": crossed(out[:, BOUNDARY], batch["boundary"], said * (1 + 3 * batch["boundary"])),
+        "boundary": crossed(
+            out[:, BOUNDARY], batch["boundary"], said * (1 + 3 * batch["boundary"])
+        ),
         "pairs": 1.5 * crossed(out[:, PAIRS], batch["pairs"], asked * weight[:, None]),
         "normals": 0.2 * (normals * known).sum() / known.sum().clamp(min=1),
-        "shadow": 0.4 * crossed(out[:, SHADOW], batch["shadow"], said * batch["rendered"][:, None, None]),
+        "shadow": 0.4
+        * crossed(
+            out[:, SHADOW], batch["shadow"], said * batch["rendered"][:, None, None]
+        ),
         "movable": 0.3 * crossed(out[:, MOVABLE], batch["movable"], said * on),
     }
 
@@ -66,7 +75,9 @@ def ahead(source: Iterator[Any], device: torch.device) -> Iterator[dict[str, Ten
         cv2.setNumThreads(1)
         try:
             for batch in source:
-                line.put({name: torch.from_numpy(part) for name, part in vars(batch).items()})
+                line.put(
+                    {name: torch.from_numpy(part) for name, part in vars(batch).items()}
+                )
         except Exception as error:  # told where somebody waits
             line.put(error)
 
@@ -96,7 +107,10 @@ class Run:
         """Meet the other processes; returns where tensors live."""
         if self.jobs > 1:
             torch.distributed.init_process_group(
-                "gloo", rank=self.rank, world_size=self.jobs, init_method=f"file://{self.out}/meet"
+                "gloo",
+                rank=self.rank,
+                world_size=self.jobs,
+                init_method=f"file://{self.out}/meet",
             )
         torch.set_num_threads(1)
         torch.manual_seed(self.seed)
@@ -107,11 +121,15 @@ Shares = list[tuple[Path, float]]
 """Stores of pictures, and how much of a batch comes from each."""
 
 
-def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path, device: str) -> None:
+def train(
+    rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path, device: str
+) -> None:
     """Learn so many steps; `out` gets what `learn` writes, as weights.pt."""
     run = Run(rank, jobs, steps, out, device, seed)
     where = run.begin()
-    network = Network(pretrained=True).to(where, memory_format=torch.channels_last).train()
+    network = (
+        Network(pretrained=True).to(where, memory_format=torch.channels_last).train()
+    )
     encoder = network.encoder()
     own = {id(p) for p in encoder}
     rest = [p for p in network.parameters() if p.requires_grad and id(p) not in own]
@@ -121,8 +139,12 @@ def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path
         run,
         network,
         [{"params": rest, "share": 1.0}, {"params": encoder, "share": ENCODER}],
-        lambda step: ahead(batches(opened, shares, BATCH // jobs, seed + 1000 * rank + step), where),
-        lambda batch: losses(network(batch["x"].contiguous(memory_format=torch.channels_last)), batch),
+        lambda step: ahead(
+            batches(opened, shares, BATCH // jobs, seed + 1000 * rank + step), where
+        ),
+        lambda batch: losses(
+            network(batch["x"].contiguous(memory_format=torch.channels_last)), batch
+        ),
         "weights",
     )
 
@@ -156,7 +178,11 @@ def learn(
     if run.rank == 0:
         print(f"{sum(p.numel() for p in model.parameters()):,} parameters", flush=True)
     while step < run.steps:
-        rate = RATE * min(1, (step + 1) / 100) * (0.5 + 0.5 * math.cos(math.pi * step / run.steps) + 0.004)
+        rate = (
+            RATE
+            * min(1, (step + 1) / 100)
+            * (0.5 + 0.5 * math.cos(math.pi * step / run.steps) + 0.004)
+        )
         for group in optimizer.param_groups:
             group["lr"] = rate * group["share"]
         parts = losses(next(batches_ahead))
@@ -168,19 +194,27 @@ def learn(
         step += 1
         keep = min(0.995, 1 - 1 / (step / 5 + 2))
         with torch.no_grad():
-            for ours, theirs in zip(mean.state_dict().values(), model.state_dict().values(), strict=True):
+            for ours, theirs in zip(
+                mean.state_dict().values(), model.state_dict().values(), strict=True
+            ):
                 if ours.dtype.is_floating_point:
                     ours.lerp_(theirs, 1 - keep)
                 else:
                     ours.copy_(theirs)
         for key, part in parts.items():
-            running[key] = 0.98 * running.get(key, float(part.detach())) + 0.02 * float(part.detach())
+            running[key] = 0.98 * running.get(key, float(part.detach())) + 0.02 * float(
+                part.detach()
+            )
         if run.rank:
             continue
         minutes = (time.monotonic() - started) / 60
         if step % 50 == 0:
             log.append(
-                {"step": step, "minutes": round(minutes, 2), **{k: round(v, 4) for k, v in running.items()}}
+                {
+                    "step": step,
+                    "minutes": round(minutes, 2),
+                    **{k: round(v, 4) for k, v in running.items()},
+                }
             )
             print(json.dumps(log[-1]), flush=True)
             (run.out / f"{name}.json").write_text(json.dumps(log, indent=1))
@@ -189,7 +223,11 @@ def learn(
         if time.monotonic() - saved > 120 or step == run.steps:
             saved = time.monotonic()
             state = {"model": model.state_dict(), "mean": mean.state_dict(), "log": log}
-            state |= {"optimizer": optimizer.state_dict(), "step": step, "minutes": minutes}
+            state |= {
+                "optimizer": optimizer.state_dict(),
+                "step": step,
+                "minutes": minutes,
+            }
             torch.save(state, run.out / "state.tmp")
             (run.out / "state.tmp").replace(state_path)
     if run.rank == 0:
@@ -211,19 +249,29 @@ def agreed(network: nn.Module, jobs: int) -> None:
         at += gradient.numel()
 
 
-def arguments(text: str | None, steps: int, *flags: str) -> tuple[int, Shares, argparse.Namespace]:
+def arguments(
+    text: str | None, steps: int, *flags: str
+) -> tuple[int, Shares, argparse.Namespace]:
     """Processes, stores and the other arguments of a training script; the output's folder is there then."""
     parser = argparse.ArgumentParser(description=text)
-    parser.add_argument("stores", nargs="+", help="FOLDER or FOLDER=SHARE of stored pictures")
+    parser.add_argument(
+        "stores", nargs="+", help="FOLDER or FOLDER=SHARE of stored pictures"
+    )
     parser.add_argument("--steps", type=int, default=steps)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2, help="processes, without a GPU")
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument(
+        "--device", default="cuda" if torch.cuda.is_available() else "cpu"
+    )
     parser.add_argument("-o", "--output", type=Path, default=Path("out/segmentation"))
     for flag in flags:
         parser.add_argument(flag, action="store_true")
     args = parser.parse_args()
-    missing = [text for text in args.stores if not (Path(text.partition("=")[0]) / "done.npy").exists()]
+    missing = [
+        text
+        for text in args.stores
+        if not (Path(text.partition("=")[0]) / "done.npy").exists()
+    ]
     if missing:
         parser.error(f"{missing[0]}: no store of pictures; make one with gather.py")
     stores = [
@@ -244,7 +292,9 @@ def main() -> None:
 
 def spawn(work: Callable[..., None], jobs: int, told: tuple[Any, ...]) -> None:
     """Call `work` with its rank, how many there are, and `told`, in so many processes."""
-    torch.multiprocessing.spawn(work, (jobs, *told), jobs) if jobs > 1 else work(0, jobs, *told)
+    torch.multiprocessing.spawn(work, (jobs, *told), jobs) if jobs > 1 else work(
+        0, jobs, *told
+    )
 
 
 if __name__ == "__main__":

@@ -41,17 +41,31 @@ RACK = [
     12,
 ]  # from the apex, row by row; 8 in the middle of row three
 CAMERA = Camera(
-    "top", height=640 / 700, centre=(0, 0), distance=8.0, aperture=0.01, plane=RADIUS, size=(960, 640)
+    "top",
+    height=640 / 700,
+    centre=(0, 0),
+    distance=8.0,
+    aperture=0.01,
+    plane=RADIUS,
+    size=(960, 640),
 )
 
 
 def ball(number: int, at: tuple[float, float], **more: object) -> Thing:
     """A glossy phenolic sphere, its number turned somewhere towards the camera; 0 is the cue ball."""
     rng = np.random.default_rng(100 + number)
-    colour = srgb(*COLOURS[(number - 1) % 8]) if number not in (0, 8) else srgb(16, 15, 17)
-    turn = T().rotate([0, 0, 1], rng.uniform(0, 360)).rotate([0, 1, 0], -rng.uniform(38, 100))
+    colour = (
+        srgb(*COLOURS[(number - 1) % 8]) if number not in (0, 8) else srgb(16, 15, 17)
+    )
+    turn = (
+        T()
+        .rotate([0, 0, 1], rng.uniform(0, 360))
+        .rotate([0, 1, 0], -rng.uniform(38, 100))
+    )
     turn = turn.rotate([1, 0, 0], rng.uniform(0, 360))
-    skin = sphere(RADIUS, glossy(texture(billiard_ball(number, colour, CREAM)), 1.56), turn)
+    skin = sphere(
+        RADIUS, glossy(texture(billiard_ball(number, colour, CREAM)), 1.56), turn
+    )
     name = f"ball-{number}" if number else "cue-ball"
     return Thing(
         name,
@@ -106,14 +120,24 @@ def rail(
     lift = np.stack([-tangent[:, 1], tangent[:, 0]], 1)
     lift /= np.linalg.norm(lift, axis=1, keepdims=True)
     normals = np.tile(np.concatenate([lift[:, :1] * outward, lift[:, 1:]], 1), (2, 1))
-    faces = [[i, i + 1, n + i] for i in range(n - 1)] + [[i + 1, n + i + 1, n + i] for i in range(n - 1)]
-    return Mesh(np.array(v), normals, np.array(uv), np.array(faces), {"type": "twosided", "bsdf": bsdf})
+    faces = [[i, i + 1, n + i] for i in range(n - 1)] + [
+        [i + 1, n + i + 1, n + i] for i in range(n - 1)
+    ]
+    return Mesh(
+        np.array(v),
+        normals,
+        np.array(uv),
+        np.array(faces),
+        {"type": "twosided", "bsdf": bsdf},
+    )
 
 
 def table(cloth: np.ndarray) -> dict:
     """The bed, the cushions, the mahogany frame and its mother-of-pearl sights."""
     soft = matt(felt(800, 1750, cloth * 1.02, seed=4))
-    board = wood(1024, 2048, srgb(58, 22, 12), srgb(146, 76, 40), seed=11, rings=20, figure=0.03)
+    board = wood(
+        1024, 2048, srgb(58, 22, 12), srgb(146, 76, 40), seed=11, rings=20, figure=0.03
+    )
     lacquer = satin(texture(board), 0.09, 1.5)
     bulge = np.linspace(-0.5 * np.pi, 0.42 * np.pi, 9)
     nose = np.stack([0.004 - 0.004 * np.cos(bulge), NOSE + 0.004 * np.sin(bulge)], 1)
@@ -124,7 +148,10 @@ def table(cloth: np.ndarray) -> dict:
     wooden = np.concatenate(
         [
             [[CUSHION, 0.035]],
-            np.stack([CUSHION + 0.004 - 0.004 * np.cos(edge), 0.040 + 0.004 * np.sin(edge)], 1),
+            np.stack(
+                [CUSHION + 0.004 - 0.004 * np.cos(edge), 0.040 + 0.004 * np.sin(edge)],
+                1,
+            ),
             np.linspace([CUSHION + 0.006, 0.044], [0.24, 0.044], 8),
         ]
     )
@@ -135,11 +162,23 @@ def table(cloth: np.ndarray) -> dict:
         half, length = HALF if out[0] else HALF[::-1]
         along = np.array([-out[1], out[0]])
         start = out * half - along * length
-        found[f"cushion-{name}"] = rail(start, along, out, cushion, 2 * length, soft, 0.24 * k)
-        found[f"rail-{name}"] = rail(start, along, out, wooden, 2 * length, lacquer, 0.24 * k)
+        found[f"cushion-{name}"] = rail(
+            start, along, out, cushion, 2 * length, soft, 0.24 * k
+        )
+        found[f"rail-{name}"] = rail(
+            start, along, out, wooden, 2 * length, lacquer, 0.24 * k
+        )
     pearl = satin((0.66, 0.62, 0.54), 0.08, 1.49)
-    sights = [(HALF[0] * k / 4, sy * (HALF[1] + CUSHION + 0.021)) for k in range(-3, 4) for sy in (-1, 1)]
-    sights += [(sx * (HALF[0] + CUSHION + 0.021), HALF[1] * k / 2) for k in (-1, 0, 1) for sx in (-1, 1)]
+    sights = [
+        (HALF[0] * k / 4, sy * (HALF[1] + CUSHION + 0.021))
+        for k in range(-3, 4)
+        for sy in (-1, 1)
+    ]
+    sights += [
+        (sx * (HALF[0] + CUSHION + 0.021), HALF[1] * k / 2)
+        for k in (-1, 0, 1)
+        for sx in (-1, 1)
+    ]
     for k, (x, y) in enumerate(sights):
         found[f"sight-{k}"] = {
             "type": "disk",

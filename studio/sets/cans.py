@@ -23,7 +23,9 @@ def tin(name: str, at: tuple[float, float], seed: int) -> Thing:
     rng = np.random.default_rng(seed)
     title, below, *colours = KINDS[seed % 4]
     paper = satin(tin_label(title, below, *(srgb(*c) for c in colours), seed), 0.22)
-    bare = metal(rough=0.17, tint=worn(np.array([0.62, 0.61, 0.58]), 128, 512, seed, 0.08, 0.3))
+    bare = metal(
+        rough=0.17, tint=worn(np.array([0.62, 0.61, 0.58]), 128, 512, seed, 0.08, 0.3)
+    )
     rim, half, body = RADIUS, TALL / 2, RADIUS - 0.0013
     profile = [
         (0.0005, -half + 0.004),
@@ -31,7 +33,12 @@ def tin(name: str, at: tuple[float, float], seed: int) -> Thing:
         (rim - 0.0025, -half),
         (rim, -half + 0.0006),
     ]
-    profile += [(rim, -half + 0.003), (body, -half + 0.005), (body, half - 0.005), (rim, half - 0.003)]
+    profile += [
+        (rim, -half + 0.003),
+        (body, -half + 0.005),
+        (body, half - 0.005),
+        (rim, half - 0.003),
+    ]
     profile += [
         (rim, half - 0.0006),
         (rim - 0.0025, half),
@@ -45,13 +52,26 @@ def tin(name: str, at: tuple[float, float], seed: int) -> Thing:
 
 
 def stage() -> Stage:
-    camera = Camera("side", height=0.72, centre=(0, 0.235), distance=3.2, rise=(0.03, 0.2), aperture=0.035)
+    camera = Camera(
+        "side",
+        height=0.72,
+        centre=(0, 0.235),
+        distance=3.2,
+        rise=(0.03, 0.2),
+        aperture=0.035,
+    )
     rng = np.random.default_rng(2)
     things = []
     for row in range(3):
         for k in range(3 - row):
-            x = 0.03 + (k - (2 - row) / 2) * (2 * RADIUS + 0.003) + rng.normal(0, 0.0008)
-            things.append(tin(f"tin-{len(things) + 1}", (x, (row + 0.5) * TALL), len(things)))
+            x = (
+                0.03
+                + (k - (2 - row) / 2) * (2 * RADIUS + 0.003)
+                + rng.normal(0, 0.0008)
+            )
+            things.append(
+                tin(f"tin-{len(things) + 1}", (x, (row + 0.5) * TALL), len(things))
+            )
     hide = satin(stitched(512, 2), 0.4)
     flying = T().rotate([1, 0, 0], 35) @ T().rotate([0, 0, 1], 70)
     things.append(
@@ -62,7 +82,9 @@ def stage() -> Stage:
     )  # fmt: skip
     boards = wood(512, 2048, srgb(112, 66, 44), srgb(170, 112, 76), 31, 9, 0.03)
     top = matt(workbench(512, 2048, boards, 9))
-    stripes = np.where(np.arange(1024)[None, :, None] // 64 % 2, srgb(168, 34, 30), srgb(206, 194, 168))
+    stripes = np.where(
+        np.arange(1024)[None, :, None] // 64 % 2, srgb(168, 34, 30), srgb(206, 194, 168)
+    )
     cloth = matt(
         np.broadcast_to(stripes, (64, 1024, 3))
         * (0.9 + 0.1 * np.sin(np.arange(1024) / 1024 * 190))[None, :, None]
@@ -71,11 +93,17 @@ def stage() -> Stage:
     far = T().translate([0, 7, 0.1]).rotate([1, 0, 0], 90).scale([2.2, 1.1, 1])
     scenery = {
         "trestle": moved(
-            rounded_box((2.4, 0.44, 0.035), top, 0.003, 1.2, (0, 0.3)), T().translate([0, 0.02, -0.0175])
+            rounded_box((2.4, 0.44, 0.035), top, 0.003, 1.2, (0, 0.3)),
+            T().translate([0, 0.02, -0.0175]),
         ),
-        "cloth": moved(rounded_box((2.4, 0.004, 0.5), cloth, 0.001, 1.5), T().translate([0, -0.19, -0.285])),
+        "cloth": moved(
+            rounded_box((2.4, 0.004, 0.5), cloth, 0.001, 1.5),
+            T().translate([0, -0.19, -0.285]),
+        ),
         "ground": floor(14, 9, matt(srgb(74, 68, 60)), (0, 3, -0.8)),
-        "post": rod((0.52, 0.62, -0.8), (0.52, 0.62, 2.5), 0.03, matt(srgb(90, 70, 52))),
+        "post": rod(
+            (0.52, 0.62, -0.8), (0.52, 0.62, 2.5), 0.03, matt(srgb(90, 70, 52))
+        ),
     }
     lamps = [(-0.55, -0.62, 0.80), (0.02, -0.66, 0.88), (0.60, -0.58, 0.82)]
     lights = {
@@ -84,7 +112,10 @@ def stage() -> Stage:
             (0.010, 0.012, 0.02),
             (0.022, 0.02, 0.024),
             (0.012, 0.009, 0.007),
-            [((0.9, -0.5, 0.25), 9, (0.9, 0.35, 0.12)), ((-1, -0.2, 0.2), 7, (0.15, 0.3, 0.9))],
+            [
+                ((0.9, -0.5, 0.25), 9, (0.9, 0.35, 0.12)),
+                ((-1, -0.2, 0.2), 7, (0.15, 0.3, 0.9)),
+            ],
         ),
         **{f"bulb-{k}": bulb(at, 0.028, WARM * 230) for k, at in enumerate(lamps)},
     }

@@ -9,7 +9,14 @@ from stage import Boundary, Camera, Stage, Thing
 from textures import plaster, srgb
 from textures_kitchen import speckled
 
-CAMERA = Camera("side", height=0.40, centre=(0.013, 0.118), distance=4.0, rise=(0, 0.33), aperture=0.03)
+CAMERA = Camera(
+    "side",
+    height=0.40,
+    centre=(0.013, 0.118),
+    distance=4.0,
+    rise=(0, 0.33),
+    aperture=0.03,
+)
 CUP = 0.058  # m: height of a cup
 
 
@@ -17,11 +24,18 @@ def china(seed: int, tone: tuple[float, float, float] = (224, 222, 215)) -> dict
     """White glaze: each piece a little warmer or cooler, a few pinholes."""
     rng = np.random.default_rng(seed)
     colour = np.array(tone) + rng.normal(0, 2.0) + rng.normal(0, [0.8, 0.3, 1.2])
-    return glossy(texture(speckled(256, 512, srgb(*colour), srgb(150, 138, 120), seed, 0.35)))
+    return glossy(
+        texture(speckled(256, 512, srgb(*colour), srgb(150, 138, 120), seed, 0.35))
+    )
 
 
 def cup(
-    name: str, at: tuple[float, float], seed: int, side: int, label: str = "cup", **more: object
+    name: str,
+    at: tuple[float, float],
+    seed: int,
+    side: int,
+    label: str = "cup",
+    **more: object,
 ) -> Thing:
     """An espresso cup, 70 mm wide, its handle on the right (1) or the left (-1); closed by its rim in outline."""
     skin = china(seed)
@@ -45,7 +59,9 @@ def cup(
         (0, 0.006),
     ]
     body = lathe([(0, 0.0015), *outer, *inner], skin, smooth=65)
-    loop = moved(ring(0.0145, 0.0036, skin, around=64), T().translate([side * 0.0375, 0, 0.035]))
+    loop = moved(
+        ring(0.0145, 0.0036, skin, around=64), T().translate([side * 0.0375, 0, 0.035])
+    )
     arc = [
         (side * (0.0375 + 0.0181 * np.cos(a)), 0.035 + 0.0181 * np.sin(a))
         for a in np.radians(np.arange(-75, 80, 15))
@@ -53,7 +69,17 @@ def cup(
     right = [*outer[2:7], *(arc if side > 0 else []), outer[8], (0.0343, CUP)]
     left = [*outer[2:7], *(arc if side < 0 else []), outer[8], (0.0343, CUP)]
     mirror = [(x if x < 0 else -x, z) for x, z in left[::-1]]
-    return Thing(name, label, [body, loop], {"polygon": [*right, *mirror]}, at, 165, 0.35, 0.25, **more)
+    return Thing(
+        name,
+        label,
+        [body, loop],
+        {"polygon": [*right, *mirror]},
+        at,
+        165,
+        0.35,
+        0.25,
+        **more,
+    )
 
 
 def saucer(name: str, at: tuple[float, float], seed: int) -> Thing:
@@ -79,7 +105,14 @@ def saucer(name: str, at: tuple[float, float], seed: int) -> Thing:
     plate = lathe([(0, 0.0012), *under, *over], china(seed), smooth=60)
     right = [*under[:4], under[5], under[6], over[0], over[1], over[3], over[5]]
     return Thing(
-        name, "saucer", [plate], {"polygon": [*right, *[(-x, z) for x, z in right[::-1]]]}, at, 145, 0.35, 0.2
+        name,
+        "saucer",
+        [plate],
+        {"polygon": [*right, *[(-x, z) for x, z in right[::-1]]]},
+        at,
+        145,
+        0.35,
+        0.2,
     )
 
 
@@ -117,7 +150,13 @@ def sugar(x: float) -> list[Thing]:
         (0.0075, 0.016),
         (0.0062, 0.0185),
     ]
-    knob = [(0.0085, 0.0215), (0.0103, 0.026), (0.0085, 0.0305), (0.004, 0.0325), (0, 0.033)]
+    knob = [
+        (0.0085, 0.0215),
+        (0.0103, 0.026),
+        (0.0085, 0.0305),
+        (0.004, 0.0325),
+        (0, 0.033),
+    ]
     body = lathe([(0, 0.0015), *bowl, *top], china(5), smooth=60)
     lid = lathe([(0, 0.0004), *dome, *knob], china(6), smooth=60)
     outline = [*bowl[2:], top[0]]
@@ -172,12 +211,18 @@ def jug(x: float) -> Thing:
         (0, 0.006),
     ]
     skin = china(7)
-    loop = moved(ring(0.031, 0.0048, skin, around=64), T().translate([-0.0395, 0, 0.084]))
+    loop = moved(
+        ring(0.031, 0.0048, skin, around=64), T().translate([-0.0395, 0, 0.084])
+    )
     arc = [
-        (-0.0395 - 0.0358 * np.cos(a), 0.084 + 0.0358 * np.sin(a)) for a in np.radians(np.arange(-75, 80, 15))
+        (-0.0395 - 0.0358 * np.cos(a), 0.084 + 0.0358 * np.sin(a))
+        for a in np.radians(np.arange(-75, 80, 15))
     ]
     right = [*outer[2:], inner[0]]
-    left = [(-r, z) for r, z in [*outer[2:6], *[(-a, b) for a, b in arc], *outer[8:], inner[0]]]
+    left = [
+        (-r, z)
+        for r, z in [*outer[2:6], *[(-a, b) for a, b in arc], *outer[8:], inner[0]]
+    ]
     return Thing(
         "jug",
         "milk jug",
@@ -194,12 +239,24 @@ def egg(x: float) -> Thing:
     """It lies as an egg does: on its belly, the blunt end a little lower."""
     lie = np.linspace(0, np.pi, 73)
     r, along = 0.0215 * np.sin(lie) * (1 + 0.10 * np.cos(lie)), -0.0285 * np.cos(lie)
-    shell = satin(texture(speckled(256, 512, srgb(232, 228, 220), srgb(196, 180, 160), 9, 0.4)), 0.4)
-    points = np.array([*zip(along, -r, strict=True)][::3] + [*zip(along[::-1], r[::-1], strict=True)][3:-1:3])
-    cross = points[:, 0] * np.roll(points[:, 1], -1) - np.roll(points[:, 0], -1) * points[:, 1]
+    shell = satin(
+        texture(speckled(256, 512, srgb(232, 228, 220), srgb(196, 180, 160), 9, 0.4)),
+        0.4,
+    )
+    points = np.array(
+        [*zip(along, -r, strict=True)][::3]
+        + [*zip(along[::-1], r[::-1], strict=True)][3:-1:3]
+    )
+    cross = (
+        points[:, 0] * np.roll(points[:, 1], -1)
+        - np.roll(points[:, 0], -1) * points[:, 1]
+    )
     middle = (points + np.roll(points, -1, 0)).T @ cross / (3 * cross.sum())
     turns = np.radians(np.linspace(-20, 20, 801))
-    lift = [(middle @ [np.sin(-a), np.cos(a)], (points @ [np.sin(-a), np.cos(a)]).min()) for a in turns]
+    lift = [
+        (middle @ [np.sin(-a), np.cos(a)], (points @ [np.sin(-a), np.cos(a)]).min())
+        for a in turns
+    ]
     best = int(np.argmin([m - low for m, low in lift]))
     part = lathe(np.stack([r, along], 1), shell, "x", smooth=80)
     return Thing(
@@ -224,14 +281,24 @@ def room() -> dict:
         "edge": wall(4.0, 0.04, satin(srgb(212, 210, 204), 0.3), (0, 0.55, -0.02)),
         "wall": wall(6, 3, paint, (0, 1.0, 0.6)),
         "floor": floor(6, 6, matt(srgb(170, 164, 154)), (0, 0, -0.74)),
-        "rail": moved(rounded_box((5, 0.03, 0.035), paint, 0.006, 0.6), T().translate([0, 0.99, 0.345])),
+        "rail": moved(
+            rounded_box((5, 0.03, 0.035), paint, 0.006, 0.6),
+            T().translate([0, 0.99, 0.345]),
+        ),
     }
-    for k, x in enumerate((-0.86, -0.30, 0.26, 0.82)):  # mouldings of the wainscot's fields
+    for k, x in enumerate(
+        (-0.86, -0.30, 0.26, 0.82)
+    ):  # mouldings of the wainscot's fields
         for j, (dx, dz, width, height) in enumerate(
-            ((0, 0.27, 0.46, 0.016), (-0.222, 0.0, 0.016, 0.55), (0.222, 0.0, 0.016, 0.55))
+            (
+                (0, 0.27, 0.46, 0.016),
+                (-0.222, 0.0, 0.016, 0.55),
+                (0.222, 0.0, 0.016, 0.55),
+            )
         ):
             found[f"moulding-{k}-{j}"] = moved(
-                rounded_box((width, 0.016, height), paint, 0.005, 0.5), T().translate([x + dx, 0.992, dz])
+                rounded_box((width, 0.016, height), paint, 0.005, 0.5),
+                T().translate([x + dx, 0.992, dz]),
             )
     return found
 
@@ -240,7 +307,10 @@ def stage() -> Stage:
     overcast = np.array([0.93, 0.97, 1.0])
     lights = {
         f"pane-{k}": panel(
-            (-1.5, -0.75 + 0.62 * k, 0.85), (0, -0.1 + 0.3 * k, 0.05), (0.56, 1.0), overcast * 8
+            (-1.5, -0.75 + 0.62 * k, 0.85),
+            (0, -0.1 + 0.3 * k, 0.05),
+            (0.56, 1.0),
+            overcast * 8,
         )
         for k in range(2)
     }

@@ -9,9 +9,24 @@ from optics import T
 from shapes import floor, lathe, moved, ring, rod, rounded_box, sphere, wall
 from stage import Boundary, Camera, Mesh, Stage, Thing
 from textures import srgb, wood
-from textures_kitchen import apple_skin, cork, gingham, orange_skin, printed, speckled, tiles
+from textures_kitchen import (
+    apple_skin,
+    cork,
+    gingham,
+    orange_skin,
+    printed,
+    speckled,
+    tiles,
+)
 
-CAMERA = Camera("side", height=0.73, centre=(0.016, 0.222), distance=4.5, rise=(0, 0.42), aperture=0.045)
+CAMERA = Camera(
+    "side",
+    height=0.73,
+    centre=(0.016, 0.222),
+    distance=4.5,
+    rise=(0, 0.42),
+    aperture=0.045,
+)
 R = 0.0375  # m, an orange
 X = 0.054  # m, the middle of the plates
 
@@ -45,10 +60,21 @@ def rest(outline: object) -> tuple[float, float]:
     return round(best[1], 2), best[2]
 
 
-def fruit(name: str, label: str, at: tuple[float, float], seed: int, mass: float, **more: object) -> Thing:
+def fruit(
+    name: str,
+    label: str,
+    at: tuple[float, float],
+    seed: int,
+    mass: float,
+    **more: object,
+) -> Thing:
     """An orange (a sphere with pores) or an apple (a sphere that dips at stalk and calyx)."""
     rng = np.random.default_rng(seed)
-    turn = T().rotate([0, 0, 1], rng.uniform(0, 360)).rotate([1, 0, 0], rng.uniform(-60, 60))
+    turn = (
+        T()
+        .rotate([0, 0, 1], rng.uniform(0, 360))
+        .rotate([1, 0, 0], rng.uniform(-60, 60))
+    )
     if label == "orange":
         colour, relief = orange_skin(seed)
         parts = [sphere(R, bumpy(satin(texture(colour), 0.28), relief, 0.0022), turn)]
@@ -57,7 +83,9 @@ def fruit(name: str, label: str, at: tuple[float, float], seed: int, mass: float
         dip = 0.011 * np.exp(-(((np.pi / 2 - lean) / 0.30) ** 2)) - 0.005 * np.exp(
             -(((np.pi / 2 + lean) / 0.25) ** 2)
         )
-        profile = np.stack([R * np.cos(lean), R * np.sin(lean) - dip], 1).clip([0, -1], [1, 1])
+        profile = np.stack([R * np.cos(lean), R * np.sin(lean) - dip], 1).clip(
+            [0, -1], [1, 1]
+        )
         turn = (
             T()
             .rotate([0, 1, 0], rng.uniform(-25, 25))
@@ -65,10 +93,25 @@ def fruit(name: str, label: str, at: tuple[float, float], seed: int, mass: float
             .rotate([0, 0, 1], seed * 50)
         )
         body = lathe(profile, satin(texture(apple_skin(seed)[::-1]), 0.16), smooth=60)
-        stalk = rod((0, 0, R - 0.012), (0.003, 0.002, R - 0.0005), 0.0012, matt(srgb(84, 60, 36)))
+        stalk = rod(
+            (0, 0, R - 0.012),
+            (0.003, 0.002, R - 0.0005),
+            0.0012,
+            matt(srgb(84, 60, 36)),
+        )
         parts = [moved(body, turn), moved(stalk, turn)]
     return Thing(
-        name, label, parts, {"circle": R}, at, mass, 0.45, 0.25, solid="sphere", rolling=0.01, **more
+        name,
+        label,
+        parts,
+        {"circle": R},
+        at,
+        mass,
+        0.45,
+        0.25,
+        solid="sphere",
+        rolling=0.01,
+        **more,
     )
 
 
@@ -85,11 +128,18 @@ def pantry() -> list[Thing]:
     foot = -0.277 - 0.25 * np.tan(
         lean
     )  # its lower right corner; its right face meets the carton's upper left edge
-    across, along = np.array([np.cos(lean), -np.sin(lean)]), np.array([np.sin(lean), np.cos(lean)])
+    across, along = (
+        np.array([np.cos(lean), -np.sin(lean)]),
+        np.array([np.sin(lean), np.cos(lean)]),
+    )
     at = np.array([foot, 0]) - 0.009 * across + 0.15 * along
     milk = printed(420, 1500, (226, 226, 218), draw_milk, 1, 0.6)
     body = packet((0.07, 0.07, 0.196), satin(texture(milk), 0.2), 0.001)
-    body = replace(body, vertices=body.vertices + [0, 0, 0.098], uv=body.uv * [1, 0.784] + [0, 0.216])
+    body = replace(
+        body,
+        vertices=body.vertices + [0, 0, 0.098],
+        uv=body.uv * [1, 0.784] + [0, 0.216],
+    )
     roof = [
         (-0.035, 0.196),
         (0.035, 0.196),
@@ -108,7 +158,12 @@ def pantry() -> list[Thing]:
         i = len(v)
         v += [(x, y, z) for y, z in roof]
         uv += [(0.02, 1 - z * 4) for _, z in roof]
-        faces += [(i, i + 1, i + 2), (i, i + 2, i + 5), (i + 2, i + 3, i + 4), (i + 2, i + 4, i + 5)]
+        faces += [
+            (i, i + 1, i + 2),
+            (i, i + 2, i + 5),
+            (i + 2, i + 3, i + 4),
+            (i + 2, i + 4, i + 5),
+        ]
     paper = {"type": "twosided", "bsdf": satin(texture(milk), 0.2)}
     top = Mesh(np.array(v), None, np.array(uv), np.array(faces), paper)
     carton = [moved(part, T().translate([0, 0, -0.125])) for part in (body, top)]
@@ -117,7 +172,15 @@ def pantry() -> list[Thing]:
     steel = metal(rough=0.22, tint=STEEL)
     wrap = lathe([(0.0365, 0.004), (0.0365, 0.096)], satin(label, 0.18))
     ends = lathe(
-        [(0, 0.001), (0.034, 0.001), (0.0355, 0), (0.037, 0.001), (0.037, 0.004), (0.0365, 0.0045)], steel
+        [
+            (0, 0.001),
+            (0.034, 0.001),
+            (0.0355, 0),
+            (0.037, 0.001),
+            (0.037, 0.004),
+            (0.0365, 0.0045),
+        ],
+        steel,
     )
     lid = lathe(
         [
@@ -142,13 +205,24 @@ def pantry() -> list[Thing]:
         (0.04, 0.096),
         (0.0395, 0.0992),
     ]
-    inside = [(0.0383, 0.1), (0.037, 0.0992), (0.0362, 0.096), (0.0358, 0.012), (0.03, 0.006), (0, 0.005)]
-    handle = moved(ring(0.024, 0.0048, glaze, around=64), T().translate([0.0415, 0, 0.052]))
+    inside = [
+        (0.0383, 0.1),
+        (0.037, 0.0992),
+        (0.0362, 0.096),
+        (0.0358, 0.012),
+        (0.03, 0.006),
+        (0, 0.005),
+    ]
+    handle = moved(
+        ring(0.024, 0.0048, glaze, around=64), T().translate([0.0415, 0, 0.052])
+    )
     mug = [
-        moved(part, T().translate([0, 0, -0.05])) for part in (lathe(cup + inside, glaze, smooth=75), handle)
+        moved(part, T().translate([0, 0, -0.05]))
+        for part in (lathe(cup + inside, glaze, smooth=75), handle)
     ]
     arc = [
-        (0.0415 + 0.0288 * np.cos(a), 0.002 + 0.0288 * np.sin(a)) for a in np.radians(np.arange(-85, 90, 17))
+        (0.0415 + 0.0288 * np.cos(a), 0.002 + 0.0288 * np.sin(a))
+        for a in np.radians(np.arange(-85, 90, 17))
     ]
     outline = [
         (-0.033, -0.05),
@@ -163,7 +237,9 @@ def pantry() -> list[Thing]:
     x = np.linspace(0, 0.17, 90)
     head = np.exp(-(((x - 0.141) / 0.027) ** 4))
     thick = np.maximum(
-        (0.0042 + 0.0012 * head) * np.sqrt(np.clip(np.minimum(x, 0.17 - x) / 0.005, 0.002, 1)), 0.0002
+        (0.0042 + 0.0012 * head)
+        * np.sqrt(np.clip(np.minimum(x, 0.17 - x) / 0.005, 0.002, 1)),
+        0.0002,
     )
     spoon = lathe(
         np.stack([thick, x], 1),
@@ -174,15 +250,46 @@ def pantry() -> list[Thing]:
     wide = 1.25 + 3.0 * np.interp(spoon.vertices[:, 0], x, head)
     lift = np.interp(spoon.vertices[:, 0], x, thick)
     bent = np.stack(
-        [spoon.vertices[:, 0] - 0.085, spoon.vertices[:, 1] * wide, spoon.vertices[:, 2] + lift], 1
+        [
+            spoon.vertices[:, 0] - 0.085,
+            spoon.vertices[:, 1] * wide,
+            spoon.vertices[:, 2] + lift,
+        ],
+        1,
     )
     spoon = replace(spoon, vertices=bent, uv=spoon.uv[:, ::-1])
     edge = [(a - 0.085, 2 * b) for a, b in zip(x[::-6], thick[::-6], strict=True)]
     rows = [
-        Thing("board", "cutting board", [board], {"box": (0.018, 0.30)}, tuple(at), 620, 0.5, 0.2, degrees=9),
-        Thing("carton", "milk carton", carton, {"box": (0.07, 0.25)}, (-0.242, 0.125), 1060, 0.45, 0.15),
         Thing(
-            "tin", "tin of tomatoes", [wrap, ends, lid], {"box": (0.074, 0.1)}, (-0.170, 0.05), 460, 0.35, 0.2
+            "board",
+            "cutting board",
+            [board],
+            {"box": (0.018, 0.30)},
+            tuple(at),
+            620,
+            0.5,
+            0.2,
+            degrees=9,
+        ),
+        Thing(
+            "carton",
+            "milk carton",
+            carton,
+            {"box": (0.07, 0.25)},
+            (-0.242, 0.125),
+            1060,
+            0.45,
+            0.15,
+        ),
+        Thing(
+            "tin",
+            "tin of tomatoes",
+            [wrap, ends, lid],
+            {"box": (0.074, 0.1)},
+            (-0.170, 0.05),
+            460,
+            0.35,
+            0.2,
         ),
         Thing("mug", "mug", mug, {"polygon": outline}, (-0.093, 0.05), 340, 0.4, 0.25),
         Thing(
@@ -196,7 +303,10 @@ def pantry() -> list[Thing]:
             0.3,
         ),
     ]
-    rows[2] = replace(rows[2], parts=[moved(part, T().translate([0, 0, -0.05])) for part in rows[2].parts])
+    rows[2] = replace(
+        rows[2],
+        parts=[moved(part, T().translate([0, 0, -0.05])) for part in rows[2].parts],
+    )
     return rows
 
 
@@ -214,12 +324,21 @@ def pile() -> list[Thing]:
         (0.0785, 0.0148),
         (0.08, 0.016),
     ]
-    plate += [(0.0795, 0.0172), (0.078, 0.0175), (0.058, 0.0085), (0.05, 0.006), (0, 0.006)]
+    plate += [
+        (0.0795, 0.0172),
+        (0.078, 0.0175),
+        (0.058, 0.0085),
+        (0.05, 0.006),
+        (0, 0.006),
+    ]
     rim = [(0.0795, 0.0171), (0.0785, 0.0178), (0.0765, 0.0172)]
     stack = []
     for k in range(4):
         aside = T().translate([0.0004 * (-1) ** k, 0.001 * k, 0.0072 * k])
-        stack += [moved(lathe(plate, china, smooth=60), aside), moved(lathe(rim, line), aside)]
+        stack += [
+            moved(lathe(plate, china, smooth=60), aside),
+            moved(lathe(rim, line), aside),
+        ]
     top = 0.0216
     side = [
         (0.049, 0),
@@ -245,12 +364,26 @@ def pile() -> list[Thing]:
     low = top + 0.006 + 0.0085  # height of its inner bottom above the table
     turns = np.radians(np.linspace(0, 82, 24))
     inner = np.stack([big * np.sin(turns), 0.0085 + big * (1 - np.cos(turns))], 1)
-    outer = np.stack([(big + wall_) * np.sin(turns), 0.0085 - wall_ + (big + wall_) * (1 - np.cos(turns))], 1)
+    outer = np.stack(
+        [
+            (big + wall_) * np.sin(turns),
+            0.0085 - wall_ + (big + wall_) * (1 - np.cos(turns)),
+        ],
+        1,
+    )
     foot = [(0.024, 0.001), (0.026, 0), (0.031, 0), (0.0325, 0.0025)]
     skin = outer[outer[:, 0] > 0.036]
     shell = [(0, 0.003), *foot, *skin, inner[-1] + [0.002, 0.002], *inner[::-1]]
-    stone = glossy(texture(speckled(512, 1024, srgb(196, 190, 170), srgb(86, 66, 48), 3, 1.2)))
-    walls = [*foot[1:], *skin[::3], outer[-1], inner[-1] + [0.002, 0.002], *inner[-2::-2]]
+    stone = glossy(
+        texture(speckled(512, 1024, srgb(196, 190, 170), srgb(86, 66, 48), 3, 1.2))
+    )
+    walls = [
+        *foot[1:],
+        *skin[::3],
+        outer[-1],
+        inner[-1] + [0.002, 0.002],
+        *inner[-2::-2],
+    ]
     sides = [*walls, *[(-x, z) for x, z in walls[::-1] if x > 1e-6]]
     bowl = Thing(
         "bowl",
@@ -332,7 +465,10 @@ def tower() -> list[Thing]:
     rind, relief = orange_skin(7)
     rind = rind.mean(-1, keepdims=True) / rind.mean() * srgb(232, 194, 36)
     lemon = lathe(
-        np.stack([lemon_r, lemon_x], 1), bumpy(satin(texture(rind), 0.25), relief, 0.0016), "x", smooth=80
+        np.stack([lemon_r, lemon_x], 1),
+        bumpy(satin(texture(rind), 0.25), relief, 0.0016),
+        "x",
+        smooth=80,
     )
     lemon_outline = [*zip(lemon_x, -lemon_r, strict=True)][::2] + [
         *zip(lemon_x[::-1], lemon_r[::-1], strict=True)
@@ -362,25 +498,47 @@ def tower() -> list[Thing]:
         lathe(salt, glossy(srgb(214, 214, 206)), smooth=50),
         lathe(dome, metal(rough=0.1, tint=STEEL), smooth=60),
     )
-    egg_r, egg_x = 0.0215 * np.sin(lie) * (1 + 0.13 * np.cos(lie)), -0.0285 * np.cos(lie)
+    egg_r, egg_x = (
+        0.0215 * np.sin(lie) * (1 + 0.13 * np.cos(lie)),
+        -0.0285 * np.cos(lie),
+    )
     shell = lathe(
         np.stack([egg_r, egg_x], 1),
-        satin(texture(speckled(256, 512, srgb(204, 158, 118), srgb(140, 92, 60), 12, 0.7)), 0.35),
+        satin(
+            texture(
+                speckled(256, 512, srgb(204, 158, 118), srgb(140, 92, 60), 12, 0.7)
+            ),
+            0.35,
+        ),
         "x",
         smooth=80,
     )
-    egg_outline = [*zip(egg_x, -egg_r, strict=True)][::2] + [*zip(egg_x[::-1], egg_r[::-1], strict=True)][
-        2:-1:2
-    ]
+    egg_outline = [*zip(egg_x, -egg_r, strict=True)][::2] + [
+        *zip(egg_x[::-1], egg_r[::-1], strict=True)
+    ][2:-1:2]
     egg_turn, egg_z = rest(egg_outline)
     matches = texture(printed(820, 232, (92, 50, 38), draw_matches, 7))
     bark = lathe(
-        [(0, 0), (0.0105, 0), (0.0115, 0.001), (0.0115, 0.043), (0.0105, 0.044), (0, 0.044)],
+        [
+            (0, 0),
+            (0.0105, 0),
+            (0.0115, 0.001),
+            (0.0115, 0.043),
+            (0.0105, 0.044),
+            (0, 0.044),
+        ],
         matt(texture(cork(256, 512))),
     )
     return [
         Thing(
-            "jar", "jar of jam", [jar, cap, paper], {"polygon": section(shape)}, (0.1673, 0), 430, 0.35, 0.25
+            "jar",
+            "jar of jam",
+            [jar, cap, paper],
+            {"polygon": section(shape)},
+            (0.1673, 0),
+            430,
+            0.35,
+            0.25,
         ),
         Thing(
             "lemon",
@@ -465,10 +623,15 @@ def draw_tomatoes(d: object, font: object) -> None:
     d.rectangle((0, 514, 1600, 560), (222, 204, 150))
     for x in (400, 1200):
         d.ellipse((x - 250, 90, x + 250, 330), (232, 220, 186))
-        d.text((x, 205), "Pomodori", (150, 30, 26), font(88), anchor="mm", stroke_width=3)
+        d.text(
+            (x, 205), "Pomodori", (150, 30, 26), font(88), anchor="mm", stroke_width=3
+        )
         for k, c in ((-120, (206, 62, 40)), (0, (190, 44, 34)), (120, (210, 70, 44))):
             d.ellipse((x + k - 80, 350, x + k + 80, 500), c)
-            d.polygon([(x + k - 40, 362), (x + k, 345), (x + k + 40, 362), (x + k, 384)], (64, 104, 46))
+            d.polygon(
+                [(x + k - 40, 362), (x + k, 345), (x + k + 40, 362), (x + k, 384)],
+                (64, 104, 46),
+            )
 
 
 def draw_jam(d: object, font: object) -> None:
@@ -480,7 +643,9 @@ def draw_jam(d: object, font: object) -> None:
 
 def draw_butter(d: object, font: object) -> None:
     d.rectangle((0, 150, 1040, 300), (44, 84, 62))
-    d.text((520, 222), "BUTTER", (232, 214, 150), font(124), anchor="mm", stroke_width=3)
+    d.text(
+        (520, 222), "BUTTER", (232, 214, 150), font(124), anchor="mm", stroke_width=3
+    )
     d.text((520, 78), "Markenware", (120, 84, 30), font(62), anchor="mm")
     d.text((520, 366), "250 g", (120, 84, 30), font(62), anchor="mm")
 
@@ -493,18 +658,23 @@ def draw_matches(d: object, font: object) -> None:
 
 def room() -> dict:
     """Table and cloth; behind: cabinets, worktop, tiles, a shelf; all soft."""
-    cloth = texture(gingham(2048, 34, srgb(74, 104, 138), srgb(214, 208, 194), 4), (2, 1))
+    cloth = texture(
+        gingham(2048, 34, srgb(74, 104, 138), srgb(214, 208, 194), 4), (2, 1)
+    )
     sage = srgb(126, 138, 116)
     oak = texture(wood(512, 2048, srgb(128, 90, 56), srgb(186, 142, 96), 14, 12))
     clay, cream, dark = srgb(150, 88, 60), srgb(206, 196, 172), srgb(52, 56, 58)
-    wall_tiles = texture(tiles(1024, 2048, 16, 32, srgb(188, 194, 186), srgb(142, 138, 128), 6))
+    wall_tiles = texture(
+        tiles(1024, 2048, 16, 32, srgb(188, 194, 186), srgb(142, 138, 128), 6)
+    )
     found = {
         "table": floor(3.2, 1.6, matt(cloth), (0, -0.3, 0)),
         "hem": wall(3.2, 0.3, matt(cloth), (0, 0.5, -0.15)),
         "tiles": wall(3.2, 1.6, glossy(wall_tiles), (0, 1.6, 0.9)),
         "cabinets": wall(3.2, 1.0, satin(sage, 0.3), (0, 1.0, -0.39)),
         "worktop": moved(
-            rounded_box((3.2, 0.64, 0.034), satin(oak, 0.25), 0.004, 1.2), T().translate([0, 1.3, 0.127])
+            rounded_box((3.2, 0.64, 0.034), satin(oak, 0.25), 0.004, 1.2),
+            T().translate([0, 1.3, 0.127]),
         ),
         "shelf": moved(
             rounded_box((2.0, 0.22, 0.028), satin(oak, 0.3), 0.003, 1.0, (0.3, 0.5)),
@@ -514,12 +684,31 @@ def room() -> dict:
     }
     for k, x in enumerate((-1.12, -0.67, -0.22, 0.23, 0.68, 1.13)):
         found[f"door-{k}"] = moved(
-            rounded_box((0.43, 0.02, 0.36), satin(sage * 1.06, 0.3), 0.003), T().translate([x, 0.99, -0.09])
+            rounded_box((0.43, 0.02, 0.36), satin(sage * 1.06, 0.3), 0.003),
+            T().translate([x, 0.99, -0.09]),
         )
-        found[f"knob-{k}"] = sphere(0.014, metal(rough=0.2, tint=BRASS), at=(x + 0.17, 0.965, 0.03))
+        found[f"knob-{k}"] = sphere(
+            0.014, metal(rough=0.2, tint=BRASS), at=(x + 0.17, 0.965, 0.03)
+        )
     # on the worktop and on the shelf
-    pot = [(0, 0), (0.05, 0), (0.062, 0.1), (0.066, 0.1), (0.066, 0.118), (0.058, 0.118), (0, 0.11)]
-    bottle = [(0, 0), (0.036, 0), (0.037, 0.15), (0.03, 0.19), (0.014, 0.22), (0.014, 0.28), (0, 0.28)]
+    pot = [
+        (0, 0),
+        (0.05, 0),
+        (0.062, 0.1),
+        (0.066, 0.1),
+        (0.066, 0.118),
+        (0.058, 0.118),
+        (0, 0.11),
+    ]
+    bottle = [
+        (0, 0),
+        (0.036, 0),
+        (0.037, 0.15),
+        (0.03, 0.19),
+        (0.014, 0.22),
+        (0.014, 0.28),
+        (0, 0.28),
+    ]
     can = [
         (0, 0),
         (0.06, 0),
@@ -543,7 +732,15 @@ def room() -> dict:
         (0.014, 0.17),
         (0, 0.175),
     ]
-    cup = [(0, 0), (0.03, 0), (0.042, 0.02), (0.044, 0.085), (0.041, 0.085), (0.038, 0.02), (0, 0.01)]
+    cup = [
+        (0, 0),
+        (0.03, 0),
+        (0.042, 0.02),
+        (0.044, 0.085),
+        (0.041, 0.085),
+        (0.038, 0.02),
+        (0, 0.01),
+    ]
     props = [
         (kettle, metal(rough=0.15, tint=STEEL), -0.30, 1.28, 0.144),
         (can, satin(cream, 0.2), -0.72, 1.40, 0.144),
@@ -563,7 +760,8 @@ def room() -> dict:
     ]
     for k, (profile, bsdf, x, y, z) in enumerate(props):
         found[f"prop-{k}"] = moved(
-            lathe(profile, {"type": "twosided", "bsdf": bsdf}, around=32), T().translate([x, y, z])
+            lathe(profile, {"type": "twosided", "bsdf": bsdf}, around=32),
+            T().translate([x, y, z]),
         )
     rng = np.random.default_rng(2)
     for k in range(46):  # herbs in the pot
@@ -590,10 +788,16 @@ def stage() -> Stage:
             side = np.array([0.39, -0.92, 0.0])
             at = aim + x * side + [0, 0, z]
             window[f"pane-{i}{j}"] = panel(
-                at, at + [0.92, 0.39, -0.42], (0.48, 0.58), np.array([1.0, 0.9, 0.76]) * 15
+                at,
+                at + [0.92, 0.39, -0.42],
+                (0.48, 0.58),
+                np.array([1.0, 0.9, 0.76]) * 15,
             )
     window["room"] = sky(
-        (0.42, 0.42, 0.42), (0.34, 0.33, 0.31), (0.2, 0.17, 0.14), [((0.9, -0.5, 0.35), 14, (0.7, 0.8, 1.0))]
+        (0.42, 0.42, 0.42),
+        (0.34, 0.33, 0.31),
+        (0.2, 0.17, 0.14),
+        [((0.9, -0.5, 0.35), 14, (0.7, 0.8, 1.0))],
     )
     return Stage(
         "kitchen",

@@ -12,7 +12,9 @@ from textures import plaster, srgb, wood
 from textures_kitchen import block, rubber_ball
 
 SIDE, PITCH = 0.04, 0.0425  # m: a block, and from block to block
-CAMERA = Camera("side", height=0.275, centre=(-0.012, 0.095), rise=(0.012, 0.24), aperture=0.03)
+CAMERA = Camera(
+    "side", height=0.275, centre=(-0.012, 0.095), rise=(0.012, 0.24), aperture=0.03
+)
 RED, OCHRE, BLUE, GREEN, CREAM = (
     (172, 62, 48),
     (212, 160, 62),
@@ -33,16 +35,29 @@ def toy_block(number: int, at: tuple[float, float]) -> Thing:
     paint, letter, ink = BLOCKS[number]
     rng = np.random.default_rng(60 + number)
     box = rounded_box(
-        (SIDE, SIDE, SIDE), matt(texture(block(paint, number, letter, ink or (0, 0, 0)))), 0.0019
+        (SIDE, SIDE, SIDE),
+        matt(texture(block(paint, number, letter, ink or (0, 0, 0)))),
+        0.0019,
     )
     faces = np.split(box.vertices / SIDE, 6)  # +x, -x, +y, ...
     uv = [
-        np.stack([f[:, 0 if k > 1 else 1], f[:, 1 if k > 3 else 2] * (1 if k > 3 else -1)], 1)
+        np.stack(
+            [f[:, 0 if k > 1 else 1], f[:, 1 if k > 3 else 2] * (1 if k > 3 else -1)], 1
+        )
         for k, f in enumerate(faces)
     ]
     turn = T().rotate([0, 0, 1], rng.normal(0, 1.1))
     part = moved(replace(box, uv=np.concatenate(uv) * 0.985 + 0.5), turn)
-    return Thing(f"block-{number + 1}", "wooden block", [part], {"box": (SIDE, SIDE)}, at, 45, 0.5, 0.2)
+    return Thing(
+        f"block-{number + 1}",
+        "wooden block",
+        [part],
+        {"box": (SIDE, SIDE)},
+        at,
+        45,
+        0.5,
+        0.2,
+    )
 
 
 def things() -> list[Thing]:
@@ -77,20 +92,33 @@ def things() -> list[Thing]:
     ]
 
 
-def crate(size: tuple[float, float, float], colour: object, at: tuple[float, float, float]) -> Mesh:
+def crate(
+    size: tuple[float, float, float], colour: object, at: tuple[float, float, float]
+) -> Mesh:
     return moved(rounded_box(size, matt(colour), 0.004), T().translate(list(at)))
 
 
 def room() -> dict:
     """The table; behind it a bookcase with picture books, boxes and toys, a wall, a lamp."""
     board = texture(
-        wood(1024, 2048, srgb(150, 110, 72), srgb(206, 166, 118), seed=3, rings=22, figure=0.03), (2.4, 1)
+        wood(
+            1024,
+            2048,
+            srgb(150, 110, 72),
+            srgb(206, 166, 118),
+            seed=3,
+            rings=22,
+            figure=0.03,
+        ),
+        (2.4, 1),
     )
     white = srgb(206, 202, 192)
     found = {
         "table": floor(3.6, 1.3, matt(board), (0.62, -0.17, 0)),
         "edge": wall(3.0, 0.03, matt(srgb(150, 112, 76)), (0, 0.48, -0.015)),
-        "wall": wall(6, 4, matt(plaster(512, 1024, srgb(176, 192, 190), 4)), (0, 2.25, 0.6)),
+        "wall": wall(
+            6, 4, matt(plaster(512, 1024, srgb(176, 192, 190), 4)), (0, 2.25, 0.6)
+        ),
         "floor": floor(8, 8, matt(srgb(150, 124, 96)), (0, 1, -0.55)),
         "back": crate((1.30, 0.02, 1.5), white * 0.9, (0.60, 2.2, 0.2)),
     }
@@ -99,7 +127,16 @@ def room() -> dict:
     for k, x in enumerate((-0.05, 0.60, 1.25)):
         found[f"side-{k}"] = crate((0.022, 0.30, 1.5), white, (x, 2.05, 0.2))
     rng = np.random.default_rng(12)
-    books = [RED, OCHRE, BLUE, GREEN, CREAM, (186, 108, 84), (92, 120, 132), (150, 140, 96)]
+    books = [
+        RED,
+        OCHRE,
+        BLUE,
+        GREEN,
+        CREAM,
+        (186, 108, 84),
+        (92, 120, 132),
+        (150, 140, 96),
+    ]
     for shelf, start, end in (
         (-0.249, -0.02, 0.32),
         (0.056, 0.14, 0.56),
@@ -120,7 +157,13 @@ def room() -> dict:
         ((0.07, RED), (0.06, OCHRE), (0.05, GREEN), (0.04, BLUE))
     ):  # stacking rings
         ring = lathe(
-            [(0, 0), (radius, 0.004), (radius + 0.006, 0.018), (radius, 0.032), (0, 0.036)],
+            [
+                (0, 0),
+                (radius, 0.004),
+                (radius + 0.006, 0.018),
+                (radius, 0.032),
+                (0, 0.036),
+            ],
             matt(srgb(*tone)),
             around=40,
         )
@@ -147,8 +190,15 @@ def room() -> dict:
 
 def stage() -> Stage:
     lights = {
-        "window": panel((-1.5, -0.95, 0.95), (0, 0, 0.05), (0.8, 1.1), np.array([1, 0.95, 0.87]) * 13),
-        "far-window": panel((-2.4, 1.2, 0.9), (0.2, 2.2, 0.1), (1.0, 1.3), np.array([1, 0.96, 0.9]) * 6),
+        "window": panel(
+            (-1.5, -0.95, 0.95),
+            (0, 0, 0.05),
+            (0.8, 1.1),
+            np.array([1, 0.95, 0.87]) * 13,
+        ),
+        "far-window": panel(
+            (-2.4, 1.2, 0.9), (0.2, 2.2, 0.1), (1.0, 1.3), np.array([1, 0.96, 0.9]) * 6
+        ),
         "room": sky((0.55, 0.55, 0.56), (0.40, 0.39, 0.37), (0.22, 0.19, 0.16)),
     }
     return Stage(
@@ -176,7 +226,10 @@ def sections(camera: Camera) -> dict:
         "variants": {
             "throw": {"objects.ball.velocity": camera.shift((3.8, 0.1))},
             "hard-throw": {"objects.ball.velocity": camera.shift((4.8, 0.15))},
-            "iron-ball": {"objects.ball.mass": 260, "objects.ball.velocity": camera.shift((3.2, -1))},
+            "iron-ball": {
+                "objects.ball.mass": 260,
+                "objects.ball.velocity": camera.shift((3.2, -1)),
+            },
             "no-corner": {"objects.block-1": None, "objects.ball": None},
         },
         "comments": {

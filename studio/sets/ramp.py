@@ -10,8 +10,15 @@ from textures import srgb, wood
 from textures_workshop import brickwork, carton, kraft, plies, stone, worn
 
 SLOPE = np.radians(28)
-DOWN, OUT = np.array([np.cos(SLOPE), -np.sin(SLOPE)]), np.array([np.sin(SLOPE), np.cos(SLOPE)])
-PALLET, SHEET, DEEP = 0.144, 0.021, 0.26  # m: a pallet's height, the plywood, how deep the cartons are
+DOWN, OUT = (
+    np.array([np.cos(SLOPE), -np.sin(SLOPE)]),
+    np.array([np.sin(SLOPE), np.cos(SLOPE)]),
+)
+PALLET, SHEET, DEEP = (
+    0.144,
+    0.021,
+    0.26,
+)  # m: a pallet's height, the plywood, how deep the cartons are
 HEAP = 6  # pallets below the ramp's top
 CORNER = np.array([-0.85, HEAP * PALLET])  # where the sheet leans on the pallets
 FOOT = np.array([CORNER[0] + CORNER[1] / np.tan(SLOPE), 0])
@@ -28,19 +35,44 @@ CARTONS = [  # along the ramp from its top, above it, wide, tall (m), mass (g), 
 
 
 def box(
-    number: int, name: str, along: float, above: float, wide: float, tall: float, mass: float, marks: str
+    number: int,
+    name: str,
+    along: float,
+    above: float,
+    wide: float,
+    tall: float,
+    mass: float,
+    marks: str,
 ) -> Thing:
     at = TOP + DOWN * (along + wide / 2) + OUT * (above + tall / 2)
-    body = rounded_box((wide, DEEP, tall), matt(kraft(384, 384, number)), 0.004, 0.5, (0.1 * number, 0), "y")
+    body = rounded_box(
+        (wide, DEEP, tall),
+        matt(kraft(384, 384, number)),
+        0.004,
+        0.5,
+        (0.1 * number, 0),
+        "y",
+    )
     front = wall(
-        wide - 0.005, tall - 0.005, matt(carton((wide, tall), number, marks)), (0, -DEEP / 2 - 0.0004, 0)
+        wide - 0.005,
+        tall - 0.005,
+        matt(carton((wide, tall), number, marks)),
+        (0, -DEEP / 2 - 0.0004, 0),
     )
     tape = moved(
         rounded_box((0.05, DEEP + 0.0006, 0.0006), matt(srgb(186, 148, 98)), 0.0002),
         T().translate([0, 0, tall / 2]),
     )
     return Thing(
-        name, "cardboard box", [body, front, tape], {"box": (wide, tall)}, tuple(at), mass, 0.45, 0.1, 28
+        name,
+        "cardboard box",
+        [body, front, tape],
+        {"box": (wide, tall)},
+        tuple(at),
+        mass,
+        0.45,
+        0.1,
+        28,
     )
 
 
@@ -61,7 +93,8 @@ def pallets() -> dict:
     ]
     for level in range(HEAP):
         off, up = (
-            (rng.normal(0, 0.006) if level < HEAP - 1 else 0) - 0.004 * (level < HEAP - 1),
+            (rng.normal(0, 0.006) if level < HEAP - 1 else 0)
+            - 0.004 * (level < HEAP - 1),
             level * PALLET,
         )
 
@@ -91,7 +124,10 @@ def pallets() -> dict:
 def rack() -> dict:
     """Shelves full of goods at the back, out of focus."""
     found, rng = {}, np.random.default_rng(8)
-    blue, orange = matt(worn(srgb(44, 74, 120), 128, 128, 1)), matt(worn(srgb(196, 98, 36), 128, 128, 2))
+    blue, orange = (
+        matt(worn(srgb(44, 74, 120), 128, 128, 1)),
+        matt(worn(srgb(196, 98, 36), 128, 128, 2)),
+    )
     goods = [matt(kraft(128, 128, 40 + k)) for k in range(4)] + [
         matt(srgb(70, 84, 92)),
         matt(srgb(150, 152, 150)),
@@ -103,10 +139,12 @@ def rack() -> dict:
             )
     for level, up in enumerate((1.05, 2.05, 3.0)):
         found[f"beam-{level}"] = moved(
-            rounded_box((5.0, 0.05, 0.11), orange, 0.004), T().translate([0, 2.68, up - 0.06])
+            rounded_box((5.0, 0.05, 0.11), orange, 0.004),
+            T().translate([0, 2.68, up - 0.06]),
         )
         found[f"deck-{level}"] = moved(
-            rounded_box((5.0, 0.9, 0.02), goods[5], 0.004), T().translate([0, 3.15, up - 0.01])
+            rounded_box((5.0, 0.9, 0.02), goods[5], 0.004),
+            T().translate([0, 3.15, up - 0.01]),
         )
     for level, up in enumerate((0.0, 1.05, 2.05)):
         x = -2.6
@@ -122,7 +160,14 @@ def rack() -> dict:
 
 
 def stage() -> Stage:
-    camera = Camera("side", height=2.7, centre=(0.24, 0.97), distance=6.0, rise=(0, 0.36), aperture=0.07)
+    camera = Camera(
+        "side",
+        height=2.7,
+        centre=(0.24, 0.97),
+        distance=6.0,
+        rise=(0, 0.36),
+        aperture=0.07,
+    )
     veneer = matt(wood(768, 1536, srgb(184, 140, 92), srgb(220, 184, 138), 17, 4, 0.12))
     sheet = TOP + DOWN * LONG / 2 - OUT * SHEET / 2
     tilt = T().translate([sheet[0], 0, sheet[1]]).rotate([0, 1, 0], 28)
@@ -136,16 +181,37 @@ def stage() -> Stage:
             .translate([-(z[0] + z[1]) / 2, (y[0] + y[1]) / 2, 0])
             .scale([(z[1] - z[0]) / 2, (y[1] - y[0]) / 2, 1])
         )
-        return {"type": "rectangle", "to_world": side @ size, "bsdf": {"type": "twosided", "bsdf": dim}}
+        return {
+            "type": "rectangle",
+            "to_world": side @ size,
+            "bsdf": {"type": "twosided", "bsdf": dim},
+        }
 
     concrete = matt(stone(1024, 1024, srgb(146, 142, 134), 12, 0.05, 0.05))
-    bricks = matt(brickwork(768, 1024, 48, 28, srgb(150, 96, 74), srgb(150, 144, 134), 3))
+    bricks = matt(
+        brickwork(768, 1024, 48, 28, srgb(150, 96, 74), srgb(150, 144, 134), 3)
+    )
     scenery = {
         "floor": floor(9, 9, concrete, (0, 1.5, 0)),
-        "line": floor(9, 0.1, matt(worn(srgb(196, 160, 52), 32, 1024, 6, 0.1, 0.8)), (0, 1.9, 0.001)),
+        "line": floor(
+            9,
+            0.1,
+            matt(worn(srgb(196, 160, 52), 32, 1024, 6, 0.1, 0.8)),
+            (0, 1.9, 0.001),
+        ),
         "bricks": wall(9, 6, bricks, (0, 4.6, 3)),
-        "sheet": moved(rounded_box((LONG, 0.9, SHEET), veneer, 0.001, 1.9, (0.5, 0.3)), tilt),
-        "plies": moved(wall(LONG - 0.002, SHEET - 0.001, matt(plies(96, 1536, 9, 4)), (0, -0.4505, 0)), tilt),
+        "sheet": moved(
+            rounded_box((LONG, 0.9, SHEET), veneer, 0.001, 1.9, (0.5, 0.3)), tilt
+        ),
+        "plies": moved(
+            wall(
+                LONG - 0.002,
+                SHEET - 0.001,
+                matt(plies(96, 1536, 9, 4)),
+                (0, -0.4505, 0),
+            ),
+            tilt,
+        ),
         "door-lintel": pier((-14, 7), (3.0, 9)),
         "door-near": pier((-14, -4.2), (0, 3.0)),
         "door-far": pier((-1.2, 7), (0, 3.0)),
@@ -167,7 +233,12 @@ it was rubbed with wax; try sand (its friction), or make the lowest carton the h
         lights,
         {
             "ramp": Boundary(
-                [tuple(TOP - SHEET * OUT), tuple(TOP), tuple(TOP + DOWN * LONG), tuple(FOOT)],
+                [
+                    tuple(TOP - SHEET * OUT),
+                    tuple(TOP),
+                    tuple(TOP + DOWN * LONG),
+                    tuple(FOOT),
+                ],
                 0.06,
                 0.05,
                 "waxed plywood",
@@ -184,7 +255,10 @@ it was rubbed with wax; try sand (its friction), or make the lowest carton the h
             "variants": {
                 "sanded": {"boundaries.ramp.friction": 0.8},
                 "heavy-on-top": {"objects.carton-5.mass": 15000},
-                "without-the-lowest": {"objects.carton-3": None, "objects.carton-6": None},
+                "without-the-lowest": {
+                    "objects.carton-3": None,
+                    "objects.carton-6": None,
+                },
             },
         },
     )

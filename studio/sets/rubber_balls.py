@@ -11,9 +11,16 @@ from textures_stone import court, dusty, halves, limewash, putty, sponge, stripe
 
 DROP = 0.42  # m from the lowest points of all balls to the ground
 WALL = 0.5  # m behind the balls
-AZIMUTH, ELEVATION = np.radians(31), np.radians(26)  # of the sun, from behind the camera to the left
+AZIMUTH, ELEVATION = (
+    np.radians(31),
+    np.radians(26),
+)  # of the sun, from behind the camera to the left
 SUN = np.array(
-    [-np.sin(AZIMUTH) * np.cos(ELEVATION), -np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)]
+    [
+        -np.sin(AZIMUTH) * np.cos(ELEVATION),
+        -np.cos(AZIMUTH) * np.cos(ELEVATION),
+        np.sin(ELEVATION),
+    ]
 )
 
 
@@ -28,9 +35,23 @@ def skins() -> list[dict]:
     foam, pores = sponge(1024, srgb(232, 186, 58), 4)
     clay, dents = putty(1024, srgb(128, 124, 122), 6)
     return [
-        satin(texture(dusty(swirl(1024, srgb(38, 84, 170), bouncy, 3, bands=1.5), 1, 0.12)), 0.09, 1.52),
-        satin(texture(dusty(striped(1024, srgb(186, 40, 38), srgb(226, 216, 194)), 2)), 0.22, 1.5),
-        rubber(texture(dusty(halves(1024, srgb(222, 214, 196), srgb(44, 104, 168)), 3, 0.3))),
+        satin(
+            texture(
+                dusty(swirl(1024, srgb(38, 84, 170), bouncy, 3, bands=1.5), 1, 0.12)
+            ),
+            0.09,
+            1.52,
+        ),
+        satin(
+            texture(dusty(striped(1024, srgb(186, 40, 38), srgb(226, 216, 194)), 2)),
+            0.22,
+            1.5,
+        ),
+        rubber(
+            texture(
+                dusty(halves(1024, srgb(222, 214, 196), srgb(44, 104, 168)), 3, 0.3)
+            )
+        ),
         bumpy(matt(texture(dusty(foam, 5, 0.15))), pores, 0.003),
         bumpy(satin(texture(clay), 0.45, 1.4), dents, 0.006),
     ]
@@ -40,9 +61,29 @@ def skins() -> list[dict]:
 BALLS = [
     ("super-ball", "super ball", 0.024, 58, 0.90, -0.288, (30, 20, 0), -0.009, 160),
     ("red-ball", "red rubber ball", 0.037, 95, 0.78, -0.170, (0, 28, 14), -0.018, 170),
-    ("two-tone-ball", "blue and white rubber ball", 0.031, 110, 0.64, -0.038, (15, -34, 0), 0.033, -220),
+    (
+        "two-tone-ball",
+        "blue and white rubber ball",
+        0.031,
+        110,
+        0.64,
+        -0.038,
+        (15, -34, 0),
+        0.033,
+        -220,
+    ),
     ("foam-ball", "foam rubber ball", 0.035, 30, 0.48, 0.092, (70, 0, 30), -0.022, 200),
-    ("clay-ball", "clay-like rubber ball", 0.028, 150, 0.25, 0.212, (60, 40, 0), -0.018, 140),
+    (
+        "clay-ball",
+        "clay-like rubber ball",
+        0.028,
+        150,
+        0.25,
+        0.212,
+        (60, 40, 0),
+        -0.018,
+        140,
+    ),
 ]
 
 
@@ -50,26 +91,65 @@ def leaves(spot: tuple[float, float], count: int, seed: int) -> Mesh:
     """Foliage out of the picture, whose shadow falls about `spot` (x, up) on the wall."""
     rng = np.random.default_rng(seed)
     middle = (
-        np.array([spot[0], WALL, spot[1]]) + SUN * 1.5 + rng.normal(0, 1, (count, 1, 3)) * [0.16, 0.2, 0.08]
+        np.array([spot[0], WALL, spot[1]])
+        + SUN * 1.5
+        + rng.normal(0, 1, (count, 1, 3)) * [0.16, 0.2, 0.08]
     )
-    leaf = np.array([[-1, 0], [-0.3, 0.45], [0.5, 0.35], [1, 0], [0.5, -0.35], [-0.3, -0.45]]) * 0.028
-    axes = np.linalg.qr(rng.normal(0, 1, (count, 3, 3)))[0][:, :2] * rng.uniform(0.6, 1.3, (count, 1, 1))
+    leaf = (
+        np.array(
+            [[-1, 0], [-0.3, 0.45], [0.5, 0.35], [1, 0], [0.5, -0.35], [-0.3, -0.45]]
+        )
+        * 0.028
+    )
+    axes = np.linalg.qr(rng.normal(0, 1, (count, 3, 3)))[0][:, :2] * rng.uniform(
+        0.6, 1.3, (count, 1, 1)
+    )
     vertices = (middle + np.einsum("kc,ncx->nkx", leaf, axes)).reshape(-1, 3)
     fan = np.array([[0, k, k + 1] for k in range(1, 5)])
     faces = (np.arange(count)[:, None, None] * 6 + fan).reshape(-1, 3)
-    return Mesh(vertices, None, np.zeros((len(vertices), 2)), faces, both(matt(srgb(70, 96, 48))))
+    return Mesh(
+        vertices,
+        None,
+        np.zeros((len(vertices), 2)),
+        faces,
+        both(matt(srgb(70, 96, 48))),
+    )
 
 
 def stage() -> Stage:
-    camera = Camera("side", height=0.76, centre=(0, 0.235), rise=(0.05, 0.36), aperture=0.022)
+    camera = Camera(
+        "side", height=0.76, centre=(0, 0.235), rise=(0.05, 0.36), aperture=0.022
+    )
     things = []
     for skin, (name, label, radius, mass, elasticity, x, turn, drift, spin) in zip(
         skins(), BALLS, strict=True
     ):
-        lie = T().rotate([0, 1, 0], turn[1]).rotate([1, 0, 0], turn[2]).rotate([0, 0, 1], turn[0])
+        lie = (
+            T()
+            .rotate([0, 1, 0], turn[1])
+            .rotate([1, 0, 0], turn[2])
+            .rotate([0, 0, 1], turn[0])
+        )
         ball, at = sphere(radius, skin, lie), (x, DROP + radius)
-        more = {"solid": "sphere", "rolling": 0.01, "velocity": (drift, -0.3), "spin": spin}
-        things.append(Thing(name, label, [ball], {"circle": radius}, at, mass, 0.7, elasticity, **more))
+        more = {
+            "solid": "sphere",
+            "rolling": 0.01,
+            "velocity": (drift, -0.3),
+            "spin": spin,
+        }
+        things.append(
+            Thing(
+                name,
+                label,
+                [ball],
+                {"circle": radius},
+                at,
+                mass,
+                0.7,
+                elasticity,
+                **more,
+            )
+        )
     ground = matt(texture(court(2048, 2048, 3.2, 8)[::-1].copy()))
     paint, relief = limewash(2048, 2.4, 4)
     scenery = {
@@ -86,7 +166,10 @@ def stage() -> Stage:
     def sections(c: Camera) -> dict:
         return {
             "variants": {
-                "tossed": {"objects.*.velocity": c.shift((0.25, 0.7)), "objects.*.spin": -360},
+                "tossed": {
+                    "objects.*.velocity": c.shift((0.25, 0.7)),
+                    "objects.*.spin": -360,
+                },
                 "moon": {"world.gravity": c.shift((0, -1.62))},
                 "rubber-mat": {"boundaries.ground.elasticity": 0.7},
                 "all-super": {"objects.*.elasticity": 0.9},

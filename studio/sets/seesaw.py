@@ -40,7 +40,11 @@ def blades(count: int, seed: int) -> Mesh:
 
 def stone_at(right: np.ndarray, away: np.ndarray, up: np.ndarray) -> np.ndarray:
     """A flat-footed round stone: where its skin lies in unit directions from its middle."""
-    bulge = 1 + 0.06 * np.cos(2.3 * right + 1.7 * up + 0.6) + 0.05 * np.sin(3.1 * up - 2 * right + 1.4 * away)
+    bulge = (
+        1
+        + 0.06 * np.cos(2.3 * right + 1.7 * up + 0.6)
+        + 0.05 * np.sin(3.1 * up - 2 * right + 1.4 * away)
+    )
     spot = np.stack([0.062 * right, 0.05 * away, 0.047 * up], -1) * bulge[..., None]
     spot[..., 2] = np.maximum(spot[..., 2], -0.034) + 0.034
     return spot
@@ -48,13 +52,23 @@ def stone_at(right: np.ndarray, away: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 def pebble() -> tuple[Mesh, list]:
     """The stone and its section."""
-    across, round_ = np.meshgrid(np.linspace(0, np.pi, 49), np.linspace(0, 2 * np.pi, 97), indexing="ij")
-    spot = stone_at(np.sin(across) * np.cos(round_), np.cos(across), np.sin(across) * np.sin(round_))
-    normals = np.cross(np.gradient(spot, axis=1), np.gradient(spot, axis=0)).reshape(-1, 3)
+    across, round_ = np.meshgrid(
+        np.linspace(0, np.pi, 49), np.linspace(0, 2 * np.pi, 97), indexing="ij"
+    )
+    spot = stone_at(
+        np.sin(across) * np.cos(round_), np.cos(across), np.sin(across) * np.sin(round_)
+    )
+    normals = np.cross(np.gradient(spot, axis=1), np.gradient(spot, axis=0)).reshape(
+        -1, 3
+    )
     normals[np.linalg.norm(normals, axis=1) < 1e-12] = [0, 1, 0]
-    normals *= np.sign(np.sum(normals * (spot.reshape(-1, 3) - [0, 0, 0.03]), 1))[:, None]
+    normals *= np.sign(np.sum(normals * (spot.reshape(-1, 3) - [0, 0, 0.03]), 1))[
+        :, None
+    ]
     i = (np.arange(48)[:, None] * 97 + np.arange(96)).ravel()
-    faces = np.concatenate([np.stack([i, i + 1, i + 98], 1), np.stack([i, i + 98, i + 97], 1)])
+    faces = np.concatenate(
+        [np.stack([i, i + 1, i + 98], 1), np.stack([i, i + 98, i + 97], 1)]
+    )
     skin = matt(stone(512, 512, srgb(132, 128, 120), 6, 0.10, 0.15))
     uv = np.stack([round_ / np.pi, across / np.pi], -1).reshape(-1, 2)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -62,7 +76,9 @@ def pebble() -> tuple[Mesh, list]:
     section = stone_at(np.cos(turn), 0 * turn, np.sin(turn))[:, [0, 2]]
     ends = np.flatnonzero(section[:, 1] < 1e-9)[[0, -1]]
     keep = [k for k in range(32) if section[k, 1] > 1e-9 or k in ends]
-    return Mesh(spot.reshape(-1, 3), normals, uv, faces, skin), [tuple(section[k]) for k in keep]
+    return Mesh(spot.reshape(-1, 3), normals, uv, faces, skin), [
+        tuple(section[k]) for k in keep
+    ]
 
 
 def stage() -> Stage:
@@ -75,13 +91,32 @@ def stage() -> Stage:
             (-np.sin(np.radians(lean)), np.cos(np.radians(lean))),
         )
     )
-    grey = worn(wood(512, 1536, srgb(112, 94, 74), srgb(178, 158, 130), 12, 7, 0.05), 512, 1536, 4, 0.05, 0.4)
+    grey = worn(
+        wood(512, 1536, srgb(112, 94, 74), srgb(178, 158, 130), 12, 7, 0.05),
+        512,
+        1536,
+        4,
+        0.05,
+        0.4,
+    )
     plank = rounded_box((LONG, WIDE, THICK), matt(grey), 0.0025, 0.8, (0.5, 0.4))
     shape, section = pebble()
     pin = np.array([0, PIN])
-    iron = metal(rough=0.2, tint=worn(np.array([0.2, 0.195, 0.19]), 256, 512, 3, 0.12, 0.3))
+    iron = metal(
+        rough=0.2, tint=worn(np.array([0.2, 0.195, 0.19]), 256, 512, 3, 0.12, 0.3)
+    )
     things = [
-        Thing("plank", "wooden plank", [plank], {"box": (LONG, THICK)}, (0, PIN), 1350, 0.6, 0.15, -lean),
+        Thing(
+            "plank",
+            "wooden plank",
+            [plank],
+            {"box": (LONG, THICK)},
+            (0, PIN),
+            1350,
+            0.6,
+            0.15,
+            -lean,
+        ),
         Thing(
             "stone",
             "stone",
@@ -130,13 +165,21 @@ def stage() -> Stage:
     scenery = {
         "paving": floor(3.0, 2.7, slabs, (0.22, -0.75, 0)),
         "lawn": floor(
-            30, 12, matt(foliage(512, 512, srgb(62, 80, 38), srgb(104, 122, 62), 8)), (0, 6.65, -0.01)
+            30,
+            12,
+            matt(foliage(512, 512, srgb(62, 80, 38), srgb(104, 122, 62), 8)),
+            (0, 6.65, -0.01),
         ),
         "grass": blades(14000, 2),
         "hedge": wall(
-            16, 4, matt(foliage(768, 2048, srgb(20, 32, 16), srgb(104, 128, 66), 4)), (0, 4.4, 1.9)
+            16,
+            4,
+            matt(foliage(768, 2048, srgb(20, 32, 16), srgb(104, 128, 66), 4)),
+            (0, 4.4, 1.9),
         ),
-        "log": extrude(half * (radius - 0.006), 0.24, sawn, 0.001, 2 * radius, (0.5, 0)),
+        "log": extrude(
+            half * (radius - 0.006), 0.24, sawn, 0.001, 2 * radius, (0.5, 0)
+        ),
         "bark": extrude(half * radius, 0.234, bark, 0.003, 0.2),
         "pot": moved(pot, T().translate([0.50, 1.5, 0])),
     }
@@ -153,7 +196,10 @@ How high the stone flies is a matter of two masses, a height and the place of th
         {
             "paving": Boundary([(-4, 0), (4, 0)], 0.6, 0.15),
             "log": Boundary(
-                [tuple(p) for p in half[::4] * (radius - 0.008)], 0.6, 0.1, "a little below what is seen"
+                [tuple(p) for p in half[::4] * (radius - 0.008)],
+                0.6,
+                0.1,
+                "a little below what is seen",
             ),
         },
         duration=1.9,
@@ -161,7 +207,12 @@ How high the stone flies is a matter of two masses, a height and the place of th
         exposure=1.75,
         film=None,
         sections=lambda c: {
-            "joints": {"pin": {"objects": ["plank"], "pivot": [float(v) for v in c.pixel(pin).round(2)]}},
+            "joints": {
+                "pin": {
+                    "objects": ["plank"],
+                    "pivot": [float(v) for v in c.pixel(pin).round(2)],
+                }
+            },
             "render": {"frames": 86, "fps": 30},
             "variants": {
                 "hollow-ball": {"objects.ball.mass": 900},

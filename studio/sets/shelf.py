@@ -46,24 +46,43 @@ BODY += [
     (2.0, 2.2),
 ]
 BODY += [(1.4, 3.0), (0.1, 3.0), (-0.6, 2.2), (-0.7, 0), (-0.7, 0)]
-EAR = [(-2.9, 7.1), (-1.2, 7.0), (-0.3, 5.8), (-0.5, 4.3), (-1.5, 3.6), (-2.4, 4.4), (-3.0, 5.8)]
+EAR = [
+    (-2.9, 7.1),
+    (-1.2, 7.0),
+    (-0.3, 5.8),
+    (-0.5, 4.3),
+    (-1.5, 3.6),
+    (-2.4, 4.4),
+    (-3.0, 5.8),
+]
 
 
 def elephant() -> list[Part]:
     """Sawn from a plank and painted, ears of bare walnut; facing left."""
     outline = rounded(np.array(BODY) * 0.01, 3)
     coat = satin(painted(700, 900, srgb(96, 120, 138), 5, 0.06), 0.3)
-    walnut = satin(wood(300, 300, srgb(70, 44, 30), srgb(118, 78, 52), seed=8, rings=6), 0.3)
+    walnut = satin(
+        wood(300, 300, srgb(70, 44, 30), srgb(118, 78, 52), seed=8, rings=6), 0.3
+    )
     parts: list[Part] = [extrude(outline, 0.034, coat, 0.003, 0.13, (0.6, 0.1))]
     ear = extrude(rounded(np.array(EAR) * 0.01, 3), 0.005, walnut, 0.0014, 0.06)
     for side in (-1, 1):
         parts.append(moved(ear, T().translate([0, side * 0.0193, 0])))
-        parts.append(sphere(0.0032, glossy(srgb(24, 20, 20)), None, (-0.0415, side * 0.0158, 0.0595)))
+        parts.append(
+            sphere(
+                0.0032, glossy(srgb(24, 20, 20)), None, (-0.0415, side * 0.0158, 0.0595)
+            )
+        )
     return parts
 
 
 def volume(
-    number: int, size: tuple[float, float], colour: tuple, title: str, author: str, **rest: object
+    number: int,
+    size: tuple[float, float],
+    colour: tuple,
+    title: str,
+    author: str,
+    **rest: object,
 ) -> list[Part]:
     """A book of (thickness, height) m with a printed spine."""
     cream = srgb(222, 208, 176)
@@ -73,7 +92,14 @@ def volume(
     face = spine(size, tone, title, author, ink, bands, seed=20 + number, letter=0.40)
     shine = rest.get("shine")
     depth = 0.098 + 0.005 * (number % 3)
-    return book((size[0], depth, size[1]), face, tone, 0.0004 if shine else 0.0026, shine, seed=number)
+    return book(
+        (size[0], depth, size[1]),
+        face,
+        tone,
+        0.0004 if shine else 0.0026,
+        shine,
+        seed=number,
+    )
 
 
 def books() -> list[Thing]:
@@ -126,16 +152,40 @@ def books() -> list[Thing]:
     things = []
     for k, (size, at, turn, mass, look, rest) in enumerate(plan, 1):
         if at is None:
-            across, up = np.array([[np.cos(lean), np.sin(lean)], [np.sin(lean), np.cos(lean)]]) @ size / 2
+            across, up = (
+                np.array([[np.cos(lean), np.sin(lean)], [np.sin(lean), np.cos(lean)]])
+                @ size
+                / 2
+            )
             at = INSIDE - across, up
         note = "" if turn != LEAN else "It leans on the side of the bookcase."
         parts = volume(k, size, *look, **rest)
-        things.append(Thing(f"book-{k}", "book", parts, {"box": size}, at, mass, 0.4, 0.3, turn, note=note))
+        things.append(
+            Thing(
+                f"book-{k}",
+                "book",
+                parts,
+                {"box": size},
+                at,
+                mass,
+                0.4,
+                0.3,
+                turn,
+                note=note,
+            )
+        )
     return things
 
 
 def stage() -> Stage:
-    camera = Camera("side", height=0.60, centre=(0, 0.23), rise=(0, 0.26), distance=5.0, aperture=0.035)
+    camera = Camera(
+        "side",
+        height=0.60,
+        centre=(0, 0.23),
+        rise=(0, 0.26),
+        distance=5.0,
+        aperture=0.035,
+    )
     rng = np.random.default_rng(1)
     hide = satin(leather_ball([srgb(150, 50, 38), srgb(212, 190, 150)], 2), 0.32)
     hide = bumpy(hide, cloud(512, 1024, (7, 7), 3, rng, 0.8) * 0.15 + 0.5, 0.0006)
@@ -164,22 +214,38 @@ def stage() -> Stage:
         0.6,
     )
     oak = satin(
-        wood(1024, 2048, srgb(128, 86, 52), srgb(196, 150, 102), seed=11, rings=14, figure=0.04), 0.28
+        wood(
+            1024,
+            2048,
+            srgb(128, 86, 52),
+            srgb(196, 150, 102),
+            seed=11,
+            rings=14,
+            figure=0.04,
+        ),
+        0.28,
     )
     thick = 0.02
     side = rounded_box((thick, 0.25, 1.4), oak, 0.0015, 1.3, (0.2, 0.7), "z")
     scenery: dict[str, Part] = {
         "board": moved(
-            rounded_box((0.66, 0.25, 0.022), oak, 0.0015, 0.72, (0.5, 0.3)), T().translate([0, 0.015, -0.011])
+            rounded_box((0.66, 0.25, 0.022), oak, 0.0015, 0.72, (0.5, 0.3)),
+            T().translate([0, 0.015, -0.011]),
         ),
         "left": moved(side, T().translate([-INSIDE - thick / 2, 0.015, 0.1])),
         "right": moved(side, T().translate([INSIDE + thick / 2, 0.015, 0.1])),
-        "frame": rounded_box((0.142, 0.012, 0.182), satin(srgb(52, 40, 34), 0.25), 0.001),
-        "back": wall(1.2, 1.2, matt(plaster(1536, 1536, srgb(126, 134, 118), 4)), (0, 0.14, 0.2)),
+        "frame": rounded_box(
+            (0.142, 0.012, 0.182), satin(srgb(52, 40, 34), 0.25), 0.001
+        ),
+        "back": wall(
+            1.2, 1.2, matt(plaster(1536, 1536, srgb(126, 134, 118), 4)), (0, 0.14, 0.2)
+        ),
     }
     hung = T().translate([-0.09, 0.1325, 0.365]).rotate([0, 1, 0], 0.8)
     scenery["frame"] = moved(scenery["frame"], hung)
-    scenery["print"] = moved(wall(0.128, 0.168, matt(seascape(512, 390, 3)[::-1]), (0, -0.0062, 0)), hung)
+    scenery["print"] = moved(
+        wall(0.128, 0.168, matt(seascape(512, 390, 3)[::-1]), (0, -0.0062, 0)), hung
+    )
     lights = {
         "lamp": bulb((-0.36, -0.88, 0.86), 0.036, WARM * 620),
         "room": sky(
@@ -198,7 +264,10 @@ def stage() -> Stage:
                 "gentle": {"forces[0].impulse": c.push((0.19 * 0.5, 0))},
                 "pushed": {"forces[0].impulse": c.push((0.19 * 1.2, 0))},
                 "no-elephant": {"objects.elephant": None},
-                "bowling-ball": {"objects.ball.mass": 1200, "forces[0].impulse": c.push((1.2 * 1.2, 0))},
+                "bowling-ball": {
+                    "objects.ball.mass": 1200,
+                    "forces[0].impulse": c.push((1.2 * 1.2, 0)),
+                },
             },
         }
 

@@ -35,8 +35,12 @@ WINDOWS = [
 def wheels() -> list[Part]:
     """A pair on its axle: turned beech, a rubber tyre, five painted dots that show how it turns."""
     size, across = 256, np.arange(512) / 512
-    v = (np.arange(size) / size)[:, None]  # along the profile: the rim lies in the middle
-    dots = (np.hypot((across * 5 % 1 - 0.5) * 0.16, np.minimum(v, 1 - v) - 0.26) < 0.045)[..., None]
+    v = (np.arange(size) / size)[
+        :, None
+    ]  # along the profile: the rim lies in the middle
+    dots = (
+        np.hypot((across * 5 % 1 - 0.5) * 0.16, np.minimum(v, 1 - v) - 0.26) < 0.045
+    )[..., None]
     face = wood(size, 512, srgb(176, 132, 84), srgb(212, 172, 122), seed=4, rings=5)
     hub = satin(np.where(dots, srgb(170, 44, 36), face), 0.3)
     disc = lathe(
@@ -54,9 +58,18 @@ def wheels() -> list[Part]:
     bend = np.linspace(-np.pi / 2, np.pi / 2, 9)
     tread = np.stack([WHEEL - 0.0022 + 0.0022 * np.cos(bend), 0.0022 * np.sin(bend)], 1)
     tread[:, 1] += np.sign(np.round(bend, 6)) * 0.0018
-    tyre = lathe([(0.0128, -0.004), *tread, (0.0128, 0.004)], rubber(srgb(44, 43, 42)), "y")
-    pair = [moved(part, T().translate([0, y, 0])) for y in (-0.0242, 0.0242) for part in (disc, tyre)]
-    return [*pair, rod((0, -0.0295, 0), (0, 0.0295, 0), 0.0022, satin(srgb(150, 110, 70)))]
+    tyre = lathe(
+        [(0.0128, -0.004), *tread, (0.0128, 0.004)], rubber(srgb(44, 43, 42)), "y"
+    )
+    pair = [
+        moved(part, T().translate([0, y, 0]))
+        for y in (-0.0242, 0.0242)
+        for part in (disc, tyre)
+    ]
+    return [
+        *pair,
+        rod((0, -0.0295, 0), (0, 0.0295, 0), 0.0022, satin(srgb(150, 110, 70))),
+    ]
 
 
 def body() -> list[Part]:
@@ -70,14 +83,26 @@ def body() -> list[Part]:
     )
     for side in (-1, 1):
         for window in WINDOWS:
-            glass = extrude(rounded(np.repeat(np.array(window) * 0.01, 2, 0), 2), 0.0012, pane, 0.0004)
+            glass = extrude(
+                rounded(np.repeat(np.array(window) * 0.01, 2, 0), 2),
+                0.0012,
+                pane,
+                0.0004,
+            )
             parts.append(moved(glass, T().translate([0, side * 0.0192, 0])))
     angle = np.linspace(0, 2 * np.pi, 41)[:-1]
     disc = extrude(
-        0.0098 * np.stack([np.cos(angle), np.sin(angle)], 1), 0.0008, sticker, 0.0003, 0.02, (0.5, 0.5)
+        0.0098 * np.stack([np.cos(angle), np.sin(angle)], 1),
+        0.0008,
+        sticker,
+        0.0003,
+        0.02,
+        (0.5, 0.5),
     )
     parts.append(moved(disc, T().translate([0, -0.0192, 0.0285])))
-    lamp = lathe([(0.0056, 0), (0.005, 0.003), (0.0001, 0.004)], glossy(srgb(214, 184, 96)), "x")
+    lamp = lathe(
+        [(0.0056, 0), (0.005, 0.003), (0.0001, 0.004)], glossy(srgb(214, 184, 96)), "x"
+    )
     parts += [moved(lamp, T().translate([0.0645, y, 0.030])) for y in (-0.010, 0.010)]
     return parts
 
@@ -96,7 +121,9 @@ def clutter() -> dict[str, Part]:
         (140, 124, 150),
     ]
     things: dict[str, Part] = {
-        "back": wall(3, 2, matt(plaster(256, 384, srgb(188, 186, 178), 1)), (0, 1.3, 0.2))
+        "back": wall(
+            3, 2, matt(plaster(256, 384, srgb(188, 186, 178), 1)), (0, 1.3, 0.2)
+        )
     }
     plank = satin(srgb(188, 160, 122), 0.3)
     for row, low in enumerate((-0.31, 0.07, 0.45)):
@@ -105,15 +132,28 @@ def clutter() -> dict[str, Part]:
         )
         x = -0.62
         while x < 0.62:
-            wide, high, kind = rng.uniform(0.02, 0.045), rng.uniform(0.15, 0.26), rng.random()
+            wide, high, kind = (
+                rng.uniform(0.02, 0.045),
+                rng.uniform(0.15, 0.26),
+                rng.random(),
+            )
             tone = srgb(*tones[rng.integers(len(tones))])
             if kind < 0.16:
                 wide, high = rng.uniform(0.08, 0.12), rng.uniform(0.10, 0.16)
                 r = wide / 2
                 pot = lathe(
-                    [(0.001, 0), (r, 0), (r, high * 0.8), (r * 0.7, high), (0.001, high)], glossy(tone)
+                    [
+                        (0.001, 0),
+                        (r, 0),
+                        (r, high * 0.8),
+                        (r * 0.7, high),
+                        (0.001, high),
+                    ],
+                    glossy(tone),
                 )
-                things[f"jar-{row}-{round(1000 * x)}"] = moved(pot, T().translate([x + r, 1.10, low]))
+                things[f"jar-{row}-{round(1000 * x)}"] = moved(
+                    pot, T().translate([x + r, 1.10, low])
+                )
             elif kind < 0.30:
                 wide, high = rng.uniform(0.10, 0.18), rng.uniform(0.07, 0.14)
             if kind >= 0.16:
@@ -126,7 +166,9 @@ def clutter() -> dict[str, Part]:
 
 
 def stage() -> Stage:
-    camera = Camera("side", height=0.60, centre=(0.0, 0.20), rise=(0.05, 0.27), aperture=0.07)
+    camera = Camera(
+        "side", height=0.60, centre=(0.0, 0.20), rise=(0.05, 0.27), aperture=0.07
+    )
     parts = body()
     drive = 1.11  # m/s
     turn = float(np.degrees(drive / WHEEL))
@@ -146,7 +188,9 @@ def stage() -> Stage:
     for name, x in zip(("rear-wheels", "front-wheels"), AXLES, strict=True):
         at = CAR + x, WHEEL
         note = (
-            "A pair of wheels on their axle, pinned to the car (see joints)." if name == "rear-wheels" else ""
+            "A pair of wheels on their axle, pinned to the car (see joints)."
+            if name == "rear-wheels"
+            else ""
         )
         wheel = Thing(
             name,
@@ -165,27 +209,55 @@ def stage() -> Stage:
             extra={"layer": 1},
         )
         things.append(wheel)
-    for k, (tone, lean) in enumerate([((60, 104, 140), -0.002), ((208, 160, 62), 0.002)]):
+    for k, (tone, lean) in enumerate(
+        [((60, 104, 140), -0.002), ((208, 160, 62), 0.002)]
+    ):
         grain = painted(400, 400, srgb(*tone), 8 + k, 0.07)
-        block = rounded_box((BLOCK, BLOCK, BLOCK), satin(grain, 0.32), 0.0018, 0.09, (0.3 * k, 0.2))
+        block = rounded_box(
+            (BLOCK, BLOCK, BLOCK), satin(grain, 0.32), 0.0018, 0.09, (0.3 * k, 0.2)
+        )
         at = 0.125 + lean, (k + 0.5) * BLOCK
         things.append(
-            Thing(f"block-{k + 1}", "wooden block", [block], {"box": (BLOCK, BLOCK)}, at, 70, 0.5, 0.3)
+            Thing(
+                f"block-{k + 1}",
+                "wooden block",
+                [block],
+                {"box": (BLOCK, BLOCK)},
+                at,
+                70,
+                0.5,
+                0.3,
+            )
         )
     birch = satin(
-        wood(1024, 2048, srgb(186, 150, 108), srgb(218, 188, 146), seed=6, rings=24, figure=0.05), 0.35
+        wood(
+            1024,
+            2048,
+            srgb(186, 150, 108),
+            srgb(218, 188, 146),
+            seed=6,
+            rings=24,
+            figure=0.05,
+        ),
+        0.35,
     )
-    beech = satin(wood(512, 512, srgb(150, 104, 64), srgb(196, 150, 104), seed=2, rings=6), 0.3)
+    beech = satin(
+        wood(512, 512, srgb(150, 104, 64), srgb(196, 150, 104), seed=2, rings=6), 0.3
+    )
     scenery = {
         "table": moved(
-            rounded_box((2.6, 1.6, 0.03), birch, 0.002, 2.8, (0.5, 0.2)), T().translate([0, -0.3, -0.015])
+            rounded_box((2.6, 1.6, 0.03), birch, 0.002, 2.8, (0.5, 0.2)),
+            T().translate([0, -0.3, -0.015]),
         ),
         "ramp": extrude(RAMP, 0.085, beech, 0.0007, 0.14),
     } | clutter()
     lights = {
         "window": panel((-1.3, -1.1, 1.5), (0, 0, 0), (1.5, 1.2), DAY * BLUE * 5.2),
         "room": sky(
-            (0.75, 0.8, 0.86), (0.5, 0.5, 0.5), (0.22, 0.2, 0.18), [((-0.5, -1, 0.55), 20, BLUE * 1.6)]
+            (0.75, 0.8, 0.86),
+            (0.5, 0.5, 0.5),
+            (0.22, 0.2, 0.18),
+            [((-0.5, -1, 0.55), 20, BLUE * 1.6)],
         ),
     }
 
@@ -197,14 +269,24 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         pins = zip(("rear-wheels", "front-wheels"), AXLES, strict=True)
-        pivot = {n: {"objects": [n, "car"], "pivot": tidy(c.pixel((CAR + x, WHEEL)))} for n, x in pins}
+        pivot = {
+            n: {"objects": [n, "car"], "pivot": tidy(c.pixel((CAR + x, WHEEL)))}
+            for n, x in pins
+        }
         return {
-            "joints": {"rear-axle": pivot["rear-wheels"], "front-axle": pivot["front-wheels"]},
+            "joints": {
+                "rear-axle": pivot["rear-wheels"],
+                "front-axle": pivot["front-wheels"],
+            },
             "render": {"frames": 60, "fps": 30},
             "variants": {
                 "jump": all_at(c, 1.5),
                 "stunt": all_at(c, 2.8) | {"world.duration": 0.5},
-                "free-road": {"objects.block-1": None, "objects.block-2": None, "world.duration": 0.6},
+                "free-road": {
+                    "objects.block-1": None,
+                    "objects.block-2": None,
+                    "world.duration": 0.6,
+                },
                 "on-the-moon": {"world.gravity": c.shift((0, -1.62))},
             },
         }

@@ -32,13 +32,19 @@ def said(*arguments: str, **others: Any) -> list[str]:
     ("text", "meant"),
     [
         ("-100:-900:9", [-100, -200, -300, -400, -500, -600, -700, -800, -900]),
-        ("0:1:11", [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1]),  # no 0.30000000000000004
+        (
+            "0:1:11",
+            [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1],
+        ),  # no 0.30000000000000004
         ("1:1000:4:log", [1, 10, 100, 1000]),
         ("-1e3:-10:3:log", [-1000, -100, -10]),
         ("0.2,0.9", [0.2, 0.9]),
         ("0:2:3, 10", [0, 1, 2, 10]),
         ("[1,2],[3, 4]", [[1, 2], [3, 4]]),
-        ("{circle: {center: [1, 2], radius: 3}}", [{"circle": {"center": [1, 2], "radius": 3}}]),
+        (
+            "{circle: {center: [1, 2], radius: 3}}",
+            [{"circle": {"center": [1, 2], "radius": 3}}],
+        ),
         ("disc,hoop", ["disc", "hoop"]),
         ("true,false,null", [True, False, None]),
         ("'a,b',\"1:2:3\",it's", ["a,b", "1:2:3", "it's"]),
@@ -62,15 +68,26 @@ scalars = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False, width=32),
 )
 trees = st.recursive(
-    scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(words, inner, max_size=3)
+    scalars,
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(words, inner, max_size=3)
+    ),
 )
 
 
 @given(st.lists(trees, min_size=1, max_size=5))
-def test_what_a_yaml_writer_writes_between_commas_is_read_back(meant: list[Any]) -> None:
-    unlike = [value for k, value in enumerate(meant) if not any(_same(value, other) for other in meant[:k])]
+def test_what_a_yaml_writer_writes_between_commas_is_read_back(
+    meant: list[Any],
+) -> None:
+    unlike = [
+        value
+        for k, value in enumerate(meant)
+        if not any(_same(value, other) for other in meant[:k])
+    ]
     text = ",".join(
-        yaml.safe_dump([value], default_flow_style=True, width=10**6).strip()[1:-1].strip()
+        yaml.safe_dump([value], default_flow_style=True, width=10**6)
+        .strip()[1:-1]
+        .strip()
         for value in unlike
     )
     assert all(map(_same, values(f"key={text}"), unlike))
@@ -78,7 +95,12 @@ def test_what_a_yaml_writer_writes_between_commas_is_read_back(meant: list[Any])
 
 def _same(a: Any, b: Any) -> bool:
     """1 and true are equal in Python, and 1.0 and 1 to a person."""
-    if isinstance(a, bool) or isinstance(b, bool) or isinstance(a, str) or isinstance(b, str):
+    if (
+        isinstance(a, bool)
+        or isinstance(b, bool)
+        or isinstance(a, str)
+        or isinstance(b, str)
+    ):
         return type(a) is type(b) and a == b
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(map(_same, a, b))
@@ -87,14 +109,24 @@ def _same(a: Any, b: Any) -> bool:
     return a == b
 
 
-@given(st.integers(-999, 999), st.integers(-999, 999), st.integers(2, 50), st.integers(0, 4))
-def test_a_range_is_the_float_next_to_the_true_step(a: int, b: int, count: int, digits: int) -> None:
+@given(
+    st.integers(-999, 999),
+    st.integers(-999, 999),
+    st.integers(2, 50),
+    st.integers(0, 4),
+)
+def test_a_range_is_the_float_next_to_the_true_step(
+    a: int, b: int, count: int, digits: int
+) -> None:
     from fractions import Fraction
 
     if a == b:
         return
     low, high = (f"{value / 10**digits:.{digits}f}" for value in (a, b))
-    true = [Fraction(low) + (Fraction(high) - Fraction(low)) * k / (count - 1) for k in range(count)]
+    true = [
+        Fraction(low) + (Fraction(high) - Fraction(low)) * k / (count - 1)
+        for k in range(count)
+    ]
     assert values(f"key={low}:{high}:{count}") == [float(value) for value in true]
 
 
@@ -178,7 +210,9 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
         ),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_with_the_way_out(arguments: list[str], message: str) -> None:
+def test_what_is_wrong_is_told_with_the_way_out(
+    arguments: list[str], message: str
+) -> None:
     [told] = said(*arguments)
     assert told.startswith(message)
 
@@ -196,7 +230,9 @@ def test_every_wrong_argument_is_told_at_once() -> None:
 def test_a_grid_is_the_product_of_its_axes_in_order() -> None:
     sweep = planned(read_axes(["a=1,2,3", "b=x,y", "c=0:1:4"]), (None, "other"))
     true = itertools.product((None, "other"), (1, 2, 3), "xy", (0, 1 / 3, 2 / 3, 1))
-    assert [(p.variant, *(value.data for value in p.values)) for p in sweep] == list(true)
+    assert [(p.variant, *(value.data for value in p.values)) for p in sweep] == list(
+        true
+    )
     assert [point.number for point in sweep] == list(range(48))
     assert len(sweep) == 48
     for bad in (-1, 48):
@@ -205,7 +241,10 @@ def test_a_grid_is_the_product_of_its_axes_in_order() -> None:
 
 
 def test_overrides_say_exactly_the_value() -> None:
-    sweep = planned(read_axes(["a=0:1:7", "b=~normal(0, 1)", "c=~loguniform(1e-9, 1e9)"]), samples=40)
+    sweep = planned(
+        read_axes(["a=0:1:7", "b=~normal(0, 1)", "c=~loguniform(1e-9, 1e9)"]),
+        samples=40,
+    )
     for point in sweep:
         for text, value in zip(point.overrides, point.values, strict=True):
             assert yaml.safe_load(text.partition("=")[2]) in (value.data, value.text)

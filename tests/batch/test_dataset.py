@@ -44,7 +44,18 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert main([*sweep, "-o", str(root / "out" / "sweep"), *labels]) == 0
     others = [str(scenes / f"scene-{k}.yaml") for k in range(1, 4)]
     assert main(["render", *others, "-o", str(root / "out" / "few"), *labels]) == 0
-    assert main(["render", str(scenes / "scene-4.yaml"), "-o", str(root / "out" / "plain"), *labels]) == 0
+    assert (
+        main(
+            [
+                "render",
+                str(scenes / "scene-4.yaml"),
+                "-o",
+                str(root / "out" / "plain"),
+                *labels,
+            ]
+        )
+        == 0
+    )
     return root / "out"
 
 
@@ -71,15 +82,27 @@ def test_a_folder_has_a_row_for_every_clip(made: Path, tmp_path: Path, capsys) -
         assert video.read_bytes()[4:8] == b"ftyp"
         assert row["split"] == home.name
         assert row["scene"].startswith("scene-")
-        assert (row["frames"], row["fps"], row["width"], row["height"]) == (3, 15, 48, 32)
+        assert (row["frames"], row["fps"], row["width"], row["height"]) == (
+            3,
+            15,
+            48,
+            32,
+        )
         assert set(row["labels"]) <= {"events", "flo"}
         assert all((video.parent / name).is_dir() for name in row["labels"])
         about = json.loads((video.parent / "clip.json").read_text())
         assert row == {"file_name": row["file_name"], **about}
         with np.load(video.parent / "trajectory.npz") as file:
             assert len(file["times"]) == 3
-    swept = [json.loads(row["parameters"]) for _, row in told if row["scene"] == "scene-0"]
-    assert [tuple(values.values()) for values in swept] == [(30, 50), (30, 200), (60.5, 50), (60.5, 200)]
+    swept = [
+        json.loads(row["parameters"]) for _, row in told if row["scene"] == "scene-0"
+    ]
+    assert [tuple(values.values()) for values in swept] == [
+        (30, 50),
+        (30, 200),
+        (60.5, 50),
+        (60.5, 200),
+    ]
     assert set(swept[0]) == {"objects.ball.velocity.0", "objects.ball.mass"}
     assert capsys.readouterr().out.split() == [
         str(out / name / "metadata.jsonl") for name in ("test", "train")
@@ -90,7 +113,9 @@ def test_a_folder_has_a_row_for_every_clip(made: Path, tmp_path: Path, capsys) -
     }
 
 
-def test_all_clips_of_a_photo_are_in_one_split_whatever_else_there_is(made: Path, tmp_path: Path) -> None:
+def test_all_clips_of_a_photo_are_in_one_split_whatever_else_there_is(
+    made: Path, tmp_path: Path
+) -> None:
     dataset(made, tmp_path / "all", *HALVES)
     where: dict[str, set[str]] = {}
     for _, row in rows(tmp_path / "all"):
@@ -107,16 +132,24 @@ def test_shares_are_kept_in_the_mean() -> None:
     splits = read_splits("train=0.8,validation=0.15,test=0.05", 7)
     counts = Counter(splits.of(f"{k:064x}") for k in range(4000))
     for name, share in splits.shares:
-        assert counts[name] / 4000 == pytest.approx(share, abs=4 * (share * (1 - share) / 4000) ** 0.5)
+        assert counts[name] / 4000 == pytest.approx(
+            share, abs=4 * (share * (1 - share) / 4000) ** 0.5
+        )
     other = Splits(splits.shares, 8)
     assert sum(splits.of(str(k)) != other.of(str(k)) for k in range(400)) > 50
 
 
 def bytes_of(out: Path) -> dict[str, bytes]:
-    return {path.relative_to(out).as_posix(): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(out).as_posix(): path.read_bytes()
+        for path in out.rglob("*")
+        if path.is_file()
+    }
 
 
-def test_the_same_clips_give_the_same_bytes(made: Path, tmp_path: Path, monkeypatch) -> None:
+def test_the_same_clips_give_the_same_bytes(
+    made: Path, tmp_path: Path, monkeypatch
+) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
@@ -124,7 +157,9 @@ def test_the_same_clips_give_the_same_bytes(made: Path, tmp_path: Path, monkeypa
     assert bytes_of(tmp_path / "a") == bytes_of(tmp_path / "b")
 
 
-def test_an_interrupted_run_leaves_nothing(made: Path, tmp_path: Path, monkeypatch) -> None:
+def test_an_interrupted_run_leaves_nothing(
+    made: Path, tmp_path: Path, monkeypatch
+) -> None:
     def stopping(*sample: object) -> None:
         write_sample(*sample)
         raise KeyboardInterrupt
@@ -145,7 +180,9 @@ def test_links_that_lead_back_are_not_followed(made: Path, tmp_path: Path) -> No
     ]
 
 
-def test_clips_that_cannot_be_used_are_told_and_left_out(made: Path, tmp_path: Path, capsys) -> None:
+def test_clips_that_cannot_be_used_are_told_and_left_out(
+    made: Path, tmp_path: Path, capsys
+) -> None:
     copy = tmp_path / "out"
     shutil.copytree(made / "few", copy)
     one, other, third = (copy / f"scene-{k}" for k in (1, 2, 3))
@@ -160,7 +197,9 @@ def test_clips_that_cannot_be_used_are_told_and_left_out(made: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("name", ["truth/../../../secret", "truth//etc/passwd"])
-def test_a_manifest_may_not_name_files_elsewhere(made: Path, tmp_path: Path, capsys, name: str) -> None:
+def test_a_manifest_may_not_name_files_elsewhere(
+    made: Path, tmp_path: Path, capsys, name: str
+) -> None:
     clip = tmp_path / "out" / "clip"
     clip.mkdir(parents=True)
     told = json.loads((made / "few" / "scene-1" / "manifest.json").read_text())
@@ -182,7 +221,9 @@ def refusal(capsys, *command: str) -> str:
     return capsys.readouterr().err
 
 
-def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsys, monkeypatch) -> None:
+def test_what_cannot_be_is_refused_in_one_line(
+    made: Path, tmp_path: Path, capsys, monkeypatch
+) -> None:
     full, data, empty = tmp_path / "full", tmp_path / "data", tmp_path / "empty"
     full.mkdir()
     empty.mkdir()
@@ -193,10 +234,16 @@ def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsy
     monkeypatch.chdir(tmp_path / "here")
     assert "cannot be replaced" in refusal(capsys, few, "-o", ".")
     assert (full / "letter.txt").read_text() == "mine"
-    assert "holds no clip that can be used" in refusal(capsys, str(empty), "-o", str(data))
+    assert "holds no clip that can be used" in refusal(
+        capsys, str(empty), "-o", str(data)
+    )
     assert not data.exists()
     assert "is no folder" in refusal(capsys, str(tmp_path / "none"), "-o", str(data))
     assert f"lies in {few}, which is read" in refusal(capsys, few, "-o", f"{few}/data")
     assert "hold the same clips" in refusal(capsys, few, str(made), "-o", str(data))
-    assert "adds up to 0.9" in refusal(capsys, few, "-o", str(data), "--split", "train=0.8,test=0.1")
-    assert '"Train" is no split' in refusal(capsys, few, "-o", str(data), "--split", "Train")
+    assert "adds up to 0.9" in refusal(
+        capsys, few, "-o", str(data), "--split", "train=0.8,test=0.1"
+    )
+    assert '"Train" is no split' in refusal(
+        capsys, few, "-o", str(data), "--split", "Train"
+    )

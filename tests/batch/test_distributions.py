@@ -39,7 +39,13 @@ def test_choices_are_equally_likely() -> None:
 
 def test_draws_of_keys_and_seeds_are_independent() -> None:
     keys = ("objects.ball.mass", "objects.ball.masses", "objects.bal.lmass")
-    found = np.array([[draw(seed, key, k) for k in range(4000)] for key in keys for seed in (0, 1, -1)])
+    found = np.array(
+        [
+            [draw(seed, key, k) for k in range(4000)]
+            for key in keys
+            for seed in (0, 1, -1)
+        ]
+    )
     assert np.abs(np.corrcoef(found) - np.eye(9)).max() < 4.5 / np.sqrt(4000)
     assert stats.kstest(found.ravel(), "uniform").pvalue > SIGNIFICANCE
 
@@ -50,7 +56,9 @@ def test_a_draw_depends_on_its_seed_key_and_number_only() -> None:
     more = planned(read_axes(keys), samples=90, seed=3)
     alone = [point.values[0] for point in one]
     assert [more[k].values[2] for k in range(50)] == alone
-    assert [more[90 + k].values[2] for k in range(50)] == alone  # the other point of the grid
+    assert [
+        more[90 + k].values[2] for k in range(50)
+    ] == alone  # the other point of the grid
     other = planned(read_axes(["a.b=~uniform(0,1)"]), samples=50, seed=4)
     assert all(a.values != b.values for a, b in zip(one, other, strict=True))
 

@@ -27,7 +27,10 @@ def pictures(out: Path) -> dict[str, bytes]:
 def rendered(folder: Path, variant: str, scene: str = BALL) -> Path:
     (folder / "scene.yaml").write_text(scene)
     flags = ["--variant", variant, "--report", "none"]
-    assert main(["render", str(folder / "scene.yaml"), "-o", str(folder / "out"), *flags]) == 0
+    assert (
+        main(["render", str(folder / "scene.yaml"), "-o", str(folder / "out"), *flags])
+        == 0
+    )
     return folder / "out"
 
 
@@ -48,14 +51,18 @@ def test_the_gallery_only_finds_them(tmp_path: Path) -> None:
     keep_pictures(home, out / "index.html")
     before = {path: path.stat().st_mtime_ns for path in (out / "index.files").iterdir()}
     write_gallery([out], out / "index.html")
-    assert {path: path.stat().st_mtime_ns for path in (out / "index.files").iterdir()} == before
+    assert {
+        path: path.stat().st_mtime_ns for path in (out / "index.files").iterdir()
+    } == before
 
 
 def test_what_a_killed_worker_left_goes(tmp_path: Path) -> None:
     out = rendered(tmp_path, "all")
     picture = next((out / "index.files").iterdir())
 
-    half = picture.with_name(f".{picture.name}.4194303-{machine_id()}.part")  # above any process number
+    half = picture.with_name(
+        f".{picture.name}.4194303-{machine_id()}.part"
+    )  # above any process number
     half.write_bytes(b"RIFF")
     rendered(tmp_path, "all", BALL.replace("radius: 5", "radius: 6"))
     assert not half.exists()

@@ -37,12 +37,16 @@ BLOCK = "  block: {shape: {box: {center: [50, 170], size: [40, 20]}}, mass: 50, 
 
 
 @pytest.mark.parametrize("speed", [60, 150])
-def test_a_block_that_slides_comes_to_rest_after_v_over_mu_g(tmp_path: Path, speed: float) -> None:
+def test_a_block_that_slides_comes_to_rest_after_v_over_mu_g(
+    tmp_path: Path, speed: float
+) -> None:
     found = became(tmp_path, BLOCK % speed)
     stop = speed / (0.4 * G)
     assert stop - 1e-3 <= found["objects.block.rest_time"] <= stop + FRAME + 1e-3
     assert found["rest_time"] == found["objects.block.rest_time"]
-    assert found["objects.block.x"] == pytest.approx(50 + speed**2 / (2 * 0.4 * G), rel=3e-3)
+    assert found["objects.block.x"] == pytest.approx(
+        50 + speed**2 / (2 * 0.4 * G), rel=3e-3
+    )
     assert found["objects.block.angle_degrees"] == pytest.approx(0, abs=0.1)
     assert found["peak_speed"] == found["objects.block.peak_speed"] == speed
     assert "objects.block.first_touch" not in found  # it stood on the floor already
@@ -63,7 +67,9 @@ def test_the_top_of_a_throw_is_no_rest(tmp_path: Path) -> None:
     last = round(1.2 / FRAME) - 1
     ball = f"  ball: {{shape: {{circle: {{center: [100, 100], radius: 10}}}}, velocity: [0, {-G * last * FRAME}]}}\n"
     trajectory = motion(tmp_path, ball, "boundaries={}")
-    assert abs(trajectory.velocities[-1, 0, 1]) < 1e-6  # it hangs in the air in the last frame
+    assert (
+        abs(trajectory.velocities[-1, 0, 1]) < 1e-6
+    )  # it hangs in the air in the last frame
     assert "rest_time" not in outcomes(trajectory, ["ball"])
 
 
@@ -71,7 +77,9 @@ def test_what_turns_in_its_place_does_not_rest(tmp_path: Path) -> None:
     wheel = "  wheel: {shape: {circle: {center: [100, 70], radius: 10}}, spin: %s}\n"
     assert "rest_time" not in became(tmp_path, wheel % 90, "world.gravity=[0, 0]")
     found = became(tmp_path, wheel % 0, "world.gravity=[0, 0]")
-    assert found["rest_time"] == found["objects.wheel.rest_time"] == found["touches"] == 0
+    assert (
+        found["rest_time"] == found["objects.wheel.rest_time"] == found["touches"] == 0
+    )
     turned = became(tmp_path, wheel % 720, "world.gravity=[0, 0]", "boundaries={}")
     assert turned["objects.wheel.angle_degrees"] == pytest.approx(
         720 * (1.2 - FRAME), rel=1e-9
@@ -81,7 +89,11 @@ def test_what_turns_in_its_place_does_not_rest(tmp_path: Path) -> None:
 def test_all_rest_when_the_last_one_does(tmp_path: Path) -> None:
     other = BLOCK.replace("block", "other").replace("50, 170", "300, 170") % 20
     both = became(tmp_path, BLOCK % 120 + other)
-    assert both["rest_time"] == both["objects.block.rest_time"] > both["objects.other.rest_time"]
+    assert (
+        both["rest_time"]
+        == both["objects.block.rest_time"]
+        > both["objects.other.rest_time"]
+    )
     assert both["touches"] == 2
     assert both["peak_speed"] == 120
 
@@ -96,7 +108,9 @@ def test_a_sphere_that_rolls_on_a_table_stops_by_its_resistance(tmp_path: Path) 
         "boundaries={}",
     )
     stop = 50 * (1 + 2 / 5) / (0.1 * 9.8 * 50)  # a = c g / (1 + k)
-    assert stop * 0.99 - 0.04 <= found["rest_time"] <= stop * 1.01 + FRAME  # slower than 1 px/s is at rest
+    assert (
+        stop * 0.99 - 0.04 <= found["rest_time"] <= stop * 1.01 + FRAME
+    )  # slower than 1 px/s is at rest
 
 
 def test_no_outcome_is_called_like_a_key_of_a_scene() -> None:

@@ -30,7 +30,8 @@ def test_parts_made_at_the_same_time_are_the_sweep_of_one_machine(
     out = str(tmp_path / "shared")
     parts = [
         subprocess.Popen(
-            [sys.executable, "-m", "physgen", *sweep, "-o", out, "--part", f"{k}/3"], stdout=subprocess.PIPE
+            [sys.executable, "-m", "physgen", *sweep, "-o", out, "--part", f"{k}/3"],
+            stdout=subprocess.PIPE,
         )
         for k in (1, 2, 3)
     ]
@@ -42,14 +43,26 @@ def test_parts_made_at_the_same_time_are_the_sweep_of_one_machine(
     assert main([*sweep, "-o", out, "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["unchanged"] == 5
     assert made(Path(out)) == made(tmp_path / "alone")
-    tables = [list(csv.reader((tmp_path / name / "sweep.csv").open())) for name in ("alone", "shared")]
+    tables = [
+        list(csv.reader((tmp_path / name / "sweep.csv").open()))
+        for name in ("alone", "shared")
+    ]
     assert tables[0] == tables[1]
 
 
 def test_parts_of_variants_divide_them(lesson: Path, tmp_path: Path, capsys) -> None:
     found = []
     for k in (1, 2):
-        flags = ["--variant", "all", "--report", "none", "-o", str(tmp_path / "out"), "--part", f"{k}/2"]
+        flags = [
+            "--variant",
+            "all",
+            "--report",
+            "none",
+            "-o",
+            str(tmp_path / "out"),
+            "--part",
+            f"{k}/2",
+        ]
         assert main(["render", str(lesson), *flags]) == 0
         found.append(len(capsys.readouterr().out.splitlines()))
     assert found == [2, 2]
@@ -65,15 +78,33 @@ def test_what_is_no_part_is_refused(part: str, lesson: Path, capsys) -> None:
     assert f"{part} is no part; write e.g. 2/8" in capsys.readouterr().err
 
 
-def test_a_part_without_clips_is_said_and_leaves_nothing(lesson: Path, tmp_path: Path, capsys) -> None:
-    assert main(["render", str(lesson), "-o", str(tmp_path / "out"), "--part", "2/2"]) == 0
+def test_a_part_without_clips_is_said_and_leaves_nothing(
+    lesson: Path, tmp_path: Path, capsys
+) -> None:
+    assert (
+        main(["render", str(lesson), "-o", str(tmp_path / "out"), "--part", "2/2"]) == 0
+    )
     assert "this part has no clip" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_a_dry_run_lists_its_part(lesson: Path, capsys) -> None:
-    assert main(["sweep", str(lesson), "objects.ball.mass=10:500:5", "--part", "2/3", "--dry-run"]) == 0
-    numbers = [row["number"] for row in csv.DictReader(capsys.readouterr().out.splitlines())]
+    assert (
+        main(
+            [
+                "sweep",
+                str(lesson),
+                "objects.ball.mass=10:500:5",
+                "--part",
+                "2/3",
+                "--dry-run",
+            ]
+        )
+        == 0
+    )
+    numbers = [
+        row["number"] for row in csv.DictReader(capsys.readouterr().out.splitlines())
+    ]
     assert numbers == ["1", "4"]
 
 
@@ -81,6 +112,11 @@ def test_a_folder_in_the_place_of_the_table_is_refused_before_rendering(
     lesson: Path, tmp_path: Path, capsys
 ) -> None:
     (tmp_path / "sweep.csv").mkdir()
-    assert main(["sweep", str(lesson), "objects.ball.mass=10:500:5", "-o", str(tmp_path)]) == 2
+    assert (
+        main(["sweep", str(lesson), "objects.ball.mass=10:500:5", "-o", str(tmp_path)])
+        == 2
+    )
     assert "holds a folder sweep.csv" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir() if path.name != lesson.name] == ["sweep.csv"]
+    assert [path.name for path in tmp_path.iterdir() if path.name != lesson.name] == [
+        "sweep.csv"
+    ]

@@ -33,9 +33,26 @@ def render(capsys: pytest.CaptureFixture[str]) -> Render:
     def run(scene: Path, *flags: str, code: int = 0) -> dict[str, str]:
         capsys.readouterr()
         page = () if "--report" in flags else ("--report", "none")
-        assert main(["render", str(scene), "-o", str(scene.parent / "out"), "--json", *page, *flags]) == code
+        assert (
+            main(
+                [
+                    "render",
+                    str(scene),
+                    "-o",
+                    str(scene.parent / "out"),
+                    "--json",
+                    *page,
+                    *flags,
+                ]
+            )
+            == code
+        )
         *lines, last = map(json.loads, capsys.readouterr().out.splitlines())
-        assert last["clips"] == len(lines) == sum(last[state] for state in ("made", "unchanged", "failed"))
+        assert (
+            last["clips"]
+            == len(lines)
+            == sum(last[state] for state in ("made", "unchanged", "failed"))
+        )
         return {line["clip"]: line["state"] for line in lines}
 
     return run
@@ -65,14 +82,18 @@ def test_what_is_there_is_not_made_again(lesson: Path, render: Render) -> None:
         ("--report", "full"),
     ],
 )
-def test_another_question_is_answered_anew(lesson: Path, render: Render, flags: tuple[str, ...]) -> None:
+def test_another_question_is_answered_anew(
+    lesson: Path, render: Render, flags: tuple[str, ...]
+) -> None:
     render(lesson)
     assert render(lesson) == {"lesson": "unchanged"}
     assert render(lesson, *flags) == {"lesson": "made"}
     assert render(lesson, *flags) == {"lesson": "unchanged"}
 
 
-def test_what_the_clip_was_made_of_counts_by_its_bytes(pictured: Path, render: Render) -> None:
+def test_what_the_clip_was_made_of_counts_by_its_bytes(
+    pictured: Path, render: Render
+) -> None:
     def again() -> str:
         return render(pictured)["pictured"]
 
@@ -84,7 +105,10 @@ def test_what_the_clip_was_made_of_counts_by_its_bytes(pictured: Path, render: R
     picture[0, 0] ^= 1
     cv2.imwrite(str(photo), picture)
     assert [again(), again()] == ["made", "unchanged"]
-    cv2.imwrite(str(pictured.parent / "photo.assets" / "depth.png"), np.zeros((56, 80), np.uint16))
+    cv2.imwrite(
+        str(pictured.parent / "photo.assets" / "depth.png"),
+        np.zeros((56, 80), np.uint16),
+    )
     assert [again(), again()] == ["made", "unchanged"]
     (pictured.parent / "photo.assets" / "depth.png").unlink()
     assert [again(), again()] == ["made", "unchanged"]
@@ -98,9 +122,13 @@ def test_a_clip_that_was_damaged_is_made_again(lesson: Path, render: Render) -> 
         lambda: (folder / "video.mp4").write_bytes(whole["video.mp4"][:-1] + b"x"),
         lambda: (folder / "video.mp4").unlink(),
         lambda: (folder / "trajectory.npz").write_bytes(b""),
-        lambda: (folder / "manifest.json").write_text(whole["manifest.json"].decode()[:100] + "}"),
+        lambda: (folder / "manifest.json").write_text(
+            whole["manifest.json"].decode()[:100] + "}"
+        ),
     ]
-    damages.append(lambda: (folder / "manifest.json").write_bytes(b""))  # a machine that lost its power
+    damages.append(
+        lambda: (folder / "manifest.json").write_bytes(b"")
+    )  # a machine that lost its power
     for damage in damages:
         damage()
         assert render(lesson) == {"lesson": "made"}
@@ -111,13 +139,17 @@ def test_a_clip_that_was_damaged_is_made_again(lesson: Path, render: Render) -> 
     assert (folder / "notes.txt").exists()
 
 
-def test_other_code_makes_every_clip_again(lesson: Path, render: Render, monkeypatch) -> None:
+def test_other_code_makes_every_clip_again(
+    lesson: Path, render: Render, monkeypatch
+) -> None:
     render(lesson)
     monkeypatch.setattr(resume, "CODE", resume.CODE[:-1])
     assert render(lesson) == {"lesson": "made"}
 
 
-def test_a_failure_is_a_line_and_a_trace_and_stops_nobody(lesson: Path, render: Render, capsys) -> None:
+def test_a_failure_is_a_line_and_a_trace_and_stops_nobody(
+    lesson: Path, render: Render, capsys
+) -> None:
     broken = lesson.with_name("a-broken.yaml")
     broken.write_text(lesson.read_text().replace("mass: 200", "mass: heavy"))
     out = lesson.parent / "out"
@@ -133,7 +165,9 @@ def test_a_failure_is_a_line_and_a_trace_and_stops_nobody(lesson: Path, render: 
     }  # fmt: skip
 
 
-def test_links_and_chains_that_lead_elsewhere_are_other_scenes(lesson: Path, render: Render) -> None:
+def test_links_and_chains_that_lead_elsewhere_are_other_scenes(
+    lesson: Path, render: Render
+) -> None:
     other = lesson.with_name("other.yaml")
     other.write_text(lesson.read_text().replace("mass: 100", "mass: 150"))
     link = lesson.with_name("link.yaml")
@@ -150,7 +184,9 @@ def test_links_and_chains_that_lead_elsewhere_are_other_scenes(lesson: Path, ren
     assert [render(top)["top"], render(top)["top"]] == ["made", "unchanged"]
 
 
-def test_a_scene_that_was_moved_is_made_again_and_can_be_verified(lesson: Path, render: Render) -> None:
+def test_a_scene_that_was_moved_is_made_again_and_can_be_verified(
+    lesson: Path, render: Render
+) -> None:
     render(lesson)
     (lesson.parent / "elsewhere").mkdir()
     moved = lesson.rename(lesson.parent / "elsewhere" / "lesson.yaml")
@@ -233,8 +269,20 @@ def many(tmp_path: Path) -> Path:
     return tmp_path / "many.yaml"
 
 
-def started(scene: Path, out: Path, *flags: str, **more: object) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "physgen", "render", str(scene), "-o", str(out), "--variant", "all"]
+def started(
+    scene: Path, out: Path, *flags: str, **more: object
+) -> subprocess.Popen[bytes]:
+    command = [
+        sys.executable,
+        "-m",
+        "physgen",
+        "render",
+        str(scene),
+        "-o",
+        str(out),
+        "--variant",
+        "all",
+    ]
     environment = {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(sys.path),
@@ -255,7 +303,9 @@ def bytes_of(out: Path) -> dict[str, str]:
     return {
         path.relative_to(out).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(out.rglob("*"))
-        if path.is_file() and path.name != "manifest.json" and path.suffix in (".mp4", ".npz")
+        if path.is_file()
+        and path.name != "manifest.json"
+        and path.suffix in (".mp4", ".npz")
     }
 
 
@@ -276,7 +326,9 @@ def folders(out: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_killed_at_any_moment_it_goes_on_and_ends_as_if_it_never_was(many: Path) -> None:
+def test_killed_at_any_moment_it_goes_on_and_ends_as_if_it_never_was(
+    many: Path,
+) -> None:
     never = many.parent / "never"
     assert started(many, never).wait() == 0
     out = many.parent / "killed"
@@ -286,19 +338,32 @@ def test_killed_at_any_moment_it_goes_on_and_ends_as_if_it_never_was(many: Path)
         run = started(many, out, "--jobs", "2")
         before = len(folders(out))
         until = time.monotonic() + 60
-        while len(folders(out)) <= before + number % 2 and run.poll() is None and time.monotonic() < until:
+        while (
+            len(folders(out)) <= before + number % 2
+            and run.poll() is None
+            and time.monotonic() < until
+        ):
             time.sleep(0.002)
         time.sleep(chance.uniform(0, 0.06))
         if number % 4 == 3:
-            os.killpg(run.pid, signal.SIGKILL)  # all at once, as the kernel short of memory, or a plug, does
+            os.killpg(
+                run.pid, signal.SIGKILL
+            )  # all at once, as the kernel short of memory, or a plug, does
         else:
             run.kill()
         moments.append(run.wait())
         for name in folders(out):  # nothing half-written under a final name
-            if not name.startswith(".") and (out / name).is_dir() and name != "index.files":
+            if (
+                not name.startswith(".")
+                and (out / name).is_dir()
+                and name != "index.files"
+            ):
                 told = json.loads((out / name / "manifest.json").read_text())
                 for file, sha in told["files"].items():
-                    assert hashlib.sha256((out / name / file).read_bytes()).hexdigest() == sha
+                    assert (
+                        hashlib.sha256((out / name / file).read_bytes()).hexdigest()
+                        == sha
+                    )
     assert moments.count(-signal.SIGKILL) >= 5
     time.sleep(0.6)  # what has no lock counts as left when it is not fresh
     assert started(many, out, "--jobs", "2").wait() == 0

@@ -17,23 +17,32 @@ from physgen.text import natural
 
 
 def names(
-    *arguments: str, variants: tuple[str | None, ...] = (None,), samples: int | None = None
+    *arguments: str,
+    variants: tuple[str | None, ...] = (None,),
+    samples: int | None = None,
 ) -> list[str]:
     return [point.name for point in planned(read_axes(arguments), variants, samples)]
 
 
 def test_names_say_what_differs() -> None:
-    assert names("objects.cue.velocity.0=-100:-900:2", "objects.*.elasticity=0.2,0.9") == [
+    assert names(
+        "objects.cue.velocity.0=-100:-900:2", "objects.*.elasticity=0.2,0.9"
+    ) == [
         "00-00,velocity.x=-100,elasticity=0.2",
         "00-01,velocity.x=-100,elasticity=0.9",
         "01-00,velocity.x=-900,elasticity=0.2",
         "01-01,velocity.x=-900,elasticity=0.9",
     ]
-    assert names("objects.a.mass=1,2", "objects.b.mass=3", variants=(None, "fast"))[::2] == [
+    assert names("objects.a.mass=1,2", "objects.b.mass=3", variants=(None, "fast"))[
+        ::2
+    ] == [
         "00-00-00,a.mass=1,b.mass=3",
         "01-00-00,fast,a.mass=1,b.mass=3",
     ]
-    assert re.fullmatch(r"0007,mass=\d{3}\.?\d?", names("objects.a.mass=~uniform(100,900)", samples=9)[7])
+    assert re.fullmatch(
+        r"0007,mass=\d{3}\.?\d?",
+        names("objects.a.mass=~uniform(100,900)", samples=9)[7],
+    )
     assert names("boundaries.floor.segment[0][1]=1,2")[0] == "00,segment.0.y=1"
 
 
@@ -45,7 +54,10 @@ def test_two_thousand_names_are_unique_safe_short_and_in_order() -> None:
     sweep = planned(read_axes(arguments), (None, "very-heavy"), 50)
     found = [point.name for point in sweep]
     assert len(found) == len({name.lower() for name in found}) == 2000
-    assert all(re.fullmatch(r"[\w.,=+-]+", name) and len(name.encode()) <= MAX_NAME_BYTES for name in found)
+    assert all(
+        re.fullmatch(r"[\w.,=+-]+", name) and len(name.encode()) <= MAX_NAME_BYTES
+        for name in found
+    )
     assert sorted(random.Random(1).sample(found, 2000), key=natural) == found
 
 
@@ -56,9 +68,16 @@ def test_names_stay_when_a_sweep_grows() -> None:
     assert some == names("a.mass=~uniform(0,1)", samples=1200)[:20]
 
 
-@given(st.lists(st.tuples(st.text(max_size=12), st.text(max_size=200)), max_size=12), st.integers(0, 10**7))
-def test_any_value_makes_a_name_for_a_file(told: list[tuple[str, str]], draw: int) -> None:
-    parts = [f"key{n}={short_text(Value('', data))}" for n, (_, data) in enumerate(told)]
+@given(
+    st.lists(st.tuples(st.text(max_size=12), st.text(max_size=200)), max_size=12),
+    st.integers(0, 10**7),
+)
+def test_any_value_makes_a_name_for_a_file(
+    told: list[tuple[str, str]], draw: int
+) -> None:
+    parts = [
+        f"key{n}={short_text(Value('', data))}" for n, (_, data) in enumerate(told)
+    ]
     found = clip_name(["03", f"{draw:04d}"], parts)
     assert len(found.encode()) <= MAX_NAME_BYTES
     assert not set(found) & set("/\\:*?\"<>| \0\n'$`~&;()[]{}!#")
@@ -74,4 +93,11 @@ def test_the_page_about_sweeps_tells_the_names_that_are_given() -> None:
     found = names(*arguments)
     assert listed == found[:1]
     for written in re.findall(r"^\| `KEY=(.+?)` \|", text, re.MULTILINE):
-        assert len(planned(read_axes([f"a.b={written}"]), samples=5 if "~" in written else None)) > 1
+        assert (
+            len(
+                planned(
+                    read_axes([f"a.b={written}"]), samples=5 if "~" in written else None
+                )
+            )
+            > 1
+        )

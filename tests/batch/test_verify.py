@@ -44,21 +44,27 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Path:
     y, x = np.mgrid[:64, :128]
     for k, (cx, cy, r) in enumerate(((20, 40, 8), (100, 20, 7)), 1):
         inside = np.hypot(x - cx, y - cy) <= r
-        picture[inside] = np.clip(np.stack([60 + 9 * (x - cx), 150 + 6 * (y - cy), 200 + 0 * x], -1), 0, 255)[
-            inside
-        ]
+        picture[inside] = np.clip(
+            np.stack([60 + 9 * (x - cx), 150 + 6 * (y - cy), 200 + 0 * x], -1), 0, 255
+        )[inside]
         masks[inside] = k
     masks[32:48, 49:63] = 3
     picture[32:48, 49:63] = (40, 90, 160)
     cv2.imwrite(str(home / "photo.png"), picture)
     (home / "photo.assets").mkdir()
     cv2.imwrite(str(home / "photo.assets" / "masks.png"), masks)
-    cv2.imwrite(str(home / "photo.assets" / "coverage.png"), np.where(masks > 0, 255, 0).astype(np.uint8))
+    cv2.imwrite(
+        str(home / "photo.assets" / "coverage.png"),
+        np.where(masks > 0, 255, 0).astype(np.uint8),
+    )
     background = np.where(masks[..., None] > 0, np.uint8(100), picture)
     cv2.imwrite(str(home / "photo.assets" / "background.png"), background)
     (home / "scene.yaml").write_text(SCENE)
     pipeline.render_scene(
-        home / "scene.yaml", home / "out", formats=[Format.MP4, Format.PNG], page=pipeline.Page.NONE
+        home / "scene.yaml",
+        home / "out",
+        formats=[Format.MP4, Format.PNG],
+        page=pipeline.Page.NONE,
     )
     return home
 
@@ -83,7 +89,9 @@ def judged(desk: Path, **how: Any) -> Verdict:
 
 
 def manifest(desk: Path) -> dict[str, Any]:
-    told: dict[str, Any] = json.loads((desk / "out" / "desk" / "manifest.json").read_text())
+    told: dict[str, Any] = json.loads(
+        (desk / "out" / "desk" / "manifest.json").read_text()
+    )
     return told
 
 
@@ -96,7 +104,11 @@ def rewrite(desk: Path, change: Callable[[dict[str, Any]], None]) -> None:
 def anew(desk: Path) -> Path:
     """The scene as it is now, rendered by the ordinary way elsewhere."""
     return pipeline.render_scene(
-        desk / "scene.yaml", desk / "anew", formats=[Format.PNG], page=pipeline.Page.NONE, cached=False
+        desk / "scene.yaml",
+        desk / "anew",
+        formats=[Format.PNG],
+        page=pipeline.Page.NONE,
+        cached=False,
     )
 
 
@@ -105,15 +117,27 @@ def pictures(folder: Path) -> list[np.ndarray]:
 
 
 def state(folder: Path) -> dict[str, tuple[int, bytes]]:
-    return {str(p): (p.stat().st_mtime_ns, p.read_bytes()) for p in folder.rglob("*") if p.is_file()}
+    return {
+        str(p): (p.stat().st_mtime_ns, p.read_bytes())
+        for p in folder.rglob("*")
+        if p.is_file()
+    }
 
 
 def test_a_clip_is_equal_to_itself_and_left_alone(desk: Path) -> None:
     before = state(desk)
     found = judged(desk)
     assert found.outcome is Outcome.EQUAL
-    assert (found.motion, found.pictures, found.changed, found.damaged) == (None, None, (), ())
-    assert found.line() == f"{desk / 'out' / 'desk'}: equal: 12 samples, 12 frames, 14 files"
+    assert (found.motion, found.pictures, found.changed, found.damaged) == (
+        None,
+        None,
+        (),
+        (),
+    )
+    assert (
+        found.line()
+        == f"{desk / 'out' / 'desk'}: equal: 12 samples, 12 frames, 14 files"
+    )
     assert state(desk) == before
     assert manifest(desk)["source"] == "../../scene.yaml"
 
@@ -121,11 +145,18 @@ def test_a_clip_is_equal_to_itself_and_left_alone(desk: Path) -> None:
 def test_a_mass_names_the_first_sample_and_those_who_touched(desk: Path) -> None:
     edit(desk, ("mass: 200", "mass: 300"))
     found = judged(desk)
-    old, new = (read_trajectory(f / "trajectory.npz") for f in (desk / "out" / "desk", anew(desk)))
+    old, new = (
+        read_trajectory(f / "trajectory.npz")
+        for f in (desk / "out" / "desk", anew(desk))
+    )
     names = list(old.names)
-    differ = (old.poses != new.poses).any(axis=2) | (old.velocities != new.velocities).any(axis=2)
+    differ = (old.poses != new.poses).any(axis=2) | (
+        old.velocities != new.velocities
+    ).any(axis=2)
     first = int(np.flatnonzero(differ.any(axis=1))[0])
-    touch = old.contacts.touch_pairs.tolist().index(sorted([names.index("ball"), names.index("crate")]))
+    touch = old.contacts.touch_pairs.tolist().index(
+        sorted([names.index("ball"), names.index("crate")])
+    )
     begin = float(old.contacts.touch_times[touch, 0])
     assert found.outcome is Outcome.DIFFERS
     assert found.changed == ("scene.yaml has changed",)
@@ -135,8 +166,12 @@ def test_a_mass_names_the_first_sample_and_those_who_touched(desk: Path) -> None
     assert old.times[first - 1] < begin <= old.times[first] == motion.time
     gaps = np.hypot(*np.moveaxis(new.poses - old.poses, -1, 0)[:2]).max(axis=0)
     assert set(motion.objects) == {"ball", "crate"}
-    assert motion.objects == pytest.approx({name: gaps[names.index(name)] for name in motion.objects})
-    assert list(motion.objects.values()) == sorted(motion.objects.values(), reverse=True)
+    assert motion.objects == pytest.approx(
+        {name: gaps[names.index(name)] for name in motion.objects}
+    )
+    assert list(motion.objects.values()) == sorted(
+        motion.objects.values(), reverse=True
+    )
     shown = found.pictures
     assert shown is not None
     a, b = pictures(desk / "out" / "desk"), pictures(desk / "anew" / "desk")
@@ -149,7 +184,9 @@ def test_a_light_changes_pixels_and_no_motion(desk: Path) -> None:
     edit(desk, ("intensity: 0.8", "intensity: 0.5"))
     found = judged(desk)
     old, new = pictures(desk / "out" / "desk"), pictures(anew(desk))
-    first = next(k for k, (x, y) in enumerate(zip(old, new, strict=True)) if (x != y).any())
+    first = next(
+        k for k, (x, y) in enumerate(zip(old, new, strict=True)) if (x != y).any()
+    )
     assert first > 0  # the first frame is the photo, whatever the light
     assert (found.outcome, found.motion) == (Outcome.DIFFERS, None)
     assert found.pictures is not None
@@ -164,7 +201,10 @@ def test_damage_is_told_and_what_the_scene_makes_is_still_compared(desk: Path) -
     (desk / "out" / "desk" / "frames" / "00000.png").unlink()
     found = judged(desk)
     assert found.outcome is Outcome.DIFFERS
-    assert found.damaged == ("frames/00000.png is missing", "video.mp4 is not as it was written")
+    assert found.damaged == (
+        "frames/00000.png is missing",
+        "video.mp4 is not as it was written",
+    )
     assert (found.motion, found.pictures) == (None, None)
 
 
@@ -184,10 +224,15 @@ def test_a_motion_that_was_lost_still_differs_from_a_sample_on(desk: Path) -> No
         (("fps: 24", "fps: 12"), "12 samples then, 6 now"),
         (("duration: 0.5", "duration: 0.75"), "12 frames then, 18 now"),
         (("fps: 24", "fps: 24, size: [64, 32]"), "frames from 0, 12 of 12"),
-        (("  far: {mask: 2, ", "  a-near: {mask: 2, "), "motion from sample 0 (0.000 s)"),
+        (
+            ("  far: {mask: 2, ", "  a-near: {mask: 2, "),
+            "motion from sample 0 (0.000 s)",
+        ),
     ],
 )
-def test_other_clips_are_compared_as_far_as_they_go(desk: Path, change: tuple[str, str], said: str) -> None:
+def test_other_clips_are_compared_as_far_as_they_go(
+    desk: Path, change: tuple[str, str], said: str
+) -> None:
     edit(desk, change)
     found = judged(desk)
     assert found.outcome is Outcome.DIFFERS
@@ -202,7 +247,10 @@ def test_likely_causes_are_told(desk: Path) -> None:
     rewrite(desk, lambda told: told["versions"].update(numpy="1.0"))
     rewrite(desk, lambda told: told["platform"].update(machine="abacus"))
     found = judged(desk)
-    assert found.changed == ("photo.png has changed", "photo.assets/background.png has changed")
+    assert found.changed == (
+        "photo.png has changed",
+        "photo.assets/background.png has changed",
+    )
     assert found.pictures is not None
     assert (found.motion, found.pictures.frame) == (None, 0)
     assert f"numpy is {np.__version__}, was 1.0, machine is" in found.line()
@@ -219,7 +267,11 @@ def test_a_clip_that_was_refined_is_compared_as_it_was_drawn(desk: Path) -> None
     digest = hashlib.sha256((folder / "unrefined.mp4").read_bytes()).hexdigest()
 
     def refined(told: dict[str, Any]) -> None:
-        told.update(refine={"backend": "animatediff"}, unrefined=told["frames"], frames=["0" * 64] * 12)
+        told.update(
+            refine={"backend": "animatediff"},
+            unrefined=told["frames"],
+            frames=["0" * 64] * 12,
+        )
         told.update(files={"unrefined.mp4": digest})
 
     rewrite(desk, refined)
@@ -239,7 +291,10 @@ def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
         f"{moved / 'desk' / '../../scene.yaml'}: is not there; "
         "the clip or the scene was moved; name it with --scene FILE"
     ]
-    assert verify(VerifyRequest(moved / "desk", desk / "scene.yaml")).outcome is Outcome.EQUAL
+    assert (
+        verify(VerifyRequest(moved / "desk", desk / "scene.yaml")).outcome
+        is Outcome.EQUAL
+    )
     rewrite(desk, lambda told: told.pop("source"))
     assert [str(p) for p in judged(desk).problems] == [
         f"{desk / 'out' / 'desk' / 'manifest.json'}: is damaged: it is no manifest that can be read; "
@@ -248,11 +303,21 @@ def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
 
 
 def test_a_manifest_of_nonsense_does_no_harm(desk: Path) -> None:
-    rewrite(desk, lambda told: told["document"]["objects"]["ball"].update(mass=float("nan")))
+    rewrite(
+        desk, lambda told: told["document"]["objects"]["ball"].update(mass=float("nan"))
+    )
     rewrite(desk, lambda told: told["frames"].__setitem__(5, "0" * 64))
-    rewrite(desk, lambda told: told["files"].update({"../../scene.yaml": "0", "/etc/passwd": "0"}))
+    rewrite(
+        desk,
+        lambda told: told["files"].update(
+            {"../../scene.yaml": "0", "/etc/passwd": "0"}
+        ),
+    )
     found = judged(desk)
-    assert found.damaged == ("../../scene.yaml is no file of the clip", "/etc/passwd is no file of the clip")
+    assert found.damaged == (
+        "../../scene.yaml is no file of the clip",
+        "/etc/passwd is no file of the clip",
+    )
     with np.load(desk / "out" / "desk" / "trajectory.npz") as file:
         arrays = {**file, "names": file["names"][:1]}
     np.savez(desk / "out" / "desk" / "trajectory.npz", **arrays)
@@ -261,7 +326,9 @@ def test_a_manifest_of_nonsense_does_no_harm(desk: Path) -> None:
     assert motion.objects == {}
 
 
-def test_a_tree_by_command(desk: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_tree_by_command(
+    desk: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     tree = tmp_path / "tree"
     for name in ("b", "a2", "a10"):
         shutil.copytree(desk, tree / name)
@@ -283,12 +350,23 @@ def test_a_tree_by_command(desk: Path, capsys: pytest.CaptureFixture[str], tmp_p
     assert main(["verify", str(tree / "a2"), str(tree / "b"), "--json"]) == 2
     told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [item["outcome"] for item in told[:2]] == ["equal", "not verified"]
-    assert told[1]["problems"][0]["expected"] == "is damaged: it is no manifest that can be read"
-    assert told[2] == {"clips": 2, "equal": 1, "differs": 0, "unknown": 1, "passed": False}
+    assert (
+        told[1]["problems"][0]["expected"]
+        == "is damaged: it is no manifest that can be read"
+    )
+    assert told[2] == {
+        "clips": 2,
+        "equal": 1,
+        "differs": 0,
+        "unknown": 1,
+        "passed": False,
+    }
     assert main(["verify", str(tree / "a2")]) == 0
 
 
-def test_what_is_no_clip_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_clip_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "empty").mkdir()
     assert main(["verify", str(tmp_path / "empty"), str(tmp_path / "none")]) == 2
     assert capsys.readouterr().err.splitlines() == [

@@ -18,7 +18,10 @@ EDITS = (
     (),
     ("objects.ball.mass=900",),
     ("light.intensity=0.3", "light.direction=[-0.4, -0.6, 0.69]"),
-    ("objects.ball.velocity=[0, -200]", "forces=[{object: crate, impulse: [3000, -9000]}]"),
+    (
+        "objects.ball.velocity=[0, -200]",
+        "forces=[{object: crate, impulse: [3000, -9000]}]",
+    ),
     ("objects.crate.layer=2",),
     ("world.gravity=[0, -300]",),
     ("world.gravity=[400, 0]",),
@@ -60,7 +63,12 @@ def clip(
 ) -> dict[str, object]:
     out = scene.parent / "out"
     folder = pipeline.render_scene(
-        scene, out, overrides=edits, stages=at_hand, cached=cached, page=pipeline.Page.NONE
+        scene,
+        out,
+        overrides=edits,
+        stages=at_hand,
+        cached=cached,
+        page=pipeline.Page.NONE,
     )
     told: dict[str, object] = json.loads((folder / "manifest.json").read_text())
     return told
@@ -68,11 +76,17 @@ def clip(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pictured", "lesson"])
-def test_every_clip_is_what_it_would_be_on_its_own(kind: str, request: pytest.FixtureRequest) -> None:
+def test_every_clip_is_what_it_would_be_on_its_own(
+    kind: str, request: pytest.FixtureRequest
+) -> None:
     scene: Path = request.getfixturevalue(kind)
     at_hand = Stages()
     only = ("light", "world.tilt", "objects.ball.shape")
-    fitting = [e for e in EDITS if kind == "pictured" or not any(edit.startswith(only) for edit in e)]
+    fitting = [
+        e
+        for e in EDITS
+        if kind == "pictured" or not any(edit.startswith(only) for edit in e)
+    ]
     seen = set()
     for edits in fitting:
         told, alone = clip(scene, edits, at_hand), clip(scene, edits, None)
@@ -82,7 +96,9 @@ def test_every_clip_is_what_it_would_be_on_its_own(kind: str, request: pytest.Fi
     assert len(seen) > len(fitting) / 2  # the edits do something
 
 
-def test_a_light_does_not_simulate_and_a_force_does_not_cut_out(pictured: Path, ran: Counter[str]) -> None:
+def test_a_light_does_not_simulate_and_a_force_does_not_cut_out(
+    pictured: Path, ran: Counter[str]
+) -> None:
     at_hand = Stages()
     clip(pictured, (), at_hand)
     assert ran == {"percepts": 1, "stage": 1, "simulate": 1}
@@ -100,7 +116,9 @@ def test_a_light_does_not_simulate_and_a_force_does_not_cut_out(pictured: Path, 
     assert ran == {"percepts": 1, "stage": 2, "simulate": 5}
 
 
-def test_files_that_are_written_are_read_again(pictured: Path, ran: Counter[str]) -> None:
+def test_files_that_are_written_are_read_again(
+    pictured: Path, ran: Counter[str]
+) -> None:
     at_hand = Stages()
     before = clip(pictured, (), at_hand)
     photo = pictured.with_name("photo.png")
@@ -111,7 +129,9 @@ def test_files_that_are_written_are_read_again(pictured: Path, ran: Counter[str]
     assert painted["inputs"] != before["inputs"]
     assert painted["frames"] == clip(pictured, (), None)["frames"]
     larger = cv2.resize(brighter, (160, 112))  # the photo, and what else is as large
-    masks = cv2.imread(str(pictured.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
+    masks = cv2.imread(
+        str(pictured.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED
+    )
     cv2.imwrite(str(photo), larger)
     cv2.imwrite(
         str(pictured.parent / "photo.assets" / "masks.png"),

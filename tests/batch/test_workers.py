@@ -77,7 +77,9 @@ def test_results_come_in_the_order_of_the_items_from_several_processes() -> None
 
 
 def test_one_worker_is_this_process() -> None:
-    assert {process for _, process in run_parallel(slow_when_odd, range(3), 1, never)} == {os.getpid()}
+    assert {
+        process for _, process in run_parallel(slow_when_odd, range(3), 1, never)
+    } == {os.getpid()}
 
 
 def test_items_are_pulled_as_workers_get_free() -> None:
@@ -98,7 +100,9 @@ def test_items_are_pulled_as_workers_get_free() -> None:
 
 
 def test_an_item_whose_process_is_killed_is_tried_again(tmp_path: Path) -> None:
-    assert list(run_parallel(partial(fatal_once, tmp_path), range(8), 2, never)) == list(range(8))
+    assert list(
+        run_parallel(partial(fatal_once, tmp_path), range(8), 2, never)
+    ) == list(range(8))
     assert {path.name for path in tmp_path.iterdir()} == {"2", "5"}
 
 
@@ -112,8 +116,12 @@ def test_what_work_raises_is_raised_here() -> None:
         list(run_parallel(faulty, range(4), 2, never))
 
 
-@pytest.mark.parametrize(("items", "said"), [([0, 1], "SingularError: a"), ([0, 2], "pickle")])
-def test_what_cannot_be_handed_back_is_told_as_it_is(items: list[int], said: str) -> None:
+@pytest.mark.parametrize(
+    ("items", "said"), [([0, 1], "SingularError: a"), ([0, 2], "pickle")]
+)
+def test_what_cannot_be_handed_back_is_told_as_it_is(
+    items: list[int], said: str
+) -> None:
     with pytest.raises(RuntimeError, match=said):
         list(run_parallel(strange, items, 2, never))
 
@@ -153,7 +161,10 @@ def test_workers_of_a_killed_process_end(tmp_path: Path) -> None:
     )
     run = subprocess.Popen(
         [sys.executable, "-c", f"if __name__ == '__main__':\n exec({code!r})"],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]),
+        },
     )
     until = time.monotonic() + 60
     while len(list(tmp_path.iterdir())) < 2 and time.monotonic() < until:

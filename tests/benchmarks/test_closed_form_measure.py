@@ -39,7 +39,15 @@ def test_table_on_stdout_and_nothing_on_stderr(capsys) -> None:
     assert said.err == ""
     lines = said.out.splitlines()
     assert lines[2] == "2 of 2 rows pass."
-    assert lines[6].split() == ["row", "closed", "form", "bar", "worst", "error", "verdict"]
+    assert lines[6].split() == [
+        "row",
+        "closed",
+        "form",
+        "bar",
+        "worst",
+        "error",
+        "verdict",
+    ]
     assert lines[8].split()[:3] == ["1", "free", "fall"]
     assert "switch: as stated" in said.out
 
@@ -49,7 +57,12 @@ def test_json(capsys) -> None:
     result = json.loads(capsys.readouterr().out)
     assert result["passed"] is True
     [row] = result["rows"]
-    assert (row["row"], row["name"], row["passed"], row["problems"]) == (5, "slide", True, [])
+    assert (row["row"], row["name"], row["passed"], row["problems"]) == (
+        5,
+        "slide",
+        True,
+        [],
+    )
     assert row["scenes"] == ["05-slide.yaml"]
     [measure] = row["measures"]
     assert measure["bar"] == 0.003
@@ -72,7 +85,10 @@ def test_a_missed_bar_exits_1(monkeypatch, capsys) -> None:
 def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
     folder = tmp_path / "kept"
     assert main(["--rows", "39", "--draws", "2", *QUICK[-3:], "-o", str(folder)]) == 0
-    assert sorted(p.name for p in folder.iterdir()) == ["39-falling-over-draw-2.yaml", "39-falling-over.yaml"]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "39-falling-over-draw-2.yaml",
+        "39-falling-over.yaml",
+    ]
     text = (folder / "39-falling-over.yaml").read_text()
     assert text.startswith("# Row 39 of the physics scorecard: plank falling over")
     assert "# w² = 2 g (y0 - y)/(I/m + (dy/da)²)" in text
@@ -80,7 +96,21 @@ def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
     capsys.readouterr()
     out = tmp_path / "out"
     scene = str(folder / "39-falling-over.yaml")
-    assert physgen(["render", scene, "-o", str(out), "--set", "render.frames=3", "--format", "png"]) == 0
+    assert (
+        physgen(
+            [
+                "render",
+                scene,
+                "-o",
+                str(out),
+                "--set",
+                "render.frames=3",
+                "--format",
+                "png",
+            ]
+        )
+        == 0
+    )
     assert len(list((out / "39-falling-over" / "frames").iterdir())) == 3
 
 
@@ -93,7 +123,10 @@ def test_results_do_not_depend_on_jobs() -> None:
 def test_a_scene_that_cannot_be_run_misses_its_bar(tmp_path: Path) -> None:
     def cases(draw) -> list[Case]:
         return [
-            Case({"physgen": 1, "size": [10, 10], "objects": {"a": {"mass": -1}}}, lambda run: {"x": 0.0})
+            Case(
+                {"physgen": 1, "size": [10, 10], "objects": {"a": {"mass": -1}}},
+                lambda run: {"x": 0.0},
+            )
         ]
 
     row = Row(99, "broken", "broken", "", "", "", (Measure("x", 1.0),), cases)
@@ -101,7 +134,10 @@ def test_a_scene_that_cannot_be_run_misses_its_bar(tmp_path: Path) -> None:
     found = record(row, 1, (), {(0, None): run_draw(row, 0, tmp_path)})
     assert found["passed"] is False
     assert found["measures"][0]["error"] is None
-    assert any("99-broken.yaml:" in problem and "mass" in problem for problem in found["problems"])
+    assert any(
+        "99-broken.yaml:" in problem and "mass" in problem
+        for problem in found["problems"]
+    )
     assert str(tmp_path) not in json.dumps(found)
     shown = text(findings([found]))
     assert "FAIL" in shown
@@ -123,7 +159,9 @@ def test_what_is_no_number_misses_its_bar(tmp_path: Path) -> None:
 
 def test_json_is_of_these_rows() -> None:
     """Figures are of the day they were measured; what they are figures of is as the rows say now."""
-    stored = json.loads((ROOT / "benchmarks" / "results" / "physics.json").read_text())["rows"]
+    stored = json.loads((ROOT / "benchmarks" / "results" / "physics.json").read_text())[
+        "rows"
+    ]
     assert len(stored) == len(ROWS)
     for row, kept in zip(ROWS, stored, strict=True):
         now = {

@@ -8,7 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from controllability import Along, Swept, by_direction, findings, main, outcome, sweep, together
+from controllability import (
+    Along,
+    Swept,
+    by_direction,
+    findings,
+    main,
+    outcome,
+    sweep,
+    together,
+)
 
 from physgen import pipeline
 
@@ -48,7 +57,9 @@ def test_a_puck_goes_where_and_as_far_as_it_is_pushed(tmp_path: Path) -> None:
     for one in swept.outcomes:
         if one.push.angle:
             assert not one.met
-            assert one.length == pytest.approx(one.push.size**2 / (2 * MU * GRAVITY), rel=1e-4)
+            assert one.length == pytest.approx(
+                one.push.size**2 / (2 * MU * GRAVITY), rel=1e-4
+            )
     assert found.steps == (8, 8)
     assert found.spearman == 1
     assert max(found.off) == pytest.approx(0, abs=1e-6)
@@ -59,8 +70,16 @@ def test_what_stands_in_the_way_counts_in_its_direction_alone(tmp_path: Path) ->
     met = [one.push.angle for one in swept.outcomes if one.met]
     assert met == [0]
     hit = next(one for one in swept.outcomes if one.met)
-    assert 80 < np.hypot(*hit.at_first) <= 87.5  # from 60 + 8 to 155, and a frame's way before it
-    free = sweep(pipeline.load(table(tmp_path), ["objects.post=null"]), "puck", 4, [80, 260], quiet)
+    assert (
+        80 < np.hypot(*hit.at_first) <= 87.5
+    )  # from 60 + 8 to 155, and a frame's way before it
+    free = sweep(
+        pipeline.load(table(tmp_path), ["objects.post=null"]),
+        "puck",
+        4,
+        [80, 260],
+        quiet,
+    )
     assert not any(one.met for one in free.outcomes)
     assert answers(free).free == answers(free).steps == (4, 4)
 
@@ -69,14 +88,20 @@ def test_a_motion_that_answers_wrongly_is_told_to_be_wrong(tmp_path: Path) -> No
     good = sweep(pipeline.load(table(tmp_path)), "puck", 4, [40, 80, 120], quiet)
 
     def bent(change) -> Swept:
-        return replace(good, outcomes=tuple(outcome(*change(one), good.still) for one in good.outcomes))
+        return replace(
+            good,
+            outcomes=tuple(outcome(*change(one), good.still) for one in good.outcomes),
+        )
 
     def mirrored(one):
         places = 2 * one.path.places[0] - one.path.places
         return one.push, replace(one.path, places=places)
 
     def shrinking(one):
-        places = one.path.places[0] + (one.path.places - one.path.places[0]) * (100 / one.push.size) ** 4
+        places = (
+            one.path.places[0]
+            + (one.path.places - one.path.places[0]) * (100 / one.push.size) ** 4
+        )
         return one.push, replace(one.path, places=places)
 
     back = answers(bent(mirrored))
@@ -92,7 +117,11 @@ def test_an_object_that_cannot_move_gives_words_and_no_nan(
     held = TABLE + "joints: {pin: {objects: [puck], weld: [60, 60]}}\n"
     assert main([str(table(tmp_path, held)), "--angles", "2", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told["spearman_mean"], told["rising"], told["off_until_met"]["median"]) == (0, 0, None)
+    assert (told["spearman_mean"], told["rising"], told["off_until_met"]["median"]) == (
+        0,
+        0,
+        None,
+    )
 
 
 def test_seen_from_the_side_nobody_is_pushed_into_the_ground(tmp_path: Path) -> None:
@@ -112,10 +141,14 @@ render: {fps: 20}
     time = 0.25  # of the last frame
     for one in flat:  # slides v²/(2 mu g), or as long as the clip lasts
         lasts = min(time, one.push.size / (0.5 * GRAVITY))
-        assert one.length == pytest.approx(one.push.size * lasts - 0.25 * GRAVITY * lasts**2, rel=0.01)
+        assert one.length == pytest.approx(
+            one.push.size * lasts - 0.25 * GRAVITY * lasts**2, rel=0.01
+        )
 
 
-def test_the_command_writes_json_and_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_json_and_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = tmp_path / "page"
     pushes = ["--angles", "4", "--sizes", "40,80", "--json", "-o", str(page)]
     assert main([str(table(tmp_path)), *pushes]) == 0
@@ -124,11 +157,15 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path, capsys: pytest.Captu
     assert found["still_px"] == pytest.approx(0, abs=1e-9)
     assert found["sideways"] == {"same": 4, "of": 4}
     for one in found["rows"]:
-        assert one["met"] or one["length"] == pytest.approx(one["size"] ** 2 / (2 * MU * GRAVITY), rel=1e-3)
+        assert one["met"] or one["length"] == pytest.approx(
+            one["size"] ** 2 / (2 * MU * GRAVITY), rel=1e-3
+        )
     assert "paths.svg" in {path.name for path in page.iterdir()}
 
 
-def test_what_cannot_be_pushed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_pushed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([str(table(tmp_path)), "--object", "pick"]) == 2
     assert "did you mean puck" in capsys.readouterr().err
     still = table(tmp_path, TABLE.replace("mass: 50,", "mass: 50, motion: static,"))

@@ -55,7 +55,9 @@ def last(quantity: str, body: int, axis: int) -> Callable[[Trajectory], float]:
 
 
 def down_the_slope(t: Trajectory) -> float:
-    return float((t.poses[-1, 0, :2] - t.poses[0, 0, :2]) @ [np.cos(TILT), np.sin(TILT)])
+    return float(
+        (t.poses[-1, 0, :2] - t.poses[0, 0, :2]) @ [np.cos(TILT), np.sin(TILT)]
+    )
 
 
 def on_the_slope(k: float) -> World:
@@ -69,7 +71,9 @@ def bars(ours: float, plain: float, box2d: float, mujoco: float) -> Mapping[str,
 
 SWING = {"joints": [pin(at=(0, -100))], "duration": 5.0}
 NUDGE = [push(Load.IMPULSE, (100 * 10.0, 0))]
-SPRUNG = [pin(kind=JointKind.SPRING, length=100.0, stiffness=100 * 10.0**2, to=(-100, 0))]
+SPRUNG = [
+    pin(kind=JointKind.SPRING, length=100.0, stiffness=100 * 10.0**2, to=(-100, 0))
+]
 PATH = [(0, 0, 0, 0), (0.5, 100, 0, 0), (2, 100, 0, 0)]
 
 # A rival's bar is a little above what it does: 1/60, 1/240 and 1/960 s of free fall are late by dt/t, springs lag
@@ -135,7 +139,11 @@ def test_closed_forms(check: Check, engine: str) -> None:
 @pytest.mark.parametrize("engine", RIVALS)
 def test_bounce_gives_back_the_pairs_part(engine: str, e: float) -> None:
     """Unequal surfaces: Box2D by itself would take the larger elasticity."""
-    wall = Wall("wall", (np.array([[200.0, -100.0], [200.0, 100.0]]),), surface(0.0, e**2, Combine.GEOMETRIC))
+    wall = Wall(
+        "wall",
+        (np.array([[200.0, -100.0], [200.0, 100.0]]),),
+        surface(0.0, e**2, Combine.GEOMETRIC),
+    )
     scene = world(ball("a", 0, 0, v=(300, 0), e=1, mu=0), walls=[wall], **FREE)
     assert run(engine, scene).velocities[-1, 0, 0] == pytest.approx(
         -300 * e, rel=0.02 if engine == "mujoco" else 1e-3
@@ -149,7 +157,10 @@ def test_shapes_of_every_kind_rest_on_the_floor(engine: str) -> None:
     many = 20 * np.stack(
         [np.cos(angles), np.sin(angles)], axis=1
     )  # more corners than Box2D takes in one piece
-    cup = [np.array([[x, -40.0], [x + 20, -40.0], [x + 20, 40.0], [x, 40.0]]) for x in (-60.0, 40.0)]
+    cup = [
+        np.array([[x, -40.0], [x + 20, -40.0], [x + 20, 40.0], [x, 40.0]])
+        for x in (-60.0, 40.0)
+    ]
     cup.append(np.array([[-40.0, 20.0], [40.0, 20.0], [40.0, 40.0], [-40.0, 40.0]]))
     bodies = [
         replace(box("triangle", 0, 389, e=0), pieces=(triangle,)),
@@ -164,12 +175,18 @@ def test_shapes_of_every_kind_rest_on_the_floor(engine: str) -> None:
 
 def test_mujoco_rolls_balls_over_a_table() -> None:
     keys = {"k": 0.4, "solid": Solid.SPHERE, "mu": 0.25, "v": (200, 0)}
-    scene = world(ball("a", 0, 0, roll=(0, -20), **keys), press=GRAVITY, table=0.25, **FREE)
+    scene = world(
+        ball("a", 0, 0, roll=(0, -20), **keys), press=GRAVITY, table=0.25, **FREE
+    )
     t = make("mujoco")(scene, scene.times)
-    assert t.velocities[-1, 0, 0] == pytest.approx((5 * 200 + 2 * 20 * 20) / 7, rel=1e-3)
+    assert t.velocities[-1, 0, 0] == pytest.approx(
+        (5 * 200 + 2 * 20 * 20) / 7, rel=1e-3
+    )
     assert t.rolls[-1, 0] == pytest.approx([0, -t.velocities[-1, 0, 0] / 20], abs=0.01)
     slowed = replace(
-        scene, bodies=(replace(scene.bodies[0], rolling=0.05, roll=np.array([0.0, -10.0])),), duration=6.0
+        scene,
+        bodies=(replace(scene.bodies[0], rolling=0.05, roll=np.array([0.0, -10.0])),),
+        duration=6.0,
     )
     t = make("mujoco")(slowed, np.arange(7.0))
     assert t.poses[-1, 0, 0] == pytest.approx(
@@ -188,4 +205,6 @@ def test_what_an_engine_cannot_say_is_refused(engine: str) -> None:
     refused(world(ball("a", 0, 0), press=GRAVITY, table=0.3), "table")
     if engine != "mujoco":
         refused(world(ball("a", 0, 0, rolling=0.1)), "rolling resistance")
-    make(engine)(world(ball("a", 0, 0), press=GRAVITY, table=0.0), np.zeros(1))  # it does not rub
+    make(engine)(
+        world(ball("a", 0, 0), press=GRAVITY, table=0.0), np.zeros(1)
+    )  # it does not rub

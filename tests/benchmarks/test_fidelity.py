@@ -30,8 +30,17 @@ def test_its_bar_is_told_with_its_exit_code(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rows = [
-        {"scene": "a", "half": "test", "way": way, "psnr_shadows": 20 + dark, "psnr_objects": 20 + bright}
-        for way, dark, bright in (("ours", shadows, objects), ("paper, relit", 0.0, 0.0))
+        {
+            "scene": "a",
+            "half": "test",
+            "way": way,
+            "psnr_shadows": 20 + dark,
+            "psnr_objects": 20 + bright,
+        }
+        for way, dark, bright in (
+            ("ours", shadows, objects),
+            ("paper, relit", 0.0, 0.0),
+        )
     ]
     better = fidelity.ahead(fidelity.means(rows))
     assert better is not None
@@ -53,7 +62,9 @@ def test_its_bar_is_told_with_its_exit_code(
 def test_strips_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three rows of four frames, the lowest of them the truth's."""
     rows = [{"scene": "curling", "half": "test", "way": "ours", "psnr_both": 28.4}]
-    monkeypatch.setattr(fidelity, "evaluate", lambda *_: {"rows": rows, "means": [], "ahead": None})
+    monkeypatch.setattr(
+        fidelity, "evaluate", lambda *_: {"rows": rows, "means": [], "ahead": None}
+    )
     assert main(["--scenes", "curling", "-o", str(tmp_path)]) == 0
     (truth,) = fidelity.truths(fidelity.TRUTH, ["curling"])
     (*_, (last, _)) = truth.frames()
@@ -67,6 +78,8 @@ def test_scenes_of_no_half_have_no_bar(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows = [{"scene": "a", "half": "", "way": "ours", "psnr_both": None}]
-    monkeypatch.setattr(fidelity, "evaluate", lambda *_: {"rows": rows, "means": [], "ahead": None})
+    monkeypatch.setattr(
+        fidelity, "evaluate", lambda *_: {"rows": rows, "means": [], "ahead": None}
+    )
     assert main([]) == 0
     assert "there is no bar" in capsys.readouterr().out

@@ -25,7 +25,9 @@ def bouncing(e: float, height: float, rate: float, duration: float) -> Track:
         y[later], v[later] = -speed * since + G * since**2 / 2, -speed + G * since
         begin += 2 * speed / G
     zeros = np.zeros_like(times)
-    return Track(times, np.stack([zeros, y, zeros], axis=1), np.stack([zeros, v, zeros], axis=1))
+    return Track(
+        times, np.stack([zeros, y, zeros], axis=1), np.stack([zeros, v, zeros], axis=1)
+    )
 
 
 def test_flights_tell_times_speeds_and_heights() -> None:

@@ -66,14 +66,19 @@ def test_masses_as_the_definitions_say() -> None:
 def test_order_agrees_with_kendall() -> None:
     rng = np.random.default_rng(5)
     names = [f"x{k}" for k in range(9)]
-    true, told = (dict(zip(names, rng.permutation(9).astype(float), strict=True)) for _ in range(2))
+    true, told = (
+        dict(zip(names, rng.permutation(9).astype(float), strict=True))
+        for _ in range(2)
+    )
     found = order(true, told)
     tau = stats.kendalltau(list(true.values()), list(told.values())).statistic
     assert (2 * found.right - found.count) / found.count == pytest.approx(tau)
     assert len(found.wrong) == found.count - found.right
     assert order(true, true).right == found.count == 36
     assert order(true, dict.fromkeys(names, 0.5)).tied == 36
-    assert order(dict.fromkeys(names, 0.5), told).count == 0  # what is truly equal is no pair
+    assert (
+        order(dict.fromkeys(names, 0.5), told).count == 0
+    )  # what is truly equal is no pair
 
 
 def test_the_shipped_table_is_a_test_and_no_source() -> None:
@@ -83,7 +88,9 @@ def test_the_shipped_table_is_a_test_and_no_source() -> None:
              Form.BOX: lambda s: s[0] * s[1] * s[2]}  # fmt: skip
     for item in table.weighed:
         assert item.mass is not None
-        assert 0.02 < 1000 * item.mass / sides[item.form](item.size) < 5, item.name  # g/cm³ of its box
+        assert 0.02 < 1000 * item.mass / sides[item.form](item.size) < 5, (
+            item.name
+        )  # g/cm³ of its box
     knowledge = (SHIPPED.parents[1] / "physgen" / "materials.yaml").read_text()
     for word in ("YCB", "Calli", "OpenStax", "Factbook", "Transport Units"):
         assert word in SHIPPED.read_text()
@@ -95,7 +102,9 @@ def test_the_shipped_table_is_a_test_and_no_source() -> None:
 
 def test_size_is_told_by_the_scale() -> None:
     """A solid steel ball weighs its volume times 7.85 g/cm³, and eight times that at twice the size."""
-    one, two = (Item(f"b{d}", "steel ball", Form.BALL, (d,), 1.0) for d in (60.0, 120.0))
+    one, two = (
+        Item(f"b{d}", "steel ball", Form.BALL, (d,), 1.0) for d in (60.0, 120.0)
+    )
     told = ask(Objects("", "", (one, two), ()), Backends(), True, lambda *_: None)
     assert told["b60.0"].mass == pytest.approx(7.85 * pi / 6 * 6**3, rel=0.01)
     assert told["b120.0"].mass == pytest.approx(8 * 7.85 * pi / 6 * 6**3, rel=0.01)
@@ -114,13 +123,19 @@ def test_right_answers_are_right_and_turned_ones_are_not(tmp_path: Path) -> None
     assert friction["right"] == 0
 
 
-def test_the_backend_answers_on_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_backend_answers_on_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     table, page = written(tmp_path / "t.yaml"), tmp_path / "page"
     assert main([str(table), "-o", str(page)]) == 0
     text = capsys.readouterr().out
     assert "The backend table gives 2 of 2 masses to within 30 %" in text
     assert "materials.yaml" in text  # what is independent is said
-    assert set(json.loads((page / "result.json").read_text())["answers"]) == {"ball", "cork", "box"}
+    assert set(json.loads((page / "result.json").read_text())["answers"]) == {
+        "ball",
+        "cork",
+        "box",
+    }
     assert "steel ball" in (page / "index.html").read_text()
 
 
@@ -134,16 +149,27 @@ def test_a_model_is_asked_one_by_one(
     assert told["by"] == "vlm"
     assert {one["mass"] for one in told["answers"].values()} == {BALL["mass"]}
     assert len(vlm_stub.requests) == 3
-    assert any("steel ball" in said(body) and "0.06" in said(body) for body in vlm_stub.requests)
+    assert any(
+        "steel ball" in said(body) and "0.06" in said(body)
+        for body in vlm_stub.requests
+    )
     assert main(asked) == 0
     assert len(vlm_stub.requests) == 3  # from the cache
 
 
-def test_faults_of_a_table_and_of_flags(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_faults_of_a_table_and_of_flags(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for text, wrong in (
-        ("objects:\n  a: {mass: 3, form: turned, size: [1]}\n", "is not 2 lengths in mm"),
+        (
+            "objects:\n  a: {mass: 3, form: turned, size: [1]}\n",
+            "is not 2 lengths in mm",
+        ),
         ("objects: {}\n", "has nothing to compare answers with"),
-        ("objects:\n  a: {mass: 1}\nrankings: {friction: [{values: {a: 1, b: 2}}]}\n", "not of a, b"),
+        (
+            "objects:\n  a: {mass: 1}\nrankings: {friction: [{values: {a: 1, b: 2}}]}\n",
+            "not of a, b",
+        ),
     ):
         with pytest.raises(InputError, match=wrong):
             read_table(written(tmp_path / "t.yaml", text))

@@ -15,7 +15,10 @@ def test_masses_on_the_page_are_those_of_its_rows() -> None:
 
     kept = json.loads((RESULTS / "properties.json").read_text())["rows"][0]["found"]
     true = {item.name: item.mass for item in read_table(SHIPPED).weighed}
-    near = sum(abs(kept["answers"][name]["mass"] / mass - 1) <= 0.3 for name, mass in true.items())
+    near = sum(
+        abs(kept["answers"][name]["mass"] / mass - 1) <= 0.3
+        for name, mass in true.items()
+    )
     assert f"{near} of {len(true)} masses to within 30 %" in accuracy.page()
 
 
@@ -24,4 +27,6 @@ def test_results_name_the_scenes_and_variants_that_exist() -> None:
 
     rows = json.loads((RESULTS / "plausibility.json").read_text())["rows"]
     named = {(row["scene"], row["variant"]) for row in rows if "scene" in row}
-    assert named == {(str(path.relative_to(ROOT)), variant) for path, variant in bundled_clips()}
+    assert named == {
+        (str(path.relative_to(ROOT)), variant) for path, variant in bundled_clips()
+    }

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import pytest
 from physics import ROWS
-from physics.scorecard import DRAWS, Row, record, run_draw, scene_file, scene_of, write_scenes
+from physics.scorecard import (
+    DRAWS,
+    Row,
+    record,
+    run_draw,
+    scene_file,
+    scene_of,
+    write_scenes,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -19,7 +27,8 @@ def test_bars_are_met(row: Row, tmp_path: Path) -> None:
         done[index, None] = run_draw(row, index, tmp_path)
     result = record(row, DRAWS, (), done)
     found = [
-        f"{one['name']}: {one['error']} over {one['bar']:g} in {one['worst']}" for one in result["measures"]
+        f"{one['name']}: {one['error']} over {one['bar']:g} in {one['worst']}"
+        for one in result["measures"]
     ]
     assert result["passed"], "; ".join([*found, *result["problems"]])
 
@@ -44,8 +53,16 @@ def test_bars_are_those_of_the_list() -> None:
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.number:02d}-{row.name}")
 def test_draws_are_seeded_and_differ(row: Row) -> None:
-    texts = [[scene_of(row, case) for case in row.draw(index)] for index in range(DRAWS)]
-    assert texts == [[scene_of(row, case) for case in row.draw(index)] for index in range(DRAWS)]
+    texts = [
+        [scene_of(row, case) for case in row.draw(index)] for index in range(DRAWS)
+    ]
+    assert texts == [
+        [scene_of(row, case) for case in row.draw(index)] for index in range(DRAWS)
+    ]
     assert len({text for draw in texts for text in draw}) == sum(map(len, texts))
-    files = [scene_file(row, case, index) for index in range(DRAWS) for case in row.draw(index)]
+    files = [
+        scene_file(row, case, index)
+        for index in range(DRAWS)
+        for case in row.draw(index)
+    ]
     assert len(set(files)) == len(files)

@@ -14,15 +14,35 @@ FPS = 30.0
 RNG = np.random.default_rng(3)
 
 
-def clip(paths: list[np.ndarray], view: View = View.SIDE, radius: float = 10.0, **more: object) -> Tracks:
+def clip(
+    paths: list[np.ndarray],
+    view: View = View.SIDE,
+    radius: float = 10.0,
+    **more: object,
+) -> Tracks:
     names = tuple(f"ball-{k + 1}" for k in range(len(paths)))
     forms = (disc(radius),) * len(paths)
     times = np.arange(len(paths[0])) / FPS
-    return Tracks("clip", times, names, np.stack(paths, axis=1), None, forms, view, 0.02, "by hand", **more)
+    return Tracks(
+        "clip",
+        times,
+        names,
+        np.stack(paths, axis=1),
+        None,
+        forms,
+        view,
+        0.02,
+        "by hand",
+        **more,
+    )
 
 
 def fall(
-    g: float = 900.0, frames: int = 40, x: float = 50.0, vx: float = 80.0, vy: float = -500.0
+    g: float = 900.0,
+    frames: int = 40,
+    x: float = 50.0,
+    vx: float = 80.0,
+    vy: float = -500.0,
 ) -> np.ndarray:
     t = np.arange(frames) / FPS
     return np.stack([x + vx * t, 300 + vy * t + g * t * t / 2], axis=1)
@@ -33,14 +53,19 @@ def along(x: float, y: float, vx: float, vy: float, frames: int = 40) -> np.ndar
     return np.array([x, y]) + t * np.array([vx, vy])
 
 
-def bounce(e: float, floor: float = 400.0, g: float = 900.0, frames: int = 45) -> np.ndarray:
+def bounce(
+    e: float, floor: float = 400.0, g: float = 900.0, frames: int = 45
+) -> np.ndarray:
     """Let go at y = 200: down, and up again at e times the speed; closed form."""
     t = np.arange(frames) / FPS
     down = np.sqrt(2 * (floor - 200) / g)
     speed = g * down
     s = t - down
     return np.stack(
-        [np.full(frames, 60.0), np.where(s < 0, 200 + g * t * t / 2, floor - e * speed * s + g * s * s / 2)],
+        [
+            np.full(frames, 60.0),
+            np.where(s < 0, 200 + g * t * t / 2, floor - e * speed * s + g * s * s / 2),
+        ],
         1,
     )
 
@@ -59,7 +84,9 @@ def test_a_throw_is_right_and_its_gravity_is_found() -> None:
 def test_gravity_that_changes_midway_is_seen_where_it_does(noise: float) -> None:
     before, t = fall(frames=24), np.arange(1, 25)[:, None] / FPS
     place, velocity = before[-1], np.array([80.0, -500 + 900 * 23 / FPS])
-    path = np.concatenate([before, place + t * velocity + t * t / 2 * np.array([0, 450.0])])
+    path = np.concatenate(
+        [before, place + t * velocity + t * t / 2 * np.array([0, 450.0])]
+    )
     verdict = judge(clip([path + RNG.normal(0, noise, path.shape)]))
     question, evidence = verdict.faults()[0]
     assert question == "gravity"
@@ -71,10 +98,14 @@ def test_what_is_pulled_upwards_is_seen_beside_what_falls() -> None:
     t = np.arange(1, 25)[:, None] / FPS
     before = fall(frames=25)
     velocity = np.array([80.0, -500 + 900 * 24 / FPS])
-    turned = np.concatenate([before, before[-1] + t * velocity - t * t / 2 * np.array([0, 900.0])])
+    turned = np.concatenate(
+        [before, before[-1] + t * velocity - t * t / 2 * np.array([0, 900.0])]
+    )
     question, evidence = judge(clip([turned])).faults()[0]
     assert (question, "pulled upwards at 900" in evidence.text) == ("gravity", True)
-    assert evidence.deviation == pytest.approx(2, abs=0.1)  # the other way is twice as far off as none
+    assert evidence.deviation == pytest.approx(
+        2, abs=0.1
+    )  # the other way is twice as far off as none
     beside = judge(clip([fall(), fall(x=250, vx=-60, vy=-420), 600 - fall(x=400)]))
     assert [evidence.bodies for _, evidence in beside.faults()] == [(2,)]
 
@@ -89,11 +120,16 @@ def test_no_ball_comes_back_faster_than_it_came(e: float, wrong: bool) -> None:
     )  # a tenth may be spin
 
 
-def two(v1: np.ndarray, v2: np.ndarray, after1: np.ndarray, after2: np.ndarray) -> list[np.ndarray]:
+def two(
+    v1: np.ndarray, v2: np.ndarray, after1: np.ndarray, after2: np.ndarray
+) -> list[np.ndarray]:
     """Two that come together, discs of 10 px, between frames 20 and 21; x is the line of centres."""
     t = (np.arange(45) / FPS - 20.4 / FPS)[:, None]
     a, b = np.array([190.0, 200.0]), np.array([210.0, 200.0])
-    return [np.where(t < 0, a + t * v1, a + t * after1), np.where(t < 0, b + t * v2, b + t * after2)]
+    return [
+        np.where(t < 0, a + t * v1, a + t * after1),
+        np.where(t < 0, b + t * v2, b + t * after2),
+    ]
 
 
 def test_momentum_of_two_discs_on_a_table() -> None:
@@ -101,24 +137,37 @@ def test_momentum_of_two_discs_on_a_table() -> None:
     right = judge(clip(two(fast, rest, 0.1 * fast, 0.9 * fast), View.TOP))
     assert right.answers["momentum"]
     assert right.wrong is False
-    alone = judge(clip(two(fast, np.array([0.0, 30.0]), -0.5 * fast, np.array([0.0, 30.0])), View.TOP))
-    assert "momentum" in {question for question, _ in alone.faults()}  # the second takes no notice
+    alone = judge(
+        clip(
+            two(fast, np.array([0.0, 30.0]), -0.5 * fast, np.array([0.0, 30.0])),
+            View.TOP,
+        )
+    )
+    assert "momentum" in {
+        question for question, _ in alone.faults()
+    }  # the second takes no notice
     across = judge(clip(two(fast, rest, 0.2 * fast, np.array([0.0, 250.0])), View.TOP))
     assert across.wrong
 
 
 def test_known_masses_tell_more() -> None:
     fast = np.array([300.0, 0.0])
-    paths = two(fast, np.zeros(2), 0.5 * fast, 1.0 * fast)  # right if the second has half the mass
+    paths = two(
+        fast, np.zeros(2), 0.5 * fast, 1.0 * fast
+    )  # right if the second has half the mass
     assert judge(clip(paths, View.TOP)).wrong is False
     assert judge(clip(paths, View.TOP, masses=np.array([2.0, 1.0]))).wrong is False
     heavy = judge(clip(paths, View.TOP, masses=np.array([1.0, 3.0])))
-    assert deviation(heavy, "momentum") == pytest.approx(0.5 * 300 * 5 / (150 + 900), abs=0.05)
+    assert deviation(heavy, "momentum") == pytest.approx(
+        0.5 * 300 * 5 / (150 + 900), abs=0.05
+    )
 
 
 def test_one_goes_through_another_in_frames_and_between_them() -> None:
     through = judge(clip([along(50, 200, 240, 0), along(330, 203, -180, 0)], View.TOP))
-    assert 0.7 < deviation(through, "overlap") < 1  # a whole ball deep, less what frames and noise leave open
+    assert (
+        0.7 < deviation(through, "overlap") < 1
+    )  # a whole ball deep, less what frames and noise leave open
     fast = judge(clip([along(-890, 200, 1800, 0), along(300, 200, 0, 0)], View.TOP))
     assert fast.wrong
     apart = judge(clip([along(50, 200, 240, 0), along(330, 240, -180, 0)], View.TOP))

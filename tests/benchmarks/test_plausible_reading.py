@@ -46,8 +46,14 @@ def test_a_table_tells_the_motion(tmp_path: Path) -> None:
 
 BAD = {
     "columns.csv": ("name,x,y\na,1,2\n", "lack frame"),
-    "number.csv": ("frame,name,x,y\n0,a,1,2\n1,a,wide,2\n", 'number.csv:3:1: x: "wide" is no number'),
-    "far.csv": ("frame,name,x,y\n0,a,1e300,2\n", 'far.csv:2:1: x: "1e300" is no number from -1e+06 to 1e+06'),
+    "number.csv": (
+        "frame,name,x,y\n0,a,1,2\n1,a,wide,2\n",
+        'number.csv:3:1: x: "wide" is no number',
+    ),
+    "far.csv": (
+        "frame,name,x,y\n0,a,1e300,2\n",
+        'far.csv:2:1: x: "1e300" is no number from -1e+06 to 1e+06',
+    ),
     "twice.csv": ("frame,name,x,y\n0,a,1,2\n0,a,2,2\n1,a,2,2\n", "is twice in frame 0"),
     "film.avi": ("", "is no kind of tracks"),
 }
@@ -76,7 +82,11 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert judge_motion([str(path), "--json", "--skip", "overlap"]) == 1
     (row,) = json.loads(capsys.readouterr().out)["rows"]
     worst = row["questions"]["jumps"]["evidence"][0]
-    assert (row["verdict"], worst["objects"], worst["frame"]) == ("wrong", ["ball-1"], 12)
+    assert (row["verdict"], worst["objects"], worst["frame"]) == (
+        "wrong",
+        ["ball-1"],
+        12,
+    )
     assert judge_motion([str(path), "--held", "cue"]) == 2
     assert '"cue" is none of its bodies' in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
@@ -91,7 +101,20 @@ def test_a_scene_and_its_clip_are_judged_by_their_places(tmp_path: Path) -> None
         "objects: {a: {shape: {circle: {center: [40, 20], radius: 8}}, elasticity: 0.8}}\n"
         "boundaries: {floor: {segment: [[0, 90], [96, 90]], elasticity: 0.8}}\nrender: {size: [32, 32]}\n"
     )
-    assert main(["render", str(scene), "-o", str(tmp_path / "out"), "--format", "png", "--no-cache"]) == 0
+    assert (
+        main(
+            [
+                "render",
+                str(scene),
+                "-o",
+                str(tmp_path / "out"),
+                "--format",
+                "png",
+                "--no-cache",
+            ]
+        )
+        == 0
+    )
     (by_scene,) = read(scene)
     (by_clip,) = read(tmp_path / "out", view=View.TOP)
     np.testing.assert_array_equal(by_scene.places, by_clip.places)

@@ -25,20 +25,32 @@ def in_another_world(change: Callable[[World], World]) -> Simulate:
 
 
 def bodies(change: Callable[[Body], Body]) -> Simulate:
-    return in_another_world(lambda world: replace(world, bodies=tuple(map(change, world.bodies))))
+    return in_another_world(
+        lambda world: replace(world, bodies=tuple(map(change, world.bodies)))
+    )
 
 
 def gravity(factor: float) -> Simulate:
-    return in_another_world(lambda world: replace(world, gravity=world.gravity * factor))
+    return in_another_world(
+        lambda world: replace(world, gravity=world.gravity * factor)
+    )
 
 
 def friction(factor: float) -> Simulate:
     """Of pairs with walls and bodies alike."""
-    return bodies(lambda b: replace(b, surface=replace(b.surface, friction=b.surface.friction * factor)))
+    return bodies(
+        lambda b: replace(
+            b, surface=replace(b.surface, friction=b.surface.friction * factor)
+        )
+    )
 
 
 def elasticity(factor: float) -> Simulate:
-    return bodies(lambda b: replace(b, surface=replace(b.surface, elasticity=b.surface.elasticity * factor)))
+    return bodies(
+        lambda b: replace(
+            b, surface=replace(b.surface, elasticity=b.surface.elasticity * factor)
+        )
+    )
 
 
 def moment(factor: float) -> Simulate:
@@ -50,7 +62,10 @@ def scaled(what: str, **factors: float) -> Simulate:
 
     def change(world: World) -> World:
         changed = (
-            replace(one, **{key: getattr(one, key) * factor for key, factor in factors.items()})
+            replace(
+                one,
+                **{key: getattr(one, key) * factor for key, factor in factors.items()},
+            )
             for one in getattr(world, what)
         )
         return replace(world, **{what: tuple(changed)})
@@ -63,7 +78,8 @@ def pushes(factor: float) -> Simulate:
         return replace(
             world,
             pushes=tuple(
-                replace(p, vector=p.vector * factor, torque=p.torque * factor) for p in world.pushes
+                replace(p, vector=p.vector * factor, torque=p.torque * factor)
+                for p in world.pushes
             ),
         )
 
@@ -74,20 +90,26 @@ def asleep(world: World, rate: float) -> Trajectory:
     """Nothing ever moves."""
     trajectory = pipeline.simulate(world, rate)
     poses = np.repeat(trajectory.poses[:1], len(trajectory.times), axis=0)
-    return replace(trajectory, poses=poses, velocities=np.zeros_like(trajectory.velocities))
+    return replace(
+        trajectory, poses=poses, velocities=np.zeros_like(trajectory.velocities)
+    )
 
 
 def through_walls(world: World, rate: float) -> Trajectory:
     """Everything goes on as it began."""
     trajectory = pipeline.simulate(world, rate)
-    poses = trajectory.poses[0] + trajectory.times[:, None, None] * trajectory.velocities[0]
+    poses = (
+        trajectory.poses[0] + trajectory.times[:, None, None] * trajectory.velocities[0]
+    )
     return replace(trajectory, poses=poses)
 
 
 def aside(world: World) -> World:
     cue, *others = world.bodies
     assert cue.name.startswith("ball") or cue.name == "cue"
-    return replace(world, bodies=(replace(cue, center=cue.center + np.array([0.0, 0.5])), *others))
+    return replace(
+        world, bodies=(replace(cue, center=cue.center + np.array([0.0, 0.5])), *others)
+    )
 
 
 def shaken(world: World, rate: float) -> Trajectory:
@@ -101,12 +123,17 @@ def forgetful(world: World, rate: float) -> Trajectory:
     """A twentieth of what is lost is forgotten."""
     trajectory = pipeline.simulate(world, rate)
     return replace(
-        trajectory, energy=replace(trajectory.energy, dissipated=0.95 * trajectory.energy.dissipated)
+        trajectory,
+        energy=replace(
+            trajectory.energy, dissipated=0.95 * trajectory.energy.dissipated
+        ),
     )
 
 
 def slowed_under_four_g(world: World) -> World:
-    return replace(world, gravity=world.gravity * (0.95 if world.gravity[1] > 2000 else 1.0))
+    return replace(
+        world, gravity=world.gravity * (0.95 if world.gravity[1] > 2000 else 1.0)
+    )
 
 
 WRONG: dict[int, Simulate] = {
@@ -130,14 +157,18 @@ def test_a_wrong_engine_misses_the_bar(row, tmp_path: Path) -> None:
     found = run_draw(row, 0, tmp_path, simulate=WRONG[row.number])
     assert found.problems == ()
     missed = [
-        m.name for m in row.measures if m.name in found.errors and not found.errors[m.name].error <= m.bar
+        m.name
+        for m in row.measures
+        if m.name in found.errors and not found.errors[m.name].error <= m.bar
     ]
     assert missed, {name: worst.error for name, worst in found.errors.items()}
 
 
 def smaller(world: World) -> World:
     """Balls of nine tenths the radius: they meet along another line."""
-    return replace(world, bodies=tuple(replace(b, radius=0.9 * b.radius) for b in world.bodies))
+    return replace(
+        world, bodies=tuple(replace(b, radius=0.9 * b.radius) for b in world.bodies)
+    )
 
 
 def tilted(world: World) -> World:
@@ -171,5 +202,7 @@ def test_each_measure_of_a_row_can_be_missed(name: str, tmp_path: Path) -> None:
     missed = set()
     for simulate in GROSSLY_WRONG[name]:
         found = run_draw(row, 0, tmp_path, simulate=simulate)
-        missed |= {m.name for m in row.measures if not found.errors[m.name].error <= m.bar}
+        missed |= {
+            m.name for m in row.measures if not found.errors[m.name].error <= m.bar
+        }
     assert missed == {measure.name for measure in row.measures}

@@ -30,45 +30,69 @@ def photo(tmp_path: Path) -> tuple[Path, Path]:
         picture[65:95, x : x + 24] = colour
         labels[65:95, x : x + 24] = k
     cv2.circle(picture, (72, 81), 14, (40, 200, 210), -1, cv2.LINE_AA)
-    labels[np.hypot(*(np.mgrid[:120, :160] - np.array([81, 72])[:, None, None])) <= 14] = 3
+    labels[
+        np.hypot(*(np.mgrid[:120, :160] - np.array([81, 72])[:, None, None])) <= 14
+    ] = 3
     noisy = np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "photo.png"), noisy)
     cv2.imwrite(str(tmp_path / "truth.png"), labels)
     return tmp_path / "photo.png", tmp_path / "truth.png"
 
 
-def test_render_writes_everything_it_promises(lesson: Path, tmp_path: Path, capsys) -> None:
+def test_render_writes_everything_it_promises(
+    lesson: Path, tmp_path: Path, capsys
+) -> None:
     out = tmp_path / "out"
-    assert main(["render", str(lesson), "-o", str(out), "--format", "mp4,png,gif,webp"]) == 0
+    assert (
+        main(["render", str(lesson), "-o", str(out), "--format", "mp4,png,gif,webp"])
+        == 0
+    )
     assert capsys.readouterr().out == f"{out / 'lesson'}\n"
     folder = out / "lesson"
     manifest = json.loads((folder / "manifest.json").read_text())
     assert len(manifest["frames"]) == len(manifest["samples"]) == 6
     for name, digest in manifest["files"].items():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
-    assert {"video.mp4", "video.gif", "video.webp", "report.html", "trajectory.npz"} <= set(manifest["files"])
-    assert manifest["inputs"] == {"lesson.yaml": hashlib.sha256(lesson.read_bytes()).hexdigest()}
+    assert {
+        "video.mp4",
+        "video.gif",
+        "video.webp",
+        "report.html",
+        "trajectory.npz",
+    } <= set(manifest["files"])
+    assert manifest["inputs"] == {
+        "lesson.yaml": hashlib.sha256(lesson.read_bytes()).hexdigest()
+    }
     first = cv2.imread(str(folder / "frames" / "00000.png"))[:, :, ::-1]
     text = f"{first.shape}".encode() + np.ascontiguousarray(first).tobytes()
     assert hashlib.sha256(text).hexdigest() == manifest["frames"][0]
-    assert read_trajectory(folder / "trajectory.npz").sample_hashes() == manifest["samples"]
+    assert (
+        read_trajectory(folder / "trajectory.npz").sample_hashes()
+        == manifest["samples"]
+    )
 
 
-def test_what_an_earlier_run_wrote_goes_with_a_warning(lesson: Path, tmp_path: Path, capsys) -> None:
+def test_what_an_earlier_run_wrote_goes_with_a_warning(
+    lesson: Path, tmp_path: Path, capsys
+) -> None:
     command = ["render", str(lesson), "-o", str(tmp_path), "--preview"]
     assert main(command) == 0
     assert "earlier" not in capsys.readouterr().err
     assert main([*command, "--format", "gif"]) == 0
     folder = tmp_path / "lesson"
     assert not (folder / "video.mp4").exists()
-    warning = f"{folder}: warning: video.mp4 of an earlier run went; name all formats at once"
+    warning = (
+        f"{folder}: warning: video.mp4 of an earlier run went; name all formats at once"
+    )
     assert warning in capsys.readouterr().err
     assert main([*command, "--format", "gif,mp4"]) == 0
     assert main([*command, "--format", "gif,mp4", "--no-cache"]) == 0
     assert capsys.readouterr().err == ""
 
 
-def test_a_preview_leaves_the_finished_clip(lesson: Path, tmp_path: Path, monkeypatch) -> None:
+def test_a_preview_leaves_the_finished_clip(
+    lesson: Path, tmp_path: Path, monkeypatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["render", str(lesson)]) == 0
     before = (tmp_path / "out/lesson/video.mp4").read_bytes()
@@ -81,14 +105,31 @@ def test_runs_and_jobs_give_the_same_bytes(lesson: Path, tmp_path: Path) -> None
     other = lesson.with_name("other.yaml")
     other.write_text(lesson.read_text().replace("mass: 100", "mass: 150"))
     assert main(["render", str(lesson), str(other), "-o", str(tmp_path / "a")]) == 0
-    assert main(["render", str(other), str(lesson), "-o", str(tmp_path / "b"), "--jobs", "2"]) == 0
+    assert (
+        main(
+            [
+                "render",
+                str(other),
+                str(lesson),
+                "-o",
+                str(tmp_path / "b"),
+                "--jobs",
+                "2",
+            ]
+        )
+        == 0
+    )
     for name in ("lesson", "other"):
         for file in ("video.mp4", "trajectory.npz"):
-            assert (tmp_path / "a" / name / file).read_bytes() == (tmp_path / "b" / name / file).read_bytes()
+            assert (tmp_path / "a" / name / file).read_bytes() == (
+                tmp_path / "b" / name / file
+            ).read_bytes()
     assert (tmp_path / "a" / "index.html").read_text().count('class="open" href') == 2
 
 
-def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys) -> None:
+def test_two_scenes_of_one_name_are_refused(
+    lesson: Path, tmp_path: Path, capsys
+) -> None:
     twin = tmp_path / "twin" / "lesson.yaml"
     twin.parent.mkdir()
     twin.write_text(lesson.read_text())
@@ -97,9 +138,23 @@ def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys
     assert not (tmp_path / "out").exists()
     told = []
     for scene in (lesson, lesson, twin):  # one after the other
-        assert main(["render", str(scene), "-o", str(tmp_path / "out"), "--preview", "--no-cache"]) == 0
+        assert (
+            main(
+                [
+                    "render",
+                    str(scene),
+                    "-o",
+                    str(tmp_path / "out"),
+                    "--preview",
+                    "--no-cache",
+                ]
+            )
+            == 0
+        )
         told.append(capsys.readouterr().err)
-    assert [f"the clip of {lesson} that was there is replaced" in text for text in told] == [False, False, True]
+    assert [
+        f"the clip of {lesson} that was there is replaced" in text for text in told
+    ] == [False, False, True]
 
 
 @pytest.mark.parametrize("damage", [{"source": None}, {"source": 5}, {"files": 5}])
@@ -127,25 +182,57 @@ def test_check_tells_all(lesson: Path, capsys) -> None:
     assert main(["check", str(lesson), str(lesson)]) == 0
     assert capsys.readouterr() == (f"{lesson}: no problems\n" * 2, "")
     assert (
-        main(["check", str(lesson), "--set", "objects.*.rolling=0.1", "--set", "objects.ball.spin=nan"]) == 2
+        main(
+            [
+                "check",
+                str(lesson),
+                "--set",
+                "objects.*.rolling=0.1",
+                "--set",
+                "objects.ball.spin=nan",
+            ]
+        )
+        == 2
     )
     told = capsys.readouterr()
     assert told.out == f"{lesson}: 1 error\n"
     assert "is not a number" in told.err
     assert main(["check", str(lesson), "--set", "objects.crate.rolling=0.1"]) == 0
     assert capsys.readouterr().out == f"{lesson}: 1 warning\n"
-    assert main(["check", str(lesson), "--set", "objects.*.masss=5", "--set", "objects.*.mass=heavy"]) == 2
+    assert (
+        main(
+            [
+                "check",
+                str(lesson),
+                "--set",
+                "objects.*.masss=5",
+                "--set",
+                "objects.*.mass=heavy",
+            ]
+        )
+        == 2
+    )
     told = capsys.readouterr()
     assert told.out == f"{lesson}: 2 errors\n"
-    assert told.err.count("\n") == 2  # a mistake in a key with a star is one, however many objects there are
-    assert main(["check", str(lesson), "--set", "objects.crate.rolling=0.1", "--json"]) == 0
+    assert (
+        told.err.count("\n") == 2
+    )  # a mistake in a key with a star is one, however many objects there are
+    assert (
+        main(["check", str(lesson), "--set", "objects.crate.rolling=0.1", "--json"])
+        == 0
+    )
     told = json.loads(capsys.readouterr().out)
     assert [p["path"] for p in told["problems"]] == ["objects.crate.rolling"]
     assert told["problems"][0]["file"] == "--set objects.crate.rolling=0.1"
-    assert main(["check", str(lesson), "--set", "objects.crate.rolling=0.1", "--strict"]) == 2
+    assert (
+        main(["check", str(lesson), "--set", "objects.crate.rolling=0.1", "--strict"])
+        == 2
+    )
 
 
-def test_simulate_prints_csv_json_or_an_archive(lesson: Path, tmp_path: Path, capsys) -> None:
+def test_simulate_prints_csv_json_or_an_archive(
+    lesson: Path, tmp_path: Path, capsys
+) -> None:
     assert main(["simulate", str(lesson), "--rate", "100"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s"
@@ -153,11 +240,20 @@ def test_simulate_prints_csv_json_or_an_archive(lesson: Path, tmp_path: Path, ca
     assert main(["simulate", str(lesson), "--rate", "100", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["names"] == ["ball", "crate"]
-    assert main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.json")]) == 0
+    assert (
+        main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.json")])
+        == 0
+    )
     assert json.loads((tmp_path / "t.json").read_text()) == data
-    assert main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.csv")]) == 0
+    assert (
+        main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.csv")])
+        == 0
+    )
     assert (tmp_path / "t.csv").read_text().splitlines() == lines
-    assert main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.npz")]) == 0
+    assert (
+        main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.npz")])
+        == 0
+    )
     assert np.array_equal(np.load(tmp_path / "t.npz")["poses"], np.array(data["poses"]))
 
 
@@ -171,10 +267,12 @@ def test_perceive_writes_a_valid_scene_that_renders_and_keeps_an_edited_one(
     told = capsys.readouterr()
     assert told.out.splitlines()[0] == str(scene)
     text = scene.read_text()
-    assert text.startswith("# yaml-language-server: $schema=scene.assets/scene-1.schema.json\n")
-    assert json.loads((tmp_path / "made/scene.assets/scene-1.schema.json").read_text())["properties"][
-        "objects"
-    ]
+    assert text.startswith(
+        "# yaml-language-server: $schema=scene.assets/scene-1.schema.json\n"
+    )
+    assert json.loads((tmp_path / "made/scene.assets/scene-1.schema.json").read_text())[
+        "properties"
+    ]["objects"]
     assert "from:" in text
     assert {p.name for p in (tmp_path / "made" / "scene.assets").iterdir()} >= {
         "masks.png",
@@ -185,12 +283,17 @@ def test_perceive_writes_a_valid_scene_that_renders_and_keeps_an_edited_one(
     short = ["--format", "png", "--set", "world.duration=0.2"]
     assert main(["render", str(scene), "-o", str(tmp_path / "out"), *short]) == 0
     [folder] = (p for p in (tmp_path / "out").iterdir() if p.is_dir())
-    assert np.array_equal(cv2.imread(str(folder / "frames" / "00000.png")), cv2.imread(str(image)))
+    assert np.array_equal(
+        cv2.imread(str(folder / "frames" / "00000.png")), cv2.imread(str(image))
+    )
     scene.write_text(text + "# mine\n")
     capsys.readouterr()
     assert main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)]) == 0
     assert "# mine" in scene.with_name("scene.yaml~").read_text()
-    assert f"{scene}: was there already and differed; kept as scene.yaml~\n" in capsys.readouterr().err
+    assert (
+        f"{scene}: was there already and differed; kept as scene.yaml~\n"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_large_photo_is_made_smaller_with_its_masks(
@@ -199,22 +302,49 @@ def test_a_large_photo_is_made_smaller_with_its_masks(
     image, truth = photo
     for name, kind in ((image, cv2.INTER_CUBIC), (truth, cv2.INTER_NEAREST)):
         picture = cv2.imread(str(name), cv2.IMREAD_UNCHANGED)
-        cv2.imwrite(str(tmp_path / f"big-{name.name}"), cv2.resize(picture, (400, 300), interpolation=kind))
+        cv2.imwrite(
+            str(tmp_path / f"big-{name.name}"),
+            cv2.resize(picture, (400, 300), interpolation=kind),
+        )
     scene, masks = tmp_path / "scene.yaml", ["--masks", str(tmp_path / "big-truth.png")]
-    assert main(["perceive", str(tmp_path / "big-photo.png"), *masks, "--side", "200", "-o", str(scene)]) == 0
+    assert (
+        main(
+            [
+                "perceive",
+                str(tmp_path / "big-photo.png"),
+                *masks,
+                "--side",
+                "200",
+                "-o",
+                str(scene),
+            ]
+        )
+        == 0
+    )
     assert (
         "the photo of 400 x 300 px was made 200 x 150 px; --side 400 keeps its size"
         in capsys.readouterr().err
     )
-    labels = cv2.imread(str(tmp_path / "scene.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
+    labels = cv2.imread(
+        str(tmp_path / "scene.assets" / "masks.png"), cv2.IMREAD_UNCHANGED
+    )
     assert labels.shape == (150, 200)
     assert set(np.unique(labels)) == {0, 1, 2, 3}
     assert main(["check", str(scene)]) == 0
-    again = ["--masks", str(tmp_path / "scene.assets" / "masks.png"), "--side", "200", "-o", str(scene)]
+    again = [
+        "--masks",
+        str(tmp_path / "scene.assets" / "masks.png"),
+        "--side",
+        "200",
+        "-o",
+        str(scene),
+    ]
     assert main(["perceive", str(tmp_path / "big-photo.png"), *again]) == 0
 
 
-def test_perceive_on_stdout_puts_assets_beside(photo: tuple[Path, Path], monkeypatch, capsys) -> None:
+def test_perceive_on_stdout_puts_assets_beside(
+    photo: tuple[Path, Path], monkeypatch, capsys
+) -> None:
     image, _ = photo
     monkeypatch.chdir(image.parent)
     assert main(["perceive", "photo.png", "--masks", "truth.png"]) == 0
@@ -227,7 +357,10 @@ def test_perceive_on_stdout_puts_assets_beside(photo: tuple[Path, Path], monkeyp
     ("arguments", "message"),
     [
         (["perceive", "no.png"], "no.png: no such file; check the path"),
-        (["perceive", "{photo}", "--box", "1,2"], '--box: "1,2" is not 4 numbers; write e.g. 120,80,60,60'),
+        (
+            ["perceive", "{photo}", "--box", "1,2"],
+            '--box: "1,2" is not 4 numbers; write e.g. 120,80,60,60',
+        ),
         (
             ["perceive", "{photo}", "--masks", "{photo}", "--box", "1,2,3,4"],
             "was given the objects in more than one way",
@@ -243,21 +376,38 @@ def test_perceive_on_stdout_puts_assets_beside(photo: tuple[Path, Path], monkeyp
         ),
         (["perceive", "{photo}", "--point=-1,3"], "is off the 160 x 120 photo"),
         (["perceive", "{photo}", "--box=200,3,50,50"], "is off the 160 x 120 photo"),
-        (["perceive", "{photo}", "--box=10,10,0,5"], "leaves under 4 px of the 160 x 120 photo"),
+        (
+            ["perceive", "{photo}", "--box=10,10,0,5"],
+            "leaves under 4 px of the 160 x 120 photo",
+        ),
         (["simulate", "{lesson}", "-o", "."], "is no name for a trajectory"),
-        (["perceive", "{photo}", "-o", "{photo}"], "is no name for a scene file; end it in .yaml"),
+        (
+            ["perceive", "{photo}", "-o", "{photo}"],
+            "is no name for a scene file; end it in .yaml",
+        ),
         (["perceive", "{photo}", "-o", "-"], "is no name for a scene file"),
         (["render", "{lesson}", "-o", "{lesson}"], "is a file; name a folder with -o"),
     ],
 )
-def test_wrong_input_gets_one_message(arguments, message, lesson: Path, photo, capsys) -> None:
+def test_wrong_input_gets_one_message(
+    arguments, message, lesson: Path, photo, capsys
+) -> None:
     names = {"lesson": str(lesson), "photo": str(photo[0]), "truth": str(photo[1])}
     before = sorted(lesson.parent.iterdir())
     assert main([a.format(**names) for a in arguments]) == 2
     told = capsys.readouterr()
     assert told.out == ""
     assert message in told.err
-    assert len([line for line in told.err.splitlines() if "suitability" not in line and line[0] != " "]) == 1
+    assert (
+        len(
+            [
+                line
+                for line in told.err.splitlines()
+                if "suitability" not in line and line[0] != " "
+            ]
+        )
+        == 1
+    )
     assert sorted(lesson.parent.iterdir()) == before
 
 
@@ -293,7 +443,9 @@ def test_backends_and_schema_print(capsys) -> None:
 def test_a_command_imports_only_what_it_uses() -> None:
     def modules(code: str) -> set[str]:
         code = f"import sys\n{code}\nprint('\\n'.join(sys.modules), file=sys.stderr)"
-        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        run = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        )
         return {name.split(".")[0] for name in run.stderr.split()}
 
     def command(*arguments: str) -> str:
@@ -302,13 +454,19 @@ def test_a_command_imports_only_what_it_uses() -> None:
     heavy = {"numpy", "cv2", "yaml", "jsonschema", "pymunk", "av", "jinja2", "PIL"}
     scenes = Path(__file__).parents[2] / "scenes"
     assert not modules(command("backends")) & heavy
-    assert not modules(command("check", str(scenes / "billiards/scene.yaml"))) & {"pymunk", "av", "jinja2"}
+    assert not modules(command("check", str(scenes / "billiards/scene.yaml"))) & {
+        "pymunk",
+        "av",
+        "jinja2",
+    }
     load = f"from physgen.scene.load import load\nload({str(scenes / 'physics/05-slide.yaml')!r})"
     assert not modules(load) & {"PIL", "jsonschema", "cv2"}, "without a photo"
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_batch_ends_and_leaves_nothing(sign: signal.Signals, lesson: Path, tmp_path: Path) -> None:
+def test_a_stopped_batch_ends_and_leaves_nothing(
+    sign: signal.Signals, lesson: Path, tmp_path: Path
+) -> None:
     other = tmp_path / "other.yaml"
     other.write_text(lesson.read_text())
     out = tmp_path / "out"
@@ -331,7 +489,10 @@ def test_a_stopped_batch_ends_and_leaves_nothing(sign: signal.Signals, lesson: P
         start_new_session=True,
     )
     deadline = time.monotonic() + 120
-    while not (out.exists() and len(list(out.glob(".*.part"))) == 2) and time.monotonic() < deadline:
+    while (
+        not (out.exists() and len(list(out.glob(".*.part"))) == 2)
+        and time.monotonic() < deadline
+    ):
         time.sleep(0.05)
     if sign is signal.SIGINT:
         os.killpg(batch.pid, sign)  # as a terminal does

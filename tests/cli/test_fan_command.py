@@ -26,16 +26,27 @@ def test_the_command_gives_a_table_of_so_many_draws(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "a.yaml").write_text(SCENE)
-    command = ["render", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "out"), "--report", "none"]
+    command = [
+        "render",
+        str(tmp_path / "a.yaml"),
+        "-o",
+        str(tmp_path / "out"),
+        "--report",
+        "none",
+    ]
     tables = []
     for flags in (["--fan", "3"], ["--fan", "5"], ["--fan", "3", "--fan-seed", "9"]):
         assert main([*command, *flags]) == 0
         tables.append((tmp_path / "out/a/fan.csv").read_text().splitlines())
-    assert tables[1][:4] == tables[0], "another fan is made anew, and its first draws are the same"
+    assert tables[1][:4] == tables[0], (
+        "another fan is made anew, and its first draws are the same"
+    )
     assert len(tables[1]) == 6
     assert tables[2][0] == tables[0][0]
     assert tables[2][1:] != tables[0][1:]
-    assert json.loads((tmp_path / "out/a/manifest.json").read_text())["fan"]["seed"] == 9
+    assert (
+        json.loads((tmp_path / "out/a/manifest.json").read_text())["fan"]["seed"] == 9
+    )
     assert capsys.readouterr().err == ""
 
 

@@ -8,31 +8,61 @@ from physgen.cli.main import main
 
 
 @pytest.mark.parametrize(
-    ("command", "meant"), [(["exprot"], "export"), (["evaluate", "studdy"], "study"), (["rendr"], "render")]
+    ("command", "meant"),
+    [(["exprot"], "export"), (["evaluate", "studdy"], "study"), (["rendr"], "render")],
 )
 def test_a_word_that_is_misspelt(command: list[str], meant: str, capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         main(command)
     assert ended.value.code == 2
-    assert f"invalid choice: '{command[-1]}', did you mean {meant}?" in capsys.readouterr().err
+    assert (
+        f"invalid choice: '{command[-1]}', did you mean {meant}?"
+        in capsys.readouterr().err
+    )
 
 
 def test_each_wrong_value_is_reported(capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         main(
-            ["render", "scene.yaml", "--jobs", "none", "--fan", "-1", "--format", "avi", "--pusch", "a=right"]
+            [
+                "render",
+                "scene.yaml",
+                "--jobs",
+                "none",
+                "--fan",
+                "-1",
+                "--format",
+                "avi",
+                "--pusch",
+                "a=right",
+            ]
         )
     assert ended.value.code == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 4
-    for line, word in zip(lines, ("--jobs", "--fan", "--format", "did you mean --push?"), strict=True):
+    for line, word in zip(
+        lines, ("--jobs", "--fan", "--format", "did you mean --push?"), strict=True
+    ):
         assert word in line
         assert line.startswith("physgen render: ")
 
 
 def test_each_wrong_name_is_reported(lesson, tmp_path, capsys) -> None:
-    wrong = {"--push": "bal=left", "--drop": "crat", "--kick": "1,2,3", "--export": "bad", "--refine": "bad"}
-    command = ["render", str(lesson), "-o", str(tmp_path / "out"), "--push", "ball=sideways"]
+    wrong = {
+        "--push": "bal=left",
+        "--drop": "crat",
+        "--kick": "1,2,3",
+        "--export": "bad",
+        "--refine": "bad",
+    }
+    command = [
+        "render",
+        str(lesson),
+        "-o",
+        str(tmp_path / "out"),
+        "--push",
+        "ball=sideways",
+    ]
     assert main([*command, *(text for pair in wrong.items() for text in pair)]) == 2
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 6

@@ -39,7 +39,10 @@ class Terminal(io.StringIO):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_progress_is_for_terminals(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("a.yaml", "b.yaml"):
@@ -48,7 +51,11 @@ def test_progress_is_for_terminals(
     photo[50:80, 40:80], masks[50:80, 40:80] = (40, 60, 170), 1
     Path("photos").mkdir()
     for name in ("photos/a", "photos/b", ""):
-        photo_file, labels = (f"{name}.png", f"{name}.labels.png") if name else ("photo.png", "masks.png")
+        photo_file, labels = (
+            (f"{name}.png", f"{name}.labels.png")
+            if name
+            else ("photo.png", "masks.png")
+        )
         cv2.imwrite(photo_file, photo)
         cv2.imwrite(labels, masks)
     terminal = Terminal()
@@ -56,7 +63,9 @@ def test_progress_is_for_terminals(
         patched.setattr(sys, "stderr", terminal)
         assert main(COMMANDS[command].split()) in (0, 1)
     shown = terminal.getvalue().split("\r")
-    assert any(text.startswith(STAGES[command]) or STAGES[command] in text for text in shown), shown
+    assert any(
+        text.startswith(STAGES[command]) or STAGES[command] in text for text in shown
+    ), shown
     capsys.readouterr()
     again = COMMANDS[command].replace("out", "pipe").replace("scene.yaml", "other.yaml")
     assert main(again.split()) in (0, 1)

@@ -40,11 +40,16 @@ def test_it_begins_at_its_place_and_falls_from_there(tmp_path: Path) -> None:
 def test_to_put_it_is_to_write_its_corners_there(tmp_path: Path) -> None:
     """A quarter of a turn takes +x to +y: corners turned by hand about the centre of mass move the same way."""
     before = world(tmp_path, SCENE % "").bodies[1]
-    corners = np.array([[100, 100], [140, 100], [140, 120], [110, 130]], np.float64) - before.center
+    corners = (
+        np.array([[100, 100], [140, 100], [140, 120], [110, 130]], np.float64)
+        - before.center
+    )
     there = [[60 - y, 40 + x] for x, y in corners.tolist()]
     text = SCENE.replace("[[100, 100], [140, 100], [140, 120], [110, 130]]", str(there))
     one, other = (
-        pipeline.simulate(world(tmp_path, SCENE % ", place: [60, 40, 90]", "world.duration=1")),
+        pipeline.simulate(
+            world(tmp_path, SCENE % ", place: [60, 40, 90]", "world.duration=1")
+        ),
         pipeline.simulate(world(tmp_path, text % "", "world.duration=1")),
     )
     assert np.abs(one.poses[-1, 1] - one.poses[0, 1]).max() > 20
@@ -57,25 +62,37 @@ def shown() -> tuple[Frame, Frame, np.ndarray]:
     frames = []
     for edits in ((), ("objects.domino-9.place=[880, 200, 180]",)):
         scene = pipeline.load(
-            ROOT / "scenes" / "dominoes" / "scene.yaml", (*edits, "render.frames=1", "render.overlay=[]")
+            ROOT / "scenes" / "dominoes" / "scene.yaml",
+            (*edits, "render.frames=1", "render.overlay=[]"),
         )
         maps = pipeline.percepts(scene)
         compiled = pipeline.compile(scene, maps)
         run = pipeline.simulate(compiled.world)
-        frames.append(next(iter(pipeline.render(pipeline.stage(scene, compiled, maps), run))))
+        frames.append(
+            next(iter(pipeline.render(pipeline.stage(scene, compiled, maps), run)))
+        )
     still = photo_view(run, compiled.world)
     return frames[0], frames[1], still.poses[8]
 
 
-def test_the_picture_goes_along_and_nothing_is_left_behind(shown: tuple[Frame, Frame, np.ndarray]) -> None:
+def test_the_picture_goes_along_and_nothing_is_left_behind(
+    shown: tuple[Frame, Frame, np.ndarray],
+) -> None:
     """Half a turn is a flip of both axes: pixels of the one frame against those of the other."""
     before, after, rest = shown
     was, now = before.ids == 9, after.ids == 9
     x, y = rest[:2]
     assert rest[2] == pytest.approx(-np.pi)
     matrix = np.array([[-1.0, 0, x + 880], [0, -1, y + 200]])
-    turned = cv2.warpAffine(before.rgb, matrix, before.rgb.shape[1::-1], flags=cv2.INTER_CUBIC)
-    mask = cv2.warpAffine(was.astype(np.uint8), matrix, was.shape[::-1], flags=cv2.INTER_NEAREST) > 0
+    turned = cv2.warpAffine(
+        before.rgb, matrix, before.rgb.shape[1::-1], flags=cv2.INTER_CUBIC
+    )
+    mask = (
+        cv2.warpAffine(
+            was.astype(np.uint8), matrix, was.shape[::-1], flags=cv2.INTER_NEAREST
+        )
+        > 0
+    )
     # light on its rounded edges stays where it comes from
     inner = cv2.erode((mask & now).astype(np.uint8), np.ones((13, 13))) > 0
     assert np.count_nonzero(mask ^ now) < 0.03 * now.sum()
@@ -85,7 +102,9 @@ def test_the_picture_goes_along_and_nothing_is_left_behind(shown: tuple[Frame, F
     assert np.abs(before.rgb.astype(int) - after.rgb)[was].mean() > 20
 
 
-def test_where_nothing_was_put_elsewhere_nothing_changes(shown: tuple[Frame, Frame, np.ndarray]) -> None:
+def test_where_nothing_was_put_elsewhere_nothing_changes(
+    shown: tuple[Frame, Frame, np.ndarray],
+) -> None:
     """Far from both places the two frames are one."""
     before, after, _ = shown
     assert np.array_equal(before.rgb[:, :500], after.rgb[:, :500])
@@ -102,6 +121,8 @@ def test_what_is_drawn_over_the_photo_is_where_the_photo_shows_it(
         world = pipeline.compile(scene, pipeline.percepts(scene)).world
         bodies.append(body_in_photo(world.bodies[8]))
     np.testing.assert_allclose(
-        bodies[1].rings[0] + bodies[1].center, bodies[0].rings[0] + bodies[0].center, atol=1e-9
+        bodies[1].rings[0] + bodies[1].center,
+        bodies[0].rings[0] + bodies[0].center,
+        atol=1e-9,
     )
     np.testing.assert_allclose(bodies[1].pieces[0], bodies[0].pieces[0], atol=1e-9)

@@ -20,7 +20,9 @@ def compiled(tmp_path: Path, body: str, head: str = "size: [200, 150]"):
     return written.compiled(tmp_path, f"physgen: 1\n{head}\n{body}")
 
 
-@pytest.mark.parametrize(("solid", "k"), [("sphere", 0.4), ("disc", 0.5), ("hoop", 1.0), ("plate", 0.5)])
+@pytest.mark.parametrize(
+    ("solid", "k"), [("sphere", 0.4), ("disc", 0.5), ("hoop", 1.0), ("plate", 0.5)]
+)
 def test_moment_of_a_circle(tmp_path: Path, solid: str, k: float) -> None:
     [body] = compiled(
         tmp_path,
@@ -65,7 +67,9 @@ objects:
 
 def test_fitted_shape_and_pixels_share_one_centre(tmp_path: Path) -> None:
     labels = np.zeros((150, 200), np.uint16)
-    labels[np.hypot(*(np.mgrid[:150, :200] - np.array([60, 50])[:, None, None])) <= 20] = 1
+    labels[
+        np.hypot(*(np.mgrid[:150, :200] - np.array([60, 50])[:, None, None])) <= 20
+    ] = 1
     labels[80:120, 100:130] = 2
     labels[100:120, 130:170] = 2  # an L
     photo = np.full((150, 200, 3), 100, np.uint8)
@@ -73,7 +77,9 @@ def test_fitted_shape_and_pixels_share_one_centre(tmp_path: Path) -> None:
     (tmp_path / "photo.assets").mkdir()
     cv2.imwrite(str(tmp_path / "photo.assets" / "masks.png"), labels)
     c = compiled(
-        tmp_path, "objects: {ball: {mask: 1}, l: {mask: 2}}", "image: photo.png\nassets: photo.assets"
+        tmp_path,
+        "objects: {ball: {mask: 1}, l: {mask: 2}}",
+        "image: photo.png\nassets: photo.assets",
     )
     for k, body in enumerate(c.world.bodies, 1):
         rows, columns = np.nonzero(labels == k)
@@ -97,9 +103,12 @@ def test_masks_written_in_the_scene(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("combine", "friction", "elasticity"), [("geometric", 0.2, 0.6), ("multiply", 0.04, 0.36)]
+    ("combine", "friction", "elasticity"),
+    [("geometric", 0.2, 0.6), ("multiply", 0.04, 0.36)],
 )
-def test_pair_coefficients(tmp_path: Path, combine: str, friction: float, elasticity: float) -> None:
+def test_pair_coefficients(
+    tmp_path: Path, combine: str, friction: float, elasticity: float
+) -> None:
     w = compiled(
         tmp_path,
         f"""\
@@ -115,7 +124,8 @@ boundaries: {{floor: {{segment: [[0, 100], [200, 100]], friction: 0.1, elasticit
 
 
 @pytest.mark.parametrize(
-    ("view", "friction", "told"), [("top", 0.2, True), ("top", 0, False), ("side", 0.2, False)]
+    ("view", "friction", "told"),
+    [("top", 0.2, True), ("top", 0, False), ("side", 0.2, False)],
 )
 def test_the_table_is_among_the_pairs_seen_from_above(
     tmp_path: Path, view: str, friction: float, told: bool
@@ -133,7 +143,11 @@ boundaries: {{table: {{segment: [[0, 100], [200, 100]]}}}}
     ).world
     rows = {(p.first, p.second): p.friction for p in pair_table(w)}
     assert ("a, b", "table") in rows  # the wall of that name
-    table = {("a, b", "the table"): approx(0.4), ("c", "the table"): approx(0.1)} if told else {}
+    table = (
+        {("a, b", "the table"): approx(0.4), ("c", "the table"): approx(0.1)}
+        if told
+        else {}
+    )
     assert {key: value for key, value in rows.items() if key[1] == "the table"} == table
 
 
@@ -178,7 +192,9 @@ render: {frames: 10}
         ),
     ],
 )
-def test_masses_that_no_engine_takes(tmp_path: Path, masses: tuple[str, str], message: str) -> None:
+def test_masses_that_no_engine_takes(
+    tmp_path: Path, masses: tuple[str, str], message: str
+) -> None:
     body = """\
 objects:
   dust: {{shape: {{circle: {{center: [50, 60], radius: 8}}}}, mass: {}}}
@@ -188,7 +204,9 @@ objects:
         compiled(tmp_path, body.format(*masses))
     assert caught.value.problems[0].place.line == 4
     held = body.replace("radius: 8}}}}, mass", "radius: 8}}}}, motion: static, mass", 1)
-    assert compiled(tmp_path, held.format(*masses)).world.bodies[1].mass == float(masses[1])
+    assert compiled(tmp_path, held.format(*masses)).world.bodies[1].mass == float(
+        masses[1]
+    )
 
 
 def test_a_mask_that_is_hidden_or_needs_a_photo(tmp_path: Path) -> None:
@@ -197,13 +215,18 @@ objects:
   a: {mask: {polygon: [[5, 5], [10, 5], [10, 10]]}}
   b: {mask: {polygon: [[4, 4], [12, 4], [12, 12], [4, 12]]}, layer: 2}"""
     with pytest.raises(
-        InputError, match=r"objects.a.mask: a is hidden behind the masks of others; write its shape"
+        InputError,
+        match=r"objects.a.mask: a is hidden behind the masks of others; write its shape",
     ):
         compiled(tmp_path, hidden)
     (tmp_path / "photo.assets").mkdir()
-    cv2.imwrite(str(tmp_path / "photo.assets" / "masks.png"), np.ones((150, 200), np.uint16))
+    cv2.imwrite(
+        str(tmp_path / "photo.assets" / "masks.png"), np.ones((150, 200), np.uint16)
+    )
     for thing in ("objects: {a: {mask: 1}}", "boundaries: {a: {mask: 1}}"):
-        with pytest.raises(InputError, match=r"1 is an id, and masks\.png is read beside a photo only"):
+        with pytest.raises(
+            InputError, match=r"1 is an id, and masks\.png is read beside a photo only"
+        ):
             compiled(tmp_path, thing, "size: [200, 150]\nassets: photo.assets")
 
 

@@ -139,7 +139,10 @@ joints: {{glue: {{objects: [a, b], weld: [80, 60]}}}}
 boundaries: {{floor: {{segment: [[100, 70], [140, 70]]}}}}"""
     assert told(tmp_path, body, photo(tmp_path)) == []
     said = told(tmp_path, body.replace("70", "50"), photo(tmp_path))
-    assert ["falls at once" in line for line in said if "shape" not in line] == [True, True]
+    assert ["falls at once" in line for line in said if "shape" not in line] == [
+        True,
+        True,
+    ]
 
 
 # ---- masks and shapes --------------------------------------------------------------------------------------------
@@ -164,7 +167,10 @@ objects: {{a: {{mask: 1, shape: {shape}}}}}""",
 @pytest.mark.parametrize(
     "shape",
     [
-        pytest.param("{box: {center: [70, 75], size: [60, 50]}}", id="a box whose top the lens sees"),
+        pytest.param(
+            "{box: {center: [70, 75], size: [60, 50]}}",
+            id="a box whose top the lens sees",
+        ),
         pytest.param(
             "{polygon: [[40, 46], [44, 46], [44, 96], [96, 96], [96, 46], [100, 46], [100, 100], [40, 100]]}",
             id="the section of a bowl",
@@ -172,15 +178,26 @@ objects: {{a: {{mask: 1, shape: {shape}}}}}""",
     ],
 )
 def test_a_section_of_what_is_seen_is_no_mistake(tmp_path: Path, shape: str) -> None:
-    assert not [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "mask" in line]
+    assert not [
+        line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "mask" in line
+    ]
 
 
-def test_a_shape_beyond_its_mask_is_told_and_the_hole_of_a_handle_is_not(tmp_path: Path) -> None:
+def test_a_shape_beyond_its_mask_is_told_and_the_hole_of_a_handle_is_not(
+    tmp_path: Path,
+) -> None:
     """A box of 60 x 50 px, 10 px of whose width show the background; and one with a hole in its mask."""
     shape = "{box: {center: [70, 75], size: [60, 50]}}"
-    (line,) = [line for line in masked(tmp_path, shape, (40, 50, 91, 100)) if "beyond" in line]
+    (line,) = [
+        line for line in masked(tmp_path, shape, (40, 50, 91, 100)) if "beyond" in line
+    ]
     assert abs(int(line.split("reaches ")[1].split("%")[0]) - 20) < 3
-    around = [(40, 50, 101, 60), (40, 90, 101, 100), (40, 50, 50, 100), (90, 50, 101, 100)]
+    around = [
+        (40, 50, 101, 60),
+        (40, 90, 101, 100),
+        (40, 50, 50, 100),
+        (90, 50, 101, 100),
+    ]
     assert not [line for line in masked(tmp_path, shape, *around) if "mask" in line]
 
 
@@ -188,15 +205,23 @@ def test_a_shape_beyond_its_mask_is_told_and_the_hole_of_a_handle_is_not(tmp_pat
     ("shape", "share"),
     [
         pytest.param("{box: {center: [70, 85], size: [60, 30]}}", 30, id="half of it"),
-        pytest.param("{circle: {center: [80, 63], radius: 30}}", 25, id="another place"),
+        pytest.param(
+            "{circle: {center: [80, 63], radius: 30}}", 25, id="another place"
+        ),
     ],
 )
-def test_a_shape_that_misses_its_mask_is_told(tmp_path: Path, shape: str, share: float) -> None:
-    (line,) = [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "misses" in line]
+def test_a_shape_that_misses_its_mask_is_told(
+    tmp_path: Path, shape: str, share: float
+) -> None:
+    (line,) = [
+        line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "misses" in line
+    ]
     assert abs(int(line.split("misses ")[1].split("%")[0]) - share) < 15
 
 
 def test_a_shape_beyond_the_picture_misses_all_of_its_mask(tmp_path: Path) -> None:
     shape = "{circle: {center: [90, 4788.4], radius: 20}}"
-    (line,) = [line for line in masked(tmp_path, shape, (40, 50, 91, 100)) if "mask" in line]
+    (line,) = [
+        line for line in masked(tmp_path, shape, (40, 50, 91, 100)) if "mask" in line
+    ]
     assert "misses 100% of" in line

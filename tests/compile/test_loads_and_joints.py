@@ -48,17 +48,31 @@ joints:
     assert w.bodies[CAR].center + hinge.first_at == approx([60, 40])
     assert hinge.second_at.tolist() == [60, 40]
     drive, free = joints["drive"], joints["free"]
-    assert (drive.first, drive.second, drive.speed, drive.limit) == (WHEEL, CAR, approx(2 * np.pi), 2e9)
+    assert (drive.first, drive.second, drive.speed, drive.limit) == (
+        WHEEL,
+        CAR,
+        approx(2 * np.pi),
+        2e9,
+    )
     assert drive.first_at == approx([0, 1])
     assert w.bodies[CAR].center + drive.second_at == approx([90, 101])
-    assert (free.first, free.second, free.speed, free.limit) == (CAR, WHEEL, approx(radians(-90)), inf)
+    assert (free.first, free.second, free.speed, free.limit) == (
+        CAR,
+        WHEEL,
+        approx(radians(-90)),
+        inf,
+    )
     tow, line, glue = joints["tow"], joints["line"], joints["glue"]
     assert (tow.first_at.tolist(), tow.second_at.tolist()) == ([5, 0], [0, -20])
     assert tow.length == approx(hypot(85, 40))  # as at t = 0
     assert (tow.stiffness, tow.damping, tow.collide) == (4e4, 200, False)
     assert (line.second, line.second_at.tolist(), line.length) == (None, [95, 0], 80)
     assert (glue.first, glue.second, glue.collide) == (ARM, CAR, True)
-    assert all(array.dtype == np.float64 for joint in w.joints for array in (joint.first_at, joint.second_at))
+    assert all(
+        array.dtype == np.float64
+        for joint in w.joints
+        for array in (joint.first_at, joint.second_at)
+    )
 
 
 def test_a_joint_of_what_cannot_move_is_left_out(tmp_path: Path) -> None:
@@ -82,17 +96,32 @@ fields:
 """,
     )
     magnet, every, some = w.fields
-    assert (magnet.name, magnet.kind, magnet.bodies) == ("magnet", FieldKind.ATTRACTOR, (WHEEL,))
-    assert (magnet.vector.tolist(), magnet.strength, magnet.soften) == ([40, 50], -4e7, 5)
-    assert (every.kind, every.bodies, every.drag) == (FieldKind.WIND, (CAR, WHEEL), 2e-3)
+    assert (magnet.name, magnet.kind, magnet.bodies) == (
+        "magnet",
+        FieldKind.ATTRACTOR,
+        (WHEEL,),
+    )
+    assert (magnet.vector.tolist(), magnet.strength, magnet.soften) == (
+        [40, 50],
+        -4e7,
+        5,
+    )
+    assert (every.kind, every.bodies, every.drag) == (
+        FieldKind.WIND,
+        (CAR, WHEEL),
+        2e-3,
+    )
     assert every.vector.tolist() == [300, -4]
     assert (some.name, some.bodies) == ("wind-10", (CAR, WHEEL))
 
 
-def test_endless_pulls_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_pulls_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(Limit.PULLS, "most", 5)
     fields = "".join(f"  f{k}: {{wind: [1, 0], drag: 1}}\n" for k in range(3))
     with pytest.raises(
-        InputError, match="fields: 6 pulls of fields on objects are too many; name the objects"
+        InputError,
+        match="fields: 6 pulls of fields on objects are too many; name the objects",
     ):
         world(tmp_path, "fields:\n" + fields)

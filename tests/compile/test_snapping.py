@@ -59,7 +59,9 @@ def test_fitted_shapes_stand_on_the_line(tmp_path, off, tilt) -> None:
 
 
 def test_what_is_far_from_a_line_stays(tmp_path) -> None:
-    near, far = (compiled(scene(tmp_path, floor)).world.bodies for floor in (119.5, 126.0))
+    near, far = (
+        compiled(scene(tmp_path, floor)).world.bodies for floor in (119.5, 126.0)
+    )
     for a, b in zip(near, far, strict=True):
         assert a.center == pytest.approx(b.center, abs=0.3)
     assert min(heights(scene(tmp_path, 126.0), 0.0, 126.0).values()) > 5
@@ -67,12 +69,18 @@ def test_what_is_far_from_a_line_stays(tmp_path) -> None:
 
 def test_written_shapes_stay_as_written(tmp_path) -> None:
     shape = "{box: {center: [49.5, 98.5], size: [40, 40]}}"
-    block = next(b for b in compiled(scene(tmp_path, 119.5, shape=shape)).world.bodies if b.name == "block")
+    block = next(
+        b
+        for b in compiled(scene(tmp_path, 119.5, shape=shape)).world.bodies
+        if b.name == "block"
+    )
     assert block.center.tolist() == [49.5, 98.5]
 
 
 def test_pushed_onto_its_line_a_pile_does_not_settle(tmp_path) -> None:
     file = scene(tmp_path, 120.7)
     loaded = pipeline.load(file)
-    t = pipeline.simulate(pipeline.compile(loaded, pipeline.percepts(loaded)).world, rate=60)
+    t = pipeline.simulate(
+        pipeline.compile(loaded, pipeline.percepts(loaded)).world, rate=60
+    )
     assert np.abs(t.poses - t.poses[0])[:, :, :2].max() < 0.01

@@ -30,8 +30,15 @@ def folder(tmp_path: Path) -> Path:
     rows, columns = np.mgrid[:100, :140]
     off = np.hypot(rows - 50, columns - 60)
     coverage = np.clip(21 - off, 0, 1)
-    photo = background * (1 - coverage[..., None]) + np.array([30, 60, 220]) * coverage[..., None]
-    for name, picture in (("photo", photo), ("background", background), ("clean", clean)):
+    photo = (
+        background * (1 - coverage[..., None])
+        + np.array([30, 60, 220]) * coverage[..., None]
+    )
+    for name, picture in (
+        ("photo", photo),
+        ("background", background),
+        ("clean", clean),
+    ):
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture.astype(np.uint8))
     cv2.imwrite(str(tmp_path / "coverage.png"), (coverage * 255).astype(np.uint8))
     cv2.imwrite(str(tmp_path / "masks.png"), (off <= 20).astype(np.uint8))
@@ -42,7 +49,11 @@ def folder(tmp_path: Path) -> Path:
 def told(folder: Path) -> list[str]:
     scene = pipeline.load(folder / "scene.yaml")
     maps = pipeline.percepts(scene)
-    return [str(p) for p in pipeline.lint(scene, pipeline.compile(scene, maps), maps) if p.path == "image"]
+    return [
+        str(p)
+        for p in pipeline.lint(scene, pipeline.compile(scene, maps), maps)
+        if p.path == "image"
+    ]
 
 
 def painted(folder: Path, *names: str, where: tuple[slice, slice] = STICKER) -> None:
@@ -62,7 +73,9 @@ def test_an_edit_beside_the_objects_is_told_with_its_place(folder: Path) -> None
     count = int(line.split(" in ")[1].split(" px")[0])
     assert 12 * 20 <= count <= 16 * 24
     assert "(x 88 to 111, y 18 to 33)" in line
-    assert line.endswith("if the photo was edited, physgen perceive --refresh makes the maps anew")
+    assert line.endswith(
+        "if the photo was edited, physgen perceive --refresh makes the maps anew"
+    )
     (folder / "clean.png").unlink()
     assert told(folder) == [line]
 

@@ -45,10 +45,16 @@ def test_closed_chains_along_a_mask_and_its_holes(tmp_path: Path) -> None:
     labels[30:50, 50:70] = 0
     labels[100:120, 100:140] = 7
     photo(tmp_path, labels)
-    c = compiled(tmp_path, "objects: {}\nboundaries: {wall: {mask: 7, friction: 0.25, elasticity: 0.16}}")
+    c = compiled(
+        tmp_path,
+        "objects: {}\nboundaries: {wall: {mask: 7, friction: 0.25, elasticity: 0.16}}",
+    )
     [wall] = c.world.walls
     assert (wall.surface.friction, wall.surface.elasticity) == (0.5, approx(0.4))
-    assert all((chain[0] == chain[-1]).all() and chain.dtype == np.float64 for chain in wall.chains)
+    assert all(
+        (chain[0] == chain[-1]).all() and chain.dtype == np.float64
+        for chain in wall.chains
+    )
     assert [round(area(chain), -1) for chain in wall.chains] == [2400, -400, 800]
     low, high = wall.chains[0].min(axis=0), wall.chains[0].max(axis=0)
     assert low == approx([29.5, 19.5], abs=0.3)
@@ -64,20 +70,33 @@ def test_what_stands_on_a_mask_touches_it(tmp_path: Path, shape: str) -> None:
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     slope = rows >= 90 + columns // 8
     labels[slope] = 7
-    thing = disc(100, 77, 24.6) if shape == "ball" else (columns >= 60) & (columns < 110) & (rows > 60)
+    thing = (
+        disc(100, 77, 24.6)
+        if shape == "ball"
+        else (columns >= 60) & (columns < 110) & (rows > 60)
+    )
     labels[thing & ~slope] = 1
     photo(tmp_path, labels)
     c = compiled(tmp_path, "objects: {a: {mask: 1}}\nboundaries: {hill: {mask: 7}}")
     body = c.world.bodies[0]
     assert (body.radius is not None) == (shape == "ball")
-    outline, line = outline_shape(c.outlines[0]), shapely.LineString(c.world.walls[0].chains[0])
+    outline, line = (
+        outline_shape(c.outlines[0]),
+        shapely.LineString(c.world.walls[0].chains[0]),
+    )
     assert depth_across(outline, line) < 0.01
-    assert depth_across(translate(outline, 0, 0.3), line) > 0.2  # it is in contact, not above
+    assert (
+        depth_across(translate(outline, 0, 0.3), line) > 0.2
+    )  # it is in contact, not above
 
 
 def test_masks_written_out(tmp_path: Path) -> None:
     polygon = "{polygon: [[10, 10], [60, 10], [60, 40], [10, 40]]}"
-    c = compiled(tmp_path, f"objects: {{}}\nboundaries: {{a: {{mask: {polygon}}}}}", "size: [200, 150]")
+    c = compiled(
+        tmp_path,
+        f"objects: {{}}\nboundaries: {{a: {{mask: {polygon}}}}}",
+        "size: [200, 150]",
+    )
     [chain] = c.world.walls[0].chains
     assert chain.min(axis=0) == approx([10, 10], abs=0.6)
     assert chain.max(axis=0) == approx([60, 40], abs=0.6)
@@ -95,7 +114,9 @@ boundaries:
     c = compiled(tmp_path, body, "size: [200, 150]")
     assert [len(wall.chains) for wall in c.world.walls] == [1, 1]
     assert area(c.world.walls[0].chains[0]) == approx(101 * 81, rel=0.02)
-    assert area(c.world.walls[1].chains[0]) == approx(51 * 41, rel=0.03)  # the two cross, each as it is
+    assert area(c.world.walls[1].chains[0]) == approx(
+        51 * 41, rel=0.03
+    )  # the two cross, each as it is
     assert not c.scenery[65:75, 95:105].any()
     assert c.scenery[40, 60]
 
@@ -109,9 +130,9 @@ def test_scenery_stays_in_the_picture(tmp_path: Path) -> None:
     labels[100:130, 20:180] = 7
     labels[disc(100, 79, 20.6)] = 1
     rng = np.random.default_rng(0)
-    rgb = np.full((HEIGHT, WIDTH, 3), 180, np.uint8) + rng.integers(0, 20, (HEIGHT, WIDTH, 3)).astype(
-        np.uint8
-    )
+    rgb = np.full((HEIGHT, WIDTH, 3), 180, np.uint8) + rng.integers(
+        0, 20, (HEIGHT, WIDTH, 3)
+    ).astype(np.uint8)
     rgb[labels == 7] = (60, 90, 140)
     rgb[labels == 1] = (200, 60, 60)
     source = tmp_path / "source.png"

@@ -36,7 +36,9 @@ class Tiny:
 
     def setup(self, role: str, name: str, **more: Any) -> Setup:
         """What the row's factory is told to run on its tiny model."""
-        return Setup(str(self[role, name]), "cpu", options={**self.options.get(name, {}), **more})
+        return Setup(
+            str(self[role, name]), "cpu", options={**self.options.get(name, {}), **more}
+        )
 
 
 @pytest.fixture(scope="session")

@@ -63,9 +63,14 @@ def check_segment(run, rgb, labels, things):
     assert isinstance(found, Segments)
     assert found.labels.shape == rgb.shape[:2]
     assert found.labels.dtype == np.uint16
-    assert set(np.unique(found.labels)) - {0} == set(range(1, len(found.confidence) + 1))
+    assert set(np.unique(found.labels)) - {0} == set(
+        range(1, len(found.confidence) + 1)
+    )
     assert ((found.confidence >= 0) & (found.confidence <= 1)).all()
-    across = [np.nonzero(found.labels == k)[1].mean() for k in range(1, len(found.confidence) + 1)]
+    across = [
+        np.nonzero(found.labels == k)[1].mean()
+        for k in range(1, len(found.confidence) + 1)
+    ]
     assert across == sorted(across)  # left to right by centroid
 
 
@@ -111,7 +116,11 @@ def surfaces(rgb, labels, things):
 
 
 def check_depth(run, rgb, labels, things):
-    for seen in (rgb, np.zeros_like(rgb), *([rgb[:, :37]] if hasattr(run, "close") else [])):
+    for seen in (
+        rgb,
+        np.zeros_like(rgb),
+        *([rgb[:, :37]] if hasattr(run, "close") else []),
+    ):
         depth = run(seen)
         assert depth.shape == seen.shape[:2]
         assert depth.dtype == np.float32
@@ -169,7 +178,9 @@ def check_matte(run, rgb, labels, things):
     far = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5) > 5
     assert (coverage[deep] == 1).all()
     assert (coverage[far] == 0).all()
-    assert np.array_equal(np.round(coverage * 255), (coverage * 255).round(3))  # as 8 bits hold it
+    assert np.array_equal(
+        np.round(coverage * 255), (coverage * 255).round(3)
+    )  # as 8 bits hold it
     assert (run(rgb, np.zeros_like(labels)) == 0).all()
 
 
@@ -198,14 +209,18 @@ def check_shadow(run, rgb, labels, things):
         assert 0 <= found.softness <= 60
         assert 0 <= found.tilt <= 60
         assert np.linalg.norm(found.light.direction) == pytest.approx(1)
-        assert found.clean is None or (found.clean.shape == rgb.shape and found.clean.dtype == np.uint8)
+        assert found.clean is None or (
+            found.clean.shape == rgb.shape and found.clean.dtype == np.uint8
+        )
         assert run(rgb, coverage, labels, [], matter, setting, light).clean is None
 
 
 def maps(rgb, labels):
     """Depth and normals of the photo: a table that runs back to a wall, things in front of it."""
     depth = np.repeat(
-        np.interp(np.arange(labels.shape[0]), (89, 119), (2, 1))[:, None], labels.shape[1], axis=1
+        np.interp(np.arange(labels.shape[0]), (89, 119), (2, 1))[:, None],
+        labels.shape[1],
+        axis=1,
     )
     normals = np.zeros((*labels.shape, 3), np.float32)
     normals[:90, :, 2] = normals[labels > 0, 2] = 1
@@ -216,7 +231,9 @@ def maps(rgb, labels):
 
 def check_boundary(run, rgb, labels, things):
     given = {
-        key: value for key, value in maps(rgb, labels).items() if key in inspect.signature(run).parameters
+        key: value
+        for key, value in maps(rgb, labels).items()
+        if key in inspect.signature(run).parameters
     }
     for view in (None, View.SIDE, View.TOP):
         setting = run(rgb, labels, things, view, **given)
@@ -233,10 +250,14 @@ def check_boundary(run, rgb, labels, things):
 
 def check_refine(run, rgb, labels, things):
     assert isinstance(run, Denoiser)
-    how = RefineSettings(0.5, 1, 4, 3, PromptSettings("a ball", "blur", None), 0.0, 1.0, 0)
+    how = RefineSettings(
+        0.5, 1, 4, 3, PromptSettings("a ball", "blur", None), 0.0, 1.0, 0
+    )
     guidance = [np.ascontiguousarray(rgb[60:83, k : k + 37]) for k in range(3)]
     ball = [np.ones((23, 37), np.float32)] * 3
-    whole = Refinement(run, replace(how, stop=0), (37, 23), 3, weight=lambda k, count: 0.0)
+    whole = Refinement(
+        run, replace(how, stop=0), (37, 23), 3, weight=lambda k, count: 0.0
+    )
     for frame, refined in zip(guidance, whole.frames(guidance, ball), strict=True):
         assert np.array_equal(frame, refined)  # nothing of the model's own enters
     found = list(Refinement(run, how, (37, 23), 3).frames(guidance, ball))
@@ -246,16 +267,22 @@ def check_refine(run, rgb, labels, things):
 
 
 CHECKS = {
-    name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")
+    name.removeprefix("check_"): check
+    for name, check in list(globals().items())
+    if name.startswith("check_")
 }
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.role}-{row.name}")
-def test_keeps_to_its_role(row: registry.Backend, scenery, tiny, request: pytest.FixtureRequest):
+def test_keeps_to_its_role(
+    row: registry.Backend, scenery, tiny, request: pytest.FixtureRequest
+):
     if row.name == "vlm":
         request.getfixturevalue("vlm_stub")
     known = (row.role, row.name) in tiny
-    run = registry.make(row.role, row.name, tiny.setup(row.role, row.name) if known else None)
+    run = registry.make(
+        row.role, row.name, tiny.setup(row.role, row.name) if known else None
+    )
     if row.role in CHECKS:
         CHECKS[row.role](run, *scenery)
     else:

@@ -27,12 +27,17 @@ def ball() -> tuple[np.ndarray, np.ndarray]:
     u, v = (X - 30) / 18, (Y - 24) / 18
     inside = np.hypot(u, v) < 1
     z = np.sqrt(np.clip(1 - u * u - v * v, 0, 1))
-    return np.where(inside[..., None], np.stack([u, v, z], -1), (0.0, 0.0, 1.0)).astype(np.float32), inside
+    return np.where(inside[..., None], np.stack([u, v, z], -1), (0.0, 0.0, 1.0)).astype(
+        np.float32
+    ), inside
 
 
 def says(pipe, *maps: np.ndarray) -> None:
     """The decoder answers one map (H, W, 3) in -1..1 after the other, whatever it is given."""
-    left = [torch.from_numpy(np.ascontiguousarray(m, np.float32)).permute(2, 0, 1)[None] for m in maps]
+    left = [
+        torch.from_numpy(np.ascontiguousarray(m, np.float32)).permute(2, 0, 1)[None]
+        for m in maps
+    ]
     pipe.vae.decode = lambda latents, return_dict=True: (left.pop(0).clone(),)
 
 
@@ -64,7 +69,9 @@ def test_marigolds_normals_stay_unit_and_seen_in_another_size(tiny):
 def test_marigolds_depth_is_larger_farther(tiny):
     run = registry.make("depth", "marigold", tiny.setup("depth", "marigold"))
     true = 1 - Y / (H - 1)  # a floor that recedes upwards
-    says(run._model, np.repeat((2 * true - 1)[..., None], 3, -1))  # theirs: 0 near, 1 far
+    says(
+        run._model, np.repeat((2 * true - 1)[..., None], 3, -1)
+    )  # theirs: 0 near, 1 far
     found = run(PHOTO)
     assert found == pytest.approx(true, abs=1e-3)
     assert found[0, 0] > found[-1, 0]
@@ -84,7 +91,10 @@ def test_marigolds_lighting_is_linear_and_up_to_scale(tiny, scales):
     albedo, shading, gloss = lit_scene()
     photo = encode_u8(albedo * shading[..., None] + gloss[..., None])
     run = registry.make("intrinsic", "marigold", tiny.setup("intrinsic", "marigold"))
-    grey = [np.repeat((m * k)[..., None], 3, -1) for m, k in zip((shading, gloss), scales, strict=True)]
+    grey = [
+        np.repeat((m * k)[..., None], 3, -1)
+        for m, k in zip((shading, gloss), scales, strict=True)
+    ]
     says(run._model, *(2 * m - 1 for m in (albedo, *grey)))
     found = run(photo, NOTHING, None)
     assert np.abs(found.albedo * found.shading[..., None] - decode(photo)).max() < 1e-5
@@ -99,7 +109,9 @@ def test_marigolds_lighting_is_linear_and_up_to_scale(tiny, scales):
 def test_marigolds_appearance_is_in_srgb(tmp_path):
     albedo, shading, _ = lit_scene()
     photo = encode_u8(albedo * shading[..., None])
-    path = tiny_maps.marigold("intrinsic", target_properties=tiny_maps.APPEARANCE)(tmp_path / "appearance")
+    path = tiny_maps.marigold("intrinsic", target_properties=tiny_maps.APPEARANCE)(
+        tmp_path / "appearance"
+    )
     run = registry.make("intrinsic", "marigold", Setup(str(path), "cpu"))
     says(run._model, 2 * encode(albedo) - 1, np.zeros((H, W, 3)))
     found = run(photo, NOTHING, None)

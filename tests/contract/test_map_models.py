@@ -75,7 +75,9 @@ def test_a_closed_model_is_gone(row, tiny):
     run.close()
     gc.collect()
     assert gone() is None
-    assert asked(row[0], run, photo()[0]).shape[:2] == photo()[0].shape[:2]  # and comes back when it is asked
+    assert (
+        asked(row[0], run, photo()[0]).shape[:2] == photo()[0].shape[:2]
+    )  # and comes back when it is asked
 
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
@@ -100,17 +102,26 @@ def test_a_folder_of_something_else_is_refused(row, tmp_path):
 def test_marigolds_weights_for_another_role_are_refused(tiny):
     path = tiny["normals", "marigold"]
     with pytest.raises(
-        InputError, match=r"is a MarigoldNormalsPipeline: not for depth; write normals=marigold:"
+        InputError,
+        match=r"is a MarigoldNormalsPipeline: not for depth; write normals=marigold:",
     ):
         registry.make("depth", "marigold", Setup(str(path), "cpu"))(photo()[0])
 
 
 def test_pickled_weights_are_not_opened(tmp_path, tiny):
     path = stable_diffusion(tmp_path / "pickled")
-    (path / "unet" / "diffusion_pytorch_model.safetensors").rename(path / "unet" / "elsewhere.safetensors")
-    (path / "unet" / "diffusion_pytorch_model.bin").write_bytes(pickle.dumps(Trap(str(tmp_path / "ran"))))
+    (path / "unet" / "diffusion_pytorch_model.safetensors").rename(
+        path / "unet" / "elsewhere.safetensors"
+    )
+    (path / "unet" / "diffusion_pytorch_model.bin").write_bytes(
+        pickle.dumps(Trap(str(tmp_path / "ran")))
+    )
     with pytest.raises(InputError, match="safetensors"):
-        asked("inpaint", registry.make("inpaint", "diffusion", Setup(str(path), "cpu")), photo()[0])
+        asked(
+            "inpaint",
+            registry.make("inpaint", "diffusion", Setup(str(path), "cpu")),
+            photo()[0],
+        )
     assert not (tmp_path / "ran").exists()
 
 

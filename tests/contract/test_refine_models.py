@@ -32,7 +32,16 @@ from tests.contract.tiny_video import animatediff
 
 NAME = "animatediff"
 SIZE = 37, 23
-HOW = RefineSettings(0.5, 1, 4, 0, PromptSettings("a red ball", "blur", 3.0), lock=0.0, detail=1.0, hold=0)
+HOW = RefineSettings(
+    0.5,
+    1,
+    4,
+    0,
+    PromptSettings("a red ball", "blur", 3.0),
+    lock=0.0,
+    detail=1.0,
+    hold=0,
+)
 Video = Callable[..., Any]
 
 
@@ -44,19 +53,30 @@ def clip(count: int, size=SIZE) -> tuple[list[np.ndarray], list[np.ndarray]]:
     for k in range(count):
         cover = np.clip(6.5 - np.hypot(x - 8 - k, y - 11), 0, 1).astype(np.float32)
         ramp = np.stack([40 + 3 * x, 60 + 4 * y, 0 * x + 120], axis=-1)
-        frames.append(np.rint(ramp + cover[..., None] * (np.array([220, 200, 60]) - ramp)).astype(np.uint8))
+        frames.append(
+            np.rint(ramp + cover[..., None] * (np.array([220, 200, 60]) - ramp)).astype(
+                np.uint8
+            )
+        )
         coverage.append(cover)
     return frames, coverage
 
 
 def refined(
-    model: Denoiser, how: RefineSettings = HOW, count: int = 7, size=SIZE, covers: float | None = None, **more
+    model: Denoiser,
+    how: RefineSettings = HOW,
+    count: int = 7,
+    size=SIZE,
+    covers: float | None = None,
+    **more,
 ):
     frames, coverage = clip(count, size)
     if covers is not None:
         coverage = [np.full(cover.shape, covers, np.float32) for cover in coverage]
     made = list(Refinement(model, how, size, count, **more).frames(frames, coverage))
-    assert [(frame.shape, frame.dtype) for frame in made] == [(f.shape, f.dtype) for f in frames]
+    assert [(frame.shape, frame.dtype) for frame in made] == [
+        (f.shape, f.dtype) for f in frames
+    ]
     return np.stack(made)
 
 
@@ -69,10 +89,14 @@ def change(made: np.ndarray, size=SIZE) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
-def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(count: int, video: Video):
+def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(
+    count: int, video: Video
+):
     """Odd sizes and counts, which no model takes, come back as they were."""
     model = video()
-    made = refined(model, replace(HOW, stop=0), count, covers=1.0, weight=lambda k, n: 0.0)
+    made = refined(
+        model, replace(HOW, stop=0), count, covers=1.0, weight=lambda k, n: 0.0
+    )
     assert np.array_equal(made, clip(count)[0])
 
 
@@ -84,7 +108,9 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
     def distance(model: Denoiser, how: RefineSettings, count: int = 7) -> np.ndarray:
         decoded.clear()
         real = type(model).decode
-        monkeypatch.setattr(type(model), "decode", lambda own, z: decoded.append(z) or real(own, z))
+        monkeypatch.setattr(
+            type(model), "decode", lambda own, z: decoded.append(z) or real(own, z)
+        )
         made = refined(model, how, count, covers=0.0)
         monkeypatch.undo()
         z, guidance = decoded
@@ -94,7 +120,9 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
     return distance
 
 
-def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(video: Video, apart):
+def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(
+    video: Video, apart
+):
     far = apart(video(), replace(HOW, hold=6))
     assert far[0] == 0
     assert far.max() > 0.1
@@ -119,7 +147,9 @@ def test_words_are_heard_as_much_as_is_said(video: Video):
     assert [passes.count(scale) for scale in said] == [1, 2, 2]
     step = said[2.0] - said[1.0]
     assert np.abs(step).max() > 0
-    assert np.allclose(said[4.0] - said[1.0], 3 * step, atol=1e-4 * np.abs(said[4.0]).max())
+    assert np.allclose(
+        said[4.0] - said[1.0], 3 * step, atol=1e-4 * np.abs(said[4.0]).max()
+    )
 
 
 # ---- windows -----------------------------------------------------------------------------------------------------
@@ -136,7 +166,9 @@ def test_a_long_clip_is_seen_in_windows(video: Video):
     del network.predict
     assert set(seen) == {8}
     assert len(run.note()["windows"]) > 1
-    still = refined(model, replace(HOW, stop=0), 21, covers=1.0, weight=lambda k, n: 0.0)
+    still = refined(
+        model, replace(HOW, stop=0), 21, covers=1.0, weight=lambda k, n: 0.0
+    )
     assert np.array_equal(still, frames)
     far = change(made)
     assert np.abs(np.diff(far)).max() < far.max()
@@ -150,9 +182,14 @@ def test_half_the_digits(video: Video):
     made = refined(model, count=2)
     assert model.note()["dtype"] == "bfloat16"
     network = model._network.pipe
-    assert network.vae.dtype == torch.float32  # what is shown are differences of what it decodes
+    assert (
+        network.vae.dtype == torch.float32
+    )  # what is shown are differences of what it decodes
     assert network.unet.dtype == torch.bfloat16
-    assert np.abs(made.astype(int) - refined(whole, count=2)).mean() < 0.5 * change(made).mean()
+    assert (
+        np.abs(made.astype(int) - refined(whole, count=2)).mean()
+        < 0.5 * change(made).mean()
+    )
 
 
 @pytest.mark.parametrize("kind", ["device", "processor"])
@@ -165,7 +202,9 @@ def test_memory_that_does_not_suffice_is_reported(kind: str, video: Video):
     def short(z: Any, *told: Any) -> Any:
         if z.shape[-1] * model.grid.cell > side:
             if kind == "device":
-                raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB.")
+                raise torch.OutOfMemoryError(
+                    "CUDA out of memory. Tried to allocate 20.00 GiB."
+                )
             torch.empty(1 << 50)  # the processor's own words
         return real(z, *told)
 
@@ -190,7 +229,9 @@ def test_a_closed_model_is_gone_and_comes_back(tiny: Any):
     assert np.abs(first.astype(int) - refined(model, count=2)).max() <= 1
 
 
-def test_parts_that_come_and_go_do_the_same(video: Video, monkeypatch: pytest.MonkeyPatch):
+def test_parts_that_come_and_go_do_the_same(
+    video: Video, monkeypatch: pytest.MonkeyPatch
+):
     """The processor stands for the GPU: the same hooks bring each part when it is called."""
 
     def in_parts(pipe: Any, device: str) -> str:
@@ -203,7 +244,9 @@ def test_parts_that_come_and_go_do_the_same(video: Video, monkeypatch: pytest.Mo
         model.close()  # other tests share it
         made = refined(model, count=5)
         assert model.note()["offload"] == "model"
-        assert {type(hook).__name__ for hook in model._network.pipe._all_hooks} == {"UserCpuOffloadHook"}
+        assert {type(hook).__name__ for hook in model._network.pipe._all_hooks} == {
+            "UserCpuOffloadHook"
+        }
         model.close()
     assert np.abs(made.astype(int) - refined(video(), count=5)).max() <= 1
 
@@ -222,7 +265,9 @@ def test_what_fills_the_gpu_is_brought_in_parts(monkeypatch: pytest.MonkeyPatch)
             self.told.append("parts")
 
     for free, how in ((5000, "model"), (6000, "none")):
-        monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device, free=free: (free, 10**9))
+        monkeypatch.setattr(
+            torch.cuda, "mem_get_info", lambda device, free=free: (free, 10**9)
+        )
         assert loading.place_pipeline(Pipe(), "cuda:0") == how
     assert Pipe.told == ["parts", "all"]
     assert loading.place_pipeline(Pipe(), "cpu") == "none"
@@ -238,13 +283,15 @@ def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
     assert run.note()["size"] == [20, 13]  # 16 x 16 px, in the photo's shape
     assert made[0].shape == (23, 37, 3)
     assert np.array_equal(
-        refined(model, replace(HOW, stop=0), 2, covers=1.0, weight=lambda k, n: 0.0), clip(2)[0]
+        refined(model, replace(HOW, stop=0), 2, covers=1.0, weight=lambda k, n: 0.0),
+        clip(2)[0],
     )
 
 
 def test_a_resolution_that_no_model_takes_is_told(video: Video):
     with pytest.raises(
-        InputError, match=r"animatediff.resolution: 8 is less than the minimum of 16; leave it out"
+        InputError,
+        match=r"animatediff.resolution: 8 is less than the minimum of 16; leave it out",
     ):
         video(resolution=8)
 
@@ -265,16 +312,24 @@ def test_missing_weights_are_named_before_any_work():
         told = {str(problem): problem.fix for problem in caught.value.problems}
         assert len(told) == len(ids)  # all that is missing, at once
         for id_ in ids:
-            (fix,) = [fix for text, fix in told.items() if f'--refine: "{id_}" holds the weights of' in text]
+            (fix,) = [
+                fix
+                for text, fix in told.items()
+                if f'--refine: "{id_}" holds the weights of' in text
+            ]
             assert fix == f"run hf download {id_}, or write NAME:PATH"
-    with pytest.raises(InputError, match=r'--refine: "no/such/folder" is not there: the weights of'):
+    with pytest.raises(
+        InputError, match=r'--refine: "no/such/folder" is not there: the weights of'
+    ):
         made("no/such/folder")
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path):
     (tmp_path / "notes.txt").write_text("no weights")
     count = len(registry.find("refine", NAME).weights)
-    with pytest.raises(InputError, match=r'--refine: ".*" does not load as .*; fetch it again'):
+    with pytest.raises(
+        InputError, match=r'--refine: ".*" does not load as .*; fetch it again'
+    ):
         made(",".join([str(tmp_path)] * count))
 
 
@@ -288,23 +343,38 @@ def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path
         json.dumps(index | {"unet": [None, None], "_class_name": "WanPipeline"})
     )
     for said, message in (
-        (f"{adapter},{other}", r"is a WanPipeline that the adapter does not fit; name weights of"),
-        (f"{base}/unet,{base}", r"is a UNet2DConditionModel: no motion adapter; name a motion"),
+        (
+            f"{adapter},{other}",
+            r"is a WanPipeline that the adapter does not fit; name weights of",
+        ),
+        (
+            f"{base}/unet,{base}",
+            r"is a UNet2DConditionModel: no motion adapter; name a motion",
+        ),
         (f"{two},{base}", r"names 3 weights for animatediff; write at most 2"),
     ):
         with pytest.raises(InputError, match=message):
             made(said)
-    narrow = json.loads((Path(adapter) / "config.json").read_text()) | {"block_out_channels": [16, 64]}
+    narrow = json.loads((Path(adapter) / "config.json").read_text()) | {
+        "block_out_channels": [16, 64]
+    }
     (Path(adapter) / "config.json").write_text(json.dumps(narrow))
-    with pytest.raises(InputError, match=r"is a StableDiffusionPipeline that the adapter does not fit"):
+    with pytest.raises(
+        InputError, match=r"is a StableDiffusionPipeline that the adapter does not fit"
+    ):
         made(two)
 
 
 def test_broken_weights_are_told_when_they_are_read(tmp_path: Path):
     two = animatediff(tmp_path)
-    (tmp_path / "base/unet/diffusion_pytorch_model.safetensors").write_bytes(b"no numbers")
+    (tmp_path / "base/unet/diffusion_pytorch_model.safetensors").write_bytes(
+        b"no numbers"
+    )
     model = made(two)
-    with pytest.raises(InputError, match=r'--refine: ".*" does not load as AnimateDiff .*; fetch it again'):
+    with pytest.raises(
+        InputError,
+        match=r'--refine: ".*" does not load as AnimateDiff .*; fetch it again',
+    ):
         refined(model)
 
 
@@ -318,7 +388,9 @@ def test_pickled_weights_are_not_opened(tmp_path: Path):
     assert not (tmp_path / "ran").exists()
 
 
-def test_the_record_tells_which_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_record_tells_which_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     two = animatediff(tmp_path / "two")
     model = made(two)
     refined(model, count=1)

@@ -34,7 +34,10 @@ def scheduler() -> Any:
 def clip() -> list[np.ndarray]:
     width, height = SIZE
     y, x = np.mgrid[:height, :width]
-    frames = [np.stack([5 * x + 9 * k, 7 * y, 3 * x + 3 * y], axis=-1) % 256 for k in range(FRAMES)]
+    frames = [
+        np.stack([5 * x + 9 * k, 7 * y, 3 * x + 3 * y], axis=-1) % 256
+        for k in range(FRAMES)
+    ]
     return [frame.astype(np.uint8) for frame in frames]
 
 
@@ -44,17 +47,23 @@ class Both:
     def __init__(self, model: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         self.model, self.frames = model, clip()
         self.count = round(STEPS * STRENGTH)
-        self.z0 = model.begin(self.frames, PromptSettings(WORDS, NOT, 3.0), STEPS, self.count)
+        self.z0 = model.begin(
+            self.frames, PromptSettings(WORDS, NOT, 3.0), STEPS, self.count
+        )
         self.noise = np.random.default_rng(0).standard_normal(self.z0.shape, np.float32)
         self.scheduler = scheduler()
         mine = model._network.pipe
         own = ("vae", "text_encoder", "tokenizer", "unet", "motion_adapter")
         parts = {name: getattr(mine, name, None) for name in own}
-        self.pipe = diffusers.AnimateDiffVideoToVideoPipeline(**parts, scheduler=self.scheduler)
+        self.pipe = diffusers.AnimateDiffVideoToVideoPipeline(
+            **parts, scheduler=self.scheduler
+        )
         self.pipe.set_progress_bar_config(disable=True)
         # means where they draw, and our noise where they make theirs
         module = importlib.import_module(type(self.pipe).__module__)
-        monkeypatch.setattr(module, "retrieve_latents", lambda found, *_, **__: found.latent_dist.mode())
+        monkeypatch.setattr(
+            module, "retrieve_latents", lambda found, *_, **__: found.latent_dist.mode()
+        )
         monkeypatch.setattr(module, "randn_tensor", self._drawn)
 
     def _drawn(self, shape: Any, **_: Any) -> torch.Tensor:
@@ -64,7 +73,10 @@ class Both:
     def run(self, step: Callable[..., Any] | None = None, **more: Any) -> np.ndarray:
         """Their latents, laid out as ours."""
         width, height = SIZE
-        more |= {"video": [Image.fromarray(frame) for frame in self.frames], "strength": STRENGTH}
+        more |= {
+            "video": [Image.fromarray(frame) for frame in self.frames],
+            "strength": STRENGTH,
+        }
         more |= {"height": height, "width": width}
         found = self.pipe(
             prompt=[WORDS], negative_prompt=[NOT], num_inference_steps=STEPS, guidance_scale=3.0, output_type="latent",
@@ -84,7 +96,9 @@ class Both:
         def noised(z: np.ndarray, k: int) -> np.ndarray:
             return model.noised(z, self.noise, k)
 
-        return fused(self.z0, mask, noised=noised, denoised=denoised, count=self.count, stop=stop)
+        return fused(
+            self.z0, mask, noised=noised, denoised=denoised, count=self.count, stop=stop
+        )
 
 
 @pytest.fixture
@@ -108,7 +122,11 @@ def test_with_objects_it_is_the_algorithm_in_their_callback(both: Both):
     def step(pipe: Any, i: int, t: Any, told: dict[str, Any]) -> dict[str, Any]:
         steps.append(i)
         n = pipe.num_timesteps
-        times, z, m = both.scheduler.timesteps[-n:], both.ours(told["latents"]), torch.from_numpy(mask)
+        times, z, m = (
+            both.scheduler.timesteps[-n:],
+            both.ours(told["latents"]),
+            torch.from_numpy(mask),
+        )
         if i < n - stop:
             if i + 1 == n:
                 ref = guidance

@@ -29,7 +29,9 @@ def told(scheduler: object, z0: np.ndarray, noise: np.ndarray, time: int) -> np.
 
 def pictures() -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(0)
-    return random.standard_normal((2, 4, 3, 3), np.float32), random.standard_normal((2, 4, 3, 3), np.float32)
+    return random.standard_normal((2, 4, 3, 3), np.float32), random.standard_normal(
+        (2, 4, 3, 3), np.float32
+    )
 
 
 @pytest.mark.parametrize("name", SCHEDULERS)
@@ -52,5 +54,7 @@ def test_steps_are_those_of_diffusers(name: str, steps: int) -> None:
     theirs.set_timesteps(steps)
     assert torch.equal(theirs.timesteps, schedule.times)
     for k, time in enumerate(schedule.times.tolist()):
-        expected = theirs.step(torch.from_numpy(said), time, torch.from_numpy(z)).prev_sample.numpy()
+        expected = theirs.step(
+            torch.from_numpy(said), time, torch.from_numpy(z)
+        ).prev_sample.numpy()
         assert schedule.stepped(said, z, k) == approx(expected, abs=2e-5, rel=1e-5)

@@ -20,7 +20,12 @@ from physgen.registry import Backends
 pytestmark = pytest.mark.slow
 
 GROUNDED = "grounding-dino+sam"
-KINDS = [Category("wall", False), Category("Red Ball", True), Category("domino", True), Category("cup", True)]
+KINDS = [
+    Category("wall", False),
+    Category("Red Ball", True),
+    Category("domino", True),
+    Category("cup", True),
+]
 SIZES = [(384, 512), (512, 384), (101, 67)]
 """(H, W)."""
 
@@ -32,7 +37,12 @@ def photo(height, width, seed=0):
 def rectangle(size, x0, y0, x1, y1):
     """A mask of parts of the photo, 0..1."""
     y, x = np.mgrid[: size[0], : size[1]] + 0.5
-    return (x > x0 * size[1]) & (x < x1 * size[1]) & (y > y0 * size[0]) & (y < y1 * size[0])
+    return (
+        (x > x0 * size[1])
+        & (x < x1 * size[1])
+        & (y > y0 * size[0])
+        & (y < y1 * size[0])
+    )
 
 
 def agree(one, other):
@@ -53,13 +63,20 @@ class Answering:
         return torch.zeros(1)
 
     def __call__(
-        self, image_embeddings, multimask_output, input_boxes=None, input_points=None, input_labels=None
+        self,
+        image_embeddings,
+        multimask_output,
+        input_boxes=None,
+        input_points=None,
+        input_labels=None,
     ):
         assert multimask_output
         corners = input_boxes[0] if input_boxes is not None else None
         if corners is None:
             assert input_labels.shape == input_points.shape[:3]
-            corners = torch.cat([input_points[0, :, 0] - 6, input_points[0, :, 0] + 6], -1)
+            corners = torch.cat(
+                [input_points[0, :, 0] - 6, input_points[0, :, 0] + 6], -1
+            )
         self.prompts += corners.tolist()
         there = (torch.arange(256) + 0.5) * self.side / 256
         masks = torch.stack([
@@ -69,7 +86,8 @@ class Answering:
         empty = torch.full(masks.shape, -8.0)
         logits = torch.stack([empty, torch.where(masks, 8.0, -8.0), empty], 1)
         return SimpleNamespace(
-            pred_masks=logits[None], iou_scores=torch.tensor([0.5, 2 / 3, 0.1]).repeat(1, len(masks), 1)
+            pred_masks=logits[None],
+            iou_scores=torch.tensor([0.5, 2 / 3, 0.1]).repeat(1, len(masks), 1),
         )
 
 
@@ -85,7 +103,9 @@ def light(detector, said):
             place = detector.tokens.convert_tokens_to_ids(token)
             if place in ids:
                 x0, y0, x1, y1 = box
-                boxes[0, query] = torch.tensor([(x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0])
+                boxes[0, query] = torch.tensor(
+                    [(x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0]
+                )
                 logits[0, query, ids.index(place)] = torch.logit(torch.tensor(chance))
         assert inputs["pixel_values"].shape[1] == 3
         return SimpleNamespace(logits=logits, pred_boxes=boxes)
@@ -97,7 +117,11 @@ def light(detector, said):
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_masks_land_where_the_boxes_are(size, tiny):
     run = registry.make("segment", GROUNDED, tiny.setup("segment", GROUNDED))
-    ball, wall, domino = (0.1, 0.5, 0.4, 0.8), (0.0, 0.1, 1.0, 0.45), (0.6, 0.5, 0.7, 0.95)
+    ball, wall, domino = (
+        (0.1, 0.5, 0.4, 0.8),
+        (0.0, 0.1, 1.0, 0.45),
+        (0.6, 0.5, 0.7, 0.95),
+    )
     light(
         run._dino,
         [
@@ -111,7 +135,10 @@ def test_masks_land_where_the_boxes_are(size, tiny):
     cutter = run._sam
     Answering(cutter)
     found = run(photo(*size), KINDS)
-    assert {i: one.label for i, one in found.names.items()} == {1: "Red Ball", 2: "domino"}
+    assert {i: one.label for i, one in found.names.items()} == {
+        1: "Red Ball",
+        2: "domino",
+    }
     assert found.confidence == pytest.approx([0.75 * 2 / 3, 0.9 * 2 / 3])
     assert agree(found.labels == 1, rectangle(size, *ball)) > 0.94
     assert (
@@ -137,7 +164,12 @@ def test_masks_land_where_the_boxes_are(size, tiny):
 
 def test_long_lists_are_asked_for_in_several_texts(tiny):
     dino = GroundingDino(tiny.setup("segment", GROUNDED).weights.split(",")[0], "cpu")
-    nouns = [f"toy {a}{b}" for a in "bcdfg" for b in "klmnp"] + ["Ball.", "ball", "?!", "b " * 100]
+    nouns = [f"toy {a}{b}" for a in "bcdfg" for b in "klmnp"] + [
+        "Ball.",
+        "ball",
+        "?!",
+        "b " * 100,
+    ]
     texts = dino.texts(nouns)
     assert len(texts) > 1
     assert sorted(k for text in texts for k in text) == list(
@@ -145,7 +177,9 @@ def test_long_lists_are_asked_for_in_several_texts(tiny):
     )  # once each; nothing, and too much, left out
     light(dino, [((0.2, 0.2, 0.4, 0.4), "ball", 0.8)])
     found = dino(photo(40, 60), nouns)
-    assert [(one.noun, one.box) for one in found] == [(25, pytest.approx((12, 8, 24, 16), abs=1e-4))]
+    assert [(one.noun, one.box) for one in found] == [
+        (25, pytest.approx((12, 8, 24, 16), abs=1e-4))
+    ]
     ids = dino.tokens("red ball. cup.", return_tensors="pt").input_ids[0].tolist()
     assert ids[0] == 101
     assert ids[-1] == 102
@@ -153,7 +187,9 @@ def test_long_lists_are_asked_for_in_several_texts(tiny):
 
 
 def test_many_prompts_are_those_of_one_at_a_time(tiny):
-    cutter = Sam(tiny.setup("segment", GROUNDED).weights.split(",")[1], "cpu", torch.float32)
+    cutter = Sam(
+        tiny.setup("segment", GROUNDED).weights.split(",")[1], "cpu", torch.float32
+    )
     cutter.encode(photo(90, 120))
     boxes = [(k, 5.0, k + 30.0, 60.0) for k in range(0, 80, 4)]
     together = list(cutter.boxes(boxes))
@@ -172,15 +208,23 @@ def test_sam_sees_what_its_own_processor_makes_of_a_photo(tiny):
     from transformers.models.sam.image_processing_pil_sam import SamImageProcessorPil
 
     rgb = photo(90, 120)
-    theirs = SamImageProcessorPil(size={"longest_edge": 64}, pad_size={"height": 64, "width": 64})
+    theirs = SamImageProcessorPil(
+        size={"longest_edge": 64}, pad_size={"height": 64, "width": 64}
+    )
     ready = theirs(images=rgb, return_tensors="pt")
-    cutter = Sam(tiny.setup("segment", GROUNDED).weights.split(",")[1], "cpu", torch.float32)
+    cutter = Sam(
+        tiny.setup("segment", GROUNDED).weights.split(",")[1], "cpu", torch.float32
+    )
     cutter.encode(rgb)
     assert cutter._inner == tuple(ready["reshaped_input_sizes"][0].tolist()) == (48, 64)
-    assert torch.allclose(pixels(rgb, (48, 64)), ready["pixel_values"][..., :48, :], atol=0.02)
+    assert torch.allclose(
+        pixels(rgb, (48, 64)), ready["pixel_values"][..., :48, :], atol=0.02
+    )
     assert ready["pixel_values"][..., 48:, :].abs().max() == 0
     logits = torch.randn(1, 1, 3, 16, 16)
-    masks = theirs.post_process_masks(logits, ready["original_sizes"], ready["reshaped_input_sizes"])[0][0]
+    masks = theirs.post_process_masks(
+        logits, ready["original_sizes"], ready["reshaped_input_sizes"]
+    )[0][0]
     assert np.array_equal(cutter._restored(logits[0, 0, 1]), masks[1].numpy())
 
 

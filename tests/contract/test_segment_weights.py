@@ -38,11 +38,14 @@ def photo(height, width):
 )
 def test_weights_that_are_not_here_are_named(weights, message):
     with pytest.raises(InputError) as error:
-        registry.make("segment", "grounding-dino+sam", Setup(weights, "cpu"))(photo(30, 40))
+        registry.make("segment", "grounding-dino+sam", Setup(weights, "cpu"))(
+            photo(30, 40)
+        )
     assert message in str(error.value)
     if not weights:
-        assert "run hf download IDEA-Research/grounding-dino-tiny, or write ROLE=NAME:PATH" in str(
-            error.value
+        assert (
+            "run hf download IDEA-Research/grounding-dino-tiny, or write ROLE=NAME:PATH"
+            in str(error.value)
         )
 
 
@@ -53,11 +56,20 @@ def test_the_second_weights_alone_can_be_named(tiny, tmp_path):
     run = registry.make("segment", "grounding-dino+sam", Setup(f",{sam}", "cpu"))
     assert run._weights == ("IDEA-Research/grounding-dino-tiny", sam)
     (tmp_path / "config.json").write_text("{")
-    run = registry.make("segment", "grounding-dino+sam", Setup(f"{dino},{tmp_path}", "cpu"))
+    run = registry.make(
+        "segment", "grounding-dino+sam", Setup(f"{dino},{tmp_path}", "cpu")
+    )
     with pytest.raises(InputError, match="does not load as SAM"):
         run.meant(photo(30, 40), [(1, 1, 9, 9)], [])
-    with pytest.raises(InputError, match=r"grounding-dino\+sam\.threshold: 'high' is not of type 'number'"):
-        registry.make("segment", "grounding-dino+sam", Setup("", "cpu", options={"threshold": "high"}))
+    with pytest.raises(
+        InputError,
+        match=r"grounding-dino\+sam\.threshold: 'high' is not of type 'number'",
+    ):
+        registry.make(
+            "segment",
+            "grounding-dino+sam",
+            Setup("", "cpu", options={"threshold": "high"}),
+        )
 
 
 def test_a_device_that_is_not_here_is_refused():
@@ -79,9 +91,19 @@ def test_a_hub_that_does_not_answer_is_not_waited_for():
         "except Exception as error:\n    print(type(error).__name__, error)\n"
         "assert time.monotonic() - began < 8\n"
     )
-    away = {"HF_ENDPOINT": "http://127.0.0.1:9", "HF_HUB_OFFLINE": "0", "HF_HOME": "/nowhere"}
+    away = {
+        "HF_ENDPOINT": "http://127.0.0.1:9",
+        "HF_HUB_OFFLINE": "0",
+        "HF_HOME": "/nowhere",
+    }
     run = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, **away}, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code],
+        env={**os.environ, **away},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert run.returncode == 0, run.stderr
-    assert "nor can the hub be asked; run hf download facebook/sam-vit-huge" in run.stdout
+    assert (
+        "nor can the hub be asked; run hf download facebook/sam-vit-huge" in run.stdout
+    )

@@ -20,7 +20,10 @@ LIGHTING = {
 APPEARANCE = {
     "target_names": ["albedo", "material"],
     "albedo": {"prediction_space": "srgb"},
-    "material": {"prediction_space": "stack", "sub_target_names": ["roughness", "metallicity", None]},
+    "material": {
+        "prediction_space": "stack",
+        "sub_target_names": ["roughness", "metallicity", None],
+    },
     "roughness": {"prediction_space": "linear", "up_to_scale": False},
     "metallicity": {"prediction_space": "linear", "up_to_scale": False},
 }
@@ -62,7 +65,12 @@ def _words() -> dict[str, int]:
     return {
         word: k
         for k, word in enumerate(
-            ["<|startoftext|>", "<|endoftext|>", *letters, *(f"{c}</w>" for c in letters)]
+            [
+                "<|startoftext|>",
+                "<|endoftext|>",
+                *letters,
+                *(f"{c}</w>" for c in letters),
+            ]
         )
     }
 
@@ -74,7 +82,9 @@ def _tokenizer(folder: Path) -> Any:
     (folder / "vocab.json").write_text(json.dumps(_words()))
     (folder / "merges.txt").write_text("#version: 0.2\n")
     return CLIPTokenizer(
-        vocab=str(folder / "vocab.json"), merges=str(folder / "merges.txt"), model_max_length=77
+        vocab=str(folder / "vocab.json"),
+        merges=str(folder / "merges.txt"),
+        model_max_length=77,
     )
 
 
@@ -84,7 +94,11 @@ def marigold(role: str, **told: Any) -> Callable[[Path], Path]:
 
         name = {"depth": "Depth", "normals": "Normals", "intrinsic": "Intrinsics"}[role]
         kind = {"depth": "depth", "normals": "normals", "intrinsic": "intrinsics"}[role]
-        targets = len(told["target_properties"]["target_names"]) if "target_properties" in told else 1
+        targets = (
+            len(told["target_properties"]["target_names"])
+            if "target_properties" in told
+            else 1
+        )
         pipe = getattr(diffusers, f"Marigold{name}Pipeline")(
             **_parts(4 + 4 * targets, 4 * targets), tokenizer=_tokenizer(folder / "words"), prediction_type=kind,
             default_denoising_steps=2, default_processing_resolution=64, **told,

@@ -5,7 +5,21 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-WORDS = ("a", "ball", "block", "book", "cup", "domino", "red", "table", "wall", "floor", "toy", "car", "mug")
+WORDS = (
+    "a",
+    "ball",
+    "block",
+    "book",
+    "cup",
+    "domino",
+    "red",
+    "table",
+    "wall",
+    "floor",
+    "toy",
+    "car",
+    "mug",
+)
 
 
 def grounding_dino(folder: Path) -> Path:
@@ -40,7 +54,11 @@ def grounding_dino(folder: Path) -> Path:
     BertTokenizerFast(str(folder / "vocab.txt")).save_pretrained(folder)
     torch.manual_seed(0)
     text = BertConfig(
-        vocab_size=1100, hidden_size=32, num_hidden_layers=1, num_attention_heads=2, intermediate_size=32
+        vocab_size=1100,
+        hidden_size=32,
+        num_hidden_layers=1,
+        num_attention_heads=2,
+        intermediate_size=32,
     )
     eye = SwinConfig(
         image_size=64, embed_dim=16, depths=[1, 1, 1, 1], num_heads=[1, 2, 4, 8], window_size=4,

@@ -76,8 +76,19 @@ def killable(copied: Callable[[str], Path]) -> Iterator[Callable[..., Killable]]
 
     def serve(scene: str | Path, *flags: str) -> Killable:
         path = copied(scene) if isinstance(scene, str) else scene
-        command = [sys.executable, "-m", "physgen", "edit", str(path), "--no-browser", "--json", *flags]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=dict(os.environ))
+        command = [
+            sys.executable,
+            "-m",
+            "physgen",
+            "edit",
+            str(path),
+            "--no-browser",
+            "--json",
+            *flags,
+        ]
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, text=True, env=dict(os.environ)
+        )
         assert process.stdout is not None
         address = json.loads(process.stdout.readline())["address"]
         served = Killable(path, address, client(address))

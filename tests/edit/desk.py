@@ -29,7 +29,9 @@ class Desk:
     def ready(self) -> None:
         """Wait until the scene is there, after it was opened or loaded again."""
         self.page.wait_for_selector("body[data-ready]")
-        self.page.evaluate("async () => { window.editor = (await import('/static/edit/app.js')).editor; }")
+        self.page.evaluate(
+            "async () => { window.editor = (await import('/static/edit/app.js')).editor; }"
+        )
         self.drawn()
 
     @property
@@ -42,7 +44,9 @@ class Desk:
 
     def settled(self) -> None:
         """Wait until nothing that was done is on its way."""
-        self.page.wait_for_function("() => !window.editor.pending && !window.editor.typing()")
+        self.page.wait_for_function(
+            "() => !window.editor.pending && !window.editor.typing()"
+        )
         self.drawn()
 
     def drawn(self) -> None:
@@ -123,13 +127,20 @@ class Desk:
 
 @contextmanager
 def seated(
-    browser: Any, address: str, *, hint: bool = False, held: tuple[str, Any] | None = None, **how: Any
+    browser: Any,
+    address: str,
+    *,
+    hint: bool = False,
+    held: tuple[str, Any] | None = None,
+    **how: Any,
 ) -> Iterator[Desk]:
     """The page at an address with its token, in a fresh context, ready; nothing moves by itself.
 
     `held`: requests to such an address go through a function, which may let them wait.
     """
-    context = browser.new_context(**{"viewport": WIDE, "reduced_motion": "reduce", **how})
+    context = browser.new_context(
+        **{"viewport": WIDE, "reduced_motion": "reduce", **how}
+    )
     if held is not None:
         context.route(*held)
     if not hint:

@@ -59,13 +59,17 @@ class Served:
         return answer.json()
 
     def look(self, variant: str | None = None) -> dict[str, Any]:
-        self.state = self.get("/api/state", **({} if variant is None else {"variant": variant}))
+        self.state = self.get(
+            "/api/state", **({} if variant is None else {"variant": variant})
+        )
         return self.state
 
     def send(self, path: str, method: str = "POST", **body: Any) -> httpx.Response:
         """A request of the version that was seen last; its answer is the state that is seen."""
         version = self.state.get("version") or self.look()["version"]
-        answer = self.client.request(method, path, json={"version": version, "variant": None, **body})
+        answer = self.client.request(
+            method, path, json={"version": version, "variant": None, **body}
+        )
         if answer.status_code == 200 and "version" in answer.json():
             self.state = answer.json()
         return answer

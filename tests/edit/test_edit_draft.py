@@ -32,7 +32,9 @@ def save(session: Session) -> None:
     session.save(EditRequest(version=session.history.version))
 
 
-def test_edits_of_one_tag_are_one_step_until_one_is_saved_or_a_while_passed(scene) -> None:
+def test_edits_of_one_tag_are_one_step_until_one_is_saved_or_a_while_passed(
+    scene,
+) -> None:
     session = Session(scene)
     for number in range(3):
         write(session, SCENE + f"# {number}\n", "row")
@@ -50,7 +52,9 @@ def test_edits_of_one_tag_are_one_step_until_one_is_saved_or_a_while_passed(scen
     assert history.now.text == "0"
 
 
-def test_a_second_editor_of_a_scene_is_refused_and_has_the_address_of_the_first(scene) -> None:
+def test_a_second_editor_of_a_scene_is_refused_and_has_the_address_of_the_first(
+    scene,
+) -> None:
     first = Draft(scene)
     first.listens("http://127.0.0.1:1234/?token=secret")
     link = scene.with_name("link.yaml")
@@ -68,7 +72,9 @@ def test_a_folder_that_may_not_be_written_is_refused(scene, monkeypatch) -> None
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "mkdir", refused)
-    with pytest.raises(InputError, match="cannot have a draft beside it: permission denied"):
+    with pytest.raises(
+        InputError, match="cannot have a draft beside it: permission denied"
+    ):
         Session(scene)
 
 
@@ -189,7 +195,10 @@ def test_killed_in_the_middle_of_edits_it_has_every_one_that_was_answered(
     assert first.scene.read_text() == text  # nothing was saved
     again = killable(first.scene)
     mass = again.look()["scene"]["objects"][name]["mass"]
-    assert mass in (answered[-1], answered[-1] + 1)  # the one that was asked when it died may be there
+    assert mass in (
+        answered[-1],
+        answered[-1] + 1,
+    )  # the one that was asked when it died may be there
     assert again.state["file"]["recovered"]
     assert again.send("/api/save").status_code == 200
     assert f"mass: {mass}" in again.scene.read_text()

@@ -52,13 +52,16 @@ def gone(desk: Desk, name: str) -> None:
 
 def until(desk: Desk, what: str) -> None:
     """Wait for what is said of the State `s`."""
-    desk.page.wait_for_function(f"() => {{ const s = window.editor.state; return {what}; }}")
+    desk.page.wait_for_function(
+        f"() => {{ const s = window.editor.state; return {what}; }}"
+    )
 
 
 def words(desk: Desk, said: str) -> None:
     """Wait for what stands beside the file's name."""
     desk.page.wait_for_function(
-        "said => document.querySelector('[data-part=saved]').textContent === said", arg=said
+        "said => document.querySelector('[data-part=saved]').textContent === said",
+        arg=said,
     )
 
 
@@ -105,7 +108,9 @@ def test_leaving_with_work_that_is_not_saved_asks(desk: Desk) -> None:
     assert asked == ["beforeunload"]
 
 
-def test_what_another_program_writes_is_taken_or_asked_about(desk: Desk, scene: Path) -> None:
+def test_what_another_program_writes_is_taken_or_asked_about(
+    desk: Desk, scene: Path
+) -> None:
     # nothing was done here: it is taken as it is
     theirs = SCENE.replace("duration: 0.5", "duration: 0.7")
     scene.write_text(theirs, encoding="utf-8")
@@ -146,7 +151,11 @@ def test_variants_are_tabs(desk: Desk, scene: Path) -> None:
         desk.page.keyboard.press("Enter")
 
     def tabs() -> list[str]:
-        return list(desk.page.eval_on_selector_all(".variant-tab", "all => all.map(t => t.textContent)"))
+        return list(
+            desk.page.eval_on_selector_all(
+                ".variant-tab", "all => all.map(t => t.textContent)"
+            )
+        )
 
     desk.page.click("[aria-label='New variant']")
     assert desk.grave("dialog") == []

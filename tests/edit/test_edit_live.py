@@ -39,7 +39,9 @@ def parts(live: Live, look: Look) -> tuple[np.ndarray, list[int]]:
     frames, total, found = part["frames"], part["total"], []
     while True:
         assert part["from"] == sum(map(len, found))
-        columns = [[unpacked(body[name]) for name in COLUMNS] for body in part["bodies"]]
+        columns = [
+            [unpacked(body[name]) for name in COLUMNS] for body in part["bodies"]
+        ]
         found.append(np.moveaxis(np.array(columns), 2, 0))
         if part["done"]:
             break
@@ -56,7 +58,11 @@ def parts(live: Live, look: Look) -> tuple[np.ndarray, list[int]]:
     [
         ("wall-ball", [], "beach-ball"),
         ("seesaw", [{"set": ["world", "gravity"], "value": [30, 600]}], None),
-        ("dominoes", [{"set": ["objects", "domino-3", "place"], "value": [300, 200, 20]}], None),
+        (
+            "dominoes",
+            [{"set": ["objects", "domino-3", "place"], "value": [300, 200, 20]}],
+            None,
+        ),
     ],
 )
 def test_poses_are_those_of_simulate_to_the_bit(
@@ -79,8 +85,14 @@ def test_a_push_is_seen_as_newton_has_it(tmp_path: Path) -> None:
     t: np.ndarray | None = None
     for text, way in (
         (FREE % ", velocity: [250, -50]", lambda t: (250 * t, -50 * t)),
-        (FREE % "" + "forces:\n  - {object: ball, impulse: [3000, 0]}\n", lambda t: (150 * t, 0 * t)),
-        (FREE % "" + "forces:\n  - {object: ball, force: [0, 8000]}\n", lambda t: (0 * t, 400 * t**2 / 2)),
+        (
+            FREE % "" + "forces:\n  - {object: ball, impulse: [3000, 0]}\n",
+            lambda t: (150 * t, 0 * t),
+        ),
+        (
+            FREE % "" + "forces:\n  - {object: ball, force: [0, 8000]}\n",
+            lambda t: (0 * t, 400 * t**2 / 2),
+        ),
     ):
         look = live.look(text)
         every, _ = parts(live, look)
@@ -96,7 +108,10 @@ def test_a_push_is_seen_as_newton_has_it(tmp_path: Path) -> None:
 
 def test_lints_are_told_at_the_object_that_they_mean(tmp_path: Path) -> None:
     """In its entry alone; the line is where the key stands."""
-    text = FREE % ", rolling: 0.1" + "forces:\n  - {object: box, force: [1, 0], start: 7}\n"
+    text = (
+        FREE % ", rolling: 0.1"
+        + "forces:\n  - {object: box, force: [1, 0], start: 7}\n"
+    )
     text = text.replace("size: [20, 20]}}}", "size: [20, 20]}}, rolling: 0.2}")
     look = Live(scene(tmp_path, text)).look(text)
     wrong = Live(scene(tmp_path, text)).look(text.replace("start: 7", "start: soon"))
@@ -111,8 +126,13 @@ def test_a_run_that_leaves_all_numbers_ends_there_and_says_so(tmp_path: Path) ->
     """What was simulated until then is shown; nobody is asked to wait for more."""
     text = FREE % "" + "forces:\n  - {object: ball, force: [1.0e12, 0], start: 0.2}\n"
     sight = Live(scene(tmp_path, text)).state(text)
-    light = tuple(replace(body, mass=1e-300, moment=1e-300) for body in sight.compiled.world.bodies)
-    stream = MotionStream("motion", sight.scene, replace(sight.compiled.world, bodies=light))
+    light = tuple(
+        replace(body, mass=1e-300, moment=1e-300)
+        for body in sight.compiled.world.bodies
+    )
+    stream = MotionStream(
+        "motion", sight.scene, replace(sight.compiled.world, bodies=light)
+    )
     part = stream.part(0, time.perf_counter() + 60)
     assert part["done"]
     assert part["upto"] < part["total"]
@@ -134,7 +154,9 @@ def test_a_file_that_it_extends_is_read_again(tmp_path: Path) -> None:
 
 def test_centres_and_masses_are_those_of_the_engine(tmp_path: Path) -> None:
     """A box of density 2 weighs what its area says, and is where it is put."""
-    text = (FREE % "").replace("size: [20, 20]}}}", "size: [40, 20]}}, density: 2, place: [200, 100, 90]}")
+    text = (FREE % "").replace(
+        "size: [20, 20]}}}", "size: [40, 20]}}, density: 2, place: [200, 100, 90]}"
+    )
     derived = Live(scene(tmp_path, text)).look(text).derived
     assert derived is not None
     box = derived["objects"]["box"]

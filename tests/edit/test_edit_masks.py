@@ -46,7 +46,9 @@ def perceived(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("perceived")
     _, photo = painted()
     cv2.imwrite(str(folder / "photo.png"), photo[:, :, ::-1])
-    masks = np.where(DISC & ~((X > 70) & (Y < 60)), 1, np.where(BLOCK, 2, 0)).astype(np.uint8)
+    masks = np.where(DISC & ~((X > 70) & (Y < 60)), 1, np.where(BLOCK, 2, 0)).astype(
+        np.uint8
+    )
     cv2.imwrite(str(folder / "given.png"), masks)
     flags = ["--masks", str(folder / "given.png"), "-o", str(folder / "scene.yaml")]
     assert main(["perceive", str(folder / "photo.png"), *flags]) == 0
@@ -69,7 +71,9 @@ class Desk:
 
     def outline(self, name: str) -> Outline:
         sight = self.live.state(self.text)
-        return sight.compiled.outlines[[item.name for item in sight.scene.objects].index(name)]
+        return sight.compiled.outlines[
+            [item.name for item in sight.scene.objects].index(name)
+        ]
 
     @property
     def maps(self) -> Path:
@@ -90,8 +94,14 @@ class Desk:
         return cv2.imread(str(self.maps / f"{name}.png"), cv2.IMREAD_UNCHANGED)
 
     def changed_lines(self) -> list[str]:
-        lines = difflib.unified_diff(self.before.split("\n"), self.text.split("\n"), n=0, lineterm="")
-        return [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
+        lines = difflib.unified_diff(
+            self.before.split("\n"), self.text.split("\n"), n=0, lineterm=""
+        )
+        return [
+            line
+            for line in lines
+            if line[:1] in "+-" and line[:3] not in ("+++", "---")
+        ]
 
 
 @pytest.fixture
@@ -110,7 +120,11 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
-    return {file.name: file.read_bytes() for file in sorted(folder.iterdir()) if file.is_file()}
+    return {
+        file.name: file.read_bytes()
+        for file in sorted(folder.iterdir())
+        if file.is_file()
+    }
 
 
 def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
@@ -128,7 +142,9 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
     )
     missing = DISC & (X > 72) & (Y < 58)
     off = np.abs(old["background"][:, :, ::-1].astype(int) - ground)
-    assert off[missing].mean() > 40, "the quarter that the mask misses still shows in the background"
+    assert off[missing].mean() > 40, (
+        "the quarter that the mask misses still shows in the background"
+    )
 
     made = desk.do(kind="box", box=[44, 34, 53, 53], object=None)
 
@@ -138,7 +154,9 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
     assert np.array_equal(desk.mask(block), BLOCK)
     off = np.abs(desk.map("background")[:, :, ::-1].astype(int) - ground)
     assert off[DISC].mean() < 4, "nothing of it shows behind it any more"
-    assert desk.map("coverage")[missing].min() > 127, "soft at the border, and never more than half open"
+    assert desk.map("coverage")[missing].min() > 127, (
+        "soft at the border, and never more than half open"
+    )
     now = desk.entry(disc)
     circle = desk.outline(disc)
     assert isinstance(circle, Disc)
@@ -151,7 +169,12 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
     y, x = 60 - 12, 70 + 12
     assert normals[y, x, 0] > 25, "a ball looks to the right on its right"
     assert normals[y, x, 1] < -25
-    assert np.abs(np.hypot(np.hypot(normals[..., 0], normals[..., 1]), normals[..., 2]) - 127).max() < 3
+    assert (
+        np.abs(
+            np.hypot(np.hypot(normals[..., 0], normals[..., 1]), normals[..., 2]) - 127
+        ).max()
+        < 3
+    )
 
     far = np.ones((H, W), bool)
     far[60 - 40 : 60 + 41, 70 - 40 : 70 + 41] = False
@@ -161,12 +184,16 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
     lines = desk.text.split("\n")
     block_at = next(k for k, line in enumerate(lines) if line.startswith(f"  {block}:"))
     assert all(
-        line[1:] not in lines[block_at : block_at + 3] for line in desk.changed_lines() if line[0] == "+"
+        line[1:] not in lines[block_at : block_at + 3]
+        for line in desk.changed_lines()
+        if line[0] == "+"
     )
     assert desk.entry(block) == yaml.safe_load(desk.before)["objects"][block]
 
 
-def test_a_stroke_without_end_is_refused_and_one_over_what_is_painted_costs_nothing(monkeypatch) -> None:
+def test_a_stroke_without_end_is_refused_and_one_over_what_is_painted_costs_nothing(
+    monkeypatch,
+) -> None:
     far = [[float(x), 0.0] for x in range(20_000)]
     assert stroke(far, 2000.0, (64, 64)).all()
     monkeypatch.setattr("physgen.edit.masks.MAX_STROKE_WORK", 10_000)
@@ -179,7 +206,9 @@ def test_a_point_finds_what_was_not_found(desk: Desk) -> None:
     _, block = by_place(desk)
     start = desk.text.index(f"  {block}:")
     lines = desk.text[start:].split("\n")
-    end = next(k for k, line in enumerate(lines[1:], 1) if line and not line.startswith("   "))
+    end = next(
+        k for k, line in enumerate(lines[1:], 1) if line and not line.startswith("   ")
+    )
     desk.text = desk.text[:start] + "\n".join(lines[end:])
     assert len(desk.names) == 1
     made = desk.do(kind="point", point=[170, 100], object=None)
@@ -204,7 +233,9 @@ def test_brush_and_eraser_paint_exactly_what_they_touch(desk: Desk) -> None:
     desk.do(kind="eraser", object=disc, strokes=[[75, 40], [90, 55]], radius=6)
     assert np.array_equal(desk.mask(disc), before & ~exact)
     assert mass_properties(desk.outline(disc)).area < area
-    assert "mask" not in desk.entry(disc).get("from", {}), "what a person drew, nobody guessed"
+    assert "mask" not in desk.entry(disc).get("from", {}), (
+        "what a person drew, nobody guessed"
+    )
     assert "prompt" not in desk.entry(disc)
     assert np.array_equal(desk.mask(block), BLOCK)
     assert desk.map("masks")[exact].max() == 0
@@ -225,7 +256,9 @@ def hand_set(desk: Desk, name: str, mass: float) -> None:
     entry = desk.entry(name)
     start = desk.text.index(f"  {name}:")
     text = desk.text[start:]
-    desk.text = desk.text[:start] + text.replace(f"mass: {entry['mass']}", f"mass: {mass}", 1)
+    desk.text = desk.text[:start] + text.replace(
+        f"mass: {entry['mass']}", f"mass: {mass}", 1
+    )
     assert desk.entry(name)["mass"] == mass
 
 
@@ -243,7 +276,9 @@ def test_merged_is_the_union_and_weighs_the_sum(desk: Desk) -> None:
     assert desk.names == [disc]
     assert np.array_equal(desk.mask(disc), union)
     assert desk.entry(disc)["mass"] == 42
-    assert yaml.safe_load(desk.text)["forces"] == [{"object": disc, "impulse": [100, 0]}]
+    assert yaml.safe_load(desk.text)["forces"] == [
+        {"object": disc, "impulse": [100, 0]}
+    ]
     assert block not in desk.text
     assert np.array_equal(desk.map("coverage"), coverage)
 
@@ -268,13 +303,19 @@ def test_what_named_the_one_names_the_other_once_they_are_merged(desk: Desk) -> 
         "wind": [disc],
         "both": [disc],
     }
-    assert {name: told["objects"] for name, told in data["joints"].items()} == {"pin": [disc]}
+    assert {name: told["objects"] for name, told in data["joints"].items()} == {
+        "pin": [disc]
+    }
     assert data["render"]["camera"]["follow"] == disc
     assert data["variants"] == {
         "fast": {"world.duration": 2},
         "held": {f"objects.{disc}.motion": "dynamic"},
     }
-    for left in ("joint rod", f"objects.{block}.velocity of fast", f"objects.{block}.motion of held"):
+    for left in (
+        "joint rod",
+        f"objects.{block}.velocity of fast",
+        f"objects.{block}.motion of held",
+    ):
         assert left in made.what
     assert desk.live.look(desk.text, "fast").motion is not None
 
@@ -294,7 +335,9 @@ def test_split_halves_sum_to_the_whole(desk: Desk) -> None:
     assert sum(masses) == pytest.approx(20, rel=1e-3)
     assert masses[1] / 20 == pytest.approx(left.sum() / BLOCK.sum(), rel=1e-3)
     assert (desk.maps / "background.png").read_bytes() == behind
-    assert os.path.samefile(desk.maps / "background.png", desk.folder / "scene.assets" / "background.png")
+    assert os.path.samefile(
+        desk.maps / "background.png", desk.folder / "scene.assets" / "background.png"
+    )
     with pytest.raises(EditError, match="fewer than"):
         desk.do(kind="split", object=block, line=[[230, 0], [230, 9]])
 
@@ -316,7 +359,9 @@ def test_a_label_that_is_typed_sets_the_numbers_that_nobody_set(desk: Desk) -> N
     assert desk.maps.name == "scene.assets"
 
 
-def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk) -> None:
+def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(
+    desk: Desk,
+) -> None:
     """Its remark behind the mass, the label and the scale; every other line, and a person's own, stays."""
     disc, _ = by_place(desk)
     before = desk.text.split("\n")
@@ -331,11 +376,19 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk)
     made = edited(desk.text, ops).text
     ours = Opened(desk.path).scene().record.comments
     after = without_comments(made, [op["set"] for op in ops], ours).split("\n")
-    diff = [line for line in difflib.ndiff(made.split("\n"), after) if line[:2] in ("- ", "+ ")]
+    diff = [
+        line
+        for line in difflib.ndiff(made.split("\n"), after)
+        if line[:2] in ("- ", "+ ")
+    ]
     added = [line[2:] for line in diff if line[0] == "+"]
     assert added == ["  pixels_per_meter: 555", "    label: steel ball", "    mass: 33"]
     gone = [line[2:].strip() for line in diff if line[0] == "-"]
-    for start in ("mass: 33  # g, table ", "label: steel ball  # ", "pixels_per_meter: 555  # assumed"):
+    for start in (
+        "mass: 33  # g, table ",
+        "label: steel ball  # ",
+        "pixels_per_meter: 555  # assumed",
+    ):
         assert [line for line in gone if line.startswith(start)], start
     assert len(gone) == 3
     mine = "\n".join(after).replace("    mass: 33", "    mass: 33  # g, weighed it")
@@ -364,7 +417,9 @@ def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) 
     assert "polygon: [[146, 83]" in desk.text
     assert sorted(bytes_of(desk.maps)) == ["masks.png"]
     mass = desk.live.look(desk.text).derived["objects"]["disc"]["mass"]  # type: ignore[index]
-    assert mass / 2 - area == pytest.approx((painted_ & ~before).sum(), rel=0.05), "mass follows area"
+    assert mass / 2 - area == pytest.approx((painted_ & ~before).sum(), rel=0.05), (
+        "mass follows area"
+    )
     desk.do(kind="eraser", object="block", strokes=[[146, 100]], radius=9)
     assert desk.map("masks").max() == 2
     assert yaml.safe_load(desk.text)["assets"] == "scene-2.assets"
@@ -374,7 +429,9 @@ def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
     disc, _ = by_place(desk)
     x, y = desk.live.look(desk.text).derived["objects"][disc]["centre"]  # type: ignore[index]
     start = desk.text.index(f"  {disc}:")
-    knots = f"    motion: {{path: [[0, {x:.2f}, {y:.2f}], [1, {x + 40:.2f}, {y:.2f}]]}}\n"
+    knots = (
+        f"    motion: {{path: [[0, {x:.2f}, {y:.2f}], [1, {x + 40:.2f}, {y:.2f}]]}}\n"
+    )
     at = desk.text.index("    mask:", start)
     desk.text = desk.text[:at] + knots + desk.text[at:]
     desk.do(kind="box", box=[44, 34, 53, 53], object=disc)
@@ -391,25 +448,51 @@ def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
         ({"kind": "box", "box": [1, 2, 3]}, "box: .* at least 4 items"),
         ({"kind": "box", "box": [1, 2, float("nan"), 4]}, "box.2: .* finite"),
         ({"kind": "box", "box": [1, 2, 10**400, 4]}, "box.2: .* number"),
-        ({"kind": "brush", "object": "DISC", "strokes": [[1, 1]], "radius": 10**400}, "radius: .* number"),
+        (
+            {"kind": "brush", "object": "DISC", "strokes": [[1, 1]], "radius": 10**400},
+            "radius: .* number",
+        ),
         ({"kind": "box", "box": [500, 500, 20, 20]}, "is off the"),
         ({"kind": "point", "point": [1e9, 3]}, "point.0: .* less than"),
         ({"kind": "point", "point": [-5, 3]}, "off the 240 x 160 photo"),
         ({"kind": "polygon", "polygon": [[1, 1], [2, 2]]}, "at least 3 items"),
-        ({"kind": "polygon", "polygon": [[300, 1], [302, 2], [301, 5]]}, "fewer than 12 px"),
-        ({"kind": "brush", "object": "nobody", "strokes": [[1, 1]], "radius": 3}, "no object is called"),
-        ({"kind": "brush", "object": ["x"], "strokes": [[1, 1]], "radius": 3}, "object: .* string"),
-        ({"kind": "brush", "object": "DISC", "strokes": [], "radius": 3}, "at least 1 item"),
-        ({"kind": "brush", "object": "DISC", "strokes": [[1, 1]], "radius": 0}, "radius: .* greater than 0"),
-        ({"kind": "brush", "object": "DISC", "strokes": [[60, 70]], "radius": 2}, "changes nothing"),
-        ({"kind": "eraser", "object": "DISC", "strokes": [[70, 60]], "radius": 90}, "fewer than 12 px"),
+        (
+            {"kind": "polygon", "polygon": [[300, 1], [302, 2], [301, 5]]},
+            "fewer than 12 px",
+        ),
+        (
+            {"kind": "brush", "object": "nobody", "strokes": [[1, 1]], "radius": 3},
+            "no object is called",
+        ),
+        (
+            {"kind": "brush", "object": ["x"], "strokes": [[1, 1]], "radius": 3},
+            "object: .* string",
+        ),
+        (
+            {"kind": "brush", "object": "DISC", "strokes": [], "radius": 3},
+            "at least 1 item",
+        ),
+        (
+            {"kind": "brush", "object": "DISC", "strokes": [[1, 1]], "radius": 0},
+            "radius: .* greater than 0",
+        ),
+        (
+            {"kind": "brush", "object": "DISC", "strokes": [[60, 70]], "radius": 2},
+            "changes nothing",
+        ),
+        (
+            {"kind": "eraser", "object": "DISC", "strokes": [[70, 60]], "radius": 90},
+            "fewer than 12 px",
+        ),
         ({"kind": "merge", "objects": ["DISC", "DISC"]}, "are one"),
         ({"kind": "merge", "objects": "DISC"}, "objects: .* list"),
         ({"kind": "split", "object": "DISC", "line": [[1, 1], [1, 1]]}, "is a point"),
         ({"kind": "relabel", "object": "DISC", "label": " "}, "label: .* pattern"),
     ],
 )
-def test_what_cannot_be_done_leaves_nothing_behind(desk: Desk, op: dict[str, Any], why: str) -> None:
+def test_what_cannot_be_done_leaves_nothing_behind(
+    desk: Desk, op: dict[str, Any], why: str
+) -> None:
     disc, _ = by_place(desk)
     named = {key: disc if value == "DISC" else value for key, value in op.items()}
     named |= {
@@ -424,7 +507,9 @@ def test_what_cannot_be_done_leaves_nothing_behind(desk: Desk, op: dict[str, Any
     assert sorted(desk.folder.iterdir()) == files
 
 
-def test_a_scene_without_a_photo_has_nothing_to_mask(copied: Callable[[str], Path]) -> None:
+def test_a_scene_without_a_photo_has_nothing_to_mask(
+    copied: Callable[[str], Path],
+) -> None:
     path = copied("physics/11-head-on")
     desk = Desk(path.parent)
     with pytest.raises(EditError, match="no photo"):
@@ -434,13 +519,17 @@ def test_a_scene_without_a_photo_has_nothing_to_mask(copied: Callable[[str], Pat
         desk.do(kind="box", box=[1, 1, 50, 50], object=None)
 
 
-def test_what_perception_wrote_stays_so_after_masks_and_labels_are_corrected(desk: Desk) -> None:
+def test_what_perception_wrote_stays_so_after_masks_and_labels_are_corrected(
+    desk: Desk,
+) -> None:
     """Sources stay true: what follows from a corrected mask or label is perception's, and what a user set is not."""
     disc, block = by_place(desk)
 
     def sources(name: str) -> dict[str, str]:
         scene = desk.live.state(desk.text).scene
-        return dict(next(item.provenance for item in scene.objects if item.name == name))
+        return dict(
+            next(item.provenance for item in scene.objects if item.name == name)
+        )
 
     before = sources(disc)
     old = (desk.maps / "perceived.json").read_bytes()
@@ -449,7 +538,9 @@ def test_what_perception_wrote_stays_so_after_masks_and_labels_are_corrected(des
     after = sources(disc)
     assert after.keys() == before.keys()
     assert after["mask"].startswith("pointed at")
-    assert (first / "perceived.json").read_bytes() == old, "of the folder that an undo leads to"
+    assert (first / "perceived.json").read_bytes() == old, (
+        "of the folder that an undo leads to"
+    )
     for label in ("steel ball", "billiard ball", "cork ball"):
         desk.do(kind="relabel", object=disc, label=label)
         assert sources(disc).keys() == before.keys() - {"label"}, label
@@ -457,6 +548,11 @@ def test_what_perception_wrote_stays_so_after_masks_and_labels_are_corrected(des
         assert desk.entry(disc)["mass"] == mass, "the file has the number that is used"
     desk.text = desk.text.replace(f"mass: {desk.entry(block)['mass']:g}", "mass: 4321")
     assert "mass" not in sources(block)
-    desk.do(kind="eraser", object=block, strokes=[[float(X[BLOCK].min()), float(Y[BLOCK].min())]], radius=6.0)
+    desk.do(
+        kind="eraser",
+        object=block,
+        strokes=[[float(X[BLOCK].min()), float(Y[BLOCK].min())]],
+        radius=6.0,
+    )
     assert "mass" not in sources(block)
     assert "friction" in sources(block)

@@ -39,7 +39,10 @@ def shown(served: Any, name: str = BALL) -> Bits:
     """What the page is given of a mask."""
     answer = served.client.get("/api/mask", params={"object": name})
     assert answer.status_code == 200, answer.text
-    return np.asarray(cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_GRAYSCALE) > 127)
+    return np.asarray(
+        cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_GRAYSCALE)
+        > 127
+    )
 
 
 def overlap(one: Bits, other: Bits) -> float:
@@ -47,12 +50,16 @@ def overlap(one: Bits, other: Bits) -> float:
 
 
 def masking(desk: Desk, way: str, name: str | None = BALL) -> None:
-    desk.page.evaluate("name => window.editor.choose(name && {kind: 'object', name})", name)
+    desk.page.evaluate(
+        "name => window.editor.choose(name && {kind: 'object', name})", name
+    )
     if desk.page.get_attribute("[data-tool=mask]", "aria-pressed") != "true":
         desk.tool("mask")
     desk.page.click(f"[data-way={way}]")
     if name:  # its pixels are there
-        desk.page.wait_for_function("name => document.body.dataset.cover === name", arg=name)
+        desk.page.wait_for_function(
+            "name => document.body.dataset.cover === name", arg=name
+        )
     desk.drawn()
 
 
@@ -70,7 +77,12 @@ def sized(desk: Desk, radius: int) -> None:
     )
 
 
-def along(a: tuple[float, float], b: tuple[float, float], radius: float, shape: tuple[int, ...]) -> Bits:
+def along(
+    a: tuple[float, float],
+    b: tuple[float, float],
+    radius: float,
+    shape: tuple[int, ...],
+) -> Bits:
     """Pixels whose middle is within a radius of a line between two points."""
     y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
     d = np.subtract(b, a)
@@ -78,10 +90,14 @@ def along(a: tuple[float, float], b: tuple[float, float], radius: float, shape: 
     return np.asarray(np.hypot(x - a[0] - t * d[0], y - a[1] - t * d[1]) <= radius)
 
 
-def test_a_box_puts_a_wrong_mask_right(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
+def test_a_box_puts_a_wrong_mask_right(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
     """Half of a ball was found; after a loose box its mask is the studio's, in the page, on disk and in the shape."""
     truth = stored(scene)
-    labels = cv2.imread(str(scene.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
+    labels = cv2.imread(
+        str(scene.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED
+    )
     half = truth & (np.arange(truth.shape[1]) > CENTRE[0])
     labels[truth & ~half] = 0
     cv2.imwrite(str(scene.parent / "photo.assets" / "masks.png"), labels)
@@ -112,7 +128,10 @@ def test_a_click_chooses_and_a_label_gives_the_keys_back(desk: Desk) -> None:
     """What was set by hand stays under another label, which is said; the keys are the tools' again after Enter."""
     masking(desk, "box", None)
     desk.click(CENTRE)
-    assert desk.page.evaluate("() => window.editor.selected") == {"kind": "object", "name": BALL}
+    assert desk.page.evaluate("() => window.editor.selected") == {
+        "kind": "object",
+        "name": BALL,
+    }
     desk.page.fill(".mask-label input", "steel ball")
     desk.page.press(".mask-label input", "Enter")
     done(desk)
@@ -145,10 +164,14 @@ def test_brush_and_eraser_take_what_they_touch(desk: Desk, served: Any) -> None:
         desk.page.keyboard.press("[")
     assert desk.page.inner_text(".mask-size output") == "6 px"
     now = shown(served)
-    at = desk.page.evaluate("name => window.editor.state.derived.objects[name].centre.map(Math.round)", BALL)
+    at = desk.page.evaluate(
+        "name => window.editor.state.derived.objects[name].centre.map(Math.round)", BALL
+    )
     desk.page.evaluate("() => window.editor.useTool('push')")
     desk.page.keyboard.press("m")
-    desk.page.wait_for_function("name => document.body.dataset.cover === name", arg=BALL)
+    desk.page.wait_for_function(
+        "name => document.body.dataset.cover === name", arg=BALL
+    )
     desk.page.keyboard.press("Space")
     for _ in range(8):
         desk.page.keyboard.press("ArrowRight")

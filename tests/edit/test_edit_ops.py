@@ -22,7 +22,9 @@ from physgen.text import dotted
 
 ROOT = Path(__file__).parents[2]
 BUNDLED = [*sorted((ROOT / "scenes").rglob("*.yaml")), ROOT / "tests/scene/full.yaml"]
-TEXTS = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in BUNDLED}
+TEXTS = {
+    str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in BUNDLED
+}
 HERE = Source("scene.yaml", Path())
 
 
@@ -58,7 +60,13 @@ def at(node: Node, path: tuple[str | int, ...]) -> Node:
 
 def last_line(node: Node) -> int:
     value = node.value
-    below = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    below = (
+        value.values()
+        if isinstance(value, dict)
+        else value
+        if isinstance(value, list)
+        else ()
+    )
     return max([node.line, *map(last_line, below)])
 
 
@@ -90,12 +98,29 @@ VALUES = st.recursive(
         st.floats(-1e6, 1e6).map(lambda x: float(f"{x:.5g}")),
         st.booleans(),
         st.sampled_from(
-            ["red ball", "on", "1.5", "null", "a: b", "# none", "", " x ", "ü", "- a", "{", "'", '"', "\n"]
+            [
+                "red ball",
+                "on",
+                "1.5",
+                "null",
+                "a: b",
+                "# none",
+                "",
+                " x ",
+                "ü",
+                "- a",
+                "{",
+                "'",
+                '"',
+                "\n",
+            ]
         ),
     ),
     lambda inner: (
         st.lists(inner, max_size=3)
-        | st.dictionaries(st.sampled_from(["a", "b", "on", "1", "c d", "k:"]), inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(["a", "b", "on", "1", "c d", "k:"]), inner, max_size=3
+        )
     ),
     max_leaves=5,
 )
@@ -105,15 +130,22 @@ VALUES = st.recursive(
 
 
 @given(st.data())
-def test_an_edit_is_what_an_overlay_makes_of_it_and_touches_its_lines_alone(draw) -> None:
+def test_an_edit_is_what_an_overlay_makes_of_it_and_touches_its_lines_alone(
+    draw,
+) -> None:
     """Set, or, where the value is None, taken away."""
     text = TEXTS[draw.draw(st.sampled_from(sorted(TEXTS)))].replace(
         "\n", draw.draw(st.sampled_from(["\n", "\r\n"]))
     )
     root = tree(text)
-    path = draw.draw(st.sampled_from([p for p in paths(root) if p[0] not in ("variants", "extends")]))
+    path = draw.draw(
+        st.sampled_from([p for p in paths(root) if p[0] not in ("variants", "extends")])
+    )
     value = draw.draw(st.none() | VALUES if isinstance(path[-1], str) else VALUES)
-    new = made(text, {"unset": list(path)} if value is None else {"set": list(path), "value": value})
+    new = made(
+        text,
+        {"unset": list(path)} if value is None else {"set": list(path), "value": value},
+    )
     assert data(new) == plain(apply(root, Edit(dotted(path), tree_of(value), ())))
     alone = value is None and len(at(root, path[:-1]).value) == 1  # type: ignore[arg-type]
     first, last = span(root, path[:-1] if alone else path)
@@ -184,7 +216,8 @@ SMALL = st.recursive(
         st.sampled_from(["a", "red ball", "on", "x: y", "#", ""]),
     ),
     lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from("abcdefgh"), inner, max_size=4)
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from("abcdefgh"), inner, max_size=4)
     ),
     max_leaves=12,
 )
@@ -237,9 +270,14 @@ def test_every_style_of_yaml_takes_every_change(text, end, draw) -> None:
             return
     assert same(data(new), want)
     head, _, _ = changed(text, new)
-    kept = text.splitlines()[: first - 1] + text.splitlines()[last_of(text, root, path, last) :]
+    kept = (
+        text.splitlines()[: first - 1]
+        + text.splitlines()[last_of(text, root, path, last) :]
+    )
     assert said("\n".join(kept)) <= said(new)
-    assert new.startswith("".join(text.splitlines(keepends=True)[: min(head, first - 1)]))
+    assert new.startswith(
+        "".join(text.splitlines(keepends=True)[: min(head, first - 1)])
+    )
     if "\r\n" in text:
         assert "\n" not in new.replace("\r\n", "")
 
@@ -251,7 +289,11 @@ def last_of(text: str, root: Node, path: tuple[str | int, ...], last: int) -> in
         end = end.child(key)  # type: ignore[assignment]
     child = end.child(path[-1])
     assert child is not None
-    return max(last, text.count("\n", 0, max(child.end, end.end if len(end.children) == 1 else 0)) + 1)
+    return max(
+        last,
+        text.count("\n", 0, max(child.end, end.end if len(end.children) == 1 else 0))
+        + 1,
+    )
 
 
 def test_a_first_key_behind_a_dash_goes_and_the_comment_below_it_stays() -> None:
@@ -332,16 +374,16 @@ forces: []
 def test_what_is_written_reads_as_a_person_writes(op, old, new) -> None:
     expected = SCENE.replace(old, new, 1) if old else SCENE
     if op.get("value") == "on":
-        expected = SCENE.replace("    mass: 170    # g\n", "    mass: 170    # g\n    label: on\n")
+        expected = SCENE.replace(
+            "    mass: 170    # g\n", "    mass: 170    # g\n    label: on\n"
+        )
         assert data(made(SCENE, op))["objects"]["ball"]["label"] == "on"
         return
     assert made(SCENE, op) == expected
 
 
 def test_a_key_goes_where_the_schema_has_it() -> None:
-    text = (
-        "objects:\n  ball:\n    mask: 1\n    velocity: [1, 2]\n    layer: 2\nlight: {direction: [0, 0, 1]}\n"
-    )
+    text = "objects:\n  ball:\n    mask: 1\n    velocity: [1, 2]\n    layer: 2\nlight: {direction: [0, 0, 1]}\n"
     new = made(
         text,
         {"set": ["objects", "ball", "friction"], "value": 0.5},
@@ -370,14 +412,21 @@ def loads(text: str, tmp_path: Path) -> Opened:
 def test_an_object_goes_with_all_that_names_it(name, tmp_path) -> None:
     new = made(FULL, {"remove": ["objects", name]})
     assert (
-        re.findall(rf"\b{name}\b(?! billiard)", re.sub(r'label: .*|"a red ball, a photograph"', "", new))
+        re.findall(
+            rf"\b{name}\b(?! billiard)",
+            re.sub(r'label: .*|"a red ball, a photograph"', "", new),
+        )
         == []
     )
     left = loads(new, tmp_path).scene()
     before = loads(FULL, tmp_path).scene()
     assert [item for item in before.objects if item.name != name] == list(left.objects)
-    assert left.forces == tuple(force for force in before.forces if force.object != name)
-    assert left.joints == tuple(joint for joint in before.joints if name not in joint.objects)
+    assert left.forces == tuple(
+        force for force in before.forces if force.object != name
+    )
+    assert left.joints == tuple(
+        joint for joint in before.joints if name not in joint.objects
+    )
 
 
 def test_edits_of_variants_that_count_forces_go_with_a_force_and_are_named() -> None:
@@ -400,7 +449,11 @@ def test_a_new_name_is_used_everywhere(name, tmp_path) -> None:
         called = {item.name: item for item in now.objects}
         for item in was.objects:
             twin = called["puck" if item.name == name else item.name]
-            assert (twin.shape, twin.velocity, twin.rolling) == (item.shape, item.velocity, item.rolling)
+            assert (twin.shape, twin.velocity, twin.rolling) == (
+                item.shape,
+                item.velocity,
+                item.rolling,
+            )
         assert [f.object for f in now.forces] == [
             "puck" if f.object == name else f.object for f in was.forces
         ]
@@ -426,7 +479,9 @@ def test_a_variant_says_what_the_file_does_not(draw) -> None:
     for edit in edits_of_variant(dict(variants_of(root))[variant], variant):
         seen = apply(seen, edit)
     path = draw.draw(
-        st.sampled_from([path for path in paths(seen) if path[0] not in ("variants", "extends")])
+        st.sampled_from(
+            [path for path in paths(seen) if path[0] not in ("variants", "extends")]
+        )
     )
     value = draw.draw(VALUES)
     new = tree(made(FULL, {"set": list(path), "value": value}, variant=variant))
@@ -439,7 +494,9 @@ def test_a_variant_says_what_the_file_does_not(draw) -> None:
     got.pop("variants")
     assert got == want
     file = {key: value for key, value in plain(root).items() if key != "variants"}
-    assert {key: value for key, value in plain(new).items() if key != "variants"} == file
+    assert {
+        key: value for key, value in plain(new).items() if key != "variants"
+    } == file
 
 
 def test_a_variant_takes_an_object_away_and_keeps_the_file(tmp_path) -> None:
@@ -505,7 +562,17 @@ def test_an_operation_that_cannot_be_made_says_so(op) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["a: [1", "a: 1\na: 2\n", "a: &x 1\nb: *x\n", "a: !!int 3\n", "- 1\n", "", "# none\n", "\t"]
+    "text",
+    [
+        "a: [1",
+        "a: 1\na: 2\n",
+        "a: &x 1\nb: *x\n",
+        "a: !!int 3\n",
+        "- 1\n",
+        "",
+        "# none\n",
+        "\t",
+    ],
 )
 def test_a_text_that_is_no_scene_is_edited_as_text_alone(text) -> None:
     with pytest.raises(EditError, match="cannot be read"):
@@ -514,9 +581,16 @@ def test_a_text_that_is_no_scene_is_edited_as_text_alone(text) -> None:
 
 def test_a_file_that_extends_another_is_edited_as_text_alone() -> None:
     with pytest.raises(EditError, match="extends another"):
-        made("extends: base.yaml\nphysgen: 1\n", {"set": ["objects", "ball", "mass"], "value": 1})
+        made(
+            "extends: base.yaml\nphysgen: 1\n",
+            {"set": ["objects", "ball", "mass"], "value": 1},
+        )
 
 
 def test_all_operations_or_none() -> None:
     with pytest.raises(EditError):
-        made(SCENE, {"set": ["objects", "ball", "mass"], "value": 1}, {"remove": ["objects", "nobody"]})
+        made(
+            SCENE,
+            {"set": ["objects", "ball", "mass"], "value": 1},
+            {"remove": ["objects", "nobody"]},
+        )

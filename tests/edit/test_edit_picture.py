@@ -21,7 +21,9 @@ Copy = Callable[[str], Path]
 def changed(text: str, *edits: str) -> str:
     """A text with `key=value` set, for dotted keys."""
     pairs = [edit.partition("=")[::2] for edit in edits]
-    ops = [{"set": key.split("."), "value": yaml.safe_load(value)} for key, value in pairs]
+    ops = [
+        {"set": key.split("."), "value": yaml.safe_load(value)} for key, value in pairs
+    ]
     return edited(text, ops).text
 
 
@@ -32,7 +34,10 @@ def test_background_shadows_and_objects_are_the_photo_again(copied: Copy) -> Non
     pictures, look = Pictures(live), live.look(path.read_text())
     assert look.picture is not None
     assert look.motion is not None
-    seen, thrown = pictures.look(look.picture), pictures.shadows(look.picture, look.motion["key"])
+    seen, thrown = (
+        pictures.look(look.picture),
+        pictures.shadows(look.picture, look.motion["key"]),
+    )
     assert seen is not None
     assert thrown is not None
     photo = np.asarray(Image.open(path.parent / "photo.png").convert("RGB"), np.float32)
@@ -63,7 +68,11 @@ def test_shadows_go_with_the_motion_that_throws_them(copied: Copy) -> None:
     middle = {}
     for x in (300, 340):
         look = live.look(
-            changed(text, f"objects.cue-ball.place=[{x}, 500]", "objects.cue-ball.velocity=[0, 0]")
+            changed(
+                text,
+                f"objects.cue-ball.place=[{x}, 500]",
+                "objects.cue-ball.velocity=[0, 0]",
+            )
         )
         assert look.picture is not None
         assert look.motion is not None

@@ -43,7 +43,9 @@ def saved(desk: Desk, scene: Path) -> dict[str, Any]:
     """The file, after Save."""
     desk.settled()
     desk.page.click("[data-part=save]")
-    desk.page.wait_for_function("() => window.editor.state.file.saved && !window.editor.pending")
+    desk.page.wait_for_function(
+        "() => window.editor.state.file.saved && !window.editor.pending"
+    )
     return dict(yaml.safe_load(scene.read_text(encoding="utf-8")))
 
 
@@ -56,7 +58,9 @@ def agreeing(desk: Desk, scene: Path) -> dict[str, np.ndarray]:
     return shown
 
 
-def test_a_dragged_arrow_is_the_velocity_and_the_page_shows_the_true_motion(desk: Desk, scene: Path) -> None:
+def test_a_dragged_arrow_is_the_velocity_and_the_page_shows_the_true_motion(
+    desk: Desk, scene: Path
+) -> None:
     desk.drag((120, 80), (160, 60), (200, 40))
     desk.settled()
     vx, vy = desk.state["scene"]["objects"]["ball"]["velocity"]
@@ -65,14 +69,18 @@ def test_a_dragged_arrow_is_the_velocity_and_the_page_shows_the_true_motion(desk
     assert vy == pytest.approx(-vx / 2, rel=0.06)
     file = saved(desk, scene)
     assert file["objects"]["ball"]["velocity"] == [vx, vy]
-    assert file["objects"]["ball"]["from"] == {"mass": "table 0.4"}  # a hand edit says nothing
+    assert file["objects"]["ball"]["from"] == {
+        "mass": "table 0.4"
+    }  # a hand edit says nothing
     assert "# it falls" in scene.read_text()
     assert "# thrown by hand" in scene.read_text()
     shown = agreeing(desk, scene)
     # before it lands, a parabola
     t = np.arange(4) / 30
     np.testing.assert_allclose(shown["ball"][:4, 0], 120 + vx * t, atol=1e-6)
-    np.testing.assert_allclose(shown["ball"][:4, 1], 80 + vy * t + G * t**2 / 2, atol=0.2)
+    np.testing.assert_allclose(
+        shown["ball"][:4, 1], 80 + vy * t + G * t**2 / 2, atol=0.2
+    )
     assert desk.errors == []
 
 
@@ -108,7 +116,9 @@ def test_impulse_force_and_spin(desk: Desk, scene: Path) -> None:
     agreeing(desk, scene)
 
 
-def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(desk: Desk) -> None:
+def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(
+    desk: Desk,
+) -> None:
     text = desk.state["text"]
     desk.drag((120, 80), (180, 80), steps=12)
     desk.settled()
@@ -132,7 +142,11 @@ def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(desk:
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_nothing_lies_over_the_photo(
-    browser: Any, serving: Callable[..., Any], scene: Path, look: str, pytestconfig: pytest.Config
+    browser: Any,
+    serving: Callable[..., Any],
+    scene: Path,
+    look: str,
+    pytestconfig: pytest.Config,
 ) -> None:
     """First steps, messages, warnings and controls cover no object; and the page looks as it did."""
     with seated(browser, serving(scene).address, hint=True, **LOOKS[look]) as desk:
@@ -144,10 +158,13 @@ def test_nothing_lies_over_the_photo(
         photo = desk.page.locator("[data-part=scene]").bounding_box()
         seen = []
         for part in (".hint", ".alarm", ".stale", ".zoom", ".light", ".strip"):
-            for box in filter(None, (one.bounding_box() for one in desk.page.locator(part).all())):
+            for box in filter(
+                None, (one.bounding_box() for one in desk.page.locator(part).all())
+            ):
                 seen.append(part)
                 apart = [
-                    box[at] + box[size] <= photo[at] or photo[at] + photo[size] <= box[at]
+                    box[at] + box[size] <= photo[at]
+                    or photo[at] + photo[size] <= box[at]
                     for at, size in (("x", "width"), ("y", "height"))
                 ]
                 assert any(apart), f"{part} lies over the photo"
@@ -159,6 +176,10 @@ def test_nothing_lies_over_the_photo(
         )
         assert names == [], "controls without a name"
         assert (
-            looks_like(desk.page, GOLDEN / f"editor-{look}.webp", renew=pytestconfig.getoption("force_regen"))
+            looks_like(
+                desk.page,
+                GOLDEN / f"editor-{look}.webp",
+                renew=pytestconfig.getoption("force_regen"),
+            )
             == ""
         )

@@ -27,10 +27,16 @@ variants:
 
 
 def test_a_variant_is_rendered_and_the_copied_command_makes_the_same(
-    browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    browser: Any,
+    serving: Callable[..., Any],
+    scene: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     served = serving(scene, output=tmp_path / "page")
-    with seated(browser, served.address, permissions=["clipboard-read", "clipboard-write"]) as desk:
+    with seated(
+        browser, served.address, permissions=["clipboard-read", "clipboard-write"]
+    ) as desk:
         desk.panel("render")
         desk.page.uncheck(".render-which input[value='']")
         assert desk.page.is_disabled(".render .main"), "nothing is chosen"
@@ -46,11 +52,15 @@ def test_a_variant_is_rendered_and_the_copied_command_makes_the_same(
         desk.page.wait_for_selector(".render-results video")
         assert desk.state["file"]["saved"], "what is rendered is what the file says"
         assert "mass: 75" in scene.read_text(encoding="utf-8")
-        desk.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
+        desk.page.wait_for_function(
+            "() => document.querySelector('video').readyState >= 2"
+        )
         size = "() => { const v = document.querySelector('video'); return [v.videoWidth, v.videoHeight]; }"
         assert desk.page.evaluate(size) == [160, 120]
         desk.page.click(".render-command-row button")
-        command = shlex.split(desk.page.evaluate("() => navigator.clipboard.readText()"))
+        command = shlex.split(
+            desk.page.evaluate("() => navigator.clipboard.readText()")
+        )
         with desk.page.context.expect_page() as waiting:
             desk.page.click("text=Report")
         waiting.value.wait_for_selector("#player[data-ready]")

@@ -28,7 +28,9 @@ def short(path: Path) -> Path:
     """Few frames: what is tested is not the drawing."""
     path.write_text(path.read_text() + "\n", encoding="utf-8")
     text = path.read_text()
-    fewer, count = re.subn(r"^  duration: [\d.]+", "  duration: 0.2", text, flags=re.MULTILINE)
+    fewer, count = re.subn(
+        r"^  duration: [\d.]+", "  duration: 0.2", text, flags=re.MULTILINE
+    )
     assert count == 1
     path.write_text(fewer)
     return path
@@ -66,7 +68,11 @@ def test_stopped_it_leaves_nothing_half_made(copied: Copy, tmp_path: Path) -> No
         time.sleep(0.02)
     job.stop()
     status = job.status()
-    assert (status["state"], status["running"], status["result"]) == ("stopped", False, None)
+    assert (status["state"], status["running"], status["result"]) == (
+        "stopped",
+        False,
+        None,
+    )
     assert [file for file in (tmp_path / "out").rglob("*") if file.is_file()] == []
     job.stop()
     assert job.status()["state"] == "stopped"

@@ -18,14 +18,19 @@ from physgen.edit.app import BODY, Editor
 from physgen.files import resource
 
 Serve = Callable[..., Served]
-GUARDED = [(path, method) for path, ways in document()["paths"].items() for method in ways]
+GUARDED = [
+    (path, method) for path, ways in document()["paths"].items() for method in ways
+]
 
 
 @pytest.fixture(scope="module")
 def slide(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A scene behind one server for all tests that change nothing."""
     folder = tmp_path_factory.mktemp("slide")
-    shutil.copy(resource("schemas").parent / "scenes/physics/05-slide.yaml", folder / "scene.yaml")
+    shutil.copy(
+        resource("schemas").parent / "scenes/physics/05-slide.yaml",
+        folder / "scene.yaml",
+    )
     with behind_a_server(folder / "scene.yaml") as served:
         yield served
 
@@ -60,25 +65,52 @@ def asked(served: Served, method: str, path: str, **headers: str) -> tuple[int, 
 
 @pytest.mark.parametrize(("path", "method"), GUARDED, ids=map(" ".join, GUARDED))
 def test_nothing_is_told_or_done_without_the_token(path, method, slide: Served) -> None:
-    for token in ("", "x", slide.token[:-1], slide.token + "x", slide.token.swapcase(), "ü"):
-        headers = {"X-Physgen-Token": token.encode(), "Content-Type": "application/json"}
-        answer = slide.client.request(method, path.replace("{key}", "x"), headers=headers, content=b"{}")
+    for token in (
+        "",
+        "x",
+        slide.token[:-1],
+        slide.token + "x",
+        slide.token.swapcase(),
+        "ü",
+    ):
+        headers = {
+            "X-Physgen-Token": token.encode(),
+            "Content-Type": "application/json",
+        }
+        answer = slide.client.request(
+            method, path.replace("{key}", "x"), headers=headers, content=b"{}"
+        )
         assert answer.status_code == 401
         assert answer.json()["error"]["fix"]
     query = slide.client.request(
-        method, path.replace("{key}", "x"), params={"token": slide.token}, headers={"X-Physgen-Token": ""}
+        method,
+        path.replace("{key}", "x"),
+        params={"token": slide.token},
+        headers={"X-Physgen-Token": ""},
     )
-    assert query.status_code == 401  # an address may be seen by others; only the page's own takes it
+    assert (
+        query.status_code == 401
+    )  # an address may be seen by others; only the page's own takes it
 
 
 def test_a_server_for_other_machines_says_what_it_exposes_and_wants_the_token(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene = str(shutil.copy(resource("schemas").parent / "scenes/physics/05-slide.yaml", tmp_path))
+    scene = str(
+        shutil.copy(
+            resource("schemas").parent / "scenes/physics/05-slide.yaml", tmp_path
+        )
+    )
     with behind_a_server(Path(scene), host="0.0.0.0") as served:
         for token, status in (("", 401), (served.token, 200)):
             assert (
-                asked(served, "GET", "/api/state", Host=f"10.1.2.3:{port(served)}", X_Physgen_Token=token)[0]
+                asked(
+                    served,
+                    "GET",
+                    "/api/state",
+                    Host=f"10.1.2.3:{port(served)}",
+                    X_Physgen_Token=token,
+                )[0]
                 == status
             )
     monkeypatch.setattr(Editor, "run", lambda editor: None)
@@ -86,7 +118,9 @@ def test_a_server_for_other_machines_says_what_it_exposes_and_wants_the_token(
     out, err = capsys.readouterr()
     assert "?token=" in out
     assert "--host 0.0.0.0: exposes the scene, its photo and renders" in err
-    assert main(["edit", scene, "--host", "", "--no-browser"]) == 0  # not all addresses of this machine
+    assert (
+        main(["edit", scene, "--host", "", "--no-browser"]) == 0
+    )  # not all addresses of this machine
     assert capsys.readouterr().err == ""
 
 
@@ -123,7 +157,9 @@ def test_a_page_of_another_site_is_refused(key, value, slide: Served) -> None:
 
 
 def test_no_site_is_told_that_it_may_read(slide: Served) -> None:
-    answer = slide.client.options("/api/state", headers={"Origin": "http://evil.example"})
+    answer = slide.client.options(
+        "/api/state", headers={"Origin": "http://evil.example"}
+    )
     assert answer.status_code == 403
     for path in ("/", "/api/state", "/static/page.css", "/nowhere"):
         headers = slide.client.get(path).headers
@@ -136,7 +172,9 @@ def test_no_site_is_told_that_it_may_read(slide: Served) -> None:
         assert headers["x-frame-options"] == "DENY"
 
 
-def test_the_page_holds_nothing_of_the_scene_and_nothing_from_elsewhere(serving: Serve) -> None:
+def test_the_page_holds_nothing_of_the_scene_and_nothing_from_elsewhere(
+    serving: Serve,
+) -> None:
     served = serving("billiards")
     page = served.client.get("/", headers={"X-Physgen-Token": ""})
     assert page.status_code == 200
@@ -150,7 +188,10 @@ def test_the_page_holds_nothing_of_the_scene_and_nothing_from_elsewhere(serving:
         if address.startswith("/static/"):
             found = served.client.get(address, headers={"X-Physgen-Token": ""})
             assert found.status_code == 200
-            assert found.headers["content-type"].partition(";")[0] in ("text/css", "text/javascript")
+            assert found.headers["content-type"].partition(";")[0] in (
+                "text/css",
+                "text/javascript",
+            )
 
 
 def test_a_browser_is_started_with_an_address_that_is_good_once(serving: Serve) -> None:
@@ -160,7 +201,10 @@ def test_a_browser_is_started_with_an_address_that_is_good_once(serving: Serve) 
     assert served.token not in once  # the list of processes shows it to everybody
     query = once.partition("?")[2]
     first = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})
-    assert (first.status_code, first.headers["location"]) == (303, f"/?token={served.token}")
+    assert (first.status_code, first.headers["location"]) == (
+        303,
+        f"/?token={served.token}",
+    )
     again = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})
     assert again.status_code == 200
     assert served.token not in again.text
@@ -183,18 +227,34 @@ def test_only_the_parts_of_the_page_are_served(name, slide: Served) -> None:
     assert json.loads(body)["error"]["fix"]
 
 
-def test_a_scene_reads_nothing_outside_its_folder(serving: Serve, tmp_path: Path) -> None:
+def test_a_scene_reads_nothing_outside_its_folder(
+    serving: Serve, tmp_path: Path
+) -> None:
     secret = tmp_path / "secret.png"
-    secret.write_bytes((resource("schemas").parent / "scenes/billiards/photo.png").read_bytes())
+    secret.write_bytes(
+        (resource("schemas").parent / "scenes/billiards/photo.png").read_bytes()
+    )
     served = serving("billiards")
     folder = served.scene.parent
     (folder / "link.png").symlink_to(secret)
     text = served.look()["text"]
-    for image in ("../secret.png", str(secret), "link.png", "photo.assets/../../secret.png", "a\0.png"):
+    for image in (
+        "../secret.png",
+        str(secret),
+        "link.png",
+        "photo.assets/../../secret.png",
+        "a\0.png",
+    ):
         answer = served.send("/api/edit", ops=[{"set": ["image"], "value": image}])
         if answer.status_code == 200:
-            assert [p for p in served.state["problems"] if p["severity"] == "error"], image
-            assert (served.state["scene"], served.state["motion"], served.state["picture"]) == (None,) * 3
+            assert [p for p in served.state["problems"] if p["severity"] == "error"], (
+                image
+            )
+            assert (
+                served.state["scene"],
+                served.state["motion"],
+                served.state["picture"],
+            ) == (None,) * 3
             assert served.client.get("/api/photo").status_code == 422
             served.send("/api/undo")
         assert served.state["text"] == text
@@ -210,7 +270,11 @@ def test_giant_bodies_are_refused(path, slide: Served) -> None:
     version = slide.look()["version"]
     method = "PUT" if path == "/api/text" else "POST"
     most = BODY
-    for length, said in ((most + 1, b"413"), (10**18, b"413"), (10**30, b"400")):  # told, never sent
+    for length, said in (
+        (most + 1, b"413"),
+        (10**18, b"413"),
+        (10**30, b"400"),
+    ):  # told, never sent
         head = (
             f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1:{port(slide)}\r\nX-Physgen-Token: {slide.token}\r\n"
             f"Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
@@ -238,7 +302,9 @@ BODIES = {
     "more": b'{"version": 1, "ops": [], "admin": true}',
     "true for one": b'{"version": true, "ops": []}',
     "too many words": b'{"version": 1, "ops": [], "what": "' + b"x" * 300 + b'"}',
-    "too many ops": b'{"version": 1, "ops": [' + b'{"unset": ["a"]},' * 1000 + b'{"unset": ["a"]}]}',
+    "too many ops": b'{"version": 1, "ops": ['
+    + b'{"unset": ["a"]},' * 1000
+    + b'{"unset": ["a"]}]}',
 }
 
 
@@ -254,15 +320,25 @@ def test_malformed_bodies_are_told_of(name, slide: Served) -> None:
 
 @pytest.mark.parametrize(
     "kind",
-    ["", "text/plain", "application/x-www-form-urlencoded", "multipart/form-data", "application/jsonx"],
+    [
+        "",
+        "text/plain",
+        "application/x-www-form-urlencoded",
+        "multipart/form-data",
+        "application/jsonx",
+    ],
 )
 def test_bodies_that_a_form_could_send_are_refused(kind, slide: Served) -> None:
     body = b'{"version": 1, "ops": []}'
-    answer = slide.client.post("/api/edit", content=body, headers={"Content-Type": kind} if kind else {})
+    answer = slide.client.post(
+        "/api/edit", content=body, headers={"Content-Type": kind} if kind else {}
+    )
     assert answer.status_code == 415
 
 
-def test_a_broken_look_is_told_and_hides_its_insides(serving: Serve, monkeypatch) -> None:
+def test_a_broken_look_is_told_and_hides_its_insides(
+    serving: Serve, monkeypatch
+) -> None:
     served = serving("physics/05-slide")
     assert served.editor is not None
 

@@ -60,7 +60,9 @@ def mass(text: str, grams: int, which: int = 0) -> str:
 
 
 @pytest.mark.parametrize("resolve", ["mine", "theirs"])
-def test_what_clashes_is_asked_about_and_neither_is_lost(resolve, serving: Serve) -> None:
+def test_what_clashes_is_asked_about_and_neither_is_lost(
+    resolve, serving: Serve
+) -> None:
     served = serving("billiards")
     text = served.look()["text"]
     mine = served.edit({"set": ["objects", "cue-ball", "mass"], "value": 99})["text"]
@@ -76,7 +78,10 @@ def test_what_clashes_is_asked_about_and_neither_is_lost(resolve, serving: Serve
     assert served.send("/api/save", resolve=resolve).status_code == 200
     kept = {"mine": mine, "theirs": theirs}[resolve]
     assert served.state["text"] == served.scene.read_text() == kept
-    assert served.state["file"] == served.state["file"] | {"saved": True, "outside": None}
+    assert served.state["file"] == served.state["file"] | {
+        "saved": True,
+        "outside": None,
+    }
     served.send("/api/undo")
     assert served.state["text"] == {"mine": theirs, "theirs": mine}[resolve]
 
@@ -95,7 +100,9 @@ def test_what_is_no_text_is_not_taken_for_the_scene(serving: Serve) -> None:
 
 
 @pytest.mark.parametrize("mode", [0o600, 0o644, 0o664])
-def test_a_save_keeps_the_rights_of_the_file_and_the_link_to_it(mode, serving: Serve, copied) -> None:
+def test_a_save_keeps_the_rights_of_the_file_and_the_link_to_it(
+    mode, serving: Serve, copied
+) -> None:
     path = copied("physics/05-slide")
     path.chmod(mode)
     link = path.with_name("link.yaml")
@@ -107,7 +114,11 @@ def test_a_save_keeps_the_rights_of_the_file_and_the_link_to_it(mode, serving: S
     assert link.is_symlink()
     assert path.read_text() == text + "# more\n"
     assert stat.S_IMODE(path.stat().st_mode) == mode
-    assert sorted(os.listdir(path.parent)) == [".scene.yaml.editing", "link.yaml", "scene.yaml"]
+    assert sorted(os.listdir(path.parent)) == [
+        ".scene.yaml.editing",
+        "link.yaml",
+        "scene.yaml",
+    ]
 
 
 def test_a_save_that_fails_leaves_the_old_file(serving: Serve, monkeypatch) -> None:
@@ -126,7 +137,10 @@ def test_a_save_that_fails_leaves_the_old_file(serving: Serve, monkeypatch) -> N
     assert answer.status_code == 507
     assert "no space left" in answer.json()["error"]["message"]
     assert served.scene.read_text() == text
-    assert sorted(os.listdir(served.scene.parent)) == [".scene.yaml.editing", "scene.yaml"]
+    assert sorted(os.listdir(served.scene.parent)) == [
+        ".scene.yaml.editing",
+        "scene.yaml",
+    ]
     monkeypatch.undo()
     assert served.send("/api/save").status_code == 200
     assert served.scene.read_text() == text + "# more\n"
@@ -138,7 +152,12 @@ def disc(tmp_path: Path) -> Path:
     folder = tmp_path / "disc"
     assets = folder / "photo.assets"
     assets.mkdir(parents=True)
-    photo = np.random.default_rng(1).normal(200, 2, (72, 96, 3)).clip(0, 255).astype(np.uint8)
+    photo = (
+        np.random.default_rng(1)
+        .normal(200, 2, (72, 96, 3))
+        .clip(0, 255)
+        .astype(np.uint8)
+    )
     masks = np.zeros((72, 96), np.uint16)
     cv2.circle(photo, (40, 30), 14, (40, 60, 160), -1)
     cv2.circle(masks, (40, 30), 14, 1, -1)  # type: ignore[call-overload]
@@ -157,7 +176,9 @@ def maps_of(folder: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in folder.iterdir()}
 
 
-def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(disc: Path) -> None:
+def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(
+    disc: Path,
+) -> None:
     home, text = disc.parent, disc.read_text()
     before = maps_of(home / "photo.assets")
     session = Session(disc)
@@ -197,14 +218,20 @@ def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(dis
     [
         (["nowhere.yaml"], "nowhere.yaml: no such file"),
         (["."], "a folder; name a scene file in it"),
-        (["scene.yaml", "--port", "99999"], "99999 is not a whole number from 0 to 65535"),
+        (
+            ["scene.yaml", "--port", "99999"],
+            "99999 is not a whole number from 0 to 65535",
+        ),
         (["scene.yaml", "--port", "x"], "x is not a whole number from 0 to 65535"),
         (
             ["scene.yaml", "--host", "no.such.host.example"],
             "--host no.such.host.example: cannot be listened on",
         ),
         (["scene.physgen"], "is a zip, not a scene file; unzip it"),
-        (["scene.yaml", "-o", "junk.txt"], "junk.txt: is a file; name a folder with -o"),
+        (
+            ["scene.yaml", "-o", "junk.txt"],
+            "junk.txt: is a file; name a folder with -o",
+        ),
         (["broken.png"], "broken.png"),
         (["junk.txt"], "junk.txt"),
         (["text.png"], "text.png"),
@@ -212,14 +239,18 @@ def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(dis
         (["photo.yaml"], "is a picture, not a scene file"),
     ],
 )
-def test_what_is_wrong_is_told_in_a_line(arguments, said, tmp_path, monkeypatch, capsys) -> None:
+def test_what_is_wrong_is_told_in_a_line(
+    arguments, said, tmp_path, monkeypatch, capsys
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("scene.yaml").write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
     Path("scene.physgen").write_bytes(b"PK\x03\x04\x14\0\xff\xfe")
     Path("broken.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     Path("junk.txt").write_text("buy milk\nat 10:30\n")
     Path("text.png").write_text("not a picture")
-    Path("page.md").write_text("# A scene\n\nSave this:\n\n```yaml\nphysgen: 1\nobjects: {}\n```\n")
+    Path("page.md").write_text(
+        "# A scene\n\nSave this:\n\n```yaml\nphysgen: 1\nobjects: {}\n```\n"
+    )
     Path("photo.yaml").write_bytes(b"\x89PNG\r\n\x1a\n\xff")
     try:
         code = main(["edit", *arguments, "--no-browser"])
@@ -237,11 +268,16 @@ def test_a_port_that_is_taken_is_told_of(serving: Serve, tmp_path, capsys) -> No
     other = tmp_path / "other.yaml"
     other.write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
     assert served.editor is not None
-    assert main(["edit", str(other), "--no-browser", "--port", str(served.editor.port)]) == 2
+    assert (
+        main(["edit", str(other), "--no-browser", "--port", str(served.editor.port)])
+        == 2
+    )
     assert "cannot be listened on: address already in use" in capsys.readouterr().err
 
 
-def test_without_the_extra_one_line_says_how_to_get_it(tmp_path, monkeypatch, capsys) -> None:
+def test_without_the_extra_one_line_says_how_to_get_it(
+    tmp_path, monkeypatch, capsys
+) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
     monkeypatch.setattr("physgen.cli.edit.find_spec", lambda name: None)
@@ -251,7 +287,9 @@ def test_without_the_extra_one_line_says_how_to_get_it(tmp_path, monkeypatch, ca
     assert install("edit") in err
 
 
-def test_the_same_scene_again_shows_the_editor_that_has_it(serving: Serve, capsys) -> None:
+def test_the_same_scene_again_shows_the_editor_that_has_it(
+    serving: Serve, capsys
+) -> None:
     served = serving("physics/05-slide")
     assert main(["edit", str(served.scene), "--no-browser"]) == 0
     said = capsys.readouterr()
@@ -259,10 +297,15 @@ def test_the_same_scene_again_shows_the_editor_that_has_it(serving: Serve, capsy
     assert "is open in an editor already" in said.err
 
 
-def test_a_photo_is_perceived_first_and_its_scene_opened_the_next_time(killable, disc: Path) -> None:
+def test_a_photo_is_perceived_first_and_its_scene_opened_the_next_time(
+    killable, disc: Path
+) -> None:
     photo = disc.with_name("photo.png")
     marbles = cv2.imread(str(ROOT / "scenes/marbles/photo.png"))
-    cv2.imwrite(str(photo), cv2.resize(marbles, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA))
+    cv2.imwrite(
+        str(photo),
+        cv2.resize(marbles, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA),
+    )
     first: Killable = killable(photo)
     scene = photo.with_name("photo.yaml")
     state = first.look()

@@ -87,5 +87,7 @@ def key(row: dict[str, Any]) -> tuple[Any, ...]:
 def test_errors_come_before_all_else(tmp_path: Path) -> None:
     live, text = photographed(tmp_path)
     rows = live.look(text.replace("mass: 30", "mass: heavy")).todo
-    assert [(row["kind"], row["object"], row["line"]) for row in rows] == [("error", "crate", 13)]
+    assert [(row["kind"], row["object"], row["line"]) for row in rows] == [
+        ("error", "crate", 13)
+    ]
     assert live.look(text, variant="heavy").todo[0]["kind"] == "doubt"

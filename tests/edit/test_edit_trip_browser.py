@@ -31,11 +31,18 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_from_a_photo_to_a_saved_scene(
-    browser: Any, killable: Callable[..., Any], steps: Any, tmp_path: Path, bundled: Path
+    browser: Any,
+    killable: Callable[..., Any],
+    steps: Any,
+    tmp_path: Path,
+    bundled: Path,
 ) -> None:
     """Poses that the page played are those of `physgen simulate` of what was saved, bit for bit."""
     photo = cv2.imread(str(steps.PHOTO))
-    cv2.imwrite(str(tmp_path / "photo.png"), cv2.resize(photo, (SMALL, SMALL), interpolation=cv2.INTER_AREA))
+    cv2.imwrite(
+        str(tmp_path / "photo.png"),
+        cv2.resize(photo, (SMALL, SMALL), interpolation=cv2.INTER_AREA),
+    )
     served = killable(tmp_path / "photo.png")
     scene = tmp_path / "photo.yaml"
     with seated(browser, served.address) as desk:
@@ -44,7 +51,10 @@ def test_from_a_photo_to_a_saved_scene(
         assert desk.errors == []
         motion = whole(desk)
         page = {
-            body["name"]: {key: np.frombuffer(base64.b64decode(body[key]), "<f8") for key in ("x", "y", "a")}
+            body["name"]: {
+                key: np.frombuffer(base64.b64decode(body[key]), "<f8")
+                for key in ("x", "y", "a")
+            }
             for body in motion["bodies"]
         }
     things = {item.name: item for item in load(scene).objects}
@@ -52,16 +62,21 @@ def test_from_a_photo_to_a_saved_scene(
     cubes = [item for item in things.values() if item.label == "wooden cube"]
     assert len(cubes) == 2
     assert new in {item.name for item in cubes}
-    car = max(things.values(), key=lambda item: item.velocity[0])  # perceive pushes another one
+    car = max(
+        things.values(), key=lambda item: item.velocity[0]
+    )  # perceive pushes another one
     assert car.velocity[0] > 50
     assert car.velocity[1] == pytest.approx(0, abs=car.velocity[0] / 20)
     # each cube is one of the studio's, which it rendered; before, both were one
-    truth = cv2.imread(str(steps.PHOTO.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
+    truth = cv2.imread(
+        str(steps.PHOTO.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED
+    )
     truth = cv2.resize(truth, (SMALL, SMALL), interpolation=cv2.INTER_NEAREST)
     mine = cv2.imread(str(load(scene).assets / "masks.png"), cv2.IMREAD_UNCHANGED)
     for cube in cubes:
         best = max(
-            ((mine == cube.mask.id) & (truth == k)).sum() / ((mine == cube.mask.id) | (truth == k)).sum()
+            ((mine == cube.mask.id) & (truth == k)).sum()
+            / ((mine == cube.mask.id) | (truth == k)).sum()
             for k in range(1, int(truth.max()) + 1)
         )
         assert best > 0.85, cube.name

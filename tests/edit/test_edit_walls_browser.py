@@ -45,7 +45,9 @@ def test_what_falls_lands_on_a_floor_that_was_drawn(desk: Desk) -> None:
     desk.tool("move")
     desk.drag((x0, y0), (x0, y0 - 60))
     desk.settled()
-    assert desk.state["scene"]["boundaries"]["floor"]["segment"][0][1] == pytest.approx(y0 - 60, abs=1)
+    assert desk.state["scene"]["boundaries"]["floor"]["segment"][0][1] == pytest.approx(
+        y0 - 60, abs=1
+    )
     assert desk.way("ball")[-1, 0] > 200
     # all of it, by its middle
     desk.drag((430, 278), (430, 298))
@@ -63,7 +65,9 @@ def test_things_are_picked_up_turned_and_put_elsewhere(desk: Desk) -> None:
     desk.drag((120, 80), (150, 120), (180, 150))
     desk.settled()
     objects = desk.state["scene"]["objects"]
-    assert objects["ball"]["shape"]["circle"]["center"] == pytest.approx([180, 150], abs=1)
+    assert objects["ball"]["shape"]["circle"]["center"] == pytest.approx(
+        [180, 150], abs=1
+    )
     assert desk.way("ball")[0, :2] == pytest.approx([180, 150], abs=1)
     desk.drag((240, 90), (240, 190))
     desk.settled()
@@ -78,7 +82,9 @@ def test_things_are_picked_up_turned_and_put_elsewhere(desk: Desk) -> None:
     )
     desk.drag((360, knob), (400, knob + 10), (360 + 130 - knob, 130))
     desk.settled()
-    assert desk.state["scene"]["objects"]["block"]["shape"]["box"]["angle"] == pytest.approx(90, abs=2)
+    assert desk.state["scene"]["objects"]["block"]["shape"]["box"][
+        "angle"
+    ] == pytest.approx(90, abs=2)
     assert desk.errors == []
 
 
@@ -108,15 +114,26 @@ def test_what_a_photo_shows_is_put_elsewhere_with_its_picture(
         x, y, *turn = desk.state["scene"]["objects"]["carton"]["place"]
         assert (x, y) == pytest.approx((224.55, 213.53), abs=1)
         assert not turn
-        assert desk.state["scene"]["objects"]["carton"]["shape"]["box"]["center"] == [74.55, 323.53]
+        assert desk.state["scene"]["objects"]["carton"]["shape"]["box"]["center"] == [
+            74.55,
+            323.53,
+        ]
         desk.page.wait_for_function("() => window.editor.stage.drawn()")
         desk.drawn()
-        np.testing.assert_allclose(colour(desk, (blue[0] + x - 74.55, blue[1] + y - 323.53)), was, atol=12)
-        assert np.abs(colour(desk, blue) - was).max() > 40  # what is behind is seen where it was
+        np.testing.assert_allclose(
+            colour(desk, (blue[0] + x - 74.55, blue[1] + y - 323.53)), was, atol=12
+        )
+        assert (
+            np.abs(colour(desk, blue) - was).max() > 40
+        )  # what is behind is seen where it was
         desk.page.click("[data-part=save]")
-        desk.page.wait_for_function("() => window.editor.state.file.saved && !window.editor.pending")
+        desk.page.wait_for_function(
+            "() => window.editor.state.file.saved && !window.editor.pending"
+        )
         said = simulated(served.scene)
-        np.testing.assert_array_equal(desk.poses()["carton"], said.poses[:, said.names.index("carton")])
+        np.testing.assert_array_equal(
+            desk.poses()["carton"], said.poses[:, said.names.index("carton")]
+        )
         assert desk.errors == []
 
 
@@ -136,7 +153,9 @@ def test_a_spring_holds_and_a_wind_blows(desk: Desk) -> None:
     desk.page.click(".strip:not([hidden]) [data-value=pivot]")
     desk.click((360, 110))
     desk.settled()
-    assert desk.state["scene"]["joints"]["pin"]["pivot"] == pytest.approx([360, 110], abs=1)
+    assert desk.state["scene"]["joints"]["pin"]["pivot"] == pytest.approx(
+        [360, 110], abs=1
+    )
     assert desk.way("block")[:, 1].max() < 170
     desk.tool("field")
     desk.drag((60, 200), (160, 200))

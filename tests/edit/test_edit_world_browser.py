@@ -67,7 +67,9 @@ def test_the_dial_turns_gravity_and_things_fall_that_way(desk: Desk) -> None:
     assert desk.errors == []
 
 
-def test_numbers_are_typed_refused_where_they_cannot_be_and_taken_back(desk: Desk) -> None:
+def test_numbers_are_typed_refused_where_they_cannot_be_and_taken_back(
+    desk: Desk,
+) -> None:
     desk.choose("ball")
     assert "40 % sure" in desk.page.inner_text('[data-row="objects.ball.mass"]')
     fill(desk, "objects.ball.mass", "120,5")  # a comma, as some write it
@@ -83,7 +85,9 @@ def test_numbers_are_typed_refused_where_they_cannot_be_and_taken_back(desk: Des
     assert "from" not in desk.state["text"].partition("boundaries")[0]
     desk.page.locator('[data-row="objects.ball.friction"] button').click()
     desk.settled()
-    assert desk.state["scene"]["objects"]["ball"]["friction"] == 0.5  # the schema's default
+    assert (
+        desk.state["scene"]["objects"]["ball"]["friction"] == 0.5
+    )  # the schema's default
     fill(desk, "objects.ball.velocity", "30", "-40")
     assert "0.5 m/s" in desk.page.inner_text('[data-row="objects.ball.velocity"]')
     fill(desk, "objects.ball.(name)", "bouncer")
@@ -97,12 +101,18 @@ def test_a_material_brings_its_friction_and_the_mass_of_a_sphere(desk: Desk) -> 
     select.select_option("steel")
     desk.settled()
     ball = desk.state["scene"]["objects"]["ball"]
-    steel = next(m for m in desk.page.evaluate("() => window.editor.materials") if m["name"] == "steel")
+    steel = next(
+        m
+        for m in desk.page.evaluate("() => window.editor.materials")
+        if m["name"] == "steel"
+    )
     assert [ball[key] for key in ("friction", "elasticity", "rolling")] == [
         steel[key] for key in ("friction", "elasticity", "rolling")
     ]
     # 4/3 pi (20 cm)³, for 100 px are 1 m
-    assert ball["mass"] == pytest.approx(steel["density"] * 4 / 3 * np.pi * 20**3, rel=0.005)
+    assert ball["mass"] == pytest.approx(
+        steel["density"] * 4 / 3 * np.pi * 20**3, rel=0.005
+    )
     assert select.input_value() == "steel"
 
 
@@ -112,17 +122,25 @@ def test_the_scale_by_a_length_drawn_on_the_photo(desk: Desk) -> None:
     desk.page.get_by_label("Its true length").fill("24")
     desk.page.get_by_role("button", name="Set the scale").click()
     desk.settled()
-    assert desk.state["scene"]["world"]["pixels_per_meter"] == pytest.approx(60 / 0.24, rel=0.02)
+    assert desk.state["scene"]["world"]["pixels_per_meter"] == pytest.approx(
+        60 / 0.24, rel=0.02
+    )
     # gravity was not written, so it follows: 9.8 m/s²
     seen = desk.way("ball")
     scale = desk.state["scene"]["world"]["pixels_per_meter"]
     early = seen[seen[:, 2] < 0.2]
-    np.testing.assert_allclose(early[:, 1], 80 + 9.8 * scale * early[:, 2] ** 2 / 2, atol=1.5)
+    np.testing.assert_allclose(
+        early[:, 1], 80 + 9.8 * scale * early[:, 2] ** 2 / 2, atol=1.5
+    )
 
 
 def test_the_light_is_a_sphere_that_is_dragged(desk: Desk) -> None:
     box = desk.page.locator("button.light").bounding_box()
-    x, y, r = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["width"] / 2
+    x, y, r = (
+        box["x"] + box["width"] / 2,
+        box["y"] + box["height"] / 2,
+        box["width"] / 2,
+    )
     desk.page.mouse.move(x, y)
     desk.page.mouse.down()
     desk.page.mouse.move(x - 0.6 * r, y, steps=4)
@@ -141,7 +159,10 @@ def test_keys_alone_choose_push_play_and_undo(desk: Desk) -> None:
     keys = desk.page.keyboard
     desk.page.locator("[data-part=over]").focus()
     keys.press("Tab")
-    assert desk.page.evaluate("() => document.activeElement.textContent") == "ball, rubber ball"
+    assert (
+        desk.page.evaluate("() => document.activeElement.textContent")
+        == "ball, rubber ball"
+    )
     keys.press("Enter")
     for _ in range(3):
         keys.press("ArrowRight")

@@ -33,15 +33,23 @@ variants:
 
 def marks(desk: Desk, kind: str) -> list[int]:
     """Lines whose numbers are marked so."""
-    found = desk.page.eval_on_selector_all(f".yaml-number.{kind}", "all => all.map(n => +n.textContent)")
+    found = desk.page.eval_on_selector_all(
+        f".yaml-number.{kind}", "all => all.map(n => +n.textContent)"
+    )
     return [int(line) for line in found]
 
 
 def caret(desk: Desk) -> int:
-    return int(desk.page.evaluate("() => document.querySelector('[data-part=yaml]').selectionStart"))
+    return int(
+        desk.page.evaluate(
+            "() => document.querySelector('[data-part=yaml]').selectionStart"
+        )
+    )
 
 
-def test_what_is_typed_is_applied_and_marked_where_it_is_wrong(desk: Desk, served: Any) -> None:
+def test_what_is_typed_is_applied_and_marked_where_it_is_wrong(
+    desk: Desk, served: Any
+) -> None:
     desk.panel("yaml")
     assert desk.text == SCENE
     desk.put_caret("mass: 50", after=len("mass: "))
@@ -56,7 +64,9 @@ def test_what_is_typed_is_applied_and_marked_where_it_is_wrong(desk: Desk, serve
     assert '"heavy" is not a number' in told
     assert "write grams" in told
     assert desk.page.get_attribute("[data-part=yaml]", "aria-invalid") == "true"
-    assert caret(desk) == SCENE.index("mass: 50") + len("mass: heavy"), "the caret stays where it was"
+    assert caret(desk) == SCENE.index("mass: 50") + len("mass: heavy"), (
+        "the caret stays where it was"
+    )
     # the wave is under the word, to the pixel that the browser gives its letters
     word, wave = desk.page.evaluate(
         "() => { const wave = document.querySelector('.wave'), row = wave.parentElement, r = new Range();"
@@ -78,7 +88,9 @@ def test_what_is_typed_is_applied_and_marked_where_it_is_wrong(desk: Desk, serve
     desk.page.wait_for_function("() => !document.querySelector('.yaml-number.wrong')")
     desk.settled()
     assert desk.state["scene"]["objects"]["ball"]["mass"] == 75
-    assert served.look()["text"] == SCENE.replace("mass: 50\n", "mass: 75\n") == desk.text
+    assert (
+        served.look()["text"] == SCENE.replace("mass: 50\n", "mass: 75\n") == desk.text
+    )
     assert desk.errors == []
 
 
@@ -99,7 +111,9 @@ def test_edits_from_elsewhere_come_into_the_text_and_leave_what_is_typed(
     )
     desk.settled()
     assert "    velocity: [30, 0]\n" in desk.text
-    assert caret(desk) == desk.text.index("mass: 200") + len("mass: 200"), "it moved with its line"
+    assert caret(desk) == desk.text.index("mass: 200") + len("mass: 200"), (
+        "it moved with its line"
+    )
     # somebody else edits one line while another is typed: both stand
     served.look()
     desk.page.keyboard.type("0")
@@ -131,6 +145,9 @@ def test_the_chosen_objects_lines_are_marked_both_ways(desk: Desk) -> None:
     assert marks(desk, "chosen") == [6, 7, 8]
     desk.put_caret('"box-1"', after=3)
     desk.page.keyboard.press("ArrowRight")
-    assert desk.page.evaluate("() => window.editor.selected") == {"kind": "object", "name": "box-1"}
+    assert desk.page.evaluate("() => window.editor.selected") == {
+        "kind": "object",
+        "name": "box-1",
+    }
     desk.drawn()
     assert marks(desk, "chosen") == [9, 10, 11]

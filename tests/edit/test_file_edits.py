@@ -40,7 +40,9 @@ def test_edits_keep_every_comment(path: Path) -> None:
     assert second not in yaml.safe_load(removed)["objects"]
 
 
-def test_commands_edit_the_file(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_edit_the_file(
+    tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Without what the editor in the browser needs, and with the file as it was before beside it."""
     for module in ("fastapi", "filelock", "uvicorn"):
         monkeypatch.setitem(sys.modules, module, None)
@@ -50,7 +52,10 @@ def test_commands_edit_the_file(tmp_path: Path, capsys, monkeypatch: pytest.Monk
     before = scene.read_bytes()
     assert main(["rename", str(scene), first, "start"]) == 0
     assert scene.with_name("scene.yaml~").read_bytes() == before
-    assert f"rename {first} to start; scene.yaml~ is as it was before" in capsys.readouterr().err
+    assert (
+        f"rename {first} to start; scene.yaml~ is as it was before"
+        in capsys.readouterr().err
+    )
     assert main(["remove", str(scene), third]) == 0
     assert main(["merge", str(scene), "start", second]) == 0
     names = [item.name for item in pipeline.load(scene).objects]
@@ -62,7 +67,9 @@ def test_commands_edit_the_file(tmp_path: Path, capsys, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("gap", [10, 90])
-def test_a_merge_of_objects_far_apart_says_how_far(gap: int, tmp_path: Path, capsys) -> None:
+def test_a_merge_of_objects_far_apart_says_how_far(
+    gap: int, tmp_path: Path, capsys
+) -> None:
     labels = np.zeros((100, 200), np.uint8)
     labels[40:80, 20:50], labels[40:80, 50 + gap : 80 + gap] = 1, 2
     for name, picture in (("photo", labels * 60 + 40), ("masks", labels)):
@@ -78,10 +85,17 @@ def test_a_merge_of_objects_far_apart_says_how_far(gap: int, tmp_path: Path, cap
     ]
     assert main([*command, "--label", "*=block", "--still"]) == 0
     capsys.readouterr()
-    assert main(["merge", str(scene), *(item.name for item in pipeline.load(scene).objects)]) == 0
+    assert (
+        main(
+            ["merge", str(scene), *(item.name for item in pipeline.load(scene).objects)]
+        )
+        == 0
+    )
     said = capsys.readouterr().err
     assert (f", {gap} px away: one rigid body now" in said) is (gap > 10)
-    (whole,) = pipeline.compile(pipeline.load(scene), pipeline.percepts(pipeline.load(scene))).world.bodies
+    (whole,) = pipeline.compile(
+        pipeline.load(scene), pipeline.percepts(pipeline.load(scene))
+    ).world.bodies
     assert f"; it weighs {whole.mass:.4g} g now; scene.yaml~ is as it was" in said
 
 
@@ -89,7 +103,10 @@ def test_a_merge_leaves_doubtful_regions_in_the_label_map(tmp_path: Path) -> Non
     labels = np.zeros((120, 160), np.uint8)
     labels[60:100, 20:50], labels[60:100, 50:80], labels[70:100, 110:140] = 1, 2, 3
     (tmp_path / "maps").mkdir()
-    pictures = {"masks": labels, "coverage": np.where(np.isin(labels, (1, 2)), 255, 0).astype(np.uint8)}
+    pictures = {
+        "masks": labels,
+        "coverage": np.where(np.isin(labels, (1, 2)), 255, 0).astype(np.uint8),
+    }
     for name, picture in pictures.items():
         cv2.imwrite(str(tmp_path / "maps" / f"{name}.png"), picture)
     photo = cv2.merge([labels * 60 + 40] * 3)
@@ -102,6 +119,8 @@ def test_a_merge_leaves_doubtful_regions_in_the_label_map(tmp_path: Path) -> Non
     )
     assert main(["merge", str(scene), "a", "b"]) == 0
     assert {item.name: item.mass for item in pipeline.load(scene).objects} == {"a": 120}
-    after = cv2.imread(str(pipeline.load(scene).assets / "masks.png"), cv2.IMREAD_UNCHANGED)
+    after = cv2.imread(
+        str(pipeline.load(scene).assets / "masks.png"), cv2.IMREAD_UNCHANGED
+    )
     assert np.array_equal(after == 3, labels == 3)
     assert np.array_equal(after == 1, np.isin(labels, (1, 2)))

@@ -22,10 +22,18 @@ SIDE, FRAMES = 64, 5
 
 
 def texture(seed: int) -> np.ndarray:
-    return np.random.default_rng(seed).integers(0, 255, (4, 4, 3)).astype(np.uint8).repeat(4, 0).repeat(4, 1)
+    return (
+        np.random.default_rng(seed)
+        .integers(0, 255, (4, 4, 3))
+        .astype(np.uint8)
+        .repeat(4, 0)
+        .repeat(4, 1)
+    )
 
 
-def clip(seed: int, speed: float, colour: int = 0, side: int = SIDE) -> list[np.ndarray]:
+def clip(
+    seed: int, speed: float, colour: int = 0, side: int = SIDE
+) -> list[np.ndarray]:
     """A square that crosses a grey wall at `speed` px a frame, from a place that the seed chooses."""
     random = np.random.default_rng(seed)
     x, y = random.uniform(2, 12), random.uniform(8, 30)
@@ -34,7 +42,9 @@ def clip(seed: int, speed: float, colour: int = 0, side: int = SIDE) -> list[np.
     frames = []
     for k in range(FRAMES):
         move = np.float64([[1, 0, x + k * speed], [0, 1, y]])
-        square = cv2.warpAffine(texture(colour), move, (SIDE, SIDE), borderMode=cv2.BORDER_CONSTANT)
+        square = cv2.warpAffine(
+            texture(colour), move, (SIDE, SIDE), borderMode=cv2.BORDER_CONSTANT
+        )
         there = cv2.warpAffine(np.full((16, 16), 1.0), move, (SIDE, SIDE))[..., None]
         frames.append(np.rint(wall * (1 - there) + square * there).astype(np.uint8))
     return [cv2.resize(f, (side, side), interpolation=cv2.INTER_AREA) for f in frames]
@@ -50,7 +60,11 @@ def save(frames: Sequence[np.ndarray], folder: Path) -> None:
 def bank(monkeypatch: pytest.MonkeyPatch) -> None:
     """Features without a model, where no file of the network is named: what is tested is all but these."""
     real = evaluate._features
-    monkeypatch.setattr(evaluate, "_features", lambda file: Bank() if file == Path("bank") else real(file))
+    monkeypatch.setattr(
+        evaluate,
+        "_features",
+        lambda file: Bank() if file == Path("bank") else real(file),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +80,10 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
-    assert main(["evaluate", "fid", "--inception", "bank", *map(str, arguments), "--json"]) == 0
+    assert (
+        main(["evaluate", "fid", "--inception", "bank", *map(str, arguments), "--json"])
+        == 0
+    )
     return json.loads(capsys.readouterr().out)
 
 
@@ -80,14 +97,18 @@ def methods(root: Path, *names: str) -> list[str]:
     return [str(root / name) for name in names]
 
 
-def test_what_differs_is_farther(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_differs_is_farther(
+    clips: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The paper's finding in small: what hardly moves looks right and moves wrong; other colours are seen in frames."""
     found = told(
         capsys, "--reference", clips / "true", "--size", SIDE, "--draws", 40,
         *methods(clips, "alike", "fast", "still", "painted"),
     )  # fmt: skip
     by_name = {row["method"]: row for row in found["rows"]}
-    alike, fast, still, painted = (by_name[name] for name in ("alike", "fast", "still", "painted"))
+    alike, fast, still, painted = (
+        by_name[name] for name in ("alike", "fast", "still", "painted")
+    )
     for row in (fast, still):
         assert row["motion_fid"] > 3 * alike["motion_fid"]
         assert row["motion_fid_95"][0] > alike["motion_fid_95"][1]
@@ -118,7 +139,9 @@ def test_a_flows_colours_are_those_of_the_wheel() -> None:
     assert not np.array_equal(shown, pictured(moved, 8.0))  # speed is seen
 
 
-def test_formats_do_not_matter(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_formats_do_not_matter(
+    clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Frames as physgen leaves them among other files, and videos: the same clips, the same distances."""
     from physgen.export.video import Format, open_video
 
@@ -126,7 +149,10 @@ def test_formats_do_not_matter(clips: Path, tmp_path: Path, capsys: pytest.Captu
     for folder in (rendered, films):
         folder.mkdir()
     for k in range(12):
-        frames = [cv2.imread(str(clips / "true" / str(k) / f"{i}.png"))[..., ::-1] for i in range(FRAMES)]
+        frames = [
+            cv2.imread(str(clips / "true" / str(k) / f"{i}.png"))[..., ::-1]
+            for i in range(FRAMES)
+        ]
         (rendered / f"scene-{k}").mkdir()
         (rendered / f"scene-{k}" / "poster.png").write_bytes(b"no picture of a clip")
         for folder, kind, file in (
@@ -138,7 +164,9 @@ def test_formats_do_not_matter(clips: Path, tmp_path: Path, capsys: pytest.Captu
                     write(np.ascontiguousarray(frame))
     (rendered / "index.html").write_text("")
     (rendered / "index.files").mkdir()
-    cv2.imwrite(str(rendered / "index.files" / "strip.png"), np.zeros((9, 99, 3), np.uint8))
+    cv2.imwrite(
+        str(rendered / "index.files" / "strip.png"), np.zeros((9, 99, 3), np.uint8)
+    )
     found = told(
         capsys, "--reference", clips / "true", "--size", SIDE, "--draws", 0,
         *methods(clips, "painted"), rendered, films,
@@ -147,10 +175,14 @@ def test_formats_do_not_matter(clips: Path, tmp_path: Path, capsys: pytest.Captu
     for row in found["rows"]:
         assert (row["clips"], row["frames"]) == (12, 12 * FRAMES)
     assert (same["image_fid"], same["motion_fid"]) == pytest.approx((0, 0), abs=1e-9)
-    assert 0 < filmed["image_fid"] < 0.1 * painted["image_fid"]  # compressed, as videos are
+    assert (
+        0 < filmed["image_fid"] < 0.1 * painted["image_fid"]
+    )  # compressed, as videos are
 
 
-def test_a_page(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_page(
+    clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "page"
     more = ["--size", SIDE, "--draws", 20, "--frames", 3, "-o", out]
     assert main(asked(clips, "alike", *more)) == 0
@@ -170,7 +202,10 @@ def test_frames_are_taken_evenly_and_made_one_size(tmp_path: Path) -> None:
     chosen = list(Rule(10, 3).frames(source))
     assert [frame.shape for frame in chosen] == [(10, 20, 3)] * 3
     assert [int(frame[5, 15, 0]) for frame in chosen] == [0, 80, 160]
-    assert [int(f[5, 15, 0]) for f in Rule(10).frames(replace(source, skip=7))] == [140, 160]
+    assert [int(f[5, 15, 0]) for f in Rule(10).frames(replace(source, skip=7))] == [
+        140,
+        160,
+    ]
 
 
 def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
@@ -179,7 +214,10 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
     for k in range(3):
         save([np.zeros((20, 40, 3), np.uint8)] * 3, root / "wide" / str(k))
         save([np.zeros((20, 20, 3), np.uint8)], root / "single" / str(k))
-    save([np.zeros((20, 20, 3), np.uint8), np.zeros((20, 22, 3), np.uint8)], root / "uneven" / "a")
+    save(
+        [np.zeros((20, 20, 3), np.uint8), np.zeros((20, 22, 3), np.uint8)],
+        root / "uneven" / "a",
+    )
     save([np.zeros((20, 20, 3), np.uint8)], root / "lonely")
     (root / "hollow" / "sub").mkdir(parents=True)
     (root / "broken").mkdir()
@@ -201,12 +239,25 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
     }  # fmt: skip
 
 
-def test_faults_are_told(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_faults_are_told(
+    clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "true").symlink_to(clips / "true")
     for name, (arguments, expected) in faults(tmp_path).items():
         out = tmp_path / "out"
-        common = ["--reference", str(clips / "true"), "--size", str(SIDE), "--draws", "0", "-o", str(out)]
-        assert main(["evaluate", "fid", "--inception", "bank", *arguments, *common]) == 2, name
+        common = [
+            "--reference",
+            str(clips / "true"),
+            "--size",
+            str(SIDE),
+            "--draws",
+            "0",
+            "-o",
+            str(out),
+        ]
+        assert (
+            main(["evaluate", "fid", "--inception", "bank", *arguments, *common]) == 2
+        ), name
         printed = capsys.readouterr()
         for text in expected:
             assert text in printed.err, (name, printed.err)
@@ -223,7 +274,11 @@ def test_faults_are_told(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     ],
 )
 def test_a_script_that_is_another_network(
-    clips: Path, tmp_path: Path, network: str, expected: str, capsys: pytest.CaptureFixture[str]
+    clips: Path,
+    tmp_path: Path,
+    network: str,
+    expected: str,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     from tests.contract import tiny_judges
 
@@ -247,4 +302,7 @@ def test_a_persons_own_file_is_called_as_the_official_one_is(
     (row,) = found["rows"]
     assert row["motion_fid"] > 0
     assert row["motion_fid_95"] is None
-    assert "5 pictures for 2048 features: fewer pictures make a Fréchet distance larger" in printed.err
+    assert (
+        "5 pictures for 2048 features: fewer pictures make a Fréchet distance larger"
+        in printed.err
+    )

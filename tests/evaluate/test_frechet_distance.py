@@ -39,7 +39,9 @@ class Passed(torch.nn.Module):
 
 
 def by_torchmetrics(one: np.ndarray, other: np.ndarray) -> float:
-    judge = FrechetInceptionDistance(feature=Passed(one.shape[1]), normalize=True, input_img_size=(3, 8, 8))
+    judge = FrechetInceptionDistance(
+        feature=Passed(one.shape[1]), normalize=True, input_img_size=(3, 8, 8)
+    )
     judge.set_dtype(torch.float64)
     judge.used_custom_model = True
     for real, features in ((True, one), (False, other)):
@@ -62,7 +64,9 @@ def test_agrees_with_two_others(wide: int, shift: float) -> None:
     found = frechet(moments(one), moments(other))
     assert found == pytest.approx(by_torchmetrics(one, other), rel=1e-6)
     assert found == pytest.approx(by_scipy(one, other), rel=1e-6)
-    of_moments = [moments_of(features.mean(0), np.cov(features.T)) for features in (one, other)]
+    of_moments = [
+        moments_of(features.mean(0), np.cov(features.T)) for features in (one, other)
+    ]
     assert found == pytest.approx(frechet(*of_moments), rel=1e-9)
 
 
@@ -105,7 +109,10 @@ def test_two_pictures_are_enough_and_one_is_not() -> None:
 def test_weights_are_repetitions() -> None:
     features = correlated(5, 20, 6)
     often = RANDOM(6).integers(0, 4, 20)
-    one, other = moments(features, often.astype(float)), moments(np.repeat(features, often, axis=0))
+    one, other = (
+        moments(features, often.astype(float)),
+        moments(np.repeat(features, often, axis=0)),
+    )
     assert np.allclose(one.root.T @ one.root, other.root.T @ other.root)
     assert np.allclose(one.mean, other.mean)
 
@@ -117,7 +124,9 @@ def test_intervals_are_of_clips_not_of_frames() -> None:
     found = {}
     for frames in (1, 8):
         sides = [np.repeat(side, frames, axis=1) for side in (truth, clips)]
-        low, high = distances(cloud(sides[0]), {"it": cloud(sides[1])}, draws=200)["it"].interval
+        low, high = distances(cloud(sides[0]), {"it": cloud(sides[1])}, draws=200)[
+            "it"
+        ].interval
         found[frames] = high - low
     assert found[8] == pytest.approx(found[1], rel=0.1)
 

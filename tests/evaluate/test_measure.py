@@ -24,10 +24,16 @@ RUDE = '<script>alert("x")</script> & |'
 
 
 def found(met: bool = True, value: float = 1.5) -> Findings:
-    table = Table(("method", "distance"), (("ours", "105.7"), (RUDE, "-")), note="The paper: 105.70.")
+    table = Table(
+        ("method", "distance"),
+        (("ours", "105.7"), (RUDE, "-")),
+        note="The paper: 105.70.",
+    )
     sections = (Section("Distances", (RUDE,), (table,)),)
     bars = (Bar("order", "30.2", "36.6", met),)
-    return Findings("fid", "Frames", ("One.",), sections, [{"method": "ours", "value": value}], bars)
+    return Findings(
+        "fid", "Frames", ("One.",), sections, [{"method": "ours", "value": value}], bars
+    )
 
 
 class Reader(HTMLParser):
@@ -53,7 +59,9 @@ class Reader(HTMLParser):
 
 
 def test_a_page_holds_all_and_nothing_runs(tmp_path: Path) -> None:
-    page = write_page(found(), tmp_path / "new" / "page", ["physgen", "evaluate", "fid", "a b"])
+    page = write_page(
+        found(), tmp_path / "new" / "page", ["physgen", "evaluate", "fid", "a b"]
+    )
     read = Reader(page.read_text())
     assert read.cells == ["method", "distance", "ours", "105.7", RUDE, "-"]
     assert not any("alert" in script for script in read.scripts)
@@ -68,7 +76,11 @@ def test_a_page_of_somebody_else_is_kept(tmp_path: Path) -> None:
     write_page(found(), tmp_path, ["physgen"], kept.append)
     assert kept == [tmp_path / "index.html~"]
     assert (tmp_path / "index.html~").read_text() == "mine"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["index.html", "index.html~", "result.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "index.html",
+        "index.html~",
+        "result.json",
+    ]
 
 
 def test_a_file_is_no_folder(tmp_path: Path) -> None:

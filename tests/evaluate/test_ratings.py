@@ -12,12 +12,23 @@ import scipy.stats
 from pytest import approx
 
 from physgen.cli.main import main
-from physgen.evaluate.ratings import Answers, Draws, agreement, files_in, findings, means, read_answers
+from physgen.evaluate.ratings import (
+    Answers,
+    Draws,
+    agreement,
+    files_in,
+    findings,
+    means,
+    read_answers,
+)
 from physgen.evaluate.study import Key, read_key
 from physgen.problems import InputError
 
 METHODS, SCENES = ("ours", "rude <b>&|"), ("pool", "shelf", "ramp")
-CLIPS = {f"c{k + 1}": (m, s) for k, (m, s) in enumerate((m, s) for m in METHODS for s in SCENES)}
+CLIPS = {
+    f"c{k + 1}": (m, s)
+    for k, (m, s) in enumerate((m, s) for m in METHODS for s in SCENES)
+}
 KEY = Key("abc123", 0, METHODS, SCENES, CLIPS)
 
 
@@ -28,8 +39,12 @@ def key(tmp_path: Path) -> Path:
     return path
 
 
-def saved(path: Path, rater: str, scores: dict[str, tuple[Any, Any]], **more: Any) -> Path:
-    answers = {clip: {"physical": one, "photo": two} for clip, (one, two) in scores.items()}
+def saved(
+    path: Path, rater: str, scores: dict[str, tuple[Any, Any]], **more: Any
+) -> Path:
+    answers = {
+        clip: {"physical": one, "photo": two} for clip, (one, two) in scores.items()
+    }
     record = {
         "physgen-study-answers": 1, "study": "abc123", "rater": rater, "session": rater, "answers": answers,
     }  # fmt: skip
@@ -64,7 +79,9 @@ def test_scores_come_to_their_method_and_scene(tmp_path: Path, key: Path) -> Non
 
 @pytest.mark.parametrize("score", [0, 6, 2.5, "4", True, float("nan"), [3]])
 def test_a_score_is_one_to_five(tmp_path: Path, score: Any) -> None:
-    text = refused(saved(tmp_path / "a.json", "Ada", {**all_of(3, 3), "c2": (3, score)}))
+    text = refused(
+        saved(tmp_path / "a.json", "Ada", {**all_of(3, 3), "c2": (3, score)})
+    )
     assert text.startswith(f"{tmp_path}/a.json: answers.c2.photo: ")
     assert "is no score from 1 to 5" in text
 
@@ -88,13 +105,19 @@ def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
 
 
 def test_the_last_file_of_a_person_counts(tmp_path: Path) -> None:
-    early = saved(tmp_path / "a.json", "Ada", {"c1": (1, 1)}, saved="2024-05-01T10:00:00Z")
-    late = saved(tmp_path / "a (1).json", "Ada", all_of(4, 4), saved="2024-05-01T11:00:00Z")
+    early = saved(
+        tmp_path / "a.json", "Ada", {"c1": (1, 1)}, saved="2024-05-01T10:00:00Z"
+    )
+    late = saved(
+        tmp_path / "a (1).json", "Ada", all_of(4, 4), saved="2024-05-01T11:00:00Z"
+    )
     for files in ((early, late), (late, early)):
         found = read(*files)
         assert len(found.raters) == 1
         assert (found.scores["physical"] == 4).all()
-    assert len(files_in([tmp_path, late], tmp_path / "x")) == 2, "the same file is read once"
+    assert len(files_in([tmp_path, late], tmp_path / "x")) == 2, (
+        "the same file is read once"
+    )
 
 
 def test_one_name_for_two_people_is_refused(tmp_path: Path) -> None:
@@ -105,7 +128,12 @@ def test_one_name_for_two_people_is_refused(tmp_path: Path) -> None:
 
 def test_a_changed_key_is_refused(key: Path) -> None:
     record = json.loads(KEY.text())
-    for change in ({"clips": {}}, {"methods": ["ours"]}, {"seed": "x"}, {"clips": {"c1": 3}}):
+    for change in (
+        {"clips": {}},
+        {"methods": ["ours"]},
+        {"seed": "x"},
+        {"clips": {"c1": 3}},
+    ):
         key.write_text(json.dumps({**record, **change}))
         with pytest.raises(InputError, match="is a key that was changed"):
             read_key(key)
@@ -116,22 +144,35 @@ def test_a_changed_key_is_refused(key: Path) -> None:
 
 def test_missing_answers_make_no_number(tmp_path: Path) -> None:
     """The second method's photo-realism is not rated: None, and never NaN."""
-    first = {clip: (4, 4 if method == "ours" else None) for clip, (method, _) in CLIPS.items()}
+    first = {
+        clip: (4, 4 if method == "ours" else None)
+        for clip, (method, _) in CLIPS.items()
+    }
     files = [saved(tmp_path / f"{k}.json", f"r{k}", first) for k in range(3)]
     files.append(saved(tmp_path / "e.json", "Eve", {}))
     found = findings(read(*files))
     record = found.as_dict()  # raises on NaN
     assert "nan" not in json.dumps(record).lower()
     rude = next(row for row in record["rows"] if row["method"] != "ours")
-    assert rude["photo"] == {"mean": None, "low": None, "high": None, "answers": 0, "counts": [0] * 5}
+    assert rude["photo"] == {
+        "mean": None,
+        "low": None,
+        "high": None,
+        "answers": 0,
+        "counts": [0] * 5,
+    }
     assert record["raters"] == 3, "Eve has no answers"
     assert any("9 of 36 are missing" in sentence for sentence in found.sentences)
     assert "holds no answer to any question" in refused(files[-1])
 
 
 def test_the_leader_is_named_and_few_raters_are_told(tmp_path: Path) -> None:
-    better = {clip: (5 if method == "ours" else 2, 3) for clip, (method, _) in CLIPS.items()}
-    found = findings(read(*(saved(tmp_path / f"{k}.json", f"r{k}", better) for k in range(3)))).sentences
+    better = {
+        clip: (5 if method == "ours" else 2, 3) for clip, (method, _) in CLIPS.items()
+    }
+    found = findings(
+        read(*(saved(tmp_path / f"{k}.json", f"r{k}", better) for k in range(3)))
+    ).sentences
     assert found[0] == "physical-realism: ours scores highest, 5.00 [5.00, 5.00] of 5."
     assert "With fewer than 5 raters or videos" in found[-1]
     single = findings(read(saved(tmp_path / "b.json", "Ada", {"c1": (4, 3)})))
@@ -140,11 +181,15 @@ def test_the_leader_is_named_and_few_raters_are_told(tmp_path: Path) -> None:
     assert single.as_dict()["agreement"]["physical"]["alpha"] is None, "of one rater"
 
 
-def test_the_command_reads_answers(tmp_path: Path, key: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_reads_answers(
+    tmp_path: Path, key: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Means as written down by hand, best first; a page in which nothing runs."""
     (tmp_path / "answers").mkdir()
     for k in range(3):
-        mine = {clip: (5 - (method != "ours") * k, 2) for clip, (method, _) in CLIPS.items()}
+        mine = {
+            clip: (5 - (method != "ours") * k, 2) for clip, (method, _) in CLIPS.items()
+        }
         saved(tmp_path / "answers" / f"{k}.json", f"rater {k}", mine)
     asked = ["evaluate", "study", str(tmp_path / "answers"), "--key", str(key)]
     assert main([*asked, "--json"]) == 0
@@ -164,7 +209,10 @@ def test_the_command_reads_answers(tmp_path: Path, key: Path, capsys: pytest.Cap
     [
         (["a.json"], "--key: is missing"),
         (["a.json", "--key", "a.json"], "is not the key of a study"),
-        (["a.json", "--key", "study.key.json", "--videos", "3"], "--videos: has no part in reading answers"),
+        (
+            ["a.json", "--key", "study.key.json", "--videos", "3"],
+            "--videos: has no part in reading answers",
+        ),
         (["a.json", "--key", "study.key.json", "-o", "a.json"], "is a file"),
         (["empty", "--key", "study.key.json"], "holds no answer"),
         (["empty"], "holds no methods"),
@@ -231,7 +279,10 @@ AUTHORS = """\
 
 
 def test_agreement_is_as_its_author_computed_it() -> None:
-    rows = [[0 if score == "." else int(score) for score in line.split()] for line in AUTHORS.splitlines()]
+    rows = [
+        [0 if score == "." else int(score) for score in line.split()]
+        for line in AUTHORS.splitlines()
+    ]
     found = agreement(np.array(rows))
     assert found.mean == approx(0.815, abs=5e-4)
     assert found.low is not None
@@ -250,7 +301,8 @@ def test_equal_scores_agree_wholly_and_random_ones_not_at_all() -> None:
 
 
 @pytest.mark.parametrize(
-    "scores", [[[3, 4, 5]], [[3, 3, 3], [3, 3, 3]], [[1, 2, 0], [0, 0, 3]], [[0, 0], [0, 0]]]
+    "scores",
+    [[[3, 4, 5]], [[3, 3, 3], [3, 3, 3]], [[1, 2, 0], [0, 0, 3]], [[0, 0], [0, 0]]],
 )
 def test_where_it_has_no_meaning_it_has_no_value(scores: list[list[int]]) -> None:
     """One rater, the same everywhere, no clip twice, nothing at all."""

@@ -24,11 +24,15 @@ def drawn(shift: int = 0) -> tuple[np.ndarray, np.ndarray]:
     for k, (cx, cy, radius) in enumerate(DISCS):
         inside = np.hypot(x - cx - shift, y - cy) <= radius
         up, away = (y - cy) / radius, np.hypot(x - cx - shift, y - cy) / radius
-        light = 0.35 + 0.65 * np.clip(0.6 * np.sqrt(np.clip(1 - away**2, 0, 1)) - 0.8 * up, 0, 1)
+        light = 0.35 + 0.65 * np.clip(
+            0.6 * np.sqrt(np.clip(1 - away**2, 0, 1)) - 0.8 * up, 0, 1
+        )
         rgb[inside] = (light[..., None] * (230, 90 + 40 * k, 60))[inside]
         labels[inside] = k + 1
     grain = np.random.default_rng(0).normal(0, 2, rgb.shape)
-    return np.clip(cv2.GaussianBlur(rgb, (0, 0), 0.7) + grain, 0, 255).astype(np.uint8), labels
+    return np.clip(cv2.GaussianBlur(rgb, (0, 0), 0.7) + grain, 0, 255).astype(
+        np.uint8
+    ), labels
 
 
 def put(path: Path, picture: np.ndarray) -> None:
@@ -46,7 +50,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     put(root / "b.jpg", rgb)
     put(
         root / "b.labels.png",
-        np.array([[0, 0, 0], [255, 0, 0], [0, 255, 0], [9, 9, 200], [7, 1, 1]], np.uint8)[labels],
+        np.array(
+            [[0, 0, 0], [255, 0, 0], [0, 255, 0], [9, 9, 200], [7, 1, 1]], np.uint8
+        )[labels],
     )
     put(root / "c" / "photo.png", rgb)
     put(root / "c" / "photo.assets" / "masks.png", labels)
@@ -55,7 +61,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def test_every_layout_tells_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_layout_tells_the_same(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["evaluate", "segmentation", str(folder), "--json"]) == 0
     told = capsys.readouterr()
     assert told.err == ""
@@ -70,15 +78,36 @@ def test_every_layout_tells_the_same(folder: Path, capsys: pytest.CaptureFixture
     assert found["passed"] is True
     assert 0 <= total["error"] <= 1
     by_iou = total["ap_by_iou"]
-    assert [one["iou"] for one in by_iou] == [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95]
+    assert [one["iou"] for one in by_iou] == [
+        0.5,
+        0.55,
+        0.6,
+        0.65,
+        0.7,
+        0.75,
+        0.8,
+        0.85,
+        0.9,
+        0.95,
+    ]
     assert np.mean([one["ap"] for one in by_iou]) == pytest.approx(total["ap"])
     assert by_iou[0]["ap"] == total["ap50"] >= by_iou[-1]["ap"]
 
 
 @pytest.mark.slow
-def test_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_and_pictures(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "deep" / "out"
-    arguments = ["evaluate", "segmentation", str(folder), "-o", str(out), "--backend", "segment=learned"]
+    arguments = [
+        "evaluate",
+        "segmentation",
+        str(folder),
+        "-o",
+        str(out),
+        "--backend",
+        "segment=learned",
+    ]
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert re.search(r"^a +4 +4 +4 +1\.000", text, re.M)
@@ -88,7 +117,9 @@ def test_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.Captur
     assert "average precision at IoU" in page
 
 
-def test_photos_that_stand_alone_are_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_photos_that_stand_alone_are_told_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rgb, labels = drawn()
     put(tmp_path / "a.png", rgb)
     put(tmp_path / "a.labels.png", labels)
@@ -114,15 +145,23 @@ def test_names_stay_apart_and_inside(tmp_path: Path) -> None:
     ("case", "message"),
     [
         ("missing", "no such folder; check the path"),
-        ("empty", "holds no photo with a label map; put NAME.labels.png beside each NAME.png"),
-        ("size", "100 x 90 px differs from the 220 x 220 px of a.png; make it the photo's size"),
+        (
+            "empty",
+            "holds no photo with a label map; put NAME.labels.png beside each NAME.png",
+        ),
+        (
+            "size",
+            "100 x 90 px differs from the 220 x 220 px of a.png; make it the photo's size",
+        ),
         ("broken", "is not a picture that can be read"),
         ("twins", "could both be its photo; keep one of them"),
         ("backend", '--backend: "label" has no part in this; write segment=NAME'),
         ("output", "is a file; name a folder with -o"),
     ],
 )
-def test_refusals(case: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_refusals(
+    case: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     root, more = tmp_path / "in", list[str]()
     root.mkdir()
     rgb, labels = drawn()

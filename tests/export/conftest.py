@@ -39,7 +39,9 @@ render: {fps: 20, shadows: false}
 
 def texture(seed: int, height: int, width: int, level: float) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    field = cv2.GaussianBlur(rng.normal(0, 1, (height, width, 3)).astype(np.float32), None, 2.5)
+    field = cv2.GaussianBlur(
+        rng.normal(0, 1, (height, width, 3)).astype(np.float32), None, 2.5
+    )
     return np.clip(level + 90 * field / np.abs(field).max(), 0, 255)
 
 
@@ -80,7 +82,20 @@ def export(photo: Path, tmp_path: Path) -> Export:
     def run(scene: str, formats: str, *edits: str, out: str = "labels") -> Path:
         sets = [part for edit in edits for part in ("--set", edit)]
         path = photo / f"{scene}.yaml"
-        assert main(["export", str(path), "--format", formats, "-o", str(tmp_path / out), *sets]) == 0
+        assert (
+            main(
+                [
+                    "export",
+                    str(path),
+                    "--format",
+                    formats,
+                    "-o",
+                    str(tmp_path / out),
+                    *sets,
+                ]
+            )
+            == 0
+        )
         return tmp_path / out / scene
 
     return run

@@ -17,7 +17,12 @@ from physgen import pipeline
 from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.report.record import RunRecord
 
-QUIET = {"PRINT_RESULTS": False, "PRINT_CONFIG": False, "TIME_PROGRESS": False, "DISPLAY_LESS_PROGRESS": True}
+QUIET = {
+    "PRINT_RESULTS": False,
+    "PRINT_CONFIG": False,
+    "TIME_PROGRESS": False,
+    "DISPLAY_LESS_PROGRESS": True,
+}
 QUIET |= {
     "OUTPUT_SUMMARY": False,
     "OUTPUT_DETAILED": False,
@@ -86,10 +91,15 @@ class Labelled:
     @cached_property
     def whole(self) -> dict[tuple[int, str], np.ndarray]:
         """Frame and name -> the mask of all of a thing that the file has, hidden or not."""
-        told = self.coco.dataset["annotations"] + self.coco.dataset["hidden_annotations"]
+        told = (
+            self.coco.dataset["annotations"] + self.coco.dataset["hidden_annotations"]
+        )
         return {
             (row["image_id"] - 1, self.names[row["track_id"] - 1]): self.coco.annToMask(
-                {"image_id": row["image_id"], "segmentation": row["amodal_segmentation"]}
+                {
+                    "image_id": row["image_id"],
+                    "segmentation": row["amodal_segmentation"],
+                }
             )
             > 0
             for row in told
@@ -99,7 +109,12 @@ class Labelled:
 def labelled(scene: Path, out: Path, formats: str, *edits: str) -> Labelled:
     """Exports a scene with `edits`, in the formats, `coco,mot`."""
     made = pipeline.render_scene(
-        scene, out, overrides=edits, formats=(), page=pipeline.Page.NONE, export=formats.split(",")
+        scene,
+        out,
+        overrides=edits,
+        formats=(),
+        page=pipeline.Page.NONE,
+        export=formats.split(","),
     )
     return Labelled(scene, edits, made)
 

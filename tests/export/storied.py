@@ -20,7 +20,13 @@ boundaries: {{floor: {{segment: [[-900, 180], [900, 180]], friction: 0.4, elasti
 BALL = "  ball: {shape: {circle: {center: [100, 70], radius: 10}}, mass: 5, elasticity: 0.64}\n"
 
 
-def clip(tmp_path: Path, objects: str, *edits: str, head: str = HEAD, variant: str | None = None) -> Clip:
+def clip(
+    tmp_path: Path,
+    objects: str,
+    *edits: str,
+    head: str = HEAD,
+    variant: str | None = None,
+) -> Clip:
     path = tmp_path / "scene.yaml"
     path.write_text(head + f"objects:\n{objects}", encoding="utf-8")
     return clip_of(path, edits, variant)
@@ -50,5 +56,6 @@ def happened(told: Clip, kind: EventKind, who: str | None = None) -> list[Event]
     return [
         event
         for event in events(told)
-        if event.kind is kind and (who is None or who in [names[k] for k in event.surfaces])
+        if event.kind is kind
+        and (who is None or who in [names[k] for k in event.surfaces])
     ]

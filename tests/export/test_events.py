@@ -18,13 +18,17 @@ E = sqrt(0.64 * 1)  # of the ball and the floor
 FRAME = 1 / 60
 
 
-def test_a_ball_that_is_dropped_meets_the_floor_as_free_fall_has_it(tmp_path: Path) -> None:
+def test_a_ball_that_is_dropped_meets_the_floor_as_free_fall_has_it(
+    tmp_path: Path,
+) -> None:
     told = clip(tmp_path, BALL, "world.duration=1.8")
     fall, speed = sqrt(2 * 100 / G), sqrt(2 * G * 100)
     (falls,) = happened(told, EventKind.MOVE)
     assert falls.time == 0
     blows = happened(told, EventKind.COLLISION)
-    assert [blow.time for blow in blows[:2]] == pytest.approx([fall, fall * (1 + 2 * E)], abs=2e-3)
+    assert [blow.time for blow in blows[:2]] == pytest.approx(
+        [fall, fall * (1 + 2 * E)], abs=2e-3
+    )
     first = blows[0]
     assert first.time == pytest.approx(fall, abs=2e-4)
     assert first.impulse == pytest.approx(5 * (1 + E) * speed, rel=5e-3)
@@ -68,7 +72,9 @@ def test_who_leaves_the_picture_does_so_when_its_rim_does(tmp_path: Path) -> Non
     assert gone.time == pytest.approx((399.5 + 10 - 100) / 300, abs=1e-6)
 
 
-def test_what_slides_rests_when_tables_say_so_and_friction_has_it(tmp_path: Path) -> None:
+def test_what_slides_rests_when_tables_say_so_and_friction_has_it(
+    tmp_path: Path,
+) -> None:
     block = "  block: {shape: {box: {center: [50, 170], size: [40, 20]}}, mass: 50, friction: 0.4, velocity: [60, 0]}\n"
     told = clip(tmp_path, block)
     (rest,) = happened(told, EventKind.REST)
@@ -85,7 +91,9 @@ def test_pushes_begin_and_end_when_the_scene_says(tmp_path: Path) -> None:
     push, begin = happened(told, EventKind.PUSH)
     assert (begin.time, begin.until) == (0.25, 0.75)
     assert (push.time, push.impulse, push.vector) == (0, 70, (0, 70))
-    assert begin.at == pytest.approx((100, 70 + 14 * 0.25), abs=1e-6)  # where the ball is by then
+    assert begin.at == pytest.approx(
+        (100, 70 + 14 * 0.25), abs=1e-6
+    )  # where the ball is by then
 
 
 def test_the_file_names_what_the_scene_names(tmp_path: Path) -> None:
@@ -106,7 +114,9 @@ def test_the_file_names_what_the_scene_names(tmp_path: Path) -> None:
 
 
 def test_a_clip_that_plays_backward_shows_events_in_that_order(tmp_path: Path) -> None:
-    forward, backward = (clip(tmp_path, BALL, f"render.play={way}") for way in ("forward", "backward"))
+    forward, backward = (
+        clip(tmp_path, BALL, f"render.play={way}") for way in ("forward", "backward")
+    )
     last = len(forward.trajectory.times) - 1
     for event in happened(forward, EventKind.COLLISION):
         there, back = ClipTimes(forward), ClipTimes(backward)

@@ -19,7 +19,10 @@ F32 = NDArray[np.float32]
 
 def flows(folder: Path, way: str = "forward") -> list[F32]:
     """As OpenCV reads them."""
-    return [cv2.readOpticalFlow(str(path)) for path in sorted((folder / "flo" / way).glob("*.flo"))]
+    return [
+        cv2.readOpticalFlow(str(path))
+        for path in sorted((folder / "flo" / way).glob("*.flo"))
+    ]
 
 
 def seen(folder: Path, way: str = "forward") -> list[np.ndarray]:
@@ -28,20 +31,30 @@ def seen(folder: Path, way: str = "forward") -> list[np.ndarray]:
 
 
 def frames(folder: Path) -> list[np.ndarray]:
-    return [cv2.imread(str(path))[:, :, ::-1] for path in sorted((folder / "frames").glob("*.png"))]
+    return [
+        cv2.imread(str(path))[:, :, ::-1]
+        for path in sorted((folder / "frames").glob("*.png"))
+    ]
 
 
 def warped(picture: np.ndarray, moved: F32) -> np.ndarray:
     """What `picture` shows at the places that pixels have moved to."""
     y, x = np.indices(moved.shape[:2], np.float32)
     return cv2.remap(
-        picture, x + moved[..., 0], y + moved[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+        picture,
+        x + moved[..., 0],
+        y + moved[..., 1],
+        cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REPLICATE,
     )
 
 
 CASES = {
     "side": ("side", ()),
-    "camera": ("side", ("render.camera=[{time: 0}, {time: 0.4, center: [70, 60], zoom: 1.5}]",)),
+    "camera": (
+        "side",
+        ("render.camera=[{time: 0}, {time: 0.4, center: [70, 60], zoom: 1.5}]",),
+    ),
     "follow": ("side", ("render.camera=[{time: 0, zoom: 1.3, follow: ball}]",)),
     "scaled": ("side", ("render.size=[200, 160]",)),
     "there-and-back": ("side", ("render.play=there-and-back",)),
@@ -54,13 +67,19 @@ CASES = {
 def test_pictures_warped_by_the_flow_are_those_that_follow(case: str, export) -> None:
     scene, edits = CASES[case]
     folder = export(scene, "frames,flo", *edits)
-    pictures, forward, backward = frames(folder), flows(folder), flows(folder, "backward")
+    pictures, forward, backward = (
+        frames(folder),
+        flows(folder),
+        flows(folder, "backward"),
+    )
     assert len(forward) == len(backward) == len(pictures) - 1
     worst = 0.0
     for k, moved in enumerate(forward):
         mask = seen(folder)[k] == SEEN
         assert mask.mean() > 0.7
-        apart = np.abs(warped(pictures[k + 1], moved)[mask].astype(int) - pictures[k][mask])
+        apart = np.abs(
+            warped(pictures[k + 1], moved)[mask].astype(int) - pictures[k][mask]
+        )
         still = np.abs(pictures[k + 1][mask].astype(int) - pictures[k][mask])
         assert apart.mean() <= 2
         things = mask & (np.hypot(*np.moveaxis(moved, 2, 0)) > 0.5)
@@ -68,8 +87,12 @@ def test_pictures_warped_by_the_flow_are_those_that_follow(case: str, export) ->
             things.sum() > 300
         ):  # inside of what moves it is the flow, not the still background, that makes it fit
             inner = cv2.erode(things.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-            fit = np.abs(warped(pictures[k + 1], moved)[inner].astype(int) - pictures[k][inner]).mean()
-            astray = np.abs(pictures[k + 1][inner].astype(int) - pictures[k][inner]).mean()
+            fit = np.abs(
+                warped(pictures[k + 1], moved)[inner].astype(int) - pictures[k][inner]
+            ).mean()
+            astray = np.abs(
+                pictures[k + 1][inner].astype(int) - pictures[k][inner]
+            ).mean()
             assert fit <= 4 + 0.1 * astray
             worst = max(worst, astray)
         assert still.mean() >= apart.mean() - 0.5
@@ -93,13 +116,19 @@ def test_flow_is_the_motion_of_the_poses(export) -> None:
 
 def test_what_is_hidden_is_hidden_by_somebody(export) -> None:
     folder = export(
-        "side", "frames,flo", "objects.ball.velocity=[400, 0]", "world.gravity=[0, 0]", "world.duration=0.2"
+        "side",
+        "frames,flo",
+        "objects.ball.velocity=[400, 0]",
+        "world.gravity=[0, 0]",
+        "world.duration=0.2",
     )
     hidden = [told == HIDDEN for told in seen(folder)]
     assert any(mask.sum() > 50 for mask in hidden)
     pictures, forward = frames(folder), flows(folder)
     k = int(np.argmax([mask.sum() for mask in hidden]))
-    apart = np.abs(warped(pictures[k + 1], forward[k]).astype(int) - pictures[k]).mean(axis=2)
+    apart = np.abs(warped(pictures[k + 1], forward[k]).astype(int) - pictures[k]).mean(
+        axis=2
+    )
     assert apart[hidden[k]].mean() > 5 * apart[seen(folder)[k] == SEEN].mean()
 
 
@@ -124,8 +153,12 @@ def test_labels_beside_a_clip_are_those_of_the_export_and_change_no_frame(
     beside, plain = tmp_path / "out" / "side", tmp_path / "plain" / "side"
     for path in alone.rglob("*"):
         if path.is_file() and path.name != "manifest.json" and path.parent != alone:
-            assert (beside / "truth" / path.relative_to(alone)).read_bytes() == path.read_bytes()
+            assert (
+                beside / "truth" / path.relative_to(alone)
+            ).read_bytes() == path.read_bytes()
     assert (beside / "video.mp4").read_bytes() == (plain / "video.mp4").read_bytes()
     told = json.loads((beside / "manifest.json").read_text())
     assert "truth/flo/forward/00000.flo" in told["files"]
-    assert json.loads((beside / "timing.json").read_text())["stages"]["export"]["cpu"] > 0
+    assert (
+        json.loads((beside / "timing.json").read_text())["stages"]["export"]["cpu"] > 0
+    )

@@ -24,17 +24,37 @@ def crowd(count: int) -> str:
 def test_too_many_objects(tmp_path, capsys) -> None:
     scene = tmp_path / "crowd.yaml"
     scene.write_text(crowd(255), encoding="utf-8")
-    assert main(["export", str(scene), "--format", "davis", "-o", str(tmp_path / "out")]) == 2
+    assert (
+        main(["export", str(scene), "--format", "davis", "-o", str(tmp_path / "out")])
+        == 2
+    )
     said = capsys.readouterr().err
-    assert "objects: 255 objects are more than the format davis can number, which is 254; take coco" in said
+    assert (
+        "objects: 255 objects are more than the format davis can number, which is 254; take coco"
+        in said
+    )
     assert not (tmp_path / "out/crowd").exists()
 
 
 def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(formats, "find_spec", lambda name: None)
-    assert main(["export", str(hall(tmp_path)), "--format", "coco,flo", "-o", str(tmp_path / "out")]) == 2
+    assert (
+        main(
+            [
+                "export",
+                str(hall(tmp_path)),
+                "--format",
+                "coco,flo",
+                "-o",
+                str(tmp_path / "out"),
+            ]
+        )
+        == 2
+    )
     said = capsys.readouterr().err
-    assert f'"coco" needs pycocotools, which is not installed; {install("labels")}' in said
+    assert (
+        f'"coco" needs pycocotools, which is not installed; {install("labels")}' in said
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -46,19 +66,60 @@ def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
     assert main(["export", scene, "--format", "flo,frames", *few]) == 2
     said = capsys.readouterr().err
     assert (
-        f"{out / 'hall'}: holds davis of an earlier run, which would go; name all formats at once, or" in said
+        f"{out / 'hall'}: holds davis of an earlier run, which would go; name all formats at once, or"
+        in said
     )
     assert sorted(path for path in out.rglob("*") if path.is_file()) == there
     assert main(["export", scene, "--format", "frames,flo,davis", *few]) == 0
     assert (out / "hall/frames/00001.png").exists()
     film = tmp_path / "film"
-    assert main(["render", scene, "--set", "render.frames=2", "--report", "none", "-o", str(film)]) == 0
-    assert main(["export", scene, "--format", "flo", "--set", "render.frames=2", "-o", str(film)]) == 2
+    assert (
+        main(
+            [
+                "render",
+                scene,
+                "--set",
+                "render.frames=2",
+                "--report",
+                "none",
+                "-o",
+                str(film),
+            ]
+        )
+        == 0
+    )
+    assert (
+        main(
+            [
+                "export",
+                scene,
+                "--format",
+                "flo",
+                "--set",
+                "render.frames=2",
+                "-o",
+                str(film),
+            ]
+        )
+        == 2
+    )
     assert "holds video.mp4 of an earlier run" in capsys.readouterr().err
 
 
 def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
-    assert main(["export", str(hall(tmp_path)), "--format", "davos,tapvid", "-o", str(tmp_path / "out")]) == 2
+    assert (
+        main(
+            [
+                "export",
+                str(hall(tmp_path)),
+                "--format",
+                "davos,tapvid",
+                "-o",
+                str(tmp_path / "out"),
+            ]
+        )
+        == 2
+    )
     said = capsys.readouterr().err
     assert '--format: "davos" is no format; did you mean "davis"?' in said
     assert '--format: "tapvid" is no format; write any of frames, flo' in said

@@ -16,7 +16,12 @@ from physgen.simulate.trajectory import read_trajectory
 
 SIZE = 160, 128
 LOW, HIGH = 2.0, 8.0
-FREE = ("world.gravity=[0, 0]", "boundaries={}", "objects.*.velocity=[0, 0]", "objects.*.spin=0")
+FREE = (
+    "world.gravity=[0, 0]",
+    "boundaries={}",
+    "objects.*.velocity=[0, 0]",
+    "objects.*.spin=0",
+)
 BOX = "objects.crate.shape={box: {center: [112.5, 62.5], size: [34, 26]}}"
 """The crate's mask to the pixel: turned by a right angle, pixels fall on pixels."""
 
@@ -27,7 +32,11 @@ def ramp(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def smooth(seed: int) -> np.ndarray:
-    field = np.random.default_rng(seed).normal(0, 1, (SIZE[1], SIZE[0], 3)).astype(np.float32)
+    field = (
+        np.random.default_rng(seed)
+        .normal(0, 1, (SIZE[1], SIZE[0], 3))
+        .astype(np.float32)
+    )
     field = cv2.GaussianBlur(field, None, 4)
     return field / np.abs(field).max()
 
@@ -50,7 +59,9 @@ def mapped(photo: Path) -> Path:
         cv2.imwrite(str(path), np.rint(values).astype(np.uint16))
     for name in ("side", "top"):
         scene = photo / f"{name}.yaml"
-        text = scene.read_text().replace("world:", f"maps: {{depth: [{LOW}, {HIGH}]}}\nworld:", 1)
+        text = scene.read_text().replace(
+            "world:", f"maps: {{depth: [{LOW}, {HIGH}]}}\nworld:", 1
+        )
         scene.write_text(text)
     return photo
 
@@ -77,7 +88,10 @@ def vectors(codes: np.ndarray) -> np.ndarray:
 
 def ids(folder: Path) -> list[np.ndarray]:
     """Who is where: 1 is the ball, 2 the crate."""
-    return [np.asarray(Image.open(path)) for path in sorted((folder / "davis").rglob("Annotations/**/*.png"))]
+    return [
+        np.asarray(Image.open(path))
+        for path in sorted((folder / "davis").rglob("Annotations/**/*.png"))
+    ]
 
 
 def test_frame_0_is_the_photo_and_its_maps(mapped: Path, export) -> None:
@@ -89,16 +103,24 @@ def test_frame_0_is_the_photo_and_its_maps(mapped: Path, export) -> None:
     thing = (shown > 0) & (shown == asset(mapped, "masks"))
     near = cv2.dilate(thing.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     for name in ("depth",):
-        np.testing.assert_array_equal(pictures(folder, name)[0][thing], asset(mapped, name)[thing])
-        np.testing.assert_array_equal(pictures(folder, name)[0][~near], asset(mapped, name)[~near])
-    apart = np.abs(vectors(pictures(folder, "normals")[0]) - vectors(asset(mapped, "normals")))
+        np.testing.assert_array_equal(
+            pictures(folder, name)[0][thing], asset(mapped, name)[thing]
+        )
+        np.testing.assert_array_equal(
+            pictures(folder, name)[0][~near], asset(mapped, name)[~near]
+        )
+    apart = np.abs(
+        vectors(pictures(folder, "normals")[0]) - vectors(asset(mapped, "normals"))
+    )
     assert apart[thing | ~near].max() < 1e-4
     scale = json.loads((folder / "depth" / "scale.json").read_text())
     assert scale == {"at_0": LOW, "at_65535": HIGH, "larger": "farther"}
 
 
 def test_a_thing_that_moves_takes_its_maps_along(mapped: Path, export) -> None:
-    folder = export("side", "depth,normals,davis", *FREE, "objects.crate.velocity=[-60, 40]")
+    folder = export(
+        "side", "depth,normals,davis", *FREE, "objects.crate.velocity=[-60, 40]"
+    )
     start = asset(mapped, "masks") == 2
     for k in (1, 5):
         shift = -3 * k, 2 * k
@@ -106,7 +128,10 @@ def test_a_thing_that_moves_takes_its_maps_along(mapped: Path, export) -> None:
         assert there.sum() > 0.95 * start.sum()
         for name, loose in (("depth", 1), ("normals", 4)):
             moved = np.roll(asset(mapped, name), shift[::-1], (0, 1)).astype(int)
-            assert np.abs(pictures(folder, name)[k].astype(int) - moved)[there].max() <= loose
+            assert (
+                np.abs(pictures(folder, name)[k].astype(int) - moved)[there].max()
+                <= loose
+            )
 
 
 def test_a_quarter_turn_turns_normals_by_a_quarter(mapped: Path, export) -> None:
@@ -119,9 +144,16 @@ def test_a_quarter_turn_turns_normals_by_a_quarter(mapped: Path, export) -> None
     inner = (np.abs(x - 112.5) < 15) & (np.abs(y - 62.5) < 11)
     here = rows[inner], columns[inner]
     there = np.rint(y[inner]).astype(int), np.rint(x[inner]).astype(int)
-    was, now = vectors(asset(mapped, "normals"))[there], vectors(pictures(folder, "normals")[4])[here]
-    np.testing.assert_allclose(now, np.column_stack([-was[:, 1], was[:, 0], was[:, 2]]), atol=2e-3)
-    deep = pictures(folder, "depth")[4][here].astype(int) - asset(mapped, "depth")[there]
+    was, now = (
+        vectors(asset(mapped, "normals"))[there],
+        vectors(pictures(folder, "normals")[4])[here],
+    )
+    np.testing.assert_allclose(
+        now, np.column_stack([-was[:, 1], was[:, 0], was[:, 2]]), atol=2e-3
+    )
+    deep = (
+        pictures(folder, "depth")[4][here].astype(int) - asset(mapped, "depth")[there]
+    )
     assert np.abs(deep).max() <= 20  # of 65535; places are read to 1/32 px
 
 
@@ -130,7 +162,9 @@ def test_normals_are_unit_and_those_of_balls_a_spheres(mapped: Path, export) -> 
     for edits in ((), (camera,)):
         folder = export("top", "normals,davis", *edits, out=f"labels-{len(edits)}")
         for codes in pictures(folder, "normals"):
-            np.testing.assert_allclose(np.linalg.norm(vectors(codes), axis=2), 1, atol=1e-4)
+            np.testing.assert_allclose(
+                np.linalg.norm(vectors(codes), axis=2), 1, atol=1e-4
+            )
     folder = folder.parent.parent / "labels-0" / "top"
     x, y, _ = read_trajectory(folder / "trajectory.npz").poses[6, 0]
     rows, columns = np.nonzero(ids(folder)[6] == 1)
@@ -142,14 +176,18 @@ def test_normals_are_unit_and_those_of_balls_a_spheres(mapped: Path, export) -> 
     np.testing.assert_allclose(told, want, atol=1e-4)
 
 
-def test_scenes_without_maps_are_told_what_they_lack(photo: Path, tmp_path: Path, capsys) -> None:
+def test_scenes_without_maps_are_told_what_they_lack(
+    photo: Path, tmp_path: Path, capsys
+) -> None:
     scene = photo / "side.yaml"
     out = ["-o", str(tmp_path / "labels")]
     assert main(["export", str(scene), "--format", "depth,flo,normals", *out]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
     where = f"{scene}:3:9: assets: --format "
-    assert lines[1].startswith(f'{where}"normals" is made of normals.png, which is not there; ')
+    assert lines[1].startswith(
+        f'{where}"normals" is made of normals.png, which is not there; '
+    )
     assert lines[0].startswith(
         f'{where}"depth" is made of depth.png, which is not there; have it made: physgen'
     )

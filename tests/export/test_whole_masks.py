@@ -32,10 +32,14 @@ FILMED = (
 
 def without(clip: Labelled, *names: str) -> Labelled:
     """The same scene where some things are not; nothing is exported."""
-    return Labelled(clip.scene, (*clip.edits, *(f"objects.{name}=" for name in names)), Path())
+    return Labelled(
+        clip.scene, (*clip.edits, *(f"objects.{name}=" for name in names)), Path()
+    )
 
 
-def test_a_whole_mask_is_what_is_seen_when_nothing_else_is_there(clip: Labelled) -> None:
+def test_a_whole_mask_is_what_is_seen_when_nothing_else_is_there(
+    clip: Labelled,
+) -> None:
     whole = clip.whole
     for name in clip.names:
         alone = without(clip, *(other for other in clip.names if other != name))
@@ -46,13 +50,17 @@ def test_a_whole_mask_is_what_is_seen_when_nothing_else_is_there(clip: Labelled)
 
 def test_what_is_hidden_altogether_is_told_of_apart(clip: Labelled) -> None:
     hidden = clip.coco.dataset["hidden_annotations"]
-    assert {(row["image_id"] - 1, clip.names[row["track_id"] - 1]) for row in hidden} == {
-        (frame, "post") for frame in range(8) if not clip.mask(frame, "post").any()
-    }
+    assert {
+        (row["image_id"] - 1, clip.names[row["track_id"] - 1]) for row in hidden
+    } == {(frame, "post") for frame in range(8) if not clip.mask(frame, "post").any()}
     assert hidden
-    assert all(row["visible_fraction"] == 0 and row["amodal_area"] > 100 for row in hidden)
+    assert all(
+        row["visible_fraction"] == 0 and row["amodal_area"] > 100 for row in hidden
+    )
     tile = [
-        row for row in clip.coco.dataset["annotations"] if row["track_id"] == clip.names.index("tile") + 1
+        row
+        for row in clip.coco.dataset["annotations"]
+        if row["track_id"] == clip.names.index("tile") + 1
     ]
     fractions = [row["visible_fraction"] for row in tile]
     assert fractions[0] == 1
@@ -66,16 +74,26 @@ def test_of_a_photo_too_however_it_is_filmed(film: tuple[str, ...], tmp_path) ->
     clip = labelled(photo, tmp_path, "coco", *CROSSING, *film)
     whole = clip.whole
     assert len(clip.ids) == (5 if film else 2)
-    assert min(row["visible_fraction"] for row in clip.coco.dataset["annotations"]) < 0.8
+    assert (
+        min(row["visible_fraction"] for row in clip.coco.dataset["annotations"]) < 0.8
+    )
     for name in ("ball", "tin-5"):
         alone = without(clip, *(other for other in clip.names if other != name))
         masks = [alone.mask(k, name) for k in range(len(clip.ids))]
-        assert {k for k, mask in enumerate(masks) if mask.any()} == {k for k, other in whole if other == name}
+        assert {k for k, mask in enumerate(masks) if mask.any()} == {
+            k for k, other in whole if other == name
+        }
         for k, mask in enumerate(masks):
             if mask.any():  # slivers along a border that two claim belong to one of them where both are there
                 off = (whole[k, name] != mask).astype(np.uint8)
-                assert not cv2.morphologyEx(off, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).any()
+                assert not cv2.morphologyEx(
+                    off, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
+                ).any()
     # tins touch: that one is taken away leaves their common border where it was
-    fewer = labelled(photo, tmp_path / "fewer", "coco", *without(clip, "ball", "tin-6").edits)
+    fewer = labelled(
+        photo, tmp_path / "fewer", "coco", *without(clip, "ball", "tin-6").edits
+    )
     assert all(np.array_equal(mask, whole[key]) for key, mask in fewer.whole.items())
-    assert len(whole) - len(fewer.whole) == sum(name in ("ball", "tin-6") for _, name in whole)
+    assert len(whole) - len(fewer.whole) == sum(
+        name in ("ball", "tin-6") for _, name in whole
+    )

@@ -53,4 +53,6 @@ def circle(radius, count=20000):
 
 
 L_SHAPE = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 5], [0, 5]], dtype=float)
-U_SHAPE = np.array([[0, 0], [6, 0], [6, 4], [5, 4], [5, 1], [1, 1], [1, 4], [0, 4]], dtype=float)
+U_SHAPE = np.array(
+    [[0, 0], [6, 0], [6, 4], [5, 4], [5, 1], [1, 1], [1, 4], [0, 4]], dtype=float
+)

@@ -10,7 +10,10 @@ from physgen.geometry.simplify import crossings, distances_to_line, simplify
 
 
 def rings(traced, label, lines):
-    return [walk(loop, lines, [b.closed for b in traced.borders]) for loop in traced.loops.get(label, ())]
+    return [
+        walk(loop, lines, [b.closed for b in traced.borders])
+        for loop in traced.loops.get(label, ())
+    ]
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -20,7 +23,9 @@ def test_area_is_the_count_of_pixels(seed):
     lines = [border.corners for border in traced.borders]
     for label in range(1, labels.max() + 1):
         found = rings(traced, label, lines)
-        assert sum(polygon_moments(ring).area for ring in found) == pytest.approx((labels == label).sum())
+        assert sum(polygon_moments(ring).area for ring in found) == pytest.approx(
+            (labels == label).sum()
+        )
 
 
 def test_a_corner_parts_pixels_of_one_object():
@@ -39,7 +44,10 @@ def test_outer_turns_x_towards_y_and_holes_the_other_way():
     labels = np.ones((5, 5), dtype=int)
     labels[2, 2] = 0
     traced = trace_borders(labels)
-    areas = sorted(polygon_moments(r).area for r in rings(traced, 1, [b.corners for b in traced.borders]))
+    areas = sorted(
+        polygon_moments(r).area
+        for r in rings(traced, 1, [b.corners for b in traced.borders])
+    )
     assert areas == [-1.0, 25.0]
 
 
@@ -53,9 +61,17 @@ def test_simplified_by_at_most_half_a_pixel(seed):
     for border in traced.borders:
         middles = border.middles
         found = simplify(middles, 0.5, closed=True)
-        assert distances_to_line(dense(middles, 0.25), found, closed=True).max() <= 0.5 + 1e-6
-        assert distances_to_line(dense(found, 0.25), middles, closed=True).max() <= 0.5 + 1e-6
-        assert abs(polygon_moments(found).area / polygon_moments(middles).area - 1) <= 0.03
+        assert (
+            distances_to_line(dense(middles, 0.25), found, closed=True).max()
+            <= 0.5 + 1e-6
+        )
+        assert (
+            distances_to_line(dense(found, 0.25), middles, closed=True).max()
+            <= 0.5 + 1e-6
+        )
+        assert (
+            abs(polygon_moments(found).area / polygon_moments(middles).area - 1) <= 0.03
+        )
         assert len(crossings([found])) == 0
 
 

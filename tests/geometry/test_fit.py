@@ -55,11 +55,15 @@ def test_the_edge_of_the_papers_rule():
 def test_a_toy_block_is_no_wheel(rounded):
     inner = 30 - rounded
     rows, columns = np.abs(np.mgrid[:80, :80] - 40.0)
-    mask = np.hypot(np.maximum(columns - inner, 0), np.maximum(rows - inner, 0)) <= rounded
+    mask = (
+        np.hypot(np.maximum(columns - inner, 0), np.maximum(rows - inner, 0)) <= rounded
+    )
     assert isinstance(fit_outline(mask), Region)
 
 
-@pytest.mark.parametrize(("foot", "height", "below"), [(42, 70, 16), (42, 60, 22), (36, 62, 20)])
+@pytest.mark.parametrize(
+    ("foot", "height", "below"), [(42, 70, 16), (42, 60, 22), (36, 62, 20)]
+)
 def test_a_mug_does_not_roll(foot: int, height: int, below: int):
     """Seen from the side and a little from above, 100 px wide: its circle covers 0.86 to 0.89 of it."""
     mask = np.zeros((200, 240), np.uint8)
@@ -124,6 +128,9 @@ def test_empty_mask_is_an_error():
 
 def test_mirrored_mask_gives_a_mirrored_outline():
     mask = blob_labels(4, size=64, smooth=6.0) == 1
-    one, other = mass_properties(fit_outline(mask)), mass_properties(fit_outline(mask[:, ::-1]))
+    one, other = (
+        mass_properties(fit_outline(mask)),
+        mass_properties(fit_outline(mask[:, ::-1])),
+    )
     assert other.center[0] == pytest.approx(63 - one.center[0], abs=0.1)
     assert other.area == pytest.approx(one.area, rel=0.01)

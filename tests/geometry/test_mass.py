@@ -64,6 +64,11 @@ def test_moving_turning_and_mirroring_change_the_centre_only(x, y, angle, mirror
         return points @ flip @ rotation(angle).T + (x, y)
 
     hole = box(0.2, 0.2, 0.6, 0.9)
-    still, moved = mass_properties(region(L_SHAPE, hole)), mass_properties(region(move(L_SHAPE), move(hole)))
-    assert (moved.area, moved.second) == pytest.approx((still.area, still.second), rel=1e-7)
+    still, moved = (
+        mass_properties(region(L_SHAPE, hole)),
+        mass_properties(region(move(L_SHAPE), move(hole))),
+    )
+    assert (moved.area, moved.second) == pytest.approx(
+        (still.area, still.second), rel=1e-7
+    )
     assert moved.center == pytest.approx(move(still.center), abs=1e-7)

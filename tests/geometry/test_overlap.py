@@ -30,8 +30,12 @@ def test_known_depths(gap, angle):
 
 
 def test_a_disc_in_the_notch_of_an_l_touches_nothing():
-    assert overlap_depth(region(L_SHAPE), disc(2.0, 2.0, 1.0)) == pytest.approx(0, abs=0.001)
-    assert overlap_depth(region(L_SHAPE), disc(2.0, 2.0, 1.2)) == pytest.approx(0.2, abs=0.002)
+    assert overlap_depth(region(L_SHAPE), disc(2.0, 2.0, 1.0)) == pytest.approx(
+        0, abs=0.001
+    )
+    assert overlap_depth(region(L_SHAPE), disc(2.0, 2.0, 1.2)) == pytest.approx(
+        0.2, abs=0.002
+    )
 
 
 def test_a_disc_through_a_hole():

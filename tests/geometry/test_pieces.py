@@ -6,7 +6,13 @@ import pytest
 from drawings import L_SHAPE, U_SHAPE, blob_labels, box, circle
 
 from physgen.geometry.convex import SLIVER, convex_pieces
-from physgen.geometry.polygon import Region, Ring, cross, mass_properties, polygon_moments
+from physgen.geometry.polygon import (
+    Region,
+    Ring,
+    cross,
+    mass_properties,
+    polygon_moments,
+)
 from physgen.geometry.regions import fit_regions
 
 
@@ -24,7 +30,10 @@ def check(region):
 
 def within(ring, point):
     outer = cv2.pointPolygonTest(ring.outer.astype(np.float32), point, True)
-    holes = [-cv2.pointPolygonTest(hole.astype(np.float32), point, True) for hole in ring.holes]
+    holes = [
+        -cv2.pointPolygonTest(hole.astype(np.float32), point, True)
+        for hole in ring.holes
+    ]
     return min([outer, *holes])
 
 
@@ -48,20 +57,28 @@ def test_pieces_cover_just_the_inside(seed):
         x, y = (float(v) for v in point)
         depth = max(within(ring, (x, y)) for ring in region.rings)
         if abs(depth) > 1e-3:
-            inside = [cv2.pointPolygonTest(p.astype(np.float32), (x, y), True) for p in pieces]
+            inside = [
+                cv2.pointPolygonTest(p.astype(np.float32), (x, y), True) for p in pieces
+            ]
             assert (max(inside) > -1e-3) == (depth > 0)
             assert sum(d > 1e-3 for d in inside) <= 1
 
 
 def test_two_thousand_corners():
     angles = np.arange(2000) * 2 * np.pi / 2000
-    radius = 200 + 30 * np.sin(7 * angles) + 0.3 * np.random.default_rng(0).normal(size=2000)
-    check(Region((Ring((radius * np.stack([np.cos(angles), np.sin(angles)])).T + 300),)))
+    radius = (
+        200 + 30 * np.sin(7 * angles) + 0.3 * np.random.default_rng(0).normal(size=2000)
+    )
+    check(
+        Region((Ring((radius * np.stack([np.cos(angles), np.sin(angles)])).T + 300),))
+    )
 
 
 def test_touching_itself_is_tolerated():
     # two squares that meet in a corner, in one ring
-    ring = np.array([[0, 0], [2, 0], [2, 2], [4, 2], [4, 4], [2, 4], [2, 2], [0, 2]], dtype=float)
+    ring = np.array(
+        [[0, 0], [2, 0], [2, 2], [4, 2], [4, 4], [2, 4], [2, 2], [0, 2]], dtype=float
+    )
     pieces = convex_pieces(Region((Ring(ring),)))
     assert sum(polygon_moments(p).area for p in pieces) == pytest.approx(8.0)
     # a hole that touches the border
@@ -71,7 +88,9 @@ def test_touching_itself_is_tolerated():
 
 
 def test_slivers_and_straight_corners_go():
-    ring = np.array([[0, 0], [1, 0], [2, 0], [4, 0], [4, 4], [4, 4], [0, 4]], dtype=float)
+    ring = np.array(
+        [[0, 0], [1, 0], [2, 0], [4, 0], [4, 4], [4, 4], [0, 4]], dtype=float
+    )
     (piece,) = check(Region((Ring(ring),)))
     assert len(piece) == 4
     assert convex_pieces(Region((Ring(box(0, 0, 1, 1e-4)),))) == ()

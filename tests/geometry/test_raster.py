@@ -14,7 +14,11 @@ def test_shares_of_pixels():
 
 
 @pytest.mark.parametrize(
-    "outline", [Disc(np.array([10.3, 7.2]), 5.1), Region((Ring(L_SHAPE + 2.3, (box(2.4, 2.5, 2.9, 3),)),))]
+    "outline",
+    [
+        Disc(np.array([10.3, 7.2]), 5.1),
+        Region((Ring(L_SHAPE + 2.3, (box(2.4, 2.5, 2.9, 3),)),)),
+    ],
 )
 def test_sum_is_the_area_and_centre_the_centre(outline):
     box_, (x0, y0) = coverage_box(outline)
@@ -30,7 +34,9 @@ def test_sum_is_the_area_and_centre_the_centre(outline):
 def test_canvas_cuts_what_lies_outside():
     disc = Disc(np.array([-0.5, 2.0]), 3.0)
     assert coverage(disc, (10, 12)).sum(dtype=float) == pytest.approx(
-        np.pi * 9 / 2 - 3**2 / 2 * (2 * np.arccos(2.5 / 3) - np.sin(2 * np.arccos(2.5 / 3))) / 2, rel=1e-4
+        np.pi * 9 / 2
+        - 3**2 / 2 * (2 * np.arccos(2.5 / 3) - np.sin(2 * np.arccos(2.5 / 3))) / 2,
+        rel=1e-4,
     )
     assert coverage(Disc(np.array([-50.0, 2.0]), 3.0), (10, 12)).sum() == 0
 
@@ -51,7 +57,9 @@ def test_a_window_shows_a_part_of_the_whole(seed: int) -> None:
         whole, (x0, y0) = coverage_box(outline)
         part, (u0, v0) = coverage_box(outline, (0, 0, 50, 40))
         full = np.zeros((400, 400))
-        full[y0 + 150 : y0 + 150 + whole.shape[0], x0 + 150 : x0 + 150 + whole.shape[1]] = whole
+        full[
+            y0 + 150 : y0 + 150 + whole.shape[0], x0 + 150 : x0 + 150 + whole.shape[1]
+        ] = whole
         seen = np.zeros((40, 50))
         seen[v0 : v0 + part.shape[0], u0 : u0 + part.shape[1]] = part
         assert np.abs(seen - full[150:190, 150:200]).max() < 1e-5

@@ -20,7 +20,11 @@ def gap(a, b):
 def deepest(outlines):
     ids = list(outlines)
     return max(
-        (overlap_depth(outlines[a], outlines[b]) for k, a in enumerate(ids) for b in ids[k + 1 :]),
+        (
+            overlap_depth(outlines[a], outlines[b])
+            for k, a in enumerate(ids)
+            for b in ids[k + 1 :]
+        ),
         default=0.0,
     )
 
@@ -33,10 +37,19 @@ def rack(rows, radius, spread=0.0, seed=0):
     centers = []
     for row in range(rows):
         for k in range(row + 1):
-            center = np.array([size / 2 + (2 * k - row) * radius, 2 * radius + row * radius * np.sqrt(3)])
+            center = np.array(
+                [
+                    size / 2 + (2 * k - row) * radius,
+                    2 * radius + row * radius * np.sqrt(3),
+                ]
+            )
             centers.append(center)
             labels[
-                disc_mask(size, center + rng.uniform(-spread, spread, 2), radius + rng.uniform(0, spread))
+                disc_mask(
+                    size,
+                    center + rng.uniform(-spread, spread, 2),
+                    radius + rng.uniform(0, spread),
+                )
             ] = len(centers)
     return labels, np.array(centers)
 
@@ -49,7 +62,10 @@ def test_a_rack_is_a_lattice_without_overlap(spread, seed):
     assert len({disc.radius for disc in found.values()}) == 1
     pairs = [(a, b) for a in found for b in found if a < b]
     assert min(gap(found[a], found[b]) for a, b in pairs) >= 0
-    assert max(gap(found[a], found[b]) for a, b in touching_masks(labels, list(found))) <= 0.5
+    assert (
+        max(gap(found[a], found[b]) for a, b in touching_masks(labels, list(found)))
+        <= 0.5
+    )
     for i, disc in found.items():
         assert disc.center == pytest.approx(centers[i - 1], abs=0.4 + spread)
         assert iou(coverage(disc, labels.shape), labels == i) >= 0.95 - 0.06 * spread
@@ -60,7 +76,9 @@ def test_small_balls_stay_round_where_one_mask_took_of_its_neighbours():
     labels[disc_mask(len(labels), centers[8], 12.5)] = 9
     found = fit_outlines(labels, range(1, 16))
     assert all(isinstance(disc, Disc) for disc in found.values())
-    assert all(np.hypot(*(disc.center - centers[i - 1])) < 2 for i, disc in found.items())
+    assert all(
+        np.hypot(*(disc.center - centers[i - 1])) < 2 for i, disc in found.items()
+    )
 
 
 def test_removing_a_ball_leaves_the_far_ones():
@@ -78,7 +96,12 @@ def stack(angle, gap_px=0):
     size = 140
     lower = box_mask(size, (70.0, 95.0), (40.0, 20.0), angle)
     axis = np.array([-np.sin(angle), np.cos(angle)])
-    upper = box_mask(size, np.array([70.0, 95.0]) - axis * (20.0 + 15.0 + gap_px), (18.0, 15.0), angle)
+    upper = box_mask(
+        size,
+        np.array([70.0, 95.0]) - axis * (20.0 + 15.0 + gap_px),
+        (18.0, 15.0),
+        angle,
+    )
     labels = np.zeros((size, size), dtype=np.int64)
     labels[lower], labels[upper] = 1, 2
     return labels
@@ -118,13 +141,22 @@ def test_random_maps_share_borders_without_overlap(seed):
     found = fit_regions(labels)
     total = sum(coverage(region, (64, 64)).astype(float) for region in found.values())
     assert total.max() <= 1 + 1e-6
-    rings = [points for region in found.values() for r in region.rings for points in (r.outer, *r.holes)]
+    rings = [
+        points
+        for region in found.values()
+        for r in region.rings
+        for points in (r.outer, *r.holes)
+    ]
     assert len(crossings(rings)) == 0
     for label, region in found.items():
-        assert mass_properties(region).area == pytest.approx((labels == label).sum(), rel=0.05, abs=6)
+        assert mass_properties(region).area == pytest.approx(
+            (labels == label).sum(), rel=0.05, abs=6
+        )
     # where two labels meet inside the map, their shapes leave no gap
     borders = trace_borders(labels).borders
-    inner = np.concatenate([b.corners for b in borders if b.left and b.right and len(b.corners) > 4])
+    inner = np.concatenate(
+        [b.corners for b in borders if b.left and b.right and len(b.corners) > 4]
+    )
     for x, y in inner[2::7]:
         i, j = int(np.floor(x)), int(np.floor(y))
         around = labels[max(j - 1, 0) : j + 3, max(i - 1, 0) : i + 3]
@@ -146,7 +178,9 @@ def test_a_thing_within_a_thing():
     labels[10:70, 10:70] = 1
     labels[30:50, 25:55] = 2
     found = fit_outlines(labels, [1, 2])
-    assert [mass_properties(found[i]).area for i in (1, 2)] == pytest.approx([3000, 600])
+    assert [mass_properties(found[i]).area for i in (1, 2)] == pytest.approx(
+        [3000, 600]
+    )
     assert deepest(found) <= 1e-6
 
 

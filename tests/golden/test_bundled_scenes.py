@@ -42,7 +42,10 @@ def test_clip(
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
     trajectory = pipeline.simulate(compiled.world)
-    motion = {key: getattr(trajectory, key) for key in ("times", "poses", "turns", "velocities")}
+    motion = {
+        key: getattr(trajectory, key)
+        for key in ("times", "poses", "turns", "velocities")
+    }
     ndarrays_regression.check(motion, basename=name, default_tolerance=TOLERANCE)
 
     chosen = np.linspace(0, len(trajectory.times) - 1, SCENES[name]).round().astype(int)

@@ -58,7 +58,9 @@ def boxed(left, right, top, bottom):
 
 def block(x: float, y: float, w: float, h: float) -> Region:
     """Its lower left corner at x, y."""
-    return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
+    return Region(
+        (Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),)
+    )
 
 
 def plain(colour=(0.5, 0.32, 0.2), wall=(0.12, 0.16, 0.2), labels=None) -> np.ndarray:

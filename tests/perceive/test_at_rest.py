@@ -37,11 +37,17 @@ class Photo:
     def _draw(self, inside: np.ndarray) -> None:
         number = int(self.labels.max()) + 1
         self.labels[inside & (self.labels == 0)] = number
-        self.rgb[self.labels == number] = [(200, 60, 50), (60, 70, 200), (220, 200, 60)][number % 3]
+        self.rgb[self.labels == number] = [
+            (200, 60, 50),
+            (60, 70, 200),
+            (220, 200, 60),
+        ][number % 3]
 
     def polygon(self, points: np.ndarray) -> None:
         mask = np.zeros((H, W), np.uint8)
-        cv2.fillPoly(mask, [np.round(np.asarray(points) * 16).astype(np.int32)], 1, shift=4)
+        cv2.fillPoly(
+            mask, [np.round(np.asarray(points) * 16).astype(np.int32)], 1, shift=4
+        )
         self._draw(mask > 0)
 
     def box(self, x: float, y: float, w: float, h: float, degrees: float = 0.0) -> None:
@@ -49,7 +55,11 @@ class Photo:
         a = np.radians(degrees)
         along, up = np.array([np.cos(a), np.sin(a)]), np.array([np.sin(a), -np.cos(a)])
         start = np.array([x, y])
-        self.polygon(np.array([start, start + w * along, start + w * along + h * up, start + h * up]))
+        self.polygon(
+            np.array(
+                [start, start + w * along, start + w * along + h * up, start + h * up]
+            )
+        )
 
     def ball(self, x: float, y: float, r: float) -> None:
         """Resting at height y."""
@@ -112,19 +122,28 @@ DRAWN: list[Callable[[], Photo]] = [slope, corner, stack, levels, plank, from_ab
 def test_what_nobody_pushes_stays(draw, tmp_path):
     photo = draw()
     perceived = perceive(photo.rgb, from_masks(photo.labels))
-    assert perceived.document["world"]["view"] == ("top" if draw is from_above else "side")
-    assert not any(one.get("motion") == "static" for one in perceived.document["objects"].values())
+    assert perceived.document["world"]["view"] == (
+        "top" if draw is from_above else "side"
+    )
+    assert not any(
+        one.get("motion") == "static" for one in perceived.document["objects"].values()
+    )
     path = tmp_path / "scene.yaml"
     write_scene(perceived, None, "photo", path)
     scene = pipeline.load(path, ["forces=[]", "world.duration=2"])
-    poses = pipeline.simulate(compile_scene(scene, perceived.percepts.labels).world).poses
+    poses = pipeline.simulate(
+        compile_scene(scene, perceived.percepts.labels).world
+    ).poses
     assert np.hypot(*np.moveaxis(poses[..., :2] - poses[:1, :, :2], -1, 0)).max() <= 1.0
 
 
 def test_what_goes_without_a_push_is_held(tmp_path):
     """A ball before a large disc, of which a crescent is seen: it pushes itself away from the ball."""
     rows, columns = np.mgrid[:300, :400]
-    rgb, labels = np.full((300, 400, 3), (90, 120, 160), np.uint8), np.zeros((300, 400), np.uint8)
+    rgb, labels = (
+        np.full((300, 400, 3), (90, 120, 160), np.uint8),
+        np.zeros((300, 400), np.uint8),
+    )
     rgb[220:] = (150, 100, 60)
     for k, (x, y, r) in enumerate(((150, 180, 80), (230, 200, 60)), 1):
         inside = np.hypot(columns - x, rows - y) <= r
@@ -132,16 +151,22 @@ def test_what_goes_without_a_push_is_held(tmp_path):
     cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
     cv2.imwrite(str(tmp_path / "masks.png"), labels)
     path = tmp_path / "scene.yaml"
-    text = pipeline.perceive(tmp_path / "photo.png", path, masks=tmp_path / "masks.png", still=True)
+    text = pipeline.perceive(
+        tmp_path / "photo.png", path, masks=tmp_path / "masks.png", still=True
+    )
     assert "motion: static  # it would not stay there, so it is held" in text
-    world = pipeline.compile(pipeline.load(path), pipeline.percepts(pipeline.load(path))).world
+    world = pipeline.compile(
+        pipeline.load(path), pipeline.percepts(pipeline.load(path))
+    ).world
     poses = simulate(world, np.linspace(0, 2, 21)).poses
     assert np.hypot(*np.moveaxis(poses[..., :2] - poses[:1, :, :2], -1, 0)).max() <= 1.0
 
 
 def perceived_walls(photo: Photo, labels: np.ndarray, rgb: np.ndarray):
     things, _ = fit_objects(rgb, from_masks(labels))
-    return things, support()(np.ascontiguousarray(rgb), np.ascontiguousarray(labels), things, None)
+    return things, support()(
+        np.ascontiguousarray(rgb), np.ascontiguousarray(labels), things, None
+    )
 
 
 @pytest.mark.parametrize("draw", DRAWN, ids=lambda draw: draw.__name__)
@@ -152,7 +177,12 @@ def test_supports_enter_no_shape(draw):
         for a, b in zip(wall.points, wall.points[1:], strict=False):
             along = np.linspace(a, b, 400)
             for thing in things:
-                assert depth_inside(setting.outlines.get(thing.id, thing.outline), along).max() <= 0.12, wall
+                assert (
+                    depth_inside(
+                        setting.outlines.get(thing.id, thing.outline), along
+                    ).max()
+                    <= 0.12
+                ), wall
 
 
 @pytest.mark.parametrize("draw", [slope, levels, stack], ids=lambda draw: draw.__name__)
@@ -167,7 +197,8 @@ def test_a_mirrored_photo_has_mirrored_supports(draw):
         points = np.array(wall.points)
         middle = points[len(points) // 2]
         mirrored = [
-            (W - 1 - np.array(w.points)[::-1, 0], np.array(w.points)[::-1, 1]) for w in other.walls[1:]
+            (W - 1 - np.array(w.points)[::-1, 0], np.array(w.points)[::-1, 1])
+            for w in other.walls[1:]
         ]
         gaps = [
             abs(np.interp(middle[0], x, y) - middle[1])
@@ -190,7 +221,8 @@ def test_a_slope_is_as_steep_as_it_is_and_holds_by_friction():
 
 def test_a_chain_is_cut_where_it_would_enter_something():
     parts = free_parts(
-        [(0.0, 10.0), (100.0, 10.0)], [block(40, 20, 20, 20), Disc(np.array([90.0, 10.0]), 5.0)]
+        [(0.0, 10.0), (100.0, 10.0)],
+        [block(40, 20, 20, 20), Disc(np.array([90.0, 10.0]), 5.0)],
     )
     assert [p[0][0] for p in parts] == pytest.approx([0, 60, 95], abs=0.6)
     assert [p[-1][0] for p in parts] == pytest.approx([40, 85, 100], abs=0.6)
@@ -201,11 +233,16 @@ def test_a_ragged_rectangle_is_a_box_and_a_trapezium_is_none():
     along = np.linspace(0, 1, 12)[:-1, None]
     true = np.array([[20.0, 20], [44, 20], [44, 90], [20, 90]])
     border = np.concatenate(
-        [a + along * (b - a) for a, b in zip(true, np.roll(true, -1, axis=0), strict=True)]
+        [
+            a + along * (b - a)
+            for a, b in zip(true, np.roll(true, -1, axis=0), strict=True)
+        ]
     )
     box = fit_rectangle(Region((Ring(border + rng.uniform(-0.4, 0.4, border.shape)),)))
     assert box is not None
-    assert np.abs(np.sort(box.rings[0].outer, axis=0) - np.sort(true, axis=0)).max() < 0.6
+    assert (
+        np.abs(np.sort(box.rings[0].outer, axis=0) - np.sort(true, axis=0)).max() < 0.6
+    )
     slanted = np.array([[24.0, 20], [40, 20], [44, 90], [20, 90]])
     assert fit_rectangle(Region((Ring(slanted),))) is None
 
@@ -218,7 +255,10 @@ def test_a_ledge_between_others_ends_within_what_lies_on_it(between: bool) -> No
     for x in (60, 140) if between else (10, 30):
         photo.box(x, 170, 39 if between else 15, 40)
     found = fit_objects(photo.rgb, from_masks(photo.labels))[0]
-    walls = {wall.name: wall for wall in support()(photo.rgb, photo.labels, found, View.SIDE).walls}
+    walls = {
+        wall.name: wall
+        for wall in support()(photo.rgb, photo.labels, found, View.SIDE).walls
+    }
     first, last = walls["ledge-1"].points[0][0], walls["ledge-1"].points[-1][0]
     assert (first >= 103 and last <= 137) is between
     assert min(last - 104, 136 - first) > 20

@@ -32,11 +32,19 @@ DISTANCE = 1.0
 class Drawn:
     """Rays against planes, the nearest wins."""
 
-    rgb: np.ndarray = field(default_factory=lambda: np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    rgb: np.ndarray = field(
+        default_factory=lambda: np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    )
     depth: np.ndarray = field(default_factory=lambda: np.full((HEIGHT, WIDTH), np.inf))
-    normals: np.ndarray = field(default_factory=lambda: np.tile(np.float32([0, 0, 1]), (HEIGHT, WIDTH, 1)))
-    labels: np.ndarray = field(default_factory=lambda: np.zeros((HEIGHT, WIDTH), np.uint16))
-    scenery: np.ndarray = field(default_factory=lambda: np.zeros((HEIGHT, WIDTH), np.uint16))
+    normals: np.ndarray = field(
+        default_factory=lambda: np.tile(np.float32([0, 0, 1]), (HEIGHT, WIDTH, 1))
+    )
+    labels: np.ndarray = field(
+        default_factory=lambda: np.zeros((HEIGHT, WIDTH), np.uint16)
+    )
+    scenery: np.ndarray = field(
+        default_factory=lambda: np.zeros((HEIGHT, WIDTH), np.uint16)
+    )
 
     def __post_init__(self):
         self.y, self.x = np.mgrid[:HEIGHT, :WIDTH]
@@ -51,33 +59,63 @@ class Drawn:
         self.scenery[seen] = scenery
 
     def wall(self, z=3.0):
-        self.put(self.u > -9, np.full_like(self.u, z), (0, 0, 1), (120, 130, 150), scenery=9)
+        self.put(
+            self.u > -9, np.full_like(self.u, z), (0, 0, 1), (120, 130, 150), scenery=9
+        )
 
-    def level(self, y, x0=-9.0, x1=9.0, z0=0.0, z1=9.0, colour=(150, 100, 60), scenery=1):
+    def level(
+        self, y, x0=-9.0, x1=9.0, z0=0.0, z1=9.0, colour=(150, 100, 60), scenery=1
+    ):
         with np.errstate(divide="ignore"):
             z = np.where(self.v > 0, y / np.maximum(self.v, 1e-9), 99.0)
         x = self.u * z
-        self.put((x >= x0) & (x <= x1) & (z >= z0) & (z <= z1), z, (0, -1, 0), colour, scenery=scenery)
+        self.put(
+            (x >= x0) & (x <= x1) & (z >= z0) & (z <= z1),
+            z,
+            (0, -1, 0),
+            colour,
+            scenery=scenery,
+        )
 
     def side(self, x, z0=0.0, z1=9.0, y1=9.0, scenery=2):
         with np.errstate(divide="ignore"):
             z = np.where(self.u > 0, x / np.maximum(self.u, 1e-9), 99.0)
-        self.put((z >= z0) & (z <= z1) & (self.v * z <= y1), z, (-1, 0, 0), (160, 80, 60), scenery=scenery)
+        self.put(
+            (z >= z0) & (z <= z1) & (self.v * z <= y1),
+            z,
+            (-1, 0, 0),
+            (160, 80, 60),
+            scenery=scenery,
+        )
 
-    def front(self, x0, x1, y0, y1, z=DISTANCE, colour=(210, 190, 60), label=0, scenery=0):
+    def front(
+        self, x0, x1, y0, y1, z=DISTANCE, colour=(210, 190, 60), label=0, scenery=0
+    ):
         x, y = self.u * z, self.v * z
         inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
         self.put(inside, np.full_like(self.u, z), (0, 0, 1), colour, label, scenery)
 
-    def run(self, view=None, scenery=False, noise=0.0, scale=1.0, shift=0.0) -> BoundaryGuess:
+    def run(
+        self, view=None, scenery=False, noise=0.0, scale=1.0, shift=0.0
+    ) -> BoundaryGuess:
         random = np.random.default_rng(3)
-        depth = np.where(np.isfinite(self.depth), self.depth, self.depth[np.isfinite(self.depth)].max())
+        depth = np.where(
+            np.isfinite(self.depth),
+            self.depth,
+            self.depth[np.isfinite(self.depth)].max(),
+        )
         depth = depth + noise * np.ptp(depth) * random.normal(0, 1, depth.shape)
         normals = self.normals + noise * 6 * random.normal(0, 1, self.normals.shape)
-        normals = (normals / np.linalg.norm(normals, axis=2, keepdims=True)).astype(np.float32)
+        normals = (normals / np.linalg.norm(normals, axis=2, keepdims=True)).astype(
+            np.float32
+        )
         things, _ = fit_objects(self.rgb, from_masks(self.labels))
         run = registry.make("boundary", "depth-normals")
-        kept = Scenery(self.scenery, {1: "table", 2: "brick wall", 9: "wall"}) if scenery else None
+        kept = (
+            Scenery(self.scenery, {1: "table", 2: "brick wall", 9: "wall"})
+            if scenery
+            else None
+        )
         setting = run(
             self.rgb, self.labels, things, view,
             depth=(scale * depth + shift).astype(np.float32), normals=normals, scenery=kept,
@@ -86,7 +124,9 @@ class Drawn:
         for wall in setting.walls:
             for a, b in pairwise(np.array(wall.points)):
                 points = a + np.linspace(0, 1, 50)[:, None] * (b - a)
-                assert all(depth_inside(outline, points).max() < 0.1 for outline in outlines), wall
+                assert all(
+                    depth_inside(outline, points).max() < 0.1 for outline in outlines
+                ), wall
         return setting
 
 
@@ -142,7 +182,9 @@ def pool() -> Drawn:
     x, y = drawn.x, drawn.y
     rim = (x < 40) | (x > 470) | (y < 30) | (y > 350)
     drawn.put(rim, np.full_like(drawn.u, 1.93), (0, 0, 1), (90, 50, 30))
-    for k, (cx, cy) in enumerate([(120, 100), (220, 250), (330, 120), (400, 300), (90, 280)], 1):
+    for k, (cx, cy) in enumerate(
+        [(120, 100), (220, 250), (330, 120), (400, 300), (90, 280)], 1
+    ):
         h = 1 - ((x - cx) ** 2 + (y - cy) ** 2) / 18**2
         ball = h > 0
         z = 2.0 - 0.05 - 0.05 * np.sqrt(np.maximum(h, 0))
@@ -162,7 +204,9 @@ def test_a_table_ends_where_it_is_seen_to_end(noise):
     floor = next(w for w in setting.walls if w.name == "floor")
     assert floor.points[-1][0] == pytest.approx(px(0.25, 0.3)[0], abs=8)
     assert floor.source == "depth and lowest points"
-    assert not [w for w in setting.walls if w.name.startswith(("side", "slope"))]  # its rim is none
+    assert not [
+        w for w in setting.walls if w.name.startswith(("side", "slope"))
+    ]  # its rim is none
 
 
 @pytest.mark.parametrize("noise", NOISE)
@@ -193,7 +237,12 @@ def test_cushions_of_a_table_seen_from_above(noise):
     corners = [(39.5, 29.5), (470.5, 29.5), (470.5, 350.5), (39.5, 350.5)]
     for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
         assert off(setting, start, end) < 2
-    assert [w.name for w in setting.walls] == ["cushion-1", "cushion-2", "cushion-3", "cushion-4"]
+    assert [w.name for w in setting.walls] == [
+        "cushion-1",
+        "cushion-2",
+        "cushion-3",
+        "cushion-4",
+    ]
 
 
 @pytest.mark.parametrize("make", [table, ramp, pool])
@@ -246,14 +295,25 @@ def peer(name: str):
     folder = Path(os.environ["PHYSGEN_PEER_SCENES"], name)
     sim = yaml.safe_load((folder / "sim.yaml").read_text())
     labels = read_labels(folder / "mask.png")
-    labels = np.where(np.isin(labels, list(sim["obj_info"])), labels, 0).astype(np.uint16)
-    normals = (np.load(folder / "normal.npy") * (-1, -1, 1)).astype(np.float32)  # x there points left, y up
-    return read_image(folder / "original.png"), labels, np.load(folder / "depth.npy"), normals, sim
+    labels = np.where(np.isin(labels, list(sim["obj_info"])), labels, 0).astype(
+        np.uint16
+    )
+    normals = (np.load(folder / "normal.npy") * (-1, -1, 1)).astype(
+        np.float32
+    )  # x there points left, y up
+    return (
+        read_image(folder / "original.png"),
+        labels,
+        np.load(folder / "depth.npy"),
+        normals,
+        sim,
+    )
 
 
 @pytest.mark.peer_scenes
 @pytest.mark.parametrize(
-    ("name", "view"), [("pool", View.TOP), ("domino", View.SIDE), ("pig_ball", View.SIDE)]
+    ("name", "view"),
+    [("pool", View.TOP), ("domino", View.SIDE), ("pig_ball", View.SIDE)],
 )
 def test_peers_edges_are_found(name, view):
     rgb, labels, depth, normals, sim = peer(name)

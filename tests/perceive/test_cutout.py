@@ -54,7 +54,9 @@ def test_what_lies_beyond_the_photo_is_grey() -> None:
 @pytest.fixture(scope="module")
 def shelf() -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
     folder = ROOT / "scenes/shelf"
-    return read_image(folder / "photo.png"), read_labels(folder / "photo.assets/masks.png")
+    return read_image(folder / "photo.png"), read_labels(
+        folder / "photo.assets/masks.png"
+    )
 
 
 def tight(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
@@ -67,7 +69,9 @@ def test_the_mirror_image_has_the_mirrored_mask(shelf: tuple) -> None:
     left, top, right, bottom = tight(labels == 1)
     width = rgb.shape[1]
     mask = mask_in_box(rgb, (left, top, right, bottom)).mask
-    other = mask_in_box(np.ascontiguousarray(rgb[:, ::-1]), (width - right, top, width - left, bottom)).mask
+    other = mask_in_box(
+        np.ascontiguousarray(rgb[:, ::-1]), (width - right, top, width - left, bottom)
+    ).mask
     assert overlap(mask, other[:, ::-1]) > 0.97  # crops are rounded to whole px
 
 
@@ -79,7 +83,9 @@ def test_a_mask_moves_with_the_photo(shelf: tuple) -> None:
     x, y = left - max(left - across, 0), top - max(top - down, 0)
     mask = mask_in_box(rgb, (left, top, right, bottom)).mask
     there = mask_in_box(part, (x, y, x + across, y + down)).mask
-    assert np.array_equal(mask[rgb.shape[0] - part.shape[0] :, rgb.shape[1] - part.shape[1] :], there)
+    assert np.array_equal(
+        mask[rgb.shape[0] - part.shape[0] :, rgb.shape[1] - part.shape[1] :], there
+    )
 
 
 def test_every_object_of_a_shelf_from_its_box_and_from_a_point(shelf: tuple) -> None:
@@ -91,10 +97,14 @@ def test_every_object_of_a_shelf_from_its_box_and_from_a_point(shelf: tuple) -> 
         found = mask_in_box(rgb, box)
         by_box.append(overlap(found.mask, mask))
         assert found.confidence > 0.7
-        inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+        inside = cv2.distanceTransform(
+            np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5
+        )[1:-1, 1:-1]
         y, x = np.unravel_index(int(inside.argmax()), inside.shape)
         side = max(box[2] - box[0], box[3] - box[1]) / 0.6
-        by_point.append(overlap(mask_at_point(rgb, (float(x), float(y)), side).mask, mask))
+        by_point.append(
+            overlap(mask_at_point(rgb, (float(x), float(y)), side).mask, mask)
+        )
     assert np.median(by_box) > 0.95
     assert min(by_box) > 0.65
     assert np.median(by_point) > 0.7
@@ -131,11 +141,13 @@ def test_a_coarse_outline_is_drawn_to_the_photo_s_own_edge() -> None:
     """A star whose points are finer than the head's pixels: enlarged, its chances lose them, the photo has them."""
     y, x = np.mgrid[:SIDE, :SIDE] - 0.5 * (SIDE - 1)
     star = np.hypot(x, y) < 55 + 14 * np.cos(10 * np.arctan2(y, x))
-    rgb = np.where(star[..., None], (170, 90, 60), (120, 125, 130)) + np.random.default_rng(0).normal(
-        0, 4, (*star.shape, 3)
-    )
+    rgb = np.where(
+        star[..., None], (170, 90, 60), (120, 125, 130)
+    ) + np.random.default_rng(0).normal(0, 4, (*star.shape, 3))
     rgb = np.clip(rgb, 0, 255).astype(np.uint8)
-    coarse = cv2.GaussianBlur(cv2.resize(star.astype(np.float32), (SIDE // 2,) * 2), (0, 0), 2)
+    coarse = cv2.GaussianBlur(
+        cv2.resize(star.astype(np.float32), (SIDE // 2,) * 2), (0, 0), 2
+    )
     weights = follow_edges(rgb, coarse)
     drawn = (weights[..., :3] * rgb).sum(-1) + weights[..., 3] >= 0.5
     enlarged = cv2.resize(coarse, star.shape[::-1]) >= 0.5

@@ -20,9 +20,13 @@ def table(noise: float = 2.0) -> NDArray[np.uint8]:
     return np.clip(colours + grain, 0, 255).astype(np.uint8)
 
 
-def off(truth: NDArray[np.uint8], hole: NDArray[np.bool_], object_: tuple[int, int, int]) -> float:
+def off(
+    truth: NDArray[np.uint8], hole: NDArray[np.bool_], object_: tuple[int, int, int]
+) -> float:
     """Levels, on average, between the truth and the fill behind an object of one colour."""
-    filled = registry.make("inpaint")(np.where(hole[..., None], np.array(object_, np.uint8), truth), hole)
+    filled = registry.make("inpaint")(
+        np.where(hole[..., None], np.array(object_, np.uint8), truth), hole
+    )
     return float(abs(filled[hole].astype(float) - truth[hole]).mean())
 
 
@@ -38,7 +42,9 @@ def test_an_edge_goes_on_behind_a_plank_that_lies_nearly_along_it(slope: float) 
 def test_an_edge_seen_at_the_photos_borders_alone_goes_on_between() -> None:
     truth = table()
     y, x = np.mgrid[:SIZE, :SIZE]
-    hole = (abs(x - SIZE / 2) < SIZE / 2 - 10) & (abs(y - EDGE) < 20 + 8 * np.sin(x / 9))
+    hole = (abs(x - SIZE / 2) < SIZE / 2 - 10) & (
+        abs(y - EDGE) < 20 + 8 * np.sin(x / 9)
+    )
     assert off(truth, hole, (30, 60, 120)) < 6
 
 
@@ -50,7 +56,9 @@ def test_a_hidden_corner_of_a_box_is_a_corner() -> None:
     assert off(truth, hole, (120, 60, 30)) < 3
 
 
-def test_the_end_of_a_shelf_before_a_white_wall_goes_on_behind_what_stands_there() -> None:
+def test_the_end_of_a_shelf_before_a_white_wall_goes_on_behind_what_stands_there() -> (
+    None
+):
     """It is seen above the ball alone: below is the board on which that lies."""
     truth = np.full((SIZE, SIZE, 3), 240, np.uint8)
     truth[10:130, 70:] = 25
@@ -65,7 +73,9 @@ def test_marks_at_both_sides_of_a_hole_are_no_line() -> None:
     y, x = np.mgrid[:SIZE, :SIZE]
     hole = (abs(x - 80) < 30) & (abs(y - 80) < 30)
     truth[78:82, 46:50] = truth[78:82, 111:115] = 30
-    truth = np.clip(truth + np.random.default_rng(3).normal(0, 6, (SIZE, SIZE, 1)), 0, 255).astype(np.uint8)
+    truth = np.clip(
+        truth + np.random.default_rng(3).normal(0, 6, (SIZE, SIZE, 1)), 0, 255
+    ).astype(np.uint8)
     photo = truth.copy()
     photo[hole] = [30, 60, 120]
     filled = registry.make("inpaint")(photo, hole).astype(float)
@@ -75,6 +85,11 @@ def test_marks_at_both_sides_of_a_hole_are_no_line() -> None:
 def test_the_edge_of_a_shadow_that_fades_does_not_go_on_through_the_hole() -> None:
     """It is seen above the ball alone, with a third of the contrast of a shelf's end."""
     y, x = np.mgrid[:SIZE, :SIZE]
-    truth = np.full((SIZE, SIZE, 3), 230.0) - (60 * np.clip((125 - y) / 40, 0, 1) * (x >= 70))[..., None]
-    filled = registry.make("inpaint")(truth.astype(np.uint8), np.hypot(x - 72, y - 107) < 24).astype(float)
+    truth = (
+        np.full((SIZE, SIZE, 3), 230.0)
+        - (60 * np.clip((125 - y) / 40, 0, 1) * (x >= 70))[..., None]
+    )
+    filled = registry.make("inpaint")(
+        truth.astype(np.uint8), np.hypot(x - 72, y - 107) < 24
+    ).astype(float)
     assert abs(filled[114:128, 60:66].mean() - filled[114:128, 78:84].mean()) < 15

@@ -36,31 +36,46 @@ def test_a_block_slips_where_the_slope_is_steeper_than_friction(degrees):
 
 
 def test_a_tall_block_tips_on_a_slope_that_would_hold_it():
-    for height, stands in ((30, True), (90, False)):  # tan 20 degrees is 0.36: width over height
+    for height, stands in (
+        (30, True),
+        (90, False),
+    ):  # tan 20 degrees is 0.36: width over height
         outline = Region((Ring(turned(block(0, 0, 20, height).rings[0].outer, 20)),))
         found = contacts([outline], [turned(GROUND, 20)])
         assert (unstable_objects([outline], found, {}, default=2.0) == []) is stands
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-@pytest.mark.parametrize(("over", "stands"), [(0.3, True), (0.44, True), (0.56, False), (0.7, False)])
+@pytest.mark.parametrize(
+    ("over", "stands"), [(0.3, True), (0.44, True), (0.56, False), (0.7, False)]
+)
 def test_a_block_over_an_edge_by_more_than_half_falls(side, over, stands):
     edge = np.array([[-300.0, 0.0], [0.0, 0.0]]) * (side, 1)
     x = -100 * (1 - over) if side > 0 else -100 * over
     outline = block(x, 0, 100, 20)
-    assert (unstable_objects([outline], contacts([outline], [edge]), {}) == []) is stands
+    assert (
+        unstable_objects([outline], contacts([outline], [edge]), {}) == []
+    ) is stands
 
 
 def bricks(rows: int, across: int) -> list[Region]:
-    return [block(24 * k + 12 * (row % 2), -12 * row, 24, 12) for row in range(rows) for k in range(across)]
+    return [
+        block(24 * k + 12 * (row % 2), -12 * row, 24, 12)
+        for row in range(rows)
+        for k in range(across)
+    ]
 
 
 def test_a_ball_stands_on_the_floor_and_between_two_but_not_on_one():
     low, right, above = (
-        Disc(np.array(at, float), 10.0) for at in ((0, -10), (20, -10), (10, -10 - 300**0.5))
+        Disc(np.array(at, float), 10.0)
+        for at in ((0, -10), (20, -10), (10, -10 - 300**0.5))
     )
     top = Disc(np.array([0.0, -30.0]), 10.0)
-    stop = np.array([[30.0, -20.0], [30.0, 0.0]]), np.array([[-10.0, -20.0], [-10.0, 0.0]])
+    stop = (
+        np.array([[30.0, -20.0], [30.0, 0.0]]),
+        np.array([[-10.0, -20.0], [-10.0, 0.0]]),
+    )
     pair, three = [low, top], [low, right, above]
     assert unstable_objects(pair, contacts(pair, [GROUND]), {}) == [1]
     assert unstable_objects(three, contacts(three, [GROUND, *stop]), {}) == []
@@ -82,7 +97,9 @@ def test_a_large_pile_stands_and_only_what_lacks_support_is_held():
 def test_scipy_leaves_the_same_unbalanced():
     rng = np.random.default_rng(3)
     for count, columns in ((4, 9), (12, 30), (20, 90)):
-        pairs = np.stack([rng.integers(0, count, columns), rng.integers(-1, count, columns)], 1)
+        pairs = np.stack(
+            [rng.integers(0, count, columns), rng.integers(-1, count, columns)], 1
+        )
         pairs[pairs[:, 0] == pairs[:, 1], 1] = -1
         parts = rng.normal(size=(columns, 2, 3)) * (pairs >= 0)[:, :, None]
         matrix = np.zeros((3 * count, columns))
@@ -92,4 +109,6 @@ def test_scipy_leaves_the_same_unbalanced():
                     matrix[3 * i : 3 * i + 3, m] += three
         wanted = rng.normal(size=(count, 3))
         rest = wanted.ravel() - matrix @ nnls(matrix, wanted.ravel())[0]
-        assert unbalanced_forces(pairs, parts, wanted).ravel() == pytest.approx(rest, abs=UNHELD / 2)
+        assert unbalanced_forces(pairs, parts, wanted).ravel() == pytest.approx(
+            rest, abs=UNHELD / 2
+        )

@@ -45,19 +45,32 @@ def test_normals_keep_their_frame_in_any_size_and_of_any_length(tmp_path, rgb):
 def test_normals_of_16_bits_are_those_of_an_array(tmp_path, rgb):
     y, x = np.mgrid[:HEIGHT, :WIDTH] / HEIGHT - 0.5
     true = np.stack([x / 2, y, np.sqrt(1 - x * x / 4 - y * y)], -1)
-    cv2.imwrite(str(tmp_path / "n.png"), np.rint(true * 32767 + 32768).astype(np.uint16)[..., ::-1])
-    assert np.abs(made("normals", tmp_path / "n.png")(rgb, None, [], UNKNOWN) - true).max() < 1e-4
+    cv2.imwrite(
+        str(tmp_path / "n.png"),
+        np.rint(true * 32767 + 32768).astype(np.uint16)[..., ::-1],
+    )
+    assert (
+        np.abs(made("normals", tmp_path / "n.png")(rgb, None, [], UNKNOWN) - true).max()
+        < 1e-4
+    )
     np.save(tmp_path / "n.npy", true * 1e30)
-    assert np.abs(made("normals", tmp_path / "n.npy")(rgb, None, [], UNKNOWN) - true).max() < 1e-6
+    assert (
+        np.abs(made("normals", tmp_path / "n.npy")(rgb, None, [], UNKNOWN) - true).max()
+        < 1e-6
+    )
 
 
 def test_shading_of_any_scale_parts_the_photo(tmp_path, rgb):
-    shading = np.linspace(2.0, 9.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
+    shading = np.linspace(2.0, 9.0, WIDTH * HEIGHT, dtype=np.float32).reshape(
+        HEIGHT, WIDTH
+    )
     np.save(tmp_path / "s.npy", shading)
     found = made("intrinsic", tmp_path / "s.npy")(rgb, None, None)
     assert np.abs(found.albedo * found.shading[..., None] - decode(rgb)).max() < 1e-5
     assert 0.9 < np.percentile(found.albedo, 99.9) <= 1
-    most = found.shading / shading  # the same shading but for a factor, save where albedo would pass 1
+    most = (
+        found.shading / shading
+    )  # the same shading but for a factor, save where albedo would pass 1
     assert np.percentile(most, 90) == pytest.approx(np.median(most), rel=1e-4)
 
 
@@ -80,7 +93,9 @@ def test_a_whole_scene_from_files(tmp_path, rgb, monkeypatch):
     np.save("d.npy", np.ones((HEIGHT, WIDTH)))
     flags = ["inpaint=file:plate.png", "depth=file:d.npy"]
     words = [word for flag in flags for word in ("--backend", flag)]
-    assert main(["perceive", "photo.png", "--masks", "m.png", "-o", "s.yaml", *words]) == 0
+    assert (
+        main(["perceive", "photo.png", "--masks", "m.png", "-o", "s.yaml", *words]) == 0
+    )
     scene = pipeline.load("s.yaml")
     assert len(scene.objects) == 1
     background = read_photo(tmp_path / "s.assets/background.png").rgb
@@ -92,15 +107,35 @@ def test_a_whole_scene_from_files(tmp_path, rgb, monkeypatch):
 @pytest.mark.parametrize(
     ("role", "values", "message"),
     [
-        ("normals", np.zeros((64, 96)), "is no map of normals; save (H, W, 3) finite numbers"),
-        ("depth", np.full((64, 96), np.nan), "is no map of depth; save (H, W) finite numbers"),
-        ("depth", np.zeros((64, 64)), "64 x 64 px has other proportions than the photo's 96 x 64 px"),
+        (
+            "normals",
+            np.zeros((64, 96)),
+            "is no map of normals; save (H, W, 3) finite numbers",
+        ),
+        (
+            "depth",
+            np.full((64, 96), np.nan),
+            "is no map of depth; save (H, W) finite numbers",
+        ),
+        (
+            "depth",
+            np.zeros((64, 64)),
+            "64 x 64 px has other proportions than the photo's 96 x 64 px",
+        ),
         ("depth", np.array(["a"]), "is no map of depth"),
-        ("normals", np.full((64, 96, 3), np.nan), "is no map of normals; save (H, W, 3) finite numbers"),
+        (
+            "normals",
+            np.full((64, 96, 3), np.nan),
+            "is no map of normals; save (H, W, 3) finite numbers",
+        ),
         ("normals", np.full((64, 96, 3), "x"), "is no map of normals"),
         ("normals", np.zeros((0, 0, 3)), "is no map of normals"),
         ("depth", np.zeros((0, 0)), "is no map of depth"),
-        ("depth", np.full((64, 96), 1e300), "is no map of depth; save (H, W) finite numbers"),
+        (
+            "depth",
+            np.full((64, 96), 1e300),
+            "is no map of depth; save (H, W) finite numbers",
+        ),
         ("depth", np.full((64, 96), 1j), "(64, 96) complex128 is no map of depth"),
         ("intrinsic", np.full((64, 96), 1e300), "is no map of shading"),
     ],

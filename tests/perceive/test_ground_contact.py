@@ -12,7 +12,12 @@ from physgen.perceive.backends.boundary_support import support
 from physgen.perceive.perceive import fit_objects
 from physgen.perceive.roles import PhotoObject
 from physgen.perceive.segment.prompts import from_masks
-from physgen.perceive.support.ground_contact import close_gaps_below, find_foot, is_carried, lower_hull
+from physgen.perceive.support.ground_contact import (
+    close_gaps_below,
+    find_foot,
+    is_carried,
+    lower_hull,
+)
 from physgen.perceive.support.supports import SOURCE
 from physgen.photos import read_image
 from physgen.scene.load import load
@@ -33,13 +38,21 @@ class Desk:
         self.things: list[PhotoObject] = []
 
     def block(
-        self, x: float, y: float, w: float, h: float, tilt: float = 0.0, cut: bool = False
+        self,
+        x: float,
+        y: float,
+        w: float,
+        h: float,
+        tilt: float = 0.0,
+        cut: bool = False,
     ) -> PhotoObject:
         """Its lower left corner at x, y; its foot rises by `tilt` px to the right."""
-        points = np.array([[x, y], [x, y - h], [x + w, y - h - tilt], [x + w, y - tilt]])
-        self.labels[round(y - h + 0.5) : round(y + 0.5), round(x + 0.5) : round(x + w + 0.5)] = (
-            len(self.things) + 1
+        points = np.array(
+            [[x, y], [x, y - h], [x + w, y - h - tilt], [x + w, y - tilt]]
         )
+        self.labels[
+            round(y - h + 0.5) : round(y + 0.5), round(x + 0.5) : round(x + w + 0.5)
+        ] = len(self.things) + 1
         return self._add(Region((Ring(points),)), cut)
 
     def ball(self, x: float, y: float, r: float) -> PhotoObject:
@@ -54,7 +67,10 @@ class Desk:
 
     def walls(self, view: View | None = View.SIDE):
         setting = support()(self.rgb, self.labels, self.things, view)
-        self.things = [replace(t, outline=setting.outlines.get(t.id, t.outline)) for t in self.things]
+        self.things = [
+            replace(t, outline=setting.outlines.get(t.id, t.outline))
+            for t in self.things
+        ]
         return {wall.name: np.array(wall.points) for wall in setting.walls}
 
 
@@ -119,7 +135,8 @@ def test_balls_that_touch_stay_where_they_are():
     before = [t.outline for t in desk.things]
     desk.walls()
     moved = [
-        not np.array_equal(t.outline.center, was.center) for t, was in zip(desk.things, before, strict=True)
+        not np.array_equal(t.outline.center, was.center)
+        for t, was in zip(desk.things, before, strict=True)
     ]
     assert moved[:2] == [False, False]
 
@@ -128,8 +145,14 @@ def test_balls_that_touch_stay_where_they_are():
 def test_a_board_ends_where_its_edge_does(first: int, last: int):
     """A ball pushed off it must fall, not stand on air."""
     floor = board(first, last).walls()["floor"]
-    assert floor[0, 0] == pytest.approx(first - 0.5, abs=2) if first else floor[0, 0] == -W
-    assert floor[-1, 0] == pytest.approx(last - 0.5, abs=2) if last < W else floor[-1, 0] == 2 * W
+    assert (
+        floor[0, 0] == pytest.approx(first - 0.5, abs=2) if first else floor[0, 0] == -W
+    )
+    assert (
+        floor[-1, 0] == pytest.approx(last - 0.5, abs=2)
+        if last < W
+        else floor[-1, 0] == 2 * W
+    )
 
 
 def test_a_dark_board_before_a_dark_back_ends_where_its_edge_does():
@@ -165,9 +188,22 @@ def test_rails_of_a_table_seen_from_above(sides: int):
     """Cloth, a band of shade beside two rails, rails of the cloth's colour, wood."""
     table = Desk(horizon=0)
     table.rgb[:] = (30, 110, 60)
-    ends = {"left": (30, 0), "top": (0, 40), "right": (W - 30, 0), "bottom": (0, H - 40)}
+    ends = {
+        "left": (30, 0),
+        "top": (0, 40),
+        "right": (W - 30, 0),
+        "bottom": (0, H - 40),
+    }
     for k, (x, y) in enumerate(list(ends.values())[:sides]):
-        rail = np.s_[:, :x] if k == 0 else np.s_[:y] if k == 1 else np.s_[:, x:] if k == 2 else np.s_[y:]
+        rail = (
+            np.s_[:, :x]
+            if k == 0
+            else np.s_[:y]
+            if k == 1
+            else np.s_[:, x:]
+            if k == 2
+            else np.s_[y:]
+        )
         table.rgb[rail] = (45, 140, 80)
     noise = np.random.default_rng(1).normal(0, 4, table.rgb.shape)
     table.rgb = np.clip(table.rgb + noise, 0, 255).astype(np.uint8)
@@ -184,7 +220,9 @@ def test_rails_of_a_table_seen_from_above(sides: int):
 def test_rails_of_the_bundled_billiards(bundled: Path):
     scene = load(bundled / "billiards" / "scene.yaml")
     rgb = read_image(bundled / "billiards" / "photo.png")
-    found = from_masks(read_labels(bundled / "billiards" / "photo.assets" / "masks.png"))
+    found = from_masks(
+        read_labels(bundled / "billiards" / "photo.assets" / "masks.png")
+    )
     walls = support()(rgb, found.labels, fit_objects(rgb, found)[0], View.TOP).walls
     points = np.concatenate([wall.points for wall in walls])
     true = np.array(scene.boundaries[0].points)
@@ -247,7 +285,9 @@ def test_what_ends_just_above_a_book_stands_on_it(gap: int, stands: bool):
     desk.block(100, 220, 120, 40)
     rows, columns = np.mgrid[:H, :W]
     stick = (
-        (rows <= 180 - gap) & (rows > 90) & (np.abs(columns - 160) <= np.minimum(8, 0.5 * (181 - gap - rows)))
+        (rows <= 180 - gap)
+        & (rows > 90)
+        & (np.abs(columns - 160) <= np.minimum(8, 0.5 * (181 - gap - rows)))
     )
     desk.labels[stick] = 2
     desk.things = fit_objects(desk.rgb, from_masks(desk.labels))[0]
@@ -271,7 +311,9 @@ def test_a_stool_above_a_book_keeps_what_lies_under_it():
     closed = close_gaps_below(desk.labels, desk.things)
     assert closed.keys() == {2}
     legs = 2 * 15 * 4  # px, what both lack
-    assert mass_properties(closed[2]).area - mass_properties(before[1]).area == pytest.approx(legs, rel=0.3)
+    assert mass_properties(closed[2]).area - mass_properties(
+        before[1]
+    ).area == pytest.approx(legs, rel=0.3)
 
 
 def test_bars_behind_objects_are_no_shelf():

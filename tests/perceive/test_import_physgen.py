@@ -68,7 +68,9 @@ def scene(tmp_path: Path):
     (warning,) = found.warnings
     assert warning.severity is Severity.WARNING
     assert "my_own_note" in str(warning)
-    write_scene(found, tmp_path / "two" / "original.png", "original", tmp_path / "scene.yaml")
+    write_scene(
+        found, tmp_path / "two" / "original.png", "original", tmp_path / "scene.yaml"
+    )
     return load(tmp_path / "scene.yaml")
 
 
@@ -82,10 +84,18 @@ def test_it_means_what_its_author_meant(scene):
     ball, toy = scene.objects
     assert isinstance(ball.shape.stored, Circle)
     assert ball.solid is Solid.DISC
-    assert (ball.mass, ball.friction, ball.elasticity, ball.velocity) == (170, 0.3, 0.7, (-100, 5))
+    assert (ball.mass, ball.friction, ball.elasticity, ball.velocity) == (
+        170,
+        0.3,
+        0.7,
+        (-100, 5),
+    )
     assert isinstance(toy.shape.stored, Polygon)  # as it says, though it is round
     assert (toy.density, toy.friction, toy.elasticity) == (2.5, 0.5, 0.01)
-    assert [w.points for w in scene.boundaries] == [((0, 80), (96, 80)), ((1, 1), (1, 95))]
+    assert [w.points for w in scene.boundaries] == [
+        ((0, 80), (96, 80)),
+        ((1, 1), (1, 95)),
+    ]
     assert {(w.friction, w.elasticity) for w in scene.boundaries} == {(1, 0)}
 
 
@@ -111,17 +121,25 @@ def test_maps_are_in_our_axes(tmp_path: Path):
     assert np.array_equal(percepts.background[kept], percepts.rgb[kept])
     inside = percepts.background[percepts.labels == 1].astype(int)
     expected = 90 + np.mgrid[:96, :96][1][percepts.labels == 1] // 4
-    assert np.abs(inside - expected[:, None]).max() <= 2  # the flat filling took the photo's gradient
+    assert (
+        np.abs(inside - expected[:, None]).max() <= 2
+    )  # the flat filling took the photo's gradient
 
 
 def test_the_light_comes_from_its_maps(scene):
     assert scene.light is not None
-    assert scene.light.direction == pytest.approx(np.array([-3, -4, 5]) / np.sqrt(50), abs=0.02)
-    assert (scene.light.intensity, scene.light.ambient) == pytest.approx((0.6, 0.3), abs=0.02)
+    assert scene.light.direction == pytest.approx(
+        np.array([-3, -4, 5]) / np.sqrt(50), abs=0.02
+    )
+    assert (scene.light.intensity, scene.light.ambient) == pytest.approx(
+        (0.6, 0.3), abs=0.02
+    )
 
 
 def test_no_gravity_is_a_table_from_above(tmp_path: Path):
-    found = import_physgen(folder(tmp_path / "two", SIM.replace("gravity: 980", "gravity: 0")))
+    found = import_physgen(
+        folder(tmp_path / "two", SIM.replace("gravity: 980", "gravity: 0"))
+    )
     assert found.document["world"]["view"] == "top"
     assert found.document["world"]["table"] == {"friction": 0}
     assert "elasticity 0: nothing bounces" in found.comments["boundaries"]
@@ -145,10 +163,22 @@ def test_only_three_files_are_needed(tmp_path: Path):
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("num_steps: 120", "num_step: 120", '"num_step" is not a key of sim.yaml; did you mean num_steps?'),
+        (
+            "num_steps: 120",
+            "num_step: 120",
+            '"num_step" is not a key of sim.yaml; did you mean num_steps?',
+        ),
         ("mass: 170, ", "", "obj_info.1: a mapping is missing; write its mass, in g"),
-        ("  2: [-50, 0]", "  4: [-50, 0]", "init_acc.4: 4 is not among obj_info; it has 1, 2"),
-        ("[1, 95]]", "[1]]", "edge_list[1][1]: a list is not what is read here; write [x, y]"),
+        (
+            "  2: [-50, 0]",
+            "  4: [-50, 0]",
+            "init_acc.4: 4 is not among obj_info; it has 1, 2",
+        ),
+        (
+            "[1, 95]]",
+            "[1]]",
+            "edge_list[1][1]: a list is not what is read here; write [x, y]",
+        ),
     ],
 )
 def test_wrong_lines_are_named(tmp_path: Path, before: str, after: str, message: str):
@@ -171,11 +201,16 @@ def test_spoilt_files_are_refused(tmp_path: Path):
 
 @pytest.mark.peer_scenes
 @pytest.mark.parametrize(
-    ("name", "objects", "view"), [("pool", 16, "top"), ("domino", 6, "side"), ("pig_ball", 2, "side")]
+    ("name", "objects", "view"),
+    [("pool", 16, "top"), ("domino", 6, "side"), ("pig_ball", 2, "side")],
 )
-def test_the_paper_s_scenes(peer_scenes: Path, tmp_path: Path, name: str, objects: int, view: str):
+def test_the_paper_s_scenes(
+    peer_scenes: Path, tmp_path: Path, name: str, objects: int, view: str
+):
     found = import_physgen(peer_scenes / name)
-    write_scene(found, peer_scenes / name / "original.png", "original", tmp_path / "scene.yaml")
+    write_scene(
+        found, peer_scenes / name / "original.png", "original", tmp_path / "scene.yaml"
+    )
     scene = load(tmp_path / "scene.yaml")
     assert len(scene.objects) == objects
     assert scene.world.view.value == view

@@ -28,7 +28,9 @@ def blob(kind: str) -> np.ndarray:
 def test_a_plane_is_harmonic(kind: str, plane: tuple[float, float, float]):
     whole = (plane[0] * X + plane[1] * Y + plane[2])[:, :, None]
     hole = blob(kind)
-    filled = harmonic_fill(np.where(hole[:, :, None], np.float32(-77), whole), hole, 1e-4)
+    filled = harmonic_fill(
+        np.where(hole[:, :, None], np.float32(-77), whole), hole, 1e-4
+    )
     assert np.abs(filled - whole).max() < 2e-3
 
 
@@ -43,7 +45,12 @@ def test_no_value_leaves_the_range_around_the_hole():
 def test_a_hole_at_the_border_continues_level():
     picture = np.repeat(Y[:, :, None], 3, 2)
     hole = (X < 30) & (np.abs(Y - 45) < 25)
-    assert np.abs(harmonic_fill(np.where(hole[:, :, None], 0, picture), hole, 1e-3) - picture).max() < 0.05
+    assert (
+        np.abs(
+            harmonic_fill(np.where(hole[:, :, None], 0, picture), hole, 1e-3) - picture
+        ).max()
+        < 0.05
+    )
 
 
 def test_nothing_known_or_nothing_missing():
@@ -56,7 +63,9 @@ def test_seamless_is_the_continuation_of_the_photo():
     photo = np.stack([60 + X, 200 - X, 90 + Y], -1).astype(np.uint8)
     hole = blob("disc")
     torn = np.where(hole[:, :, None], 0, photo).astype(np.uint8)
-    flat = (photo.astype(int) - 37 + (X / 10)[:, :, None].astype(int)).astype(np.uint8)  # another's exposure
+    flat = (photo.astype(int) - 37 + (X / 10)[:, :, None].astype(int)).astype(
+        np.uint8
+    )  # another's exposure
     mended = seamless(flat, torn, hole)
     assert np.abs(mended.astype(int) - photo)[~hole].max() <= 1
     assert np.abs(mended.astype(int) - photo)[hole].max() <= 2
@@ -65,16 +74,22 @@ def test_seamless_is_the_continuation_of_the_photo():
 def wood() -> np.ndarray:
     random = np.random.default_rng(4)
     grain = 12 * np.sin(Y / 3 + np.sin(X / 40)) + random.normal(0, 4, Y.shape)
-    return np.clip(np.stack([150 + grain, 110 + grain, 70 + grain], -1), 0, 255).astype(np.uint8)
+    return np.clip(np.stack([150 + grain, 110 + grain, 70 + grain], -1), 0, 255).astype(
+        np.uint8
+    )
 
 
 def test_fill_has_the_colour_and_the_grain_of_what_is_around():
     rgb, hole = wood(), blob("disc")
-    filled = fill()(np.where(hole[:, :, None], (255, 0, 0), rgb).astype(np.uint8), hole).astype(float)
+    filled = fill()(
+        np.where(hole[:, :, None], (255, 0, 0), rgb).astype(np.uint8), hole
+    ).astype(float)
     inside, outside = filled[hole], rgb[~hole].astype(float)
     assert np.abs(inside.mean(0) - outside.mean(0)).max() < 6
     assert 0.7 < inside.std() / rgb[hole].std() < 1.3
-    lines = np.corrcoef(filled[hole][:, 0], 12 * np.sin(Y / 3 + np.sin(X / 40))[hole])[0, 1]
+    lines = np.corrcoef(filled[hole][:, 0], 12 * np.sin(Y / 3 + np.sin(X / 40))[hole])[
+        0, 1
+    ]
     assert lines > 0.5  # the grain goes on through the hole
 
 
@@ -95,7 +110,9 @@ def test_fill_continues_a_disc_s_border():
     whole = (part * (170, 60, 70) + (1 - part) * (200, 215, 220)).astype(np.uint8)
     for angle in (0.3, 2.2, 4.0):
         hole = np.hypot(x - 110 - 90 * np.cos(angle), y - 125 - 90 * np.sin(angle)) < 26
-        filled = fill()(np.where(hole[:, :, None], (40, 40, 45), whole).astype(np.uint8), hole)
+        filled = fill()(
+            np.where(hole[:, :, None], (40, 40, 45), whole).astype(np.uint8), hole
+        )
         assert np.abs(filled.astype(int) - whole)[hole].mean() < 10
 
 
@@ -113,7 +130,9 @@ def test_fill_brings_no_wall_into_a_narrow_panel():
     y, x = np.mgrid[:200, :260]
     whole = np.full((200, 260, 3), 245, np.uint8)
     whole[70:130, 20:240] = 35
-    hole = np.any([np.hypot(x - middle, y - 104) <= 12.6 for middle in range(42, 240, 25)], axis=0)
+    hole = np.any(
+        [np.hypot(x - middle, y - 104) <= 12.6 for middle in range(42, 240, 25)], axis=0
+    )
     filled = fill()(np.where(hole[:, :, None], np.uint8(140), whole), hole)
     assert np.abs(filled.astype(int) - whole)[hole].mean() < 4
 
@@ -127,7 +146,8 @@ def test_fill_keeps_a_ramp_smooth():
 
 
 @pytest.mark.parametrize(
-    "where", [X < 20, (X > 100) & (Y > 60), np.abs(Y - 45) < 40, X + Y > 0, (X > 3) & (Y > 3)]
+    "where",
+    [X < 20, (X > 100) & (Y > 60), np.abs(Y - 45) < 40, X + Y > 0, (X > 3) & (Y > 3)],
 )
 def test_fill_takes_any_hole(where: np.ndarray):
     rgb = wood()
@@ -145,7 +165,9 @@ def test_long_photos_take_little_memory(height: int, width: int) -> None:
     along, across, long = (x, y, height) if width > height else (y, x, width)
     grain = np.random.default_rng(0).normal(0, 3, (height, width, 1))
     truth = (
-        80 + 60 * along[..., None] / max(height, width) + 40 * (across < long // 3)[..., None] * [1, 0.5, 0]
+        80
+        + 60 * along[..., None] / max(height, width)
+        + 40 * (across < long // 3)[..., None] * [1, 0.5, 0]
     )
     photo = np.clip(truth + grain, 0, 255).astype(np.uint8)
     hole = (abs(along - 700) < 40) & (across > long // 4) & (across < 3 * long // 4)
@@ -163,19 +185,35 @@ def test_long_photos_take_little_memory(height: int, width: int) -> None:
 def test_grain_is_no_pattern_of_one_place():
     random = np.random.default_rng(0)
     y, x = np.mgrid[:200, :240]
-    photo = np.repeat(np.clip(150 + random.normal(0, 6, (200, 240, 1)), 0, 255), 3, 2).astype(np.uint8)
+    photo = np.repeat(
+        np.clip(150 + random.normal(0, 6, (200, 240, 1)), 0, 255), 3, 2
+    ).astype(np.uint8)
     hole = np.hypot(x - 120, y - 100) <= 50
     filled = fill()(photo, hole)[80:120, 100:140, 0].astype(float) - 150
     assert 4 < filled.std() < 8
-    for down, right in ((0, 2), (2, 0), (2, 2), (0, 4), (4, 0)):  # noise knows nothing of its neighbours
-        alike = (filled[down:, right:] * filled[: 40 - down, : 40 - right]).mean() / filled.var()
+    for down, right in (
+        (0, 2),
+        (2, 0),
+        (2, 2),
+        (0, 4),
+        (4, 0),
+    ):  # noise knows nothing of its neighbours
+        alike = (
+            filled[down:, right:] * filled[: 40 - down, : 40 - right]
+        ).mean() / filled.var()
         assert abs(alike) < 0.15, (down, right)
 
 
 def test_streaks_of_a_cloth_go_on_where_a_large_object_lay():
     """They are wider than fine grain, and too faint for patches to carry on."""
-    noise = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 1, (240, 400)), (0, 0), sigmaX=4, sigmaY=2)
-    photo = np.repeat((90 + 1.5 * noise / noise.std())[..., None], 3, 2).round().astype(np.uint8)
+    noise = cv2.GaussianBlur(
+        np.random.default_rng(1).normal(0, 1, (240, 400)), (0, 0), sigmaX=4, sigmaY=2
+    )
+    photo = (
+        np.repeat((90 + 1.5 * noise / noise.std())[..., None], 3, 2)
+        .round()
+        .astype(np.uint8)
+    )
     y, x = np.mgrid[:240, :400]
     hole = np.hypot(x - 120, y - 120) <= 50
     inside = fill()(photo, hole)[np.hypot(x - 120, y - 120) <= 40]
@@ -226,7 +264,9 @@ def test_what_stands_in_the_hole_changes_nothing() -> None:
 
 def test_comparisons_are_whole_numbers_that_single_precision_holds() -> None:
     """On white and black, whose squares are the largest; the order of sums beyond 2^24 would change the fill."""
-    photo = np.where((X // 8 + Y // 8)[..., None] % 2 < 1, 255, np.zeros((H, W, 3))).astype(np.float32)
+    photo = np.where(
+        (X // 8 + Y // 8)[..., None] % 2 < 1, 255, np.zeros((H, W, 3))
+    ).astype(np.float32)
     level = Level(photo, blob("disc"), blob("disc") & False)
     search = _Search(level, RADIUS)
     target = search.known[search.at[:, 0], search.at[:, 1]]

@@ -6,7 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.inpaint.painting import inpaint_windows, model_size, widened, windows
+from physgen.perceive.inpaint.painting import (
+    inpaint_windows,
+    model_size,
+    widened,
+    windows,
+)
 
 H, W = 256, 512
 Y, X = np.mgrid[:H, :W]
@@ -43,8 +48,12 @@ def test_a_painters_shift_of_colour_is_taken_away():
     hole = disc(250, 120, 30)
     photo = np.where(hole[..., None], 0, ramp()).astype(np.uint8)
 
-    def tinted(part, wanted):  # knows the wall, and paints all of it in a tint of its own
-        return np.clip(ramp().astype(int) + np.array([9, -6, 4]), 0, 255).astype(np.uint8)
+    def tinted(
+        part, wanted
+    ):  # knows the wall, and paints all of it in a tint of its own
+        return np.clip(ramp().astype(int) + np.array([9, -6, 4]), 0, 255).astype(
+            np.uint8
+        )
 
     filled = inpaint_windows(photo, hole, tinted, max(H, W))
     assert np.abs(filled.astype(int) - ramp())[hole].max() <= 2
@@ -57,14 +66,18 @@ def test_a_contact_shadow_beside_the_hole_is_painted_over_not_continued():
     seen = {}
 
     def even(part, wanted):  # continues what it sees around what is to be painted
-        seen["around"] = part[cv2.dilate(wanted.astype(np.uint8), np.ones((3, 3))).astype(bool) & ~wanted]
+        seen["around"] = part[
+            cv2.dilate(wanted.astype(np.uint8), np.ones((3, 3))).astype(bool) & ~wanted
+        ]
         return np.where(wanted[..., None], ramp(), part)
 
     filled = inpaint_windows(photo, hole, even, max(H, W))
     assert seen["around"].min() > 60  # no dark rim for the painter to continue
     deep = disc(250, 120, 15)
     assert np.abs(filled.astype(int) - ramp())[deep].max() <= 3
-    assert np.array_equal(filled[~hole], photo[~hole])  # the shadow that is seen stays: another role lifts it
+    assert np.array_equal(
+        filled[~hole], photo[~hole]
+    )  # the shadow that is seen stays: another role lifts it
 
 
 def test_the_reach_is_the_papers_and_grows_with_the_photo():
@@ -88,7 +101,9 @@ def test_windows_hold_the_holes_with_surroundings_and_do_not_overlap():
     assert (count[hole] == 1).all()
 
 
-@pytest.mark.parametrize("shape", [(512, 512), (100, 100), (3000, 2000), (20, 4000), (1, 1)])
+@pytest.mark.parametrize(
+    "shape", [(512, 512), (100, 100), (3000, 2000), (20, 4000), (1, 1)]
+)
 def test_frames_are_of_the_models_size(shape):
     tall, wide = model_size(shape, 512, 16)
     assert tall % 16 == wide % 16 == 0

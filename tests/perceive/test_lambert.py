@@ -7,7 +7,15 @@ from physgen import registry
 from physgen.perceive.backends.light_shading import highlights
 from physgen.photometry import DistantLight, encode_u8
 from physgen.scene.scene import View
-from tests.perceive.lambertian import ball, boxed, degrees, plain, rendered, setting, towards
+from tests.perceive.lambertian import (
+    ball,
+    boxed,
+    degrees,
+    plain,
+    rendered,
+    setting,
+    towards,
+)
 
 SKY = [
     (0, 0, 1), (0.5, -0.5, 0.7), (-0.8, -0.4, 0.4), (0.9, -0.1, 0.4), (0.1, -0.9, 0.4), (-0.2, 0.2, 0.9),
@@ -64,5 +72,7 @@ def test_an_even_box_shows_little():
     labels, thing = boxed(80, 160, 90, 170)
     normals = np.zeros((*labels.shape, 3), np.float32)
     normals[..., 2] = 1
-    rgb = rendered(normals, plain(labels=labels), DistantLight((0.0, 0.0, 1.0), 0.7, 0.3))
+    rgb = rendered(
+        normals, plain(labels=labels), DistantLight((0.0, 0.0, 1.0), 0.7, 0.3)
+    )
     assert found(rgb, labels, [thing]).confidence <= 0.3

@@ -19,7 +19,9 @@ def photo(shadow: float) -> np.ndarray:
     ice = 0.7 * (1 - shadow * np.exp(-np.maximum(AWAY, 0) / 3))
     grain = 1 + 0.03 * np.random.default_rng(0).standard_normal(AWAY.shape)
     return encode_u8(
-        np.repeat((TRUE * 0.05 + (1 - TRUE) * ice * grain)[..., None], 3, axis=2).astype(np.float32)
+        np.repeat(
+            (TRUE * 0.05 + (1 - TRUE) * ice * grain)[..., None], 3, axis=2
+        ).astype(np.float32)
     )
 
 
@@ -40,8 +42,14 @@ def test_a_mask_that_is_off_all_around_is_moved(off: float) -> None:
 
 def test_a_corner_that_the_mask_rounds_off_is_part_of_a_bright_box() -> None:
     box = np.maximum(np.abs(X - 60), np.abs(Y - 60)) < 30
-    round_box = np.hypot(np.maximum(np.abs(X - 60) - 24, 0), np.maximum(np.abs(Y - 60) - 24, 0)) < 6
-    picture = encode_u8(np.where(box[..., None], np.float32(0.7), np.float32(0.05)) * np.ones(3, np.float32))
+    round_box = (
+        np.hypot(np.maximum(np.abs(X - 60) - 24, 0), np.maximum(np.abs(Y - 60) - 24, 0))
+        < 6
+    )
+    picture = encode_u8(
+        np.where(box[..., None], np.float32(0.7), np.float32(0.05))
+        * np.ones(3, np.float32)
+    )
     coverage = edge()(picture, round_box.astype(np.uint16))
     corners = box & ~round_box
     assert coverage[corners].mean() > 0.6

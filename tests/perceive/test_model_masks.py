@@ -36,7 +36,9 @@ def found(*cuts, **more):
 
 
 def test_boxes_of_one_thing_are_one_whatever_they_are_called():
-    boxes = np.array([[10, 10, 50, 50], [11, 10, 51, 50], [10, 10, 50, 30], [60, 10, 60, 50]], float)
+    boxes = np.array(
+        [[10, 10, 50, 50], [11, 10, 51, 50], [10, 10, 50, 30], [60, 10, 60, 50]], float
+    )
     assert distinct_boxes(boxes, np.array([0.5, 0.9, 0.7, 0.9])) == [1, 2]
     assert distinct_boxes(np.empty((0, 4)), np.empty(0)) == []
 
@@ -59,12 +61,17 @@ def test_pieces_are_those_with_a_gap_between():
     first, second = parts(block((10, 10, 30, 30), (40, 10, 70, 30)))
     assert np.array_equal(first, block((40, 10, 70, 30)))
     assert np.array_equal(second, block((10, 10, 30, 30)))
-    assert len(parts(block((10, 10, 60, 60), (80, 10, 84, 14)))) == 1  # too small to be one
+    assert (
+        len(parts(block((10, 10, 60, 60), (80, 10, 84, 14)))) == 1
+    )  # too small to be one
 
 
 def test_a_mask_in_pieces_is_several_objects():
     mask = block((10, 10, 30, 30), (40, 10, 70, 30))
-    assert [one.box for one in split([cut(mask)])] == [(40, 10, 70, 30), (10, 10, 30, 30)]
+    assert [one.box for one in split([cut(mask)])] == [
+        (40, 10, 70, 30),
+        (10, 10, 30, 30),
+    ]
     table = cut(mask, "table", movable=False)
     assert split([table]) == [table]  # objects lie on it
 
@@ -77,7 +84,10 @@ def test_the_surer_of_two_masks_of_one_thing_stays():
 
 def test_a_heap_gives_way_to_what_it_is_of():
     heap = cut(block((10, 10, 80, 40)), score=0.95)
-    first, second = cut(block((10, 10, 40, 40))), cut(block((45, 10, 80, 40)), score=0.7)
+    first, second = (
+        cut(block((10, 10, 40, 40))),
+        cut(block((45, 10, 80, 40)), score=0.7),
+    )
     assert set(distinct([heap, first, second])) == {first, second}
     assert distinct([heap, second]) == [heap]  # a piece of it
     bowl = cut(block((10, 10, 80, 40)), "bowl", score=0.95)
@@ -85,7 +95,10 @@ def test_a_heap_gives_way_to_what_it_is_of():
 
 
 def test_small_things_lie_before_large_ones_that_are_not_much_surer():
-    bowl, apple = cut(block((10, 10, 80, 60)), "bowl"), cut(block((20, 20, 40, 40)), "apple", score=0.6)
+    bowl, apple = (
+        cut(block((10, 10, 80, 60)), "bowl"),
+        cut(block((20, 20, 40, 40)), "apple", score=0.6),
+    )
     outer, inner = resolved([bowl, apple])
     assert inner.area == 20 * 20
     assert outer.area == 70 * 50 - 20 * 20
@@ -93,7 +106,10 @@ def test_small_things_lie_before_large_ones_that_are_not_much_surer():
     doubtful = cut(block((20, 20, 40, 40)), "sticker", score=0.3)
     assert [one.noun for one in resolved([bowl, doubtful])] == ["bowl"]
     box = cut(block((10, 10, 50, 60)), "box"), cut(block((48, 10, 85, 60)), "book")
-    assert [one.noun for one in resolved([bowl, *box])] == ["box", "book"]  # they leave nothing of the bowl
+    assert [one.noun for one in resolved([bowl, *box])] == [
+        "box",
+        "book",
+    ]  # they leave nothing of the bowl
 
 
 def test_ids_run_left_to_right_and_scenery_lies_behind():
@@ -108,7 +124,12 @@ def test_ids_run_left_to_right_and_scenery_lies_behind():
     assert {i: name.label for i, name in result.names.items()} == {1: "ball", 2: "cup"}
     assert result.confidence == pytest.approx([0.5, 0.81])
     assert [doubt.confidence for doubt in result.doubtful] == [0.2]
-    assert sorted(result.doubtful[0].polygon) == [(60, 10), (60, 29), (79, 10), (79, 29)]
+    assert sorted(result.doubtful[0].polygon) == [
+        (60, 10),
+        (60, 29),
+        (79, 10),
+        (79, 29),
+    ]
     assert result.scenery.nouns == {1: "table"}
     assert not (result.scenery.labels[result.labels > 0]).any()
     assert np.count_nonzero(result.scenery.labels) == 40 * 120 - 10 * 20 - 10 * 30

@@ -6,7 +6,12 @@ import cv2
 import numpy as np
 from pytest import approx
 
-from physgen.perceive.segment.candidates import FEATURES, network_proposals, proposal_features, rescaled
+from physgen.perceive.segment.candidates import (
+    FEATURES,
+    network_proposals,
+    proposal_features,
+    rescaled,
+)
 from physgen.perceive.segment.network import OFFSETS, WEIGHTS, NetworkMaps, run_network
 from physgen.perceive.segment.proposals import Proposal, cut_out
 
@@ -34,7 +39,12 @@ def true_maps(labels: np.ndarray, sure: float = 0.97) -> NetworkMaps:
     normals = np.zeros((*labels.shape, 3), np.float32)
     normals[..., 2] = 1
     return NetworkMaps(
-        said(on), said(border), said(pairs), normals, np.zeros(labels.shape, np.float32), said(on)
+        said(on),
+        said(border),
+        said(pairs),
+        normals,
+        np.zeros(labels.shape, np.float32),
+        said(on),
     )
 
 
@@ -67,7 +77,8 @@ def test_every_object_is_among_the_parts() -> None:
         else:
             truth = labels == k
         best = max(
-            (one.on(labels.shape) & truth).sum() / (one.on(labels.shape) | truth).sum() for one in found
+            (one.on(labels.shape) & truth).sum() / (one.on(labels.shape) | truth).sum()
+            for one in found
         )
         assert best > 0.85, k
 
@@ -77,7 +88,9 @@ def test_evidence_tells_wholes_from_halves_and_pairs() -> None:
     seen = true_maps(labels)
     half = labels == 5
     half[:, 45:] = False
-    told = proposal_features([whole(labels == 5), whole(half), whole((labels == 4) | (labels == 5))], seen)
+    told = proposal_features(
+        [whole(labels == 5), whole(half), whole((labels == 4) | (labels == 5))], seen
+    )
     at = {name: k for k, name in enumerate(FEATURES)}
     object_, part, pair = told
     assert object_[at["foreground"]] == approx(0.97, abs=0.01)
@@ -101,7 +114,10 @@ def test_a_proposal_keeps_its_place_on_another_grid() -> None:
     one = whole(mask > 0)
     small = rescaled(one, (300, 400), (105, 140))
     assert small is not None
-    expected = cv2.resize(mask.astype(np.float32), (140, 105), interpolation=cv2.INTER_AREA) >= 0.5
+    expected = (
+        cv2.resize(mask.astype(np.float32), (140, 105), interpolation=cv2.INTER_AREA)
+        >= 0.5
+    )
     both = small.on((105, 140))
     assert (both & expected).sum() / (both | expected).sum() > 0.96
     back = rescaled(small, (105, 140), (300, 400))
@@ -118,14 +134,19 @@ def test_the_shipped_network_is_small_and_sees_mirrored_what_is_mirrored() -> No
     rng = np.random.default_rng(0)
     photo = cv2.GaussianBlur(rng.integers(0, 255, (192, 256, 3), np.uint8), (0, 0), 3)
     cv2.circle(photo, (90, 96), 40, (200, 60, 40), -1)
-    seen, mirrored = run_network(photo), run_network(np.ascontiguousarray(photo[:, ::-1]))
+    seen, mirrored = (
+        run_network(photo),
+        run_network(np.ascontiguousarray(photo[:, ::-1])),
+    )
     assert seen.foreground.shape == (192, 256)
     assert np.abs(np.linalg.norm(seen.normals, axis=2) - 1).max() < 1e-3
     for name in ("foreground", "boundary", "shadow", "movable"):
         assert getattr(mirrored, name)[:, ::-1] == approx(getattr(seen, name), abs=1e-3)
     assert mirrored.normals[:, ::-1] * [-1, 1, 1] == approx(seen.normals, abs=2e-3)
     for (down, right), here in zip(OFFSETS, seen.pairs, strict=True):
-        there = mirrored.pairs[OFFSETS.index((down, -right) if down else (0, right)), :, ::-1]
+        there = mirrored.pairs[
+            OFFSETS.index((down, -right) if down else (0, right)), :, ::-1
+        ]
         if down:  # of two pixels of a row, the other comes first
             assert there == approx(here, abs=1e-3)
         else:

@@ -13,7 +13,16 @@ from physgen.perceive.backends.normals_blended import (
 )
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
-from tests.perceive.lambertian import apart, ball, boxed, can, plain, rendered, setting, towards
+from tests.perceive.lambertian import (
+    apart,
+    ball,
+    boxed,
+    can,
+    plain,
+    rendered,
+    setting,
+    towards,
+)
 
 LIGHT = DistantLight(towards(-0.6, -0.5, 0.6), 0.8, 0.2)
 

@@ -37,7 +37,8 @@ def painted(*masks: NDArray[np.bool_]) -> Labels:
 
 def told(labels: Labels) -> set[tuple[int, int]]:
     return {
-        (one.front, one.behind) for one in occlusion_orders(labels, np.unique(labels[labels > 0]).tolist())
+        (one.front, one.behind)
+        for one in occlusion_orders(labels, np.unique(labels[labels > 0]).tolist())
     }
 
 
@@ -69,24 +70,36 @@ def test_what_is_painted_over_another_is_before_it(name: str) -> None:
         (box(40, 80, 160, 120), disc(100, 49, 30)),
     ],
 )
-def test_what_only_touches_is_told_nothing(masks: tuple[NDArray[np.bool_], ...]) -> None:
+def test_what_only_touches_is_told_nothing(
+    masks: tuple[NDArray[np.bool_], ...],
+) -> None:
     assert told(painted(*masks)) == set()
 
 
 def test_layers_rise_from_the_back() -> None:
-    found = [OcclusionOrder(3, 2, 0.8), OcclusionOrder(2, 1, 0.7), OcclusionOrder(3, 1, 0.6)]
+    found = [
+        OcclusionOrder(3, 2, 0.8),
+        OcclusionOrder(2, 1, 0.7),
+        OcclusionOrder(3, 1, 0.6),
+    ]
     assert drawing_layers(found)[0] == {2: 1, 3: 2}
 
 
 def test_a_ring_is_broken_where_it_is_least_sure() -> None:
-    found = [OcclusionOrder(1, 2, 0.9), OcclusionOrder(2, 3, 0.6), OcclusionOrder(3, 1, 0.8)]
+    found = [
+        OcclusionOrder(1, 2, 0.9),
+        OcclusionOrder(2, 3, 0.6),
+        OcclusionOrder(3, 1, 0.8),
+    ]
     level, kept = drawing_layers(found)
     assert [(one.front, one.behind) for one in kept] == [(1, 2), (3, 1)]
     assert level == {1: 1, 3: 2}
 
 
 def test_what_a_person_set_stays_and_the_rest_follows() -> None:
-    level, _ = drawing_layers([OcclusionOrder(2, 1, 0.8), OcclusionOrder(3, 2, 0.8)], {2: 5})
+    level, _ = drawing_layers(
+        [OcclusionOrder(2, 1, 0.8), OcclusionOrder(3, 2, 0.8)], {2: 5}
+    )
     assert level == {3: 6}
 
 
@@ -94,7 +107,9 @@ def test_what_a_person_set_stays_and_the_rest_follows() -> None:
 def perceived(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tmp_path = tmp_path_factory.mktemp("perceived")
     labels = painted(box(60, 60, 180, 110), disc(90, 105, 20), disc(150, 105, 20))
-    colours = np.array([(190, 186, 176), (40, 60, 170), (170, 40, 40), (30, 120, 60)], np.uint8)
+    colours = np.array(
+        [(190, 186, 176), (40, 60, 170), (170, 40, 40), (30, 120, 60)], np.uint8
+    )
     cv2.imwrite(str(tmp_path / "photo.png"), colours[labels][..., ::-1])
     cv2.imwrite(str(tmp_path / "marked.png"), labels)
     path = tmp_path / "scene.yaml"
@@ -127,7 +142,9 @@ def test_a_scene_tells_layers_with_who_said_so_and_why(scene: Path) -> None:
     (lambda wheel, car: wheel.update(layer=-2), {2: -2, 3: 1}),
     (lambda wheel, car: car.update(layer=4), {1: 4, 2: 5, 3: 5}),
 ])  # fmt: skip
-def test_refreshing_keeps_the_layers_that_a_person_set(scene: Path, edit, after) -> None:  # type: ignore[no-untyped-def]
+def test_refreshing_keeps_the_layers_that_a_person_set(
+    scene: Path, edit, after
+) -> None:  # type: ignore[no-untyped-def]
     data = yaml.safe_load(scene.read_text())
     by_mask = {one["mask"]: one for one in data["objects"].values()}
     edit(by_mask[2], by_mask[1])

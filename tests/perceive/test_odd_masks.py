@@ -36,14 +36,27 @@ def boxes(*rows: tuple[int, int, int, int, int]) -> NDArray[np.uint16]:
 
 
 MASKS = {
-    "at the border": boxes((1, 0, 90, 30, 50), (2, 100, 90, 40, 50), (3, 220, 140, 20, 20)),
+    "at the border": boxes(
+        (1, 0, 90, 30, 50), (2, 100, 90, 40, 50), (3, 220, 140, 20, 20)
+    ),
     "all over": boxes((1, 0, 0, *SIZE)),
-    "with holes": boxes((1, 60, 60, 80, 80), (0, 75, 75, 20, 20), (0, 105, 105, 20, 20)),
-    "in ten parts": boxes(*((1, 20 + 20 * k, 110 - 4 * (k % 3), 12, 30 + 4 * (k % 3)) for k in range(10))),
+    "with holes": boxes(
+        (1, 60, 60, 80, 80), (0, 75, 75, 20, 20), (0, 105, 105, 20, 20)
+    ),
+    "in ten parts": boxes(
+        *((1, 20 + 20 * k, 110 - 4 * (k % 3), 12, 30 + 4 * (k % 3)) for k in range(10))
+    ),
     "one pixel": boxes((1, 60, 90, 40, 50), (2, 150, 100, 1, 1)),
-    "gaps in the ids": boxes((7, 40, 100, 30, 40), (900, 100, 100, 30, 40), (65535, 160, 100, 30, 40)),
+    "gaps in the ids": boxes(
+        (7, 40, 100, 30, 40), (900, 100, 100, 30, 40), (65535, 160, 100, 30, 40)
+    ),
     "one in another": boxes((1, 60, 60, 90, 80), (2, 85, 85, 30, 30)),
-    "thin": boxes((1, 40, 60, 2, 80), (2, 80, 138, 100, 2), (3, 200, 40, 1, 90), (4, 60, 20, 80, 1)),
+    "thin": boxes(
+        (1, 40, 60, 2, 80),
+        (2, 80, 138, 100, 2),
+        (3, 200, 40, 1, 90),
+        (4, 60, 20, 80, 1),
+    ),
     "thin frame": boxes((1, 60, 60, 80, 70), (0, 66, 66, 68, 63)),
 }
 
@@ -52,14 +65,23 @@ def perceived(labels: NDArray[np.uint16], folder: Path, *flags: str) -> Path:
     cv2.imwrite(str(folder / "photo.png"), drawn(labels)[..., ::-1])
     cv2.imwrite(str(folder / "masks.png"), labels)
     path = folder / "scene.yaml"
-    given = ["perceive", str(folder / "photo.png"), "--masks", str(folder / "masks.png"), "-o", str(path)]
+    given = [
+        "perceive",
+        str(folder / "photo.png"),
+        "--masks",
+        str(folder / "masks.png"),
+        "-o",
+        str(path),
+    ]
     assert main([*given, *flags]) == 0
     return path
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("labels", MASKS.values(), ids=MASKS)
-def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(labels, tmp_path: Path) -> None:
+def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(
+    labels, tmp_path: Path
+) -> None:
     path = perceived(labels, tmp_path, "--still")
     scene = pipeline.load(path)
     assert main(["check", str(path), "--strict"]) == 0
@@ -70,8 +92,12 @@ def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(labels, tmp_path: 
     assert np.abs(poses[:, :, :2] - poses[:1, :, :2]).max() < STILL
 
 
-@pytest.mark.parametrize("size", [(3, 4), (6, 2)], ids=lambda size: f"{size[0]}x{size[1]}")
+@pytest.mark.parametrize(
+    "size", [(3, 4), (6, 2)], ids=lambda size: f"{size[0]}x{size[1]}"
+)
 def test_a_few_px_stand_on_a_level_floor(size: tuple[int, int], tmp_path: Path) -> None:
     path = perceived(boxes((1, 60, 90, 40, 50), (2, 150, 100, *size)), tmp_path)
     assert main(["check", "--strict", str(path)]) == 0
-    assert not any(wall.name.startswith("slope") for wall in pipeline.load(path).boundaries)
+    assert not any(
+        wall.name.startswith("slope") for wall in pipeline.load(path).boundaries
+    )

@@ -11,15 +11,33 @@ from physgen.maps import read_labels
 from physgen.perceive import document
 from physgen.perceive.document import summary, write_scene
 from physgen.perceive.perceive import fit_objects, perceive
-from physgen.perceive.roles import BoundaryGuess, Detections, PerceivedScene, Segments, Suitability
-from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, segment_point
+from physgen.perceive.roles import (
+    BoundaryGuess,
+    Detections,
+    PerceivedScene,
+    Segments,
+    Suitability,
+)
+from physgen.perceive.segment.prompts import (
+    Segmenter,
+    from_masks,
+    from_prompts,
+    segment_point,
+)
 from physgen.photometry import DistantLight
 from physgen.photos import read_image
 from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.scene.load import load
 from physgen.scene.scene import Auto, Box, Circle, Motion, Solid, View
-from tests.perceive.lambertian import ball, beyond_halos, overlap, rendered, setting, towards
+from tests.perceive.lambertian import (
+    ball,
+    beyond_halos,
+    overlap,
+    rendered,
+    setting,
+    towards,
+)
 
 
 def desk() -> tuple[np.ndarray, np.ndarray]:
@@ -40,7 +58,9 @@ def desk() -> tuple[np.ndarray, np.ndarray]:
         (65535, (240, 240, 240)),
     ):
         rgb[labels == i] = colour
-    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.6) + np.random.default_rng(0).normal(0, 2, rgb.shape)
+    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.6) + np.random.default_rng(0).normal(
+        0, 2, rgb.shape
+    )
     return np.clip(rgb, 0, 255).astype(np.uint8), labels
 
 
@@ -51,7 +71,11 @@ STAGES: list[str] = []
 def seen() -> PerceivedScene:
     """The desk, perceived with its masks."""
     rgb, labels = desk()
-    return perceive(rgb, from_masks(labels), progress=lambda stage, done, total: STAGES.append(stage))
+    return perceive(
+        rgb,
+        from_masks(labels),
+        progress=lambda stage, done, total: STAGES.append(stage),
+    )
 
 
 def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
@@ -70,7 +94,12 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
     scene = load(tmp_path / "scene.yaml")
     assert scene.world.view is View.SIDE
     assert scene.world.gravity == (0, pytest.approx(9.8 * scene.world.pixels_per_meter))
-    assert [o.name for o in scene.objects] == ["ball-1", "block-1", "block-2", "block-3"]
+    assert [o.name for o in scene.objects] == [
+        "ball-1",
+        "block-1",
+        "block-2",
+        "block-3",
+    ]
     ball, first, _, last = scene.objects
     assert isinstance(ball.shape, Auto)
     assert isinstance(ball.shape.stored, Circle)
@@ -89,23 +118,43 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
     assert "velocity: [0, 0]" in text
     first, *more = summary(seen)
     assert first.startswith(f"{len(scene.objects)} objects, confidence ")
-    assert [line.split()[0] for line in more] == ["objects", "scale", "view", "support", "motion"]
-    assert all(item.name in more[3] for item in scene.objects if item.motion is Motion.STATIC)
+    assert [line.split()[0] for line in more] == [
+        "objects",
+        "scale",
+        "view",
+        "support",
+        "motion",
+    ]
+    assert all(
+        item.name in more[3] for item in scene.objects if item.motion is Motion.STATIC
+    )
     regions = {"cup-2": {"mask": 7}}  # the user's: no object
-    assert summary(replace(seen, document=seen.document | {"doubtful": regions})) == [first, *more]
+    assert summary(replace(seen, document=seen.document | {"doubtful": regions})) == [
+        first,
+        *more,
+    ]
     regions |= {"maybe-3": {"mask": 8, "confidence": 0.3}}
     *_, doubt = summary(replace(seen, document=seen.document | {"doubtful": regions}))
-    assert "1 region may be an object, too: move maybe-3 to objects to have one" in doubt
+    assert (
+        "1 region may be an object, too: move maybe-3 to objects to have one" in doubt
+    )
 
 
 def test_a_good_photo_of_an_unsure_object_says_where_to_look(seen: PerceivedScene):
     objects = seen.document["objects"]
-    torn = objects["block-2"] | {"from": objects["block-2"]["from"] | {"mask": "learned 0.6"}}
+    torn = objects["block-2"] | {
+        "from": objects["block-2"]["from"] | {"mask": "learned 0.6"}
+    }
     unsure = seen.document | {"objects": objects | {"block-2": torn}}
-    for reasons, told in (((), "good, but look at block-2"), (("outdoors",), "doubtful: outdoors")):
+    for reasons, told in (
+        ((), "good, but look at block-2"),
+        (("outdoors",), "doubtful: outdoors"),
+    ):
         made = replace(seen, document=unsure, suitability=Suitability(reasons))
         assert summary(made)[0].endswith(f"; suitability: {told}")
-    assert summary(replace(seen, suitability=Suitability(())))[0].endswith("; suitability: good")
+    assert summary(replace(seen, suitability=Suitability(())))[0].endswith(
+        "; suitability: good"
+    )
 
 
 def test_percepts_agree_with_each_other(seen: PerceivedScene):
@@ -124,7 +173,10 @@ def test_the_photo_without_masks_is_segmented(bundled: Path):
     truth = read_labels(bundled / "dominoes" / "photo.assets" / "masks.png")
     found = perceive(rgb)
     assert abs(len(found.document["objects"]) - len(np.unique(truth)) + 1) <= 1
-    assert all(o["from"]["mask"].startswith("learned ") for o in found.document["objects"].values())
+    assert all(
+        o["from"]["mask"].startswith("learned ")
+        for o in found.document["objects"].values()
+    )
     assert found.document["world"]["view"] == "side"
 
 
@@ -139,7 +191,9 @@ def test_the_bundled_billiards_are_seen_from_above(bundled: Path):
 def test_told_things_win():
     rgb, labels = desk()
     view = BoundaryGuess(View.TOP, 1.0, "as given", ())
-    found = perceive(rgb, from_masks(labels, {7: "tennis ball"}), view=view, pixels_per_meter=600)
+    found = perceive(
+        rgb, from_masks(labels, {7: "tennis ball"}), view=view, pixels_per_meter=600
+    )
     assert found.document["world"]["view"] == "top"
     assert found.document["world"]["table"] == {"friction": 0.2}
     assert found.document["boundaries"] == {}
@@ -151,11 +205,20 @@ def test_told_things_win():
 def test_objects_are_renamed_by_name_id_and_pattern():
     rgb, labels = desk()
     labels[5, 5] = 9  # a speck is no object
-    renames = ["ball-1=apple", "2=book", "block-*=wooden block"]  # what is named itself is no block
+    renames = [
+        "ball-1=apple",
+        "2=book",
+        "block-*=wooden block",
+    ]  # what is named itself is no block
     found = perceive(rgb, from_masks(labels), renames=renames)
     assert "1 specks" in found.comments["objects"]
     objects = found.document["objects"]
-    assert [o["label"] for o in objects.values()] == ["apple", "wooden block", "book", "wooden block"]
+    assert [o["label"] for o in objects.values()] == [
+        "apple",
+        "wooden block",
+        "book",
+        "wooden block",
+    ]
     assert next(iter(objects)) == "apple-1"
     assert "label" not in objects["apple-1"]["from"]
 
@@ -168,7 +231,9 @@ def test_a_light_from_below_relights_nothing(up: float, view: View, relit: bool)
     """From above, down the photo is no more below than up."""
     normals, labels, _ = ball()
     light = DistantLight(towards(0.5, up, 0.6), 0.9, 0.15)
-    rgb = rendered(normals, np.full((*labels.shape, 3), (0.8, 0.3, 0.2), np.float32), light)
+    rgb = rendered(
+        normals, np.full((*labels.shape, 3), (0.8, 0.3, 0.2), np.float32), light
+    )
     document = perceive(rgb, from_masks(labels), view=setting(view)).document
     assert document["light"]["direction"][1] * up > 0
     assert document["render"].get("relight", True) is relit
@@ -178,7 +243,10 @@ def test_a_light_from_below_relights_nothing(up: float, view: View, relit: bool)
     ("rename", "message"),
     [
         ("bal-1=apple", '--label: "bal-1=apple" names no object; did you mean ball-1?'),
-        ("zebra=apple", '--label: "zebra=apple" names no object; the objects are ball-1, block-1'),
+        (
+            "zebra=apple",
+            '--label: "zebra=apple" names no object; the objects are ball-1, block-1',
+        ),
         ("ball-1", '--label: "ball-1" is not NAME=TEXT'),
     ],
 )
@@ -191,7 +259,9 @@ def test_wrong_renames(rename: str, message: str):
 
 def test_masks_of_another_size_or_of_nothing():
     rgb, labels = desk()
-    with pytest.raises(InputError, match="220 x 149 px differs from the photo's 220 x 150 px"):
+    with pytest.raises(
+        InputError, match="220 x 149 px differs from the photo's 220 x 150 px"
+    ):
         perceive(rgb, from_masks(labels[:-1]))
     with pytest.raises(InputError, match="shows no object; mark them"):
         perceive(rgb, from_masks(np.zeros_like(labels)))
@@ -234,12 +304,16 @@ def test_a_label_renames_its_object_alone(seen: PerceivedScene) -> None:
     found = perceive(rgb, from_masks(labels), renames=[f"{plain[1]}=steel ball"])
     assert list(found.document["objects"]) == [plain[0], "steel-ball-1", *plain[2:]]
     (warning,) = found.warnings
-    assert str(warning).startswith(f"--label: warning: {plain[1]} is steel-ball-1 in the scene")
+    assert str(warning).startswith(
+        f"--label: warning: {plain[1]} is steel-ball-1 in the scene"
+    )
     assert seen.warnings == ()
 
 
 @pytest.mark.parametrize(("source", "held"), [("learned", True), ("given", False)])
-def test_a_found_mask_that_ends_just_before_the_border_is_cut(source: str, held: bool) -> None:
+def test_a_found_mask_that_ends_just_before_the_border_is_cut(
+    source: str, held: bool
+) -> None:
     """Networks leave some pixels out beside the border; circles and given masks that end there are whole."""
     rgb = np.full((400, 500, 3), 120, np.uint8)
     labels = np.zeros((400, 500), np.uint16)

@@ -19,8 +19,12 @@ from physgen.materials import kind
 from physgen.perceive.roles import PhotoObject
 
 
-def told(*things: tuple[str, Outline], cut: bool = False, sure: float = 1.0) -> Scale | None:
-    numbered = [PhotoObject(k, outline, label, cut) for k, (label, outline) in enumerate(things)]
+def told(
+    *things: tuple[str, Outline], cut: bool = False, sure: float = 1.0
+) -> Scale | None:
+    numbered = [
+        PhotoObject(k, outline, label, cut) for k, (label, outline) in enumerate(things)
+    ]
     kinds = {thing.id: kind(thing.label) for thing in numbered}
     return photo_scale(numbered, kinds, dict.fromkeys(kinds, sure))
 
@@ -30,7 +34,9 @@ def disc(width: float) -> Disc:
 
 
 def box(width: float, height: float) -> Region:
-    return Region((Ring(np.array([[0, 0], [width, 0], [width, height], [0, height]], float)),))
+    return Region(
+        (Ring(np.array([[0, 0], [width, 0], [width, height], [0, height]], float)),)
+    )
 
 
 def test_billiard_balls_tell_the_scale():
@@ -79,7 +85,9 @@ def test_a_person_s_number_wins_and_an_unsure_one_is_only_mentioned():
 def test_a_push_can_be_watched_at_any_scale(meters):
     """Speeds and times go with the root of a length, as for ships and their models (Froude)."""
     side = 800
-    speed, small = (push_speed(side, side / size) / side * size for size in (meters, meters / 4))
+    speed, small = (
+        push_speed(side, side / size) / side * size for size in (meters, meters / 4)
+    )
     assert speed == pytest.approx(2 * small, rel=0.1)
     slow = slow_motion(side, side / meters)
     crossing = slow * side / push_speed(side, side / meters)

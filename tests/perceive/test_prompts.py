@@ -30,14 +30,21 @@ GOOD = 0.85
 
 def grainy(picture: NDArray[np.float32]) -> NDArray[np.uint8]:
     grain = np.random.default_rng(0).normal(0, 3, picture.shape)
-    return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.7) + grain, 0, 255).astype(np.uint8)
+    return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.7) + grain, 0, 255).astype(
+        np.uint8
+    )
 
 
 def balls() -> Photo:
     """A rack of shaded balls of one colour that touch."""
-    rgb, labels = np.full((260, 300, 3), (40, 110, 70), np.float32), np.zeros((260, 300), np.uint16)
+    rgb, labels = (
+        np.full((260, 300, 3), (40, 110, 70), np.float32),
+        np.zeros((260, 300), np.uint16),
+    )
     y, x = np.mgrid[:260, :300]
-    places = [(90 + 44 * i + 22 * (j % 2), 70 + 38 * j) for j in range(2) for i in range(2)]
+    places = [
+        (90 + 44 * i + 22 * (j % 2), 70 + 38 * j) for j in range(2) for i in range(2)
+    ]
     for k, (cx, cy) in enumerate(places):
         u, v = (x - cx) / 22, (y - cy) / 22
         inside = u**2 + v**2 <= 1
@@ -51,7 +58,10 @@ def balls() -> Photo:
 
 def crates() -> Photo:
     """Stacked boxes of nearly one colour, with dark joints."""
-    rgb, labels = np.full((260, 300, 3), (120, 140, 160), np.float32), np.zeros((260, 300), np.uint16)
+    rgb, labels = (
+        np.full((260, 300, 3), (120, 140, 160), np.float32),
+        np.zeros((260, 300), np.uint16),
+    )
     for k, (x, y, w, h) in enumerate(
         [(60, 180, 70, 50), (130, 180, 90, 50), (100, 60, 70, 70), (90, 130, 60, 50)]
     ):
@@ -68,12 +78,19 @@ def tight(mask: NDArray[np.bool_]) -> Sides:
 
 def moved(box: Sides, by: Sides) -> Sides:
     x, y, w, h = box
-    return x - by[0] * w, y - by[1] * h, w * (1 + by[0] + by[2]), h * (1 + by[1] + by[3])
+    return (
+        x - by[0] * w,
+        y - by[1] * h,
+        w * (1 + by[0] + by[2]),
+        h * (1 + by[1] + by[3]),
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("draw", [balls, crates])
-@pytest.mark.parametrize("by", [(0.1, 0.1, 0.1, 0.1), (0.1, -0.06, -0.06, 0.1)], ids=["loose", "off"])
+@pytest.mark.parametrize(
+    "by", [(0.1, 0.1, 0.1, 0.1), (0.1, -0.06, -0.06, 0.1)], ids=["loose", "off"]
+)
 def test_a_box_drawn_by_hand(draw: Callable[[], Photo], by: Sides) -> None:
     rgb, labels = draw()
     found = {
@@ -115,30 +132,64 @@ def test_a_box_or_point_on_nothing_shows_no_object_or_is_doubtful(kind: str) -> 
 
 
 @pytest.mark.slow
-def test_the_scene_says_where_a_person_pointed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_scene_says_where_a_person_pointed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rgb, labels = crates()
     photo, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"
     cv2.imwrite(str(photo), rgb[..., ::-1])
     assert (
-        main(["perceive", str(photo), "--box", "95,55,80,80.5", "--point", "95,205", "-o", str(scene)]) == 0
+        main(
+            [
+                "perceive",
+                str(photo),
+                "--box",
+                "95,55,80,80.5",
+                "--point",
+                "95,205",
+                "-o",
+                str(scene),
+            ]
+        )
+        == 0
     )
     assert "nothing that stands out" not in capsys.readouterr().err
     found = {o.prompt for o in pipeline.load(scene).objects}
     assert found == {BoxPrompt((95, 55, 80, 80.5)), PointPrompt((95, 205))}
-    assert main(["perceive", str(photo), "--box", "95,55,80,80.5", "--side", "150", "-o", str(scene)]) == 0
+    assert (
+        main(
+            [
+                "perceive",
+                str(photo),
+                "--box",
+                "95,55,80,80.5",
+                "--side",
+                "150",
+                "-o",
+                str(scene),
+            ]
+        )
+        == 0
+    )
     (only,) = pipeline.load(scene).objects
-    assert only.prompt == BoxPrompt((47.5, 27.5, 40, 40.25))  # px of the scene's own photo
+    assert only.prompt == BoxPrompt(
+        (47.5, 27.5, 40, 40.25)
+    )  # px of the scene's own photo
     mask = read_labels(pipeline.load(scene).assets / "masks.png") > 0
     assert overlap(np.repeat(np.repeat(mask, 2, 0), 2, 1), labels == 3) > 0.8
 
 
-def test_a_box_on_nothing_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_box_on_nothing_is_an_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rgb, _ = balls()
     rgb[:, :60] = rgb[0, 0]
     photo = tmp_path / "photo.png"
     cv2.imwrite(str(photo), rgb[..., ::-1])
     boxes = ["--box", "8,8,30,30", "--box", "68,48,44,44"]
-    assert main(["perceive", str(photo), *boxes, "-o", str(tmp_path / "none.yaml")]) == 2
+    assert (
+        main(["perceive", str(photo), *boxes, "-o", str(tmp_path / "none.yaml")]) == 2
+    )
     said = capsys.readouterr().err.strip()
     assert said.startswith("--box 8,8,30,30: shows no object; ")
     assert "\n" not in said
@@ -154,13 +205,22 @@ def test_what_hardly_stands_out_is_not_pushed_and_not_good(
     certain = prompts.mask_in_box
     for sure in (0.9, RULE.weak - 0.03):
 
-        def looked(rgb: NDArray[np.uint8], box: Sides, sure: float = sure) -> PromptedMask:
+        def looked(
+            rgb: NDArray[np.uint8], box: Sides, sure: float = sure
+        ) -> PromptedMask:
             return replace(certain(rgb, box), confidence=sure)
 
         monkeypatch.setattr(prompts, "mask_in_box", looked)
-        assert main(["perceive", str(photo), "--box", "68,48,44,44", "-o", str(scene)]) == 0
-        assert ("what is pointed at hardly stands out" in capsys.readouterr().err) == (sure < RULE.weak)
-        assert any(any(item.velocity) for item in pipeline.load(scene).objects) == (sure >= RULE.weak)
+        assert (
+            main(["perceive", str(photo), "--box", "68,48,44,44", "-o", str(scene)])
+            == 0
+        )
+        assert ("what is pointed at hardly stands out" in capsys.readouterr().err) == (
+            sure < RULE.weak
+        )
+        assert any(any(item.velocity) for item in pipeline.load(scene).objects) == (
+            sure >= RULE.weak
+        )
 
 
 def test_points_on_one_object_are_told_apart_or_refused() -> None:

@@ -41,7 +41,9 @@ def test_the_gradient_of_a_step_lies_on_it_and_faces_across() -> None:
 def test_the_merge_tree_joins_the_most_alike_first() -> None:
     labels = np.repeat(np.arange(3, dtype=np.int32), 4)[None].repeat(6, 0)
     grey = np.array([0, 1, 9], np.float32)[labels]
-    tree = colour_tree(labels, np.stack([grey] * 3, -1), np.zeros(labels.shape, np.float32))
+    tree = colour_tree(
+        labels, np.stack([grey] * 3, -1), np.zeros(labels.shape, np.float32)
+    )
     assert tree.parent.tolist() == [3, 3, 4, 4, -1]
     assert tree.height[3] < tree.height[4]
     first, last = tree.span[3]
@@ -68,7 +70,9 @@ def test_cutting_out_keeps_the_largest_part_and_fills_it() -> None:
 
 
 def test_normals_point_out_of_a_contour_however_it_runs() -> None:
-    circle = np.rint(50 + 30 * np.stack([np.cos(t := np.linspace(0, 2 * np.pi, 190)), np.sin(t)], 1))
+    circle = np.rint(
+        50 + 30 * np.stack([np.cos(t := np.linspace(0, 2 * np.pi, 190)), np.sin(t)], 1)
+    )
     for contour in (circle, circle[::-1]):
         outward = (contour - 50) / np.linalg.norm(contour - 50, axis=1, keepdims=True)
         assert (contour_normals(contour.astype(np.int32)) * outward).sum(1).min() > 0.9

@@ -45,7 +45,9 @@ def perceived(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cv2.imwrite(str(tmp_path / "marked.png"), labels)
     path = tmp_path / "scene.yaml"
     options = ["--masks", str(tmp_path / "marked.png"), "--label", "*=ball"]
-    assert main(["perceive", str(tmp_path / "photo.png"), *options, "-o", str(path)]) == 0
+    assert (
+        main(["perceive", str(tmp_path / "photo.png"), *options, "-o", str(path)]) == 0
+    )
     return tmp_path
 
 
@@ -66,18 +68,28 @@ def refreshed(scene: Path, *options: str) -> tuple[Scene, NDArray[np.uint16]]:
 @pytest.mark.slow
 def said(path: Path) -> dict:
     """A scene's data but for its assets, a folder of its own."""
-    return {key: value for key, value in yaml.safe_load(path.read_text()).items() if key != "assets"}
+    return {
+        key: value
+        for key, value in yaml.safe_load(path.read_text()).items()
+        if key != "assets"
+    }
 
 
 def test_a_box_corrects_the_mask_that_it_covers_and_is_asked_again(scene: Path) -> None:
     before = pipeline.load(scene)
     named = {item.name: item for item in before.objects}
     assert set(named) == {"ball-1", "ball-2", "ball-3"}
-    wrong = next(name for name, item in named.items() if not isinstance(item.shape.stored, Circle))  # type: ignore[union-attr]
+    wrong = next(
+        name
+        for name, item in named.items()
+        if not isinstance(item.shape.stored, Circle)
+    )  # type: ignore[union-attr]
     x, y = CENTRES["ball-2"]
     box = (x - 33, y - 33, 66, 66)
     after, labels = refreshed(scene, "--box", ",".join(map(str, box)))
-    assert [item.name for item in after.objects] == [item.name for item in before.objects]
+    assert [item.name for item in after.objects] == [
+        item.name for item in before.objects
+    ]
     now = {item.name: item for item in after.objects}
     assert now[wrong].prompt == BoxPrompt(tuple(map(float, box)))  # type: ignore[arg-type]
     assert now[wrong].label == "ball"
@@ -102,19 +114,31 @@ def test_what_was_held_by_a_wrong_mask_moves_with_a_right_one(
     labels[45:, 135:165] = 1
     cv2.imwrite(str(tmp_path / "marked.png"), labels)
     path, (x, y) = tmp_path / "scene.yaml", CENTRES["ball-2"]
-    options = ["--masks", str(tmp_path / "marked.png"), "--label", "*=ball", "-o", str(path)]
+    options = [
+        "--masks",
+        str(tmp_path / "marked.png"),
+        "--label",
+        "*=ball",
+        "-o",
+        str(path),
+    ]
     assert main(["perceive", str(perceived / "photo.png"), *options]) == 0
     [(name, held)] = yaml.safe_load(path.read_text())["objects"].items()
     assert held["motion"] == "static"
     box = ["--box", f"{x - 33},{y - 33},66,66"]
     still = tmp_path / "still.yaml"
-    assert main(["perceive", "--refresh", str(path), *box, "--still", "-o", str(still)]) == 0
+    assert (
+        main(["perceive", "--refresh", str(path), *box, "--still", "-o", str(still)])
+        == 0
+    )
     assert not any(any(one.velocity) for one in pipeline.load(still).objects)
     capsys.readouterr()
     assert main(["perceive", "--refresh", str(path), *box]) == 0
     now = yaml.safe_load(path.read_text())["objects"][name]
     assert "motion" not in now
-    assert any(now["velocity"]), "nothing moved before, and it is pushed as a new scene would push it"
+    assert any(now["velocity"]), (
+        "nothing moved before, and it is pushed as a new scene would push it"
+    )
     assert "so it is held" not in path.read_text()
     (pushed,) = pipeline.load(path).objects
     assert np.hypot(*pushed.velocity) > 10
@@ -124,10 +148,24 @@ def test_what_was_held_by_a_wrong_mask_moves_with_a_right_one(
 def bar_and_ball(perceived: Path, tmp_path: Path, *options: str) -> Path:
     """The first ball and the bar through the second one, with guessed labels."""
     labels = read_labels(perceived / "marked.png")
-    cv2.imwrite(str(tmp_path / "marked.png"), np.where(labels > 2, 0, labels).astype(np.uint8))
+    cv2.imwrite(
+        str(tmp_path / "marked.png"), np.where(labels > 2, 0, labels).astype(np.uint8)
+    )
     path = tmp_path / "scene.yaml"
     masks = ["--masks", str(tmp_path / "marked.png")]
-    assert main(["perceive", str(perceived / "photo.png"), *masks, *options, "-o", str(path)]) == 0
+    assert (
+        main(
+            [
+                "perceive",
+                str(perceived / "photo.png"),
+                *masks,
+                *options,
+                "-o",
+                str(path),
+            ]
+        )
+        == 0
+    )
     return path
 
 
@@ -144,23 +182,41 @@ def test_labels_follow_new_boxes_names_beat_patterns_and_both_reach_new_objects(
     bar = next(item for item in pipeline.load(path).objects if item.name != "ball-1")
     assert bar.label != "ball"
     after, _ = refreshed(path, "--box", box_of("ball-2"))
-    assert {item.name: item.label for item in after.objects} == {"ball-1": "ball", bar.name: "ball"}
+    assert {item.name: item.label for item in after.objects} == {
+        "ball-1": "ball",
+        bar.name: "ball",
+    }
     labels = ["--label", "ball-1=tennis ball", "--label", "*=billiard ball"]
     after, _ = refreshed(path, "--box", box_of("ball-3"), *labels)
     named = {item.name: item.label for item in after.objects}
-    assert named == {"ball-1": "tennis ball", bar.name: "billiard ball", "billiard-ball-1": "billiard ball"}
+    assert named == {
+        "ball-1": "tennis ball",
+        bar.name: "billiard ball",
+        "billiard-ball-1": "billiard ball",
+    }
 
 
 @pytest.mark.slow
 def test_what_is_pointed_at_and_would_fall_is_held(
-    perceived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    perceived: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """By a backend that finds the photo's bottom alone; what is in the scene already may have been let go."""
     path = bar_and_ball(perceived, tmp_path, "--label", "*=ball")
     path.write_text(path.read_text().replace("view: top", "view: side"))
-    monkeypatch.setattr(boundary_support, "add_supports", lambda _, walls, *more: (walls[:1], frozenset()))
+    monkeypatch.setattr(
+        boundary_support,
+        "add_supports",
+        lambda _, walls, *more: (walls[:1], frozenset()),
+    )
     after, _ = refreshed(path, "--box", box_of("ball-3"))
-    assert [item.motion.value for item in after.objects] == ["dynamic", "dynamic", "static"]
+    assert [item.motion.value for item in after.objects] == [
+        "dynamic",
+        "dynamic",
+        "static",
+    ]
     assert "held where they are: ball-3" in capsys.readouterr().err
 
 
@@ -168,7 +224,9 @@ def parts(text: str) -> dict[str, str]:
     """Lines of each object, and of the rest."""
     rest, *objects = re.split(r"^  (?=ball-\d:)", text, flags=re.M)
     last, _, after = objects[-1].partition("\nboundaries:")
-    return {one[:6]: one for one in [*objects[:-1], last + "\n"]} | {"rest": rest + after}
+    return {one[:6]: one for one in [*objects[:-1], last + "\n"]} | {
+        "rest": rest + after
+    }
 
 
 def test_a_box_replaces_an_object_leaves_all_others_and_sums_up(
@@ -182,7 +240,10 @@ def test_a_box_replaces_an_object_leaves_all_others_and_sums_up(
     region = read_labels(scene.with_name("scene.assets") / "masks.png")
     region[60:90, 155:178] = 9  # a doubtful part of the ball whose mask is a bar
     write_png(scene.with_name("scene.assets") / "masks.png", region)
-    scene.write_text(scene.read_text().rstrip() + "\ndoubtful:\n  maybe-1: {mask: 9, confidence: 0.3}\n")
+    scene.write_text(
+        scene.read_text().rstrip()
+        + "\ndoubtful:\n  maybe-1: {mask: 9, confidence: 0.3}\n"
+    )
     before = parts(scene.read_text())
     x, y = CENTRES["ball-2"]
     capsys.readouterr()
@@ -202,7 +263,11 @@ def test_a_box_replaces_an_object_leaves_all_others_and_sums_up(
 def test_comments_on_how_many_there_are_follow_a_new_box(scene: Path) -> None:
     x, y = CENTRES["ball-3"]
     before = scene.read_text()
-    third = next(item.name for item in pipeline.load(scene).objects if item.shape.stored.center[0] > 200)  # type: ignore[union-attr]
+    third = next(
+        item.name
+        for item in pipeline.load(scene).objects
+        if item.shape.stored.center[0] > 200
+    )  # type: ignore[union-attr]
     assert main(["remove", str(scene), third]) == 0
     two = scene.with_name("two.yaml")
     assert main(["perceive", "--refresh", str(scene), "-o", str(two)]) == 0
@@ -211,37 +276,65 @@ def test_comments_on_how_many_there_are_follow_a_new_box(scene: Path) -> None:
     text = scene.with_name("again.yaml").read_text()
     assert ", as the scene had them, and where you pointed, counted" in text
     assert "given, counted" not in text
-    assert all(line.count("under ") + line.count("lowest points") <= 2 for line in text.splitlines())
+    assert all(
+        line.count("under ") + line.count("lowest points") <= 2
+        for line in text.splitlines()
+    )
 
 
 def test_what_a_person_wrote_stays(scene: Path) -> None:
     document = yaml.safe_load(scene.read_text())
     del document["objects"]["ball-3"]
     document["world"]["pixels_per_meter"] = 640
-    document["objects"]["ball-1"] |= {"label": "steel ball", "velocity": [120, 0], "mass": 77}
+    document["objects"]["ball-1"] |= {
+        "label": "steel ball",
+        "velocity": [120, 0],
+        "mass": 77,
+    }
     document["forces"] = [{"object": "ball-1", "impulse": [10, 0]}]
     document["render"] = {"frames": 5}
     scene.write_text(yaml.safe_dump(document))
     x, y = CENTRES["ball-2"]
     out = scene.with_name("again.yaml")
     assert (
-        main(["perceive", "--refresh", str(scene), "--box", f"{x - 33},{y - 33},66,66", "-o", str(out)]) == 0
+        main(
+            [
+                "perceive",
+                "--refresh",
+                str(scene),
+                "--box",
+                f"{x - 33},{y - 33},66,66",
+                "-o",
+                str(out),
+            ]
+        )
+        == 0
     )
     after = yaml.safe_load(out.read_text())
     steel = kind("steel ball").material
-    surface = {"friction": steel.friction, "elasticity": steel.elasticity, "rolling": steel.rolling}
+    surface = {
+        "friction": steel.friction,
+        "elasticity": steel.elasticity,
+        "rolling": steel.rolling,
+    }
     now = after["objects"]["ball-1"]
     assert "mass" not in pipeline.load(out).objects[0].provenance
     assert now == {**document["objects"]["ball-1"], **surface}
     assert list(after["objects"]) == ["ball-1", "ball-2"]
-    assert len(np.unique(read_labels(scene.with_name("again.assets") / "masks.png"))) == 4, "to be filled"
-    assert (after["forces"], after["render"]) == (document["forces"], document["render"])
+    assert (
+        len(np.unique(read_labels(scene.with_name("again.assets") / "masks.png"))) == 4
+    ), "to be filled"
+    assert (after["forces"], after["render"]) == (
+        document["forces"],
+        document["render"],
+    )
     assert after["world"] == document["world"]
     anew, before = after["objects"]["ball-2"], document["objects"]["ball-2"]
     assert anew["label"] == "ball"
     assert "shape" not in {**anew, **before}, "it lies in the assets"
     shapes = (
-        json.loads((scene.parent / f"{n}.assets/outlines.json").read_text()) for n in ("scene", "again")
+        json.loads((scene.parent / f"{n}.assets/outlines.json").read_text())
+        for n in ("scene", "again")
     )
     assert len({json.dumps(one[str(anew["mask"])]["shape"]) for one in shapes}) == 2
     assert anew["mask"] == before["mask"]
@@ -262,19 +355,37 @@ def test_doubts_stay_and_can_be_switched_on(scene: Path) -> None:
         "boundaries:", doubt[10:] + "boundaries:", 1
     )
     scene.with_name("again.yaml").write_text(moved)
-    assert main(["perceive", "--refresh", str(scene.with_name("again.yaml")), "-o", str(first)]) == 0
+    assert (
+        main(
+            [
+                "perceive",
+                "--refresh",
+                str(scene.with_name("again.yaml")),
+                "-o",
+                str(first),
+            ]
+        )
+        == 0
+    )
     on = yaml.safe_load(first.read_text())["objects"]["maybe-3"]
     assert on["mass"] > 0
     assert on["mask"] == 9
     assert "confidence" not in on
     entry = first.read_text().partition("\n  maybe-3:\n")[2].partition("boundaries:")[0]
-    assert re.search(r"^    mask: 9  # doubtful 0\.2, \w", entry, re.M), "as sure as it was"
+    assert re.search(r"^    mask: 9  # doubtful 0\.2, \w", entry, re.M), (
+        "as sure as it was"
+    )
     assert re.search(r"^    mass: \S+  # g, ", entry, re.M)
-    assert "objects:  # 3 x ball, 1 x block, as the scene had them, counted" in first.read_text()
+    assert (
+        "objects:  # 3 x ball, 1 x block, as the scene had them, counted"
+        in first.read_text()
+    )
 
 
 @pytest.mark.slow
-def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_nothing(scene: Path) -> None:
+def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_nothing(
+    scene: Path,
+) -> None:
     before = yaml.safe_load(scene.read_text())
     document = yaml.safe_load(scene.read_text())
     document["objects"]["ball-1"]["label"] = "steel ball"
@@ -286,8 +397,13 @@ def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_
     steel, rubber = kind("steel ball"), kind("ball")
     ball, was = first["objects"]["ball-1"], before["objects"]["ball-1"]
     assert ball["mass"] > 3 * was["mass"]
-    assert (ball["friction"], was["friction"]) == (steel.material.friction, rubber.material.friction)
-    assert first["objects"]["ball-3"] == document["objects"]["ball-3"]  # nobody else said its numbers
+    assert (ball["friction"], was["friction"]) == (
+        steel.material.friction,
+        rubber.material.friction,
+    )
+    assert (
+        first["objects"]["ball-3"] == document["objects"]["ball-3"]
+    )  # nobody else said its numbers
     assert first["objects"]["ball-2"] == before["objects"]["ball-2"]
     again = scene.with_name("again.yaml").rename(scene.with_name("once.yaml"))
     refreshed(again)
@@ -298,7 +414,10 @@ def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_
     "edit",
     [
         ("    label: ball", "    label: steel ball"),  # another material
-        ("    label: ball", "    label: billiard ball"),  # of a known size, which gives the scale
+        (
+            "    label: ball",
+            "    label: billiard ball",
+        ),  # of a known size, which gives the scale
         ("pixels_per_meter: 600", "pixels_per_meter: 300"),
         ("pixels_per_meter: 600", "pixels_per_meter: 3 px/cm"),
         ("    mass: ", "    label: steel ball\n    mass: 1"),
@@ -309,13 +428,17 @@ def test_a_changed_label_or_scale_counts_at_once_as_after_a_refresh(
 ) -> None:
     text = scene.read_text()
     if "steel ball\n" in edit[1]:  # a mass that the user sets, too, stays
-        text = text.replace("    label: ball  # as you named it\n", "", 1).replace("    label: ball\n", "", 1)
+        text = text.replace("    label: ball  # as you named it\n", "", 1).replace(
+            "    label: ball\n", "", 1
+        )
     scene.write_text(text.replace(*edit, 1))
     assert scene.read_text() != text
     assert main(["check", str(scene), "--strict"]) == 2
     said = capsys.readouterr().err
     assert "perceive --refresh writes them" in said
-    by_labels = "is the scale by the labels that you changed, not the 600 px/m of this line"
+    by_labels = (
+        "is the scale by the labels that you changed, not the 600 px/m of this line"
+    )
     assert (by_labels in said) is ("billiard" in edit[1])
     at_once = pipeline.load(scene)
     after, _ = refreshed(scene)
@@ -323,16 +446,34 @@ def test_a_changed_label_or_scale_counts_at_once_as_after_a_refresh(
     assert at_once.world == after.world
     assert at_once.render == after.render
     for one, other in zip(at_once.objects, after.objects, strict=True):
-        assert one.mass == pytest.approx(other.mass, rel=0.01), "outlines have 0.01 px in the file"
-        for key in ("label", "friction", "elasticity", "rolling", "solid", "velocity", "provenance"):
+        assert one.mass == pytest.approx(other.mass, rel=0.01), (
+            "outlines have 0.01 px in the file"
+        )
+        for key in (
+            "label",
+            "friction",
+            "elasticity",
+            "rolling",
+            "solid",
+            "velocity",
+            "provenance",
+        ):
             assert getattr(one, key) == getattr(other, key), (one.name, key)
 
 
 @pytest.mark.parametrize(
-    "speed", [None, "0.2 m/s", "1 m/s"], ids=["as perceived", "pushed gently", "pushed harder"]
+    "speed",
+    [None, "0.2 m/s", "1 m/s"],
+    ids=["as perceived", "pushed gently", "pushed harder"],
 )
-def test_a_perceived_clip_ends_at_rest_whatever_is_pushed(perceived: Path, speed: str | None) -> None:
-    edits = [] if speed is None else ["objects.*.velocity=[0, 0]", f"objects.ball-1.velocity=[{speed}, 0]"]
+def test_a_perceived_clip_ends_at_rest_whatever_is_pushed(
+    perceived: Path, speed: str | None
+) -> None:
+    edits = (
+        []
+        if speed is None
+        else ["objects.*.velocity=[0, 0]", f"objects.ball-1.velocity=[{speed}, 0]"]
+    )
     scene = pipeline.load(perceived / "scene.yaml", edits)
     world = pipeline.compile(scene, pipeline.percepts(scene)).world
     poses = pipeline.simulate(world).poses
@@ -344,7 +485,9 @@ def test_a_perceived_clip_ends_at_rest_whatever_is_pushed(perceived: Path, speed
 def test_what_a_model_judged_follows_a_label_and_no_scale(scene: Path) -> None:
     """A mass of `vlm` is that of the object that the label named; at another scale it is the same object."""
     record = scene.parent / "scene.assets" / "perceived.json"
-    record.write_text(record.read_text().replace('"mass": "table 0.', '"mass": "vlm 0.'))
+    record.write_text(
+        record.read_text().replace('"mass": "table 0.', '"mass": "vlm 0.')
+    )
     before = pipeline.load(scene).objects
     assert all(item.provenance["mass"].startswith("vlm ") for item in before)
     larger = pipeline.load(scene, ["world.pixels_per_meter=300"]).objects
@@ -360,15 +503,21 @@ def test_what_a_model_judged_follows_a_label_and_no_scale(scene: Path) -> None:
             assert one.provenance == other.provenance
 
 
-def test_masses_go_with_the_cube_of_the_scale_and_pushes_keep_their_pace(scene: Path) -> None:
+def test_masses_go_with_the_cube_of_the_scale_and_pushes_keep_their_pace(
+    scene: Path,
+) -> None:
     scene.write_text(scene.read_text().replace("label: ball", "label: steel ball"))
-    large, small = (pipeline.load(scene, [f"world.pixels_per_meter={n}"]) for n in (300, 1200))
+    large, small = (
+        pipeline.load(scene, [f"world.pixels_per_meter={n}"]) for n in (300, 1200)
+    )
     for one, other in zip(large.objects, small.objects, strict=True):
         if isinstance(one.shape.stored, Circle):  # type: ignore[union-attr]
             radius = one.shape.stored.radius / 3  # type: ignore[union-attr]
             assert one.mass == pytest.approx(7.85 * 4 / 3 * np.pi * radius**3, rel=0.01)
             assert one.mass == pytest.approx(64 * other.mass, rel=0.01)
-        assert np.hypot(*other.velocity) == pytest.approx(2 * np.hypot(*one.velocity), rel=0.01)
+        assert np.hypot(*other.velocity) == pytest.approx(
+            2 * np.hypot(*one.velocity), rel=0.01
+        )
     assert large.world.gravity[1] * 4 == pytest.approx(small.world.gravity[1])
     assert any(any(item.velocity) for item in small.objects)
 
@@ -376,7 +525,13 @@ def test_masses_go_with_the_cube_of_the_scale_and_pushes_keep_their_pace(scene: 
 def test_numbers_of_the_user_follow_neither_label_nor_scale(scene: Path) -> None:
     document = yaml.safe_load(scene.read_text())
     document["world"]["duration"] = 1.5
-    own = {"mass": 77, "friction": 0.11, "elasticity": 0.22, "rolling": 0.03, "velocity": ["1 m/s", 0]}
+    own = {
+        "mass": 77,
+        "friction": 0.11,
+        "elasticity": 0.22,
+        "rolling": 0.03,
+        "velocity": ["1 m/s", 0],
+    }
     document["objects"]["ball-1"] |= own
     del document["objects"]["ball-3"]["mass"]
     scene.write_text(yaml.safe_dump(document))
@@ -396,10 +551,17 @@ def test_what_an_override_or_a_file_on_top_says_does_not_follow(scene: Path) -> 
     mass = yaml.safe_load(scene.read_text())["objects"]["ball-1"]["mass"]
     steel, scale = "objects.ball-1.label=steel ball", "world.pixels_per_meter=300"
     assert pipeline.load(scene, [steel, scale]).objects[0].mass != pytest.approx(mass)
-    assert pipeline.load(scene, [steel, scale, f"objects.ball-1.mass={mass}"]).objects[0].mass == mass
+    assert (
+        pipeline.load(scene, [steel, scale, f"objects.ball-1.mass={mass}"])
+        .objects[0]
+        .mass
+        == mass
+    )
     top = scene.with_name("top.yaml")
     changed = f"objects: {{ball-1: {{label: steel ball, mass: {mass}}}}}"
-    top.write_text(f"extends: {scene.name}\n{changed}\nworld: {{pixels_per_meter: 300}}\n")
+    top.write_text(
+        f"extends: {scene.name}\n{changed}\nworld: {{pixels_per_meter: 300}}\n"
+    )
     assert pipeline.load(top).objects[0].mass == mass
 
 
@@ -412,7 +574,9 @@ def test_labels_beside_a_refresh_keep_names_and_bring_the_scale(scene: Path) -> 
     assert list(after["objects"]) == list(before["objects"])
     ball = after["objects"]["ball-1"]
     assert (ball["label"], ball["mass"]) == ("billiard ball", 170)
-    assert after["world"]["pixels_per_meter"] == pytest.approx(2 * RADIUS / 0.05715, rel=0.02)
+    assert after["world"]["pixels_per_meter"] == pytest.approx(
+        2 * RADIUS / 0.05715, rel=0.02
+    )
     assert after["objects"]["ball-3"]["mass"] != before["objects"]["ball-3"]["mass"]
     again = scene.with_name("again.yaml").rename(scene.with_name("once.yaml"))
     refreshed(again)
@@ -426,17 +590,26 @@ def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
     scene.write_text(yaml.safe_dump(document))
     after, _ = refreshed(scene, "--label", "*=billiard ball")
     assert after.world.pixels_per_meter == 600
-    (mass,) = {item.mass for item in after.objects if isinstance(item.shape.stored, Circle)}  # type: ignore[union-attr]
+    (mass,) = {
+        item.mass for item in after.objects if isinstance(item.shape.stored, Circle)
+    }  # type: ignore[union-attr]
     assert mass > 500, "a ball of 10 cm: masses have the scene's scale"
     del document["forces"]
-    for velocity, stays in (([120, 0], True), (["20 cm/s", 0], False)):  # which is 20 cm/s at any scale
+    for velocity, stays in (
+        ([120, 0], True),
+        (["20 cm/s", 0], False),
+    ):  # which is 20 cm/s at any scale
         document["objects"]["ball-1"]["velocity"] = velocity
-        scene.write_text(yaml.safe_dump(document).replace("label: ball", "label: billiard ball"))
+        scene.write_text(
+            yaml.safe_dump(document).replace("label: ball", "label: billiard ball")
+        )
         assert (pipeline.load(scene).world.pixels_per_meter == 600) is stays
         assert (refreshed(scene)[0].world.pixels_per_meter == 600) is stays
 
 
-def test_a_scene_is_refreshed_in_place(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scene_is_refreshed_in_place(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     before = scene.read_text()
     scene.write_text(before + "# mine\n")
     capsys.readouterr()
@@ -447,19 +620,30 @@ def test_a_scene_is_refreshed_in_place(scene: Path, capsys: pytest.CaptureFixtur
     masks = next(scene.parent.glob("*/masks.png"))
     masks.write_bytes(masks.read_bytes()[:80])
     assert main(["perceive", "--refresh", str(scene)]) == 2
-    assert f'"{masks.parent.name}/masks.png" is not a picture' in capsys.readouterr().err
+    assert (
+        f'"{masks.parent.name}/masks.png" is not a picture' in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("again", [["--refresh"], []])
-def test_the_scene_that_is_kept_shows_the_masks_that_it_had(again: list[str], scene: Path) -> None:
+def test_the_scene_that_is_kept_shows_the_masks_that_it_had(
+    again: list[str], scene: Path
+) -> None:
     """A box gives the bar's object a ball's pixels; the scene of before still has the bar."""
     x, y = CENTRES["ball-2"]
     before = pipeline.percepts(pipeline.load(scene))
-    options = [*again, str(scene)] if again else [str(scene.with_name("photo.png")), "-o", str(scene)]
+    options = (
+        [*again, str(scene)]
+        if again
+        else [str(scene.with_name("photo.png")), "-o", str(scene)]
+    )
     assert main(["perceive", *options, "--box", f"{x - 33},{y - 33},66,66"]) == 0
     kept = scene.with_name("scene.yaml~").rename(scene.with_name("kept.yaml"))
     assert before is not None
-    for path, least, most in ((kept, 550, 650), (scene, 2500, 3000)):  # px: 60 x 10, and pi 30^2 = 2827
+    for path, least, most in (
+        (kept, 550, 650),
+        (scene, 2500, 3000),
+    ):  # px: 60 x 10, and pi 30^2 = 2827
         maps = pipeline.percepts(pipeline.load(path))
         assert maps is not None
         middle = maps.labels[y, x - 5]
@@ -484,7 +668,9 @@ def test_a_scene_on_stdout_takes_no_assets_of_another(
 ) -> None:
     """`> other.yaml` twice beside photo.yaml, which has the photo's name: its second run goes into its own maps."""
     monkeypatch.chdir(scene.parent)
-    assert main(["perceive", "photo.png", "--box", "20,20,80,80", "-o", "photo.yaml"]) == 0
+    assert (
+        main(["perceive", "photo.png", "--box", "20,20,80,80", "-o", "photo.yaml"]) == 0
+    )
     before = pipeline.percepts(pipeline.load("photo.yaml"))
     other = Path("other.yaml")
     for box in ("110,30,80,90", "200,30,80,80"):
@@ -526,22 +712,38 @@ def test_a_view_stays_as_sure_as_it_was_and_the_user_s_is_sure(
 
 def test_a_boundary_with_more_points_is_laid_out_as_in_a_new_file() -> None:
     old, new = (
-        {"boundaries": {"floor": {"polyline": [[k + 0.25, 2 * k + 0.75] for k in range(n)], "friction": 0.6}}}
+        {
+            "boundaries": {
+                "floor": {
+                    "polyline": [[k + 0.25, 2 * k + 0.75] for k in range(n)],
+                    "friction": 0.6,
+                }
+            }
+        }
         for n in (2, 14)
     )
-    assert written_anew(scene_text(old), ("boundaries", "floor"), new["boundaries"]["floor"]) == scene_text(
-        new
-    )
+    assert written_anew(
+        scene_text(old), ("boundaries", "floor"), new["boundaries"]["floor"]
+    ) == scene_text(new)
     mine = "boundaries:\n  floor: {friction: 0.6,  # mine\n    polyline: [[0, 0], [1, 1]]}\n"
-    assert written_anew(mine, ("boundaries", "floor"), new["boundaries"]["floor"]) == mine
+    assert (
+        written_anew(mine, ("boundaries", "floor"), new["boundaries"]["floor"]) == mine
+    )
 
 
-def test_doubts_about_a_photo_outlive_a_refresh(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_doubts_about_a_photo_outlive_a_refresh(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     record = scene.parent / "scene.assets" / "perceived.json"
     doubt = {"verdict": "doubtful", "reasons": ["12 % of it may be objects, too"]}
-    record.write_text(json.dumps(json.loads(record.read_text()) | {"suitability": doubt}))
+    record.write_text(
+        json.dumps(json.loads(record.read_text()) | {"suitability": doubt})
+    )
     assert main(["perceive", "--refresh", str(scene)]) == 0
-    assert "suitability: doubtful: 12 % of it may be objects, too" in capsys.readouterr().err
+    assert (
+        "suitability: doubtful: 12 % of it may be objects, too"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.slow
@@ -557,7 +759,9 @@ def test_a_small_thing_before_a_large_one(tmp_path: Path) -> None:
     assert main(["perceive", str(photo), *block, *ball, "-o", str(ones[0])]) == 0
     assert main(["perceive", str(photo), *ball, *block, "-o", str(ones[1])]) == 0
     counts = [
-        np.bincount(read_labels(one.with_name(f"{one.stem}.assets") / "masks.png").ravel())[1:]
+        np.bincount(
+            read_labels(one.with_name(f"{one.stem}.assets") / "masks.png").ravel()
+        )[1:]
         for one in ones[:2]
     ]
     assert sorted(counts[0].tolist()) == sorted(counts[1].tolist())
@@ -576,29 +780,45 @@ def test_a_small_thing_before_a_large_one(tmp_path: Path) -> None:
 def test_a_scene_tells_its_photo_and_its_masks(
     flag: str, scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    more = ["photo.png"] if flag == "IMAGE" else [flag, "300" if flag == "--side" else "x.png"]
+    more = (
+        ["photo.png"]
+        if flag == "IMAGE"
+        else [flag, "300" if flag == "--side" else "x.png"]
+    )
     assert main(["perceive", "--refresh", str(scene), *more]) == 2
     assert f"leave {flag} or --refresh out" in capsys.readouterr().err
 
 
-def test_neither_photo_nor_scene(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_neither_photo_nor_scene(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     assert main(["perceive"]) == 2
     assert "--refresh SCENE" in capsys.readouterr().err
     bare = tmp_path / "bare.yaml"
     bare.write_text(
         "physgen: 1\nsize: [64, 48]\nobjects:\n  a: {shape: {circle: {center: [9, 9], radius: 3}}}\n"
     )
-    assert main(["perceive", "--refresh", str(bare), "-o", str(tmp_path / "b.yaml")]) == 2
+    assert (
+        main(["perceive", "--refresh", str(bare), "-o", str(tmp_path / "b.yaml")]) == 2
+    )
     assert "shows no photo" in capsys.readouterr().err
 
 
-def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand(scene: Path) -> None:
+def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand(
+    scene: Path,
+) -> None:
     ramp = "  ramp: {segment: [[10, 20], [90, 40]], friction: 0.3, elasticity: 0.2}"
     text = scene.read_text()
     first = set(yaml.safe_load(text)["boundaries"])
     other = "top" if "view: side" in text else "side"
-    lines = [re.sub(r"view: (side|top)", f"view: {other}", line) for line in text.splitlines()]
-    lines.insert(next(k for k, line in enumerate(lines) if line.startswith("boundaries:")) + 1, ramp)
+    lines = [
+        re.sub(r"view: (side|top)", f"view: {other}", line)
+        for line in text.splitlines()
+    ]
+    lines.insert(
+        next(k for k, line in enumerate(lines) if line.startswith("boundaries:")) + 1,
+        ramp,
+    )
     scene.write_text("\n".join(lines) + "\n")
     after, _ = refreshed(scene)
     names = {wall.name for wall in after.boundaries}
@@ -610,12 +830,19 @@ def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand
     (push,) = [item.velocity for item in after.objects if any(item.velocity)]
     (before,) = re.findall(r"velocity: \[(-?[.\d]+) m/s", text)
     assert (push[1] != 0) == (other == "top"), f"a new push, not {before} m/s"
-    assert scene.with_name("again.yaml").read_text().count("the push that sets it off, to the") == 1
+    assert (
+        scene.with_name("again.yaml")
+        .read_text()
+        .count("the push that sets it off, to the")
+        == 1
+    )
     assert top == {"ramp"}
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_box_that_replaces_the_pushed_object_in_another_view(mirrored: bool, tmp_path: Path) -> None:
+def test_a_box_that_replaces_the_pushed_object_in_another_view(
+    mirrored: bool, tmp_path: Path
+) -> None:
     """A ball that was found as two pieces; the smaller one, which goes, was pushed."""
     y, x = np.mgrid[:140, :200]
     rgb = np.full((140, 200, 3), (190, 186, 176), np.uint8)
@@ -623,23 +850,36 @@ def test_a_box_that_replaces_the_pushed_object_in_another_view(mirrored: bool, t
     labels = np.zeros((140, 200), np.uint8)
     labels[50:98, 82:94], labels[80:98, 100:126] = 1, 2
     labels = labels[:, ::-1] if mirrored else labels
-    cv2.imwrite(str(tmp_path / "photo.png"), cv2.GaussianBlur(rgb, (0, 0), 0.7)[..., ::-1])
+    cv2.imwrite(
+        str(tmp_path / "photo.png"), cv2.GaussianBlur(rgb, (0, 0), 0.7)[..., ::-1]
+    )
     cv2.imwrite(str(tmp_path / "marked.png"), labels)
     scene = tmp_path / "scene.yaml"
     options = ["--masks", str(tmp_path / "marked.png"), "-o", str(scene)]
     assert main(["perceive", str(tmp_path / "photo.png"), *options]) == 0
     other = {"side": "top", "top": "side"}
-    scene.write_text(re.sub("view: (side|top)", lambda found: f"view: {other[found[1]]}", scene.read_text()))
+    scene.write_text(
+        re.sub(
+            "view: (side|top)",
+            lambda found: f"view: {other[found[1]]}",
+            scene.read_text(),
+        )
+    )
     (ball,) = refreshed(scene, "--box", "66,41,68,68")[0].objects
     assert any(ball.velocity), "pushed anew"
 
 
-@pytest.mark.parametrize(("blocked", "mine"), [(True, False), (False, False), (True, True)])
+@pytest.mark.parametrize(
+    ("blocked", "mine"), [(True, False), (False, False), (True, True)]
+)
 def test_a_push_that_moves_nothing_any_more_is_chosen_anew(
     blocked: bool, mine: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two walls that the user drew stand right beside what was pushed. A push that the user wrote stays."""
-    rgb, labels = np.full((140, 300, 3), (190, 186, 176), np.uint8), np.zeros((140, 300), np.uint8)
+    rgb, labels = (
+        np.full((140, 300, 3), (190, 186, 176), np.uint8),
+        np.zeros((140, 300), np.uint8),
+    )
     for k, x in enumerate((60, 200), 1):
         labels[70:110, x : x + 24] = k
         rgb[labels == k] = (170, 40 * k, 40)
@@ -654,7 +894,8 @@ def test_a_push_that_moves_nothing_any_more_is_chosen_anew(
     if blocked:
         left = 59 if pushed.name.endswith("1") else 199
         walls = "".join(
-            f"  mine-{k}: {{segment: [[{left + 25 * k}, 20], [{left + 25 * k}, 109]], elasticity: 0}}\n" for k in (0, 1)
+            f"  mine-{k}: {{segment: [[{left + 25 * k}, 20], [{left + 25 * k}, 109]], elasticity: 0}}\n"
+            for k in (0, 1)
         )
         text = text.replace("boundaries:\n", f"boundaries:\n{walls}")
     if mine:
@@ -681,45 +922,70 @@ HEAD = re.compile(r"# yaml-language-server|assets: |maps: ")
 
 def test_a_refresh_keeps_the_user_s_lines_and_numbers(scene: Path) -> None:
     text = re.sub(
-        r"(  ball-2:\n(?:.*\n)*?    mass: )\S+.*", r"\g<1>21 g  # weighed it", scene.read_text(), count=1
+        r"(  ball-2:\n(?:.*\n)*?    mass: )\S+.*",
+        r"\g<1>21 g  # weighed it",
+        scene.read_text(),
+        count=1,
     )
     scene.write_text(commented(text)[0])
     assert "mass" not in pipeline.load(scene).objects[1].provenance
     assert "mass" in pipeline.load(scene).objects[0].provenance
     refreshed(scene)
-    before, after = scene.read_text().splitlines(), scene.with_name("again.yaml").read_text().splitlines()
+    before, after = (
+        scene.read_text().splitlines(),
+        scene.with_name("again.yaml").read_text().splitlines(),
+    )
     mine = [line for line in before if "# mine" in line or "# weighed" in line]
     assert [line for line in after if line in mine] == mine
     assert not list(scene.parent.glob("again.assets/*~"))
 
 
 def comments_of(text: str) -> list[str]:
-    return sorted(line.partition("#")[2].strip() for line in text.splitlines() if "#" in line)
+    return sorted(
+        line.partition("#")[2].strip() for line in text.splitlines() if "#" in line
+    )
 
 
-def test_comments_that_a_user_wrote_or_went_on_with_stay_and_perception_s_follow(scene: Path) -> None:
+def test_comments_that_a_user_wrote_or_went_on_with_stay_and_perception_s_follow(
+    scene: Path,
+) -> None:
     """Of equal balls each says why it weighs what; a label and a mass of the user have no reason of perception."""
     text = scene.read_text()
-    lines = [f"{line}, and mine {n}" if "  # " in line else line for n, line in enumerate(text.splitlines())]
-    scene.write_text("\n".join(lines).replace("label: ball", "label: steel ball") + "\n")
+    lines = [
+        f"{line}, and mine {n}" if "  # " in line else line
+        for n, line in enumerate(text.splitlines())
+    ]
+    scene.write_text(
+        "\n".join(lines).replace("label: ball", "label: steel ball") + "\n"
+    )
     refreshed(scene)
     mine = [words for words in comments_of("\n".join(lines)) if ", and mine" in words]
     after = comments_of(scene.with_name("again.yaml").read_text())
     assert mine == [words for words in after if ", and mine" in words]
     first, rest = text.split("  ball-2:")
-    changed = re.sub(r"mass: \S+", "mass: 77 g", first.replace("label: ball", "label: glass ball"))
-    scene.write_text(changed + "  ball-2:" + rest.replace("label: ball", "label: steel ball"))
+    changed = re.sub(
+        r"mass: \S+", "mass: 77 g", first.replace("label: ball", "label: glass ball")
+    )
+    scene.write_text(
+        changed + "  ball-2:" + rest.replace("label: ball", "label: steel ball")
+    )
     refreshed(scene)
-    one, two, three = re.split(r"  ball-\d:", scene.with_name("again.yaml").read_text())[1:]
+    one, two, three = re.split(
+        r"  ball-\d:", scene.with_name("again.yaml").read_text()
+    )[1:]
     assert "    label: glass ball\n" in one
     assert "    mass: 77 g\n" in one
     for ball, name in ((one, "glass"), (two, "steel"), (three, "steel")):
         assert f"  # friction of {name}: " in ball
-    assert "objects:  # 2 x steel ball, 1 x glass ball, as the scene had them, counted" in (
-        scene.with_name("again.yaml").read_text()
+    assert (
+        "objects:  # 2 x steel ball, 1 x glass ball, as the scene had them, counted"
+        in (scene.with_name("again.yaml").read_text())
     )
     for ball in (two, three):
-        mass, volume = (float(re.search(pattern, ball)[1]) for pattern in (r"mass: (\S+)", r": ([\d.]+) cm³"))  # type: ignore[index]
+        mass, volume = (
+            float(re.search(pattern, ball)[1])
+            for pattern in (r"mass: (\S+)", r": ([\d.]+) cm³")
+        )  # type: ignore[index]
         assert mass == pytest.approx(7.85 * volume, rel=0.02)
 
 
@@ -739,7 +1005,11 @@ def test_an_edited_label_invents_no_boundary(scene: Path) -> None:
     scene.write_text(scene.read_text().replace("view: side", "view: top"))
     assert refreshed(scene)[0].boundaries == ()
     top = scene.with_name("again.yaml").rename(scene.with_name("top.yaml"))
-    top.write_text(top.read_text().replace("label: ball", "label: billiard ball").replace("again.", "top."))
+    top.write_text(
+        top.read_text()
+        .replace("label: ball", "label: billiard ball")
+        .replace("again.", "top.")
+    )
     scene.with_name("again.assets").rename(scene.with_name("top.assets"))
     top.write_text(re.sub(r"  table: .*\n", "", top.read_text()))
     assert refreshed(top)[0].boundaries == ()
@@ -750,7 +1020,9 @@ def test_what_was_taken_out_stays_out_of_the_picture(scene: Path) -> None:
     """After a first and a second refresh; the file of before has all objects still."""
     before = scene.read_text()
     y, x = np.mgrid[:140, :300]
-    inside = (x - CENTRES["ball-3"][0]) ** 2 + (y - CENTRES["ball-3"][1]) ** 2 <= RADIUS**2
+    inside = (x - CENTRES["ball-3"][0]) ** 2 + (
+        y - CENTRES["ball-3"][1]
+    ) ** 2 <= RADIUS**2
     (third,) = (
         item.name
         for item in pipeline.load(scene).objects
@@ -786,18 +1058,30 @@ def test_boundaries_that_a_user_changed_or_took_out_stay_so(scene: Path) -> None
         assert after[mine] == document["boundaries"][mine]
         assert set(others) <= set(after) if more else after == others
         ends = [wall["segment"][0] for wall in after.values()]
-        assert min(np.hypot(*np.subtract(before["boundaries"][gone]["segment"][0], end)) for end in ends) > 3
+        assert (
+            min(
+                np.hypot(*np.subtract(before["boundaries"][gone]["segment"][0], end))
+                for end in ends
+            )
+            > 3
+        )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bundled", BUNDLED, ids=lambda path: path.parent.name)
-def test_a_refresh_changes_no_line_of_a_scene_written_by_hand(bundled: Path, tmp_path: Path) -> None:
+def test_a_refresh_changes_no_line_of_a_scene_written_by_hand(
+    bundled: Path, tmp_path: Path
+) -> None:
     scene = tmp_path / "scene.yaml"
     shutil.copytree(bundled.parent, tmp_path, dirs_exist_ok=True)
     scene.write_text(commented(bundled.read_text())[0])
     refreshed(scene)
     after = scene.with_name("again.yaml").read_text().splitlines()
-    gone = [line for line in scene.read_text().splitlines() if line not in after and not HEAD.match(line)]
+    gone = [
+        line
+        for line in scene.read_text().splitlines()
+        if line not in after and not HEAD.match(line)
+    ]
     assert gone == []
 
 
@@ -810,33 +1094,51 @@ def test_refreshes_keep_the_copied_photo_and_touch_no_file_that_the_record_alone
     victim.touch()
     scene = home / "scene.yaml"
     masks = ["--masks", str(perceived / "marked.png"), "--still"]
-    assert main(["perceive", str(perceived / "photo.png"), "-o", str(scene), *masks]) == 0
+    assert (
+        main(["perceive", str(perceived / "photo.png"), "-o", str(scene), *masks]) == 0
+    )
     record = home / "scene.assets" / "perceived.json"
     written = json.loads(record.read_text())
     record.write_text(
-        json.dumps({**written, "files": written["files"] | {str(victim): 0, "../../victim": 0}})
+        json.dumps(
+            {**written, "files": written["files"] | {str(victim): 0, "../../victim": 0}}
+        )
     )
     assert main(["rename", str(scene), "ball-1", "cue"]) == 0
-    text = re.sub(r"(cue:(?:\n    .*)*?\n    mass: )\S+", r"\g<1>400 g", scene.read_text(), count=1)
+    text = re.sub(
+        r"(cue:(?:\n    .*)*?\n    mass: )\S+",
+        r"\g<1>400 g",
+        scene.read_text(),
+        count=1,
+    )
     assert "400 g" in text
     scene.write_text(text)
     for _ in range(2):
         assert main(["perceive", "--refresh", str(scene), "-o", str(scene)]) == 0
         assert main(["check", str(scene)]) == 0
     assert "400 g" in scene.read_text()
-    assert (home / "scene.assets" / "photo.png").read_bytes() == (perceived / "photo.png").read_bytes()
+    assert (home / "scene.assets" / "photo.png").read_bytes() == (
+        perceived / "photo.png"
+    ).read_bytes()
     assert victim.exists()
 
 
 def test_show_prints_what_the_scene_uses_and_how_sure_each_object_is(
     scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene.write_text(scene.read_text().replace("mask: 2", "mask: 2\n    confidence: 0.27", 1))
+    scene.write_text(
+        scene.read_text().replace("mask: 2", "mask: 2\n    confidence: 0.27", 1)
+    )
     capsys.readouterr()
-    assert main(["show", str(scene), "--json", "--set", "objects.ball-1.label=steel ball"]) == 0
+    assert (
+        main(["show", str(scene), "--json", "--set", "objects.ball-1.label=steel ball"])
+        == 0
+    )
     rows = json.loads(capsys.readouterr().out)["objects"]
     loaded = pipeline.load(scene, ["objects.ball-1.label=steel ball"])
-    record = json.loads((scene.parent / "scene.assets" / "perceived.json").read_text())["objects"]
+    record = json.loads((scene.parent / "scene.assets" / "perceived.json").read_text())[
+        "objects"
+    ]
     for row, item in zip(rows, loaded.objects, strict=True):
         assert row["mass_g"] == pytest.approx(item.mass)
         sure = float(record[str(item.mask.id)]["from"]["mask"].split()[-1])  # type: ignore[union-attr]
@@ -844,14 +1146,24 @@ def test_show_prints_what_the_scene_uses_and_how_sure_each_object_is(
     assert main(["show", str(scene)]) == 0
     head, *lines = capsys.readouterr().out.splitlines()
     column = head.index("confidence")
-    assert [float(line[column:]) for line in lines] == [row["confidence"] for row in rows]
+    assert [float(line[column:]) for line in lines] == [
+        row["confidence"] for row in rows
+    ]
 
 
 def test_a_configuration_in_the_folder_is_named_and_not_read(
     scene: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(scene.parent)
-    command = ["perceive", "photo.png", "--masks", "marked.png", "--still", "-o", "new.yaml"]
+    command = [
+        "perceive",
+        "photo.png",
+        "--masks",
+        "marked.png",
+        "--still",
+        "-o",
+        "new.yaml",
+    ]
     said = "physgen.toml: the one in this folder is not read; --config physgen.toml reads it\n"
     assert main(command) == 0
     assert said not in capsys.readouterr().err

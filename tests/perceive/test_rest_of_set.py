@@ -40,10 +40,14 @@ def test_part_of_a_ball_between_six_others_becomes_the_ball() -> None:
     x, y = CENTER.astype(int)
     labels[y - 14 : y + 2, x - 12 : x + 6] = 7
     labels[160:, 2:62] = 8  # a block as thick as a ball, at the border, stays
-    found = with_rest_of_set(Segments(labels, np.array([1, 1, 1, 1, 1, 1, 0.5, 0.6]), []))
+    found = with_rest_of_set(
+        Segments(labels, np.array([1, 1, 1, 1, 1, 1, 0.5, 0.6]), [])
+    )
     ball = found.labels == 1 + int(np.flatnonzero(found.confidence == 0.5)[0])
     assert abs(np.sqrt(ball.sum() / np.pi) - R) < 1.5
-    assert (found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])).sum() == 1200
+    assert (
+        found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])
+    ).sum() == 1200
 
 
 def test_the_band_of_a_ball_in_the_open_becomes_the_ball() -> None:
@@ -55,7 +59,9 @@ def test_the_band_of_a_ball_in_the_open_becomes_the_ball() -> None:
     found = with_rest_of_set(Segments(labels, np.array([1, 1, 1, 0.5, 1, 1, 0.6]), []))
     ball = found.labels == 1 + int(np.flatnonzero(found.confidence == 0.5)[0])
     assert (ball & discs[3]).sum() > 0.95 * (ball | discs[3]).sum()
-    assert (found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])).sum() == 60
+    assert (
+        found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])
+    ).sum() == 60
 
 
 def test_discs_of_many_sizes_are_no_set() -> None:

@@ -14,7 +14,12 @@ import pytest
 from physgen import pipeline
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc
-from physgen.perceive.backends.segment_learned import continued, joined, segment, with_handles
+from physgen.perceive.backends.segment_learned import (
+    continued,
+    joined,
+    segment,
+    with_handles,
+)
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Detections, Doubt, Segments
@@ -30,7 +35,13 @@ def text() -> np.ndarray:
     page = np.full((300, 240, 3), 245, np.uint8)
     for k in range(12):
         cv2.putText(
-            page, "lorem ipsum dolor", (10, 30 + 22 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (20, 20, 20), 1
+            page,
+            "lorem ipsum dolor",
+            (10, 30 + 22 * k),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            0.6,
+            (20, 20, 20),
+            1,
         )
     return page
 
@@ -63,32 +74,51 @@ def test_any_picture_gives_labels_in_order(photo) -> None:
     ids = np.unique(found.labels)
     assert ids[ids > 0].tolist() == list(range(1, len(found.confidence) + 1))
     assert ((found.confidence >= 0.25) & (found.confidence <= 1)).all()
-    middles = [np.nonzero(found.labels == i)[1].mean() for i in range(1, len(found.confidence) + 1)]
+    middles = [
+        np.nonzero(found.labels == i)[1].mean()
+        for i in range(1, len(found.confidence) + 1)
+    ]
     assert middles == sorted(middles)
-    assert all(0 < doubt.confidence < 1 and len(doubt.polygon) >= 3 for doubt in found.doubtful)
+    assert all(
+        0 < doubt.confidence < 1 and len(doubt.polygon) >= 3 for doubt in found.doubtful
+    )
     again = segment(photo)
     assert (again.labels == found.labels).all()
     assert (again.confidence == found.confidence).all()
 
 
 @pytest.mark.parametrize(
-    ("name", "count", "quality"), [("dominoes", 9, 70), ("dominoes", 9, 50), ("billiards", 16, 50)]
+    ("name", "count", "quality"),
+    [("dominoes", 9, 70), ("dominoes", 9, 50), ("billiards", 16, 50)],
 )
-def test_compressed_photos_show_the_same_objects(name: str, count: int, quality: int) -> None:
+def test_compressed_photos_show_the_same_objects(
+    name: str, count: int, quality: int
+) -> None:
     """A gap between dominoes had become a block, and balls of a rack polygons."""
     photo = cv2.imread(str(Path(__file__).parents[2] / "scenes" / name / "photo.png"))
     packed = cv2.imencode(".jpg", photo, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    found = segment(np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1], np.uint8))
+    found = segment(
+        np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1], np.uint8)
+    )
     assert len(found.confidence) == count
     outlines = fit_outlines(found.labels, range(1, count + 1))
-    assert all(isinstance(one, Disc) for one in outlines.values()) == (name == "billiards")
+    assert all(isinstance(one, Disc) for one in outlines.values()) == (
+        name == "billiards"
+    )
 
 
 def blocks(*boxes: tuple[int, int, int, int], whole: int = -1) -> Candidates:
     """Rectangles x, y, w, h as candidates."""
     some = [Proposal(x, y, np.ones((h, w), bool), w * h) for x, y, w, h in boxes]
     none = np.zeros(len(boxes))
-    return Candidates((100, 200), some, np.zeros((len(boxes), 1)), none, none, np.arange(len(boxes)) == whole)
+    return Candidates(
+        (100, 200),
+        some,
+        np.zeros((len(boxes), 1)),
+        none,
+        none,
+        np.arange(len(boxes)) == whole,
+    )
 
 
 @pytest.mark.parametrize("size", [(10, 400), (400, 10), (8, 1600)])
@@ -100,7 +130,10 @@ def test_photos_of_a_few_rows_or_columns(size: tuple[int, int]) -> None:
 def test_parts_that_fit_better_than_their_whole_stay() -> None:
     found = blocks((0, 0, 40, 40), (40, 0, 40, 40), (0, 0, 80, 40), whole=2)
     assert joined(found, np.array([0.8, 0.75, 0.7]), np.array([0, 1])).tolist() == [2]
-    assert joined(found, np.array([0.9, 0.95, 0.7]), np.array([0, 1])).tolist() == [0, 1]
+    assert joined(found, np.array([0.9, 0.95, 0.7]), np.array([0, 1])).tolist() == [
+        0,
+        1,
+    ]
 
 
 def test_a_photo_without_objects_becomes_an_empty_scene(tmp_path: Path) -> None:
@@ -111,7 +144,9 @@ def test_a_photo_without_objects_becomes_an_empty_scene(tmp_path: Path) -> None:
     assert "no region of the photo looks like" in said
     scene = pipeline.load(out, ["render.frames=2"])
     assert not scene.objects
-    folder = pipeline.render_scene(out, tmp_path / "out", overrides=["render.frames=2", "world.duration=0.1"])
+    folder = pipeline.render_scene(
+        out, tmp_path / "out", overrides=["render.frames=2", "world.duration=0.1"]
+    )
     assert (folder / "video.mp4").exists()
 
 
@@ -120,16 +155,25 @@ def test_a_doubtful_thing_can_be_switched_on(tmp_path: Path) -> None:
     labels = np.zeros((120, 160), np.uint16)
     cv2.circle(rgb, (40, 60), 20, (200, 80, 60), -1)
     cv2.circle(rgb, (110, 60), 20, (60, 80, 200), -1)
-    labels[np.hypot(*(np.mgrid[:120, :160] - np.array([60, 40])[:, None, None])) <= 20] = 1
+    labels[
+        np.hypot(*(np.mgrid[:120, :160] - np.array([60, 40])[:, None, None])) <= 20
+    ] = 1
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    round_ = [(round(110 + 20 * float(np.cos(a)), 1), round(60 + 20 * float(np.sin(a)), 1)) for a in turn]
+    round_ = [
+        (round(110 + 20 * float(np.cos(a)), 1), round(60 + 20 * float(np.sin(a)), 1))
+        for a in turn
+    ]
     found = Detections(labels, "learned", {1: 0.9}, {}, doubtful=[Doubt(round_, 0.31)])
     out = tmp_path / "scene.yaml"
     said = write_scene(perceive(rgb, found), None, "photo", out)
     assert len(pipeline.load(out).objects) == 1
     line = "  maybe-1: {mask: 2, confidence: 0.31}\n"
     assert line in said
-    moved = said.replace(line, "").replace("  ball-1:", f"{line}  ball-1:").replace("doubtful:", "#")
+    moved = (
+        said.replace(line, "")
+        .replace("  ball-1:", f"{line}  ball-1:")
+        .replace("doubtful:", "#")
+    )
     out.write_text(moved)
     scene = pipeline.load(out)
     assert [one.name for one in scene.objects] == ["ball-1", "maybe-1"]
@@ -141,7 +185,9 @@ def test_a_doubtful_thing_can_be_switched_on(tmp_path: Path) -> None:
 
 def test_a_gap_between_objects_shows_the_colours_around_them() -> None:
     random = np.random.default_rng(0)
-    rgb = np.clip(random.normal((90, 60, 40), 6, (120, 160, 3)), 0, 255).astype(np.uint8)
+    rgb = np.clip(random.normal((90, 60, 40), 6, (120, 160, 3)), 0, 255).astype(
+        np.uint8
+    )
     masks = np.zeros((3, 120, 160), bool)
     for k, left in enumerate((40, 60, 80)):
         masks[k, 30:90, left : left + 20] = True
@@ -169,24 +215,34 @@ def test_the_head_of_a_spoon_is_no_ball(
     """Something narrow and long goes on below it; a jar's body, a nub, or the pole behind a ball are none."""
     y, x = np.mgrid[:240, :200]
     head = (x - 100) ** 2 + (y - 60) ** 2 <= 24**2
-    spoon = head | ((y > 60) & (y < 84 + long) & (abs(x - 100 - (y - 60) / 20) <= wide / 2))
+    spoon = head | (
+        (y > 60) & (y < 84 + long) & (abs(x - 100 - (y - 60) / 20) <= wide / 2)
+    )
     rgb = np.full((240, 200, 3), (205, 205, 200), np.uint8)
     rgb[200:] = (150, 140, 130)
     rgb[spoon] = (150, 95, 55)
     rgb[head] = head_colour
     rgb = cv2.GaussianBlur(rgb, (0, 0), 0.8)
-    found = with_handles(rgb, Segments(head.astype(np.uint16), np.array([0.9]))).labels > 0
+    found = (
+        with_handles(rgb, Segments(head.astype(np.uint16), np.array([0.9]))).labels > 0
+    )
     if whole:
         assert (found & spoon).sum() > 0.9 * (found | spoon).sum()
     else:
         assert np.array_equal(found, head)
 
 
-@pytest.mark.parametrize("box", [(0, 2, 40, 60), (0, 30, 0, 10), (0, 30, 90, 100), (100, 120, 90, 100)])
-def test_objects_at_the_photos_border_have_no_handle(box: tuple[int, int, int, int]) -> None:
+@pytest.mark.parametrize(
+    "box", [(0, 2, 40, 60), (0, 30, 0, 10), (0, 30, 90, 100), (100, 120, 90, 100)]
+)
+def test_objects_at_the_photos_border_have_no_handle(
+    box: tuple[int, int, int, int],
+) -> None:
     labels = np.zeros((120, 100), np.uint16)
     labels[box[0] : box[1], box[2] : box[3]] = 1
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = with_handles(np.full((120, 100, 3), 200, np.uint8), Segments(labels, np.array([0.9])))
+        found = with_handles(
+            np.full((120, 100, 3), 200, np.uint8), Segments(labels, np.array([0.9]))
+        )
     assert np.array_equal(found.labels, labels)

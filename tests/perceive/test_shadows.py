@@ -8,9 +8,18 @@ import pytest
 
 from physgen import registry
 from physgen.geometry.polygon import Disc, Region, Ring
-from physgen.geometry.shadows import ShadowSetting, Silhouette, attenuation, shadow_on_table
+from physgen.geometry.shadows import (
+    ShadowSetting,
+    Silhouette,
+    attenuation,
+    shadow_on_table,
+)
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
-from physgen.perceive.shadow.shadow_removal import refill_background, remove_reflections, remove_shadows
+from physgen.perceive.shadow.shadow_removal import (
+    refill_background,
+    remove_reflections,
+    remove_shadows,
+)
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
 from tests.perceive.lambertian import overlap
@@ -31,14 +40,20 @@ def room(grain: float = 0.03) -> np.ndarray:
         np.where((rows < 200)[..., None], walls, boards)
         * (0.9 + 0.2 * np.linspace(0, 1, WIDTH))[None, :, None]
     )
-    lines = cv2.GaussianBlur(random.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), sigmaX=25, sigmaY=1.0)
+    lines = cv2.GaussianBlur(
+        random.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), sigmaX=25, sigmaY=1.0
+    )
     lines += cv2.GaussianBlur(random.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0) * 0.3
-    return np.asarray(picture * np.exp(grain * lines / lines.std())[..., None], np.float32)
+    return np.asarray(
+        picture * np.exp(grain * lines / lines.std())[..., None], np.float32
+    )
 
 
 def srgb(linear: np.ndarray) -> np.ndarray:
     v = np.clip(linear, 0, 1)
-    return np.rint(255 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)).astype(np.uint8)
+    return np.rint(
+        255 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
+    ).astype(np.uint8)
 
 
 def drawn(polygon: list[tuple[float, float]]) -> np.ndarray:
@@ -49,12 +64,18 @@ def drawn(polygon: list[tuple[float, float]]) -> np.ndarray:
     return mask.astype(np.float32) / 255
 
 
-def cast(x0: float, x1: float, height: float, thick: float, ax: float, az: float) -> np.ndarray:
+def cast(
+    x0: float, x1: float, height: float, thick: float, ax: float, az: float
+) -> np.ndarray:
     """(H, W) the floor that a block keeps from a small light: its foot, drawn out along the light."""
     middle = FLOOR - TILT * thick / 2
     corners = [(x, z) for x in (x0, x1) for z in (-thick / 2, thick / 2)]
     return drawn(
-        [(x + ax * k * height, middle + TILT * (z + az * k * height)) for x, z in corners for k in (0, 1)]
+        [
+            (x + ax * k * height, middle + TILT * (z + az * k * height))
+            for x, z in corners
+            for k in (0, 1)
+        ]
     )
 
 
@@ -64,7 +85,14 @@ def photo(shade: np.ndarray, blocks: list[tuple[int, int, int]], picture: np.nda
     things = []
     for k, (x0, x1, top) in enumerate(blocks, 1):
         labels[top:241, x0 : x1 + 1] = k
-        ring = np.array([[x0 - 0.5, top - 0.5], [x1 + 0.5, top - 0.5], [x1 + 0.5, 240.5], [x0 - 0.5, 240.5]])
+        ring = np.array(
+            [
+                [x0 - 0.5, top - 0.5],
+                [x1 + 0.5, top - 0.5],
+                [x1 + 0.5, 240.5],
+                [x0 - 0.5, 240.5],
+            ]
+        )
         things.append(PhotoObject(k, Region((Ring(ring),)), "wooden block"))
     return srgb(picture * (1 - shade)[..., None]), labels, things
 
@@ -74,7 +102,9 @@ def lift(background, labels, things, walls=None, view=View.SIDE):
     setting = BoundaryGuess(view, 1.0, "", (floor,) if walls is None else walls)
     matter = registry.make("physics")(background, things, None)
     coverage = (labels > 0).astype(np.float32)
-    return registry.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
+    return registry.make("shadow")(
+        background, coverage, labels, things, matter, setting, GUESS
+    )
 
 
 BLOCKS = [(120, 149, 180), (250, 279, 190)]
@@ -82,7 +112,10 @@ BLOCKS = [(120, 149, 180), (250, 279, 190)]
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_block_shadow_on_the_floor_is_lifted(side) -> None:
-    each = [cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, side * 1.3, -0.8) for x0, x1, top in BLOCKS]
+    each = [
+        cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, side * 1.3, -0.8)
+        for x0, x1, top in BLOCKS
+    ]
     shade = 0.55 * cv2.GaussianBlur(np.maximum(*each), (0, 0), 1.0)
     truth = srgb(room())
     background, labels, things = photo(shade, BLOCKS, room())
@@ -93,7 +126,9 @@ def test_a_block_shadow_on_the_floor_is_lifted(side) -> None:
     assert -x / -y == pytest.approx(side * 1.3, abs=0.5)
     assert z > 0
     free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
-    before, after = (np.abs(p.astype(int) - truth).max(-1) for p in (background, found.clean))
+    before, after = (
+        np.abs(p.astype(int) - truth).max(-1) for p in (background, found.clean)
+    )
     dark = free & (shade > 0.2)
     assert before[dark].mean() > 30
     assert after[dark].mean() < 5
@@ -111,7 +146,9 @@ def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
     blocks = [(120, 149, 110), (230, 254, 195)]
     shade = np.zeros((HEIGHT, WIDTH), np.float32)
     for x0, x1, top in blocks:
-        np.maximum(shade, cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, 1.3, -0.8), out=shade)
+        np.maximum(
+            shade, cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, 1.3, -0.8), out=shade
+        )
     truth, inpaint = srgb(room()), registry.make("inpaint")
     background, labels, things = photo(0.55 * shade, blocks, room())
     coverage = (labels > 0).astype(np.float32)
@@ -121,7 +158,10 @@ def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
     assert found.clean is not None
     clean = refill_background(found.clean, background, coverage, inpaint)
     hidden = (labels == 2) & (shade > 0.9)
-    before, after = (np.abs(p.astype(int) - truth).mean(-1)[hidden].mean() for p in (background, clean))
+    before, after = (
+        np.abs(p.astype(int) - truth).mean(-1)[hidden].mean()
+        for p in (background, clean)
+    )
     assert hidden.sum() > 100
     assert after < 0.5 * before
 
@@ -130,10 +170,14 @@ def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
 def test_dark_things_that_are_no_shadows_stay(what) -> None:
     picture = room(0.12 if what == "grain" else 0.03)
     if what == "rug":
-        picture *= (1 - 0.4 * drawn([(20, 262), (90, 250), (110, 300), (15, 310)]))[..., None]
+        picture *= (1 - 0.4 * drawn([(20, 262), (90, 250), (110, 300), (15, 310)]))[
+            ..., None
+        ]
     if what == "stripe":  # across all of the photo, where shadows would lie
         picture[226:234] *= 0.5
-    background, labels, things = photo(np.zeros((HEIGHT, WIDTH), np.float32), BLOCKS, picture)
+    background, labels, things = photo(
+        np.zeros((HEIGHT, WIDTH), np.float32), BLOCKS, picture
+    )
     assert lift(background, labels, things).clean is None
 
 
@@ -148,8 +192,13 @@ def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
         labels[np.hypot(x - cx, y - cy) <= r] = k
         things.append(PhotoObject(k, Disc(np.array([cx, cy]), r), "ball"))
         mx, my = 240 + 0.93 * (cx - 240) + 70, 160 + 0.93 * (cy - 160) + 55
-        u, v = ((x - mx) * 70 + (y - my) * 55) / 89, ((y - my) * 70 - (x - mx) * 55) / 89
-        shade += np.clip(0.93 * r + 0.5 - np.hypot(u / 1.25, v), 0, 1).astype(np.float32)
+        u, v = (
+            ((x - mx) * 70 + (y - my) * 55) / 89,
+            ((y - my) * 70 - (x - mx) * 55) / 89,
+        )
+        shade += np.clip(0.93 * r + 0.5 - np.hypot(u / 1.25, v), 0, 1).astype(
+            np.float32
+        )
     shade = 0.5 * cv2.GaussianBlur(shade, (0, 0), 1.5)
     truth = srgb(room())
     background = srgb(room() * (1 - shade)[..., None])
@@ -160,7 +209,8 @@ def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
     assert found.light.direction[1] < -0.2
     free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
     before, after = (
-        np.abs(p.astype(int) - truth).max(-1)[free & (shade > 0.2)].mean() for p in (background, found.clean)
+        np.abs(p.astype(int) - truth).max(-1)[free & (shade > 0.2)].mean()
+        for p in (background, found.clean)
     )
     assert before > 30
     assert after < 6
@@ -181,9 +231,13 @@ def balls_from_above() -> tuple[np.ndarray, list[PhotoObject], list[np.ndarray]]
 def test_from_above_each_ball_owns_the_patch_beside_it() -> None:
     labels, things, each = balls_from_above()
     shade = cv2.GaussianBlur(np.any(each, axis=0).astype(np.float32), (0, 0), 1.0)
-    grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
+    grain = cv2.GaussianBlur(
+        np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0
+    )
     table = np.array([0.42, 0.36, 0.30]) * np.exp(0.03 * grain / grain.std())[..., None]
-    found = lift(srgb(table * (1 - 0.55 * shade)[..., None]), labels, things, (), View.TOP)
+    found = lift(
+        srgb(table * (1 - 0.55 * shade)[..., None]), labels, things, (), View.TOP
+    )
     assert found.owners is not None
     free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
     for k, one in enumerate(each, 1):
@@ -193,18 +247,33 @@ def test_from_above_each_ball_owns_the_patch_beside_it() -> None:
 def test_shadows_that_fan_out_under_a_near_lamp_leave_no_marks() -> None:
     """One distant light is found for all: the shadows seen lie a little beside those that it throws."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    labels, things, shade = np.zeros((HEIGHT, WIDTH), np.uint16), [], np.zeros((HEIGHT, WIDTH), np.float32)
-    centers = [(90.0, 90.0), (230.0, 80.0), (370.0, 100.0), (150.0, 210.0), (310.0, 220.0)]
+    labels, things, shade = (
+        np.zeros((HEIGHT, WIDTH), np.uint16),
+        [],
+        np.zeros((HEIGHT, WIDTH), np.float32),
+    )
+    centers = [
+        (90.0, 90.0),
+        (230.0, 80.0),
+        (370.0, 100.0),
+        (150.0, 210.0),
+        (310.0, 220.0),
+    ]
     for k, (cx, cy) in enumerate(centers, 1):
         labels[np.hypot(x - cx, y - cy) <= 20] = k
         things.append(PhotoObject(k, Disc(np.array([cx, cy]), 20.0), "ball"))
         turn = np.radians(80 - 30 * (cx - 230) / 140)
-        along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+        along, across = (
+            np.array([np.cos(turn), np.sin(turn)]),
+            np.array([-np.sin(turn), np.cos(turn)]),
+        )
         u, v = (way[0] * (x - cx) + way[1] * (y - cy) for way in (along, across))
         shade[np.hypot((u - 18) / 1.3, v) <= 20] = 1
     shade = cv2.GaussianBlur(shade, (0, 0), 2.0)
     table = np.broadcast_to(np.array([0.1, 0.3, 0.15]), (HEIGHT, WIDTH, 3))
-    found = lift(srgb(table * (1 - 0.78 * shade)[..., None]), labels, things, (), View.TOP)
+    found = lift(
+        srgb(table * (1 - 0.78 * shade)[..., None]), labels, things, (), View.TOP
+    )
     assert found.clean is not None
     free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
     left = (srgb(table).astype(int) - found.clean).mean(axis=2)[free]
@@ -216,27 +285,44 @@ def test_from_above_a_shadow_goes_with_its_colour() -> None:
     labels, things, each = balls_from_above()
     shade = cv2.GaussianBlur(np.any(each, axis=0).astype(np.float32), (0, 0), 1.0)
     table = np.broadcast_to(np.array([0.2, 0.2, 0.2]), (HEIGHT, WIDTH, 3))
-    found = lift(srgb(table * (1 - shade[..., None] * [0.75, 0.65, 0.5])), labels, things, (), View.TOP)
+    found = lift(
+        srgb(table * (1 - shade[..., None] * [0.75, 0.65, 0.5])),
+        labels,
+        things,
+        (),
+        View.TOP,
+    )
     assert found.clean is not None
-    there = (shade > 0.9) & (cv2.dilate((labels > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0)
+    there = (shade > 0.9) & (
+        cv2.dilate((labels > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
+    )
     assert abs(np.median(found.clean[there].astype(int) @ [1, 0, -1])) < 8
 
 
 # soft light from all sides leaves it dark about feet and rims
 
 
-DISCS = [(100.0, 90.0, 24.0), (250.0, 80.0, 24.0), (380.0, 150.0, 24.0), (160.0, 220.0, 24.0)]
+DISCS = [
+    (100.0, 90.0, 24.0),
+    (250.0, 80.0, 24.0),
+    (380.0, 150.0, 24.0),
+    (160.0, 220.0, 24.0),
+]
 
 
 def ice() -> np.ndarray:
     """(H, W, 3) linear: two colours in wide stripes, and grain."""
-    grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
+    grain = cv2.GaussianBlur(
+        np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0
+    )
     stripe = (np.arange(WIDTH) // 120 % 2 == 0)[None, :, None]
     picture = np.where(stripe, np.array([0.5, 0.55, 0.6]), np.array([0.15, 0.2, 0.5]))
     return picture * np.exp(0.03 * grain / grain.std())[..., None]
 
 
-def stones(dark: float, moved: tuple[int, int] = (0, 0)) -> tuple[Shadows, np.ndarray, np.ndarray]:
+def stones(
+    dark: float, moved: tuple[int, int] = (0, 0)
+) -> tuple[Shadows, np.ndarray, np.ndarray]:
     """What the role says of stones on ice, (H, W) how far each pixel is from their rims, and the ice in the light.
 
     Light at a rim falls by `dark` and comes back with distance; `moved`: the dark rims lie elsewhere.
@@ -247,7 +333,9 @@ def stones(dark: float, moved: tuple[int, int] = (0, 0)) -> tuple[Shadows, np.nd
     for k, (cx, cy, r) in enumerate(DISCS, 1):
         labels[np.hypot(x - cx, y - cy) <= r] = k
         things.append(PhotoObject(k, Disc(np.array([cx, cy]), r), "curling stone"))
-        away = np.minimum(away, np.abs(np.hypot(x - cx - moved[0], y - cy - moved[1]) - r))
+        away = np.minimum(
+            away, np.abs(np.hypot(x - cx - moved[0], y - cy - moved[1]) - r)
+        )
     lit = ice()
     background = srgb(lit * np.exp(-dark * np.exp(-away / 6))[..., None])
     found = lift(background, labels, things, (), View.TOP)
@@ -259,7 +347,9 @@ def test_rims_of_stones_are_found_and_lifted() -> None:
     assert found.clean is not None
     assert found.faint, "little was lifted: the first fill is kept"
     near = (away > 2) & (away < 8)
-    before = np.abs(srgb(ice() * np.exp(-0.35 * np.exp(-away / 6))[..., None]).astype(int) - lit)[near].mean()
+    before = np.abs(
+        srgb(ice() * np.exp(-0.35 * np.exp(-away / 6))[..., None]).astype(int) - lit
+    )[near].mean()
     after = np.abs(found.clean.astype(int) - lit)[near].mean()
     assert after < 0.5 * before
     assert found.owners is not None
@@ -281,14 +371,30 @@ def test_dark_rings_that_lie_beside_the_stones_are_paint() -> None:
 def plank(dark: float) -> tuple[Shadows, np.ndarray]:
     """What the role says of a plank on two feet under an even sky, and (H, W) where it must be dark: below it."""
     labels = np.zeros((HEIGHT, WIDTH), np.uint16)
-    ring = [(150, 214), (330, 214), (330, 241), (310, 241), (310, 226), (170, 226), (170, 241), (150, 241)]
+    ring = [
+        (150, 214),
+        (330, 214),
+        (330, 241),
+        (310, 241),
+        (310, 226),
+        (170, 226),
+        (170, 241),
+        (150, 241),
+    ]
     cv2.fillPoly(labels, [np.array(ring, np.int32)], 1)
     labels[241:] = 0
     outline = Region((Ring(np.array(ring, float) - [0, 0.5]),))
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    below = np.exp(-(((y - 237) / 5.0) ** 2)) / (1 + np.exp((np.abs(x - 240) - 85) / 6.0))
-    grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
-    picture = np.array([0.42, 0.36, 0.30]) * np.exp(0.03 * grain / grain.std() - dark * below)[..., None]
+    below = np.exp(-(((y - 237) / 5.0) ** 2)) / (
+        1 + np.exp((np.abs(x - 240) - 85) / 6.0)
+    )
+    grain = cv2.GaussianBlur(
+        np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0
+    )
+    picture = (
+        np.array([0.42, 0.36, 0.30])
+        * np.exp(0.03 * grain / grain.std() - dark * below)[..., None]
+    )
     found = lift(srgb(picture), labels, [PhotoObject(1, outline, "board")])
     open_ = cv2.dilate((labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
     return found, open_ & (below > 0.3)
@@ -310,7 +416,9 @@ def test_a_plank_in_the_light_throws_nothing() -> None:
 @pytest.mark.parametrize(("grey", "lifted"), [(150, True), (20, False)])
 def test_a_black_panel_is_no_shadow(grey: int, lifted: bool) -> None:
     """A shadow leaves a share of the light: a patch over twelve times as dark is another surface."""
-    picture = (230 + np.random.default_rng(0).normal(0, 2, (160, 240, 1)).repeat(3, 2)).astype(np.uint8)
+    picture = (
+        230 + np.random.default_rng(0).normal(0, 2, (160, 240, 1)).repeat(3, 2)
+    ).astype(np.uint8)
     picture[80:110, 90:150] = grey
     predicted = np.zeros((160, 240), np.float32)
     predicted[80:110, 90:150] = 1.5
@@ -323,7 +431,9 @@ def test_a_black_panel_is_no_shadow(grey: int, lifted: bool) -> None:
 
 Y, X = np.mgrid[:120, :200]
 BOARDS = np.where((Y < 60)[..., None], [150, 120, 90], [200, 180, 160])
-BOARDS = np.clip(BOARDS + np.random.default_rng(0).normal(0, 3, (120, 200, 1)), 0, 255).astype(np.uint8)
+BOARDS = np.clip(
+    BOARDS + np.random.default_rng(0).normal(0, 3, (120, 200, 1)), 0, 255
+).astype(np.uint8)
 LEFT, RIGHT = np.hypot(X - 50, Y - 70) < 14, np.hypot(X - 150, Y - 70) < 14
 SHADOW = (np.hypot((X - 172) / 2, Y - 84) < 6) & ~RIGHT
 
@@ -337,7 +447,9 @@ def test_where_nothing_was_lifted_the_first_fill_stays() -> None:
     coverage = LEFT.astype(np.float32)
     photo = np.where(LEFT[..., None], np.uint8(20), BOARDS)
     background = inpaint(photo, LEFT)
-    assert np.array_equal(refill_background(background, background, coverage, never), background)  # type: ignore[arg-type]
+    assert np.array_equal(
+        refill_background(background, background, coverage, never), background
+    )  # type: ignore[arg-type]
 
 
 def test_only_the_fill_near_a_lifted_shadow_changes() -> None:
@@ -350,7 +462,9 @@ def test_only_the_fill_near_a_lifted_shadow_changes() -> None:
     lifted = np.where(SHADOW[..., None], BOARDS, background)
     clean = refill_background(lifted, background, coverage, inpaint)
     assert np.array_equal(clean[LEFT], background[LEFT])
-    before, after = (abs(p[RIGHT].astype(float) - BOARDS[RIGHT]).mean() for p in (background, clean))
+    before, after = (
+        abs(p[RIGHT].astype(float) - BOARDS[RIGHT]).mean() for p in (background, clean)
+    )
     assert after <= before
     assert after < 8
 
@@ -372,18 +486,28 @@ def test_no_bright_wall_comes_where_a_dark_panel_is() -> None:
         assert (clean == (30 if kept else grey)).all(), grey
 
 
-def test_what_a_floor_mirrors_of_an_object_goes_and_the_floors_own_pattern_stays() -> None:
+def test_what_a_floor_mirrors_of_an_object_goes_and_the_floors_own_pattern_stays() -> (
+    None
+):
     inpaint = registry.make("inpaint")
     labels = np.zeros((120, 200), np.uint16)
     labels[20:70, 50:70], labels[30:70, 130:150] = 1, 2
     fade = np.clip(1 - (Y - 70) / 18, 0, 1) * (Y >= 70)
     mirrored = 0.5 * fade * (np.abs(X - 59.5) < 10)
-    floor = BOARDS * (1 - mirrored[..., None]) + mirrored[..., None] * np.array([250, 120, 30])
-    floor[70:100, 137:142] = BOARDS[70:100, 137:142] * 0.8  # a groove, narrower than the object's foot
+    floor = BOARDS * (1 - mirrored[..., None]) + mirrored[..., None] * np.array(
+        [250, 120, 30]
+    )
+    floor[70:100, 137:142] = (
+        BOARDS[70:100, 137:142] * 0.8
+    )  # a groove, narrower than the object's foot
     picture = floor.astype(np.uint8)
-    clean = remove_reflections(picture, labels, (labels > 0).astype(np.float32), inpaint)
+    clean = remove_reflections(
+        picture, labels, (labels > 0).astype(np.float32), inpaint
+    )
     there = mirrored > 0.1
-    was, now = (np.abs(p[there].astype(float) - BOARDS[there]).mean() for p in (picture, clean))
+    was, now = (
+        np.abs(p[there].astype(float) - BOARDS[there]).mean() for p in (picture, clean)
+    )
     assert was > 20
     assert now < 8
     assert np.array_equal(clean[:, 100:], picture[:, 100:])
@@ -391,20 +515,30 @@ def test_what_a_floor_mirrors_of_an_object_goes_and_the_floors_own_pattern_stays
 
 def test_no_light_is_left_where_neither_lamp_nor_sky_is_seen() -> None:
     one = np.ones((1, 1), np.float32)
-    assert np.exp(-attenuation(0.7, one, one)).item() < 0.03, "shares that are multiplied leave 0.21"
-    assert np.exp(-attenuation(0.7, one, 0 * one)).item() == pytest.approx(0.3, abs=0.03)
+    assert np.exp(-attenuation(0.7, one, one)).item() < 0.03, (
+        "shares that are multiplied leave 0.21"
+    )
+    assert np.exp(-attenuation(0.7, one, 0 * one)).item() == pytest.approx(
+        0.3, abs=0.03
+    )
 
 
 def test_a_balls_shadow_on_a_table_is_as_soft_as_a_round_lamp_makes_it() -> None:
     """Beside rays to points of the lamp's disc, counted; its far end is softer than where it begins."""
     r, soft, size = 30.0, 12.0, (200, 200)
     toward = np.array([-0.5, -0.3, (1 - 0.34) ** 0.5])
-    setting = ShadowSetting(DistantLight(tuple(toward), 1.0, 0.0), soft, True, 0.1, np.inf, size)
-    ball = Silhouette(np.ones((60, 60), np.float32), (50, 50), (80.0, 80.0), r, 2 * r, None)
+    setting = ShadowSetting(
+        DistantLight(tuple(toward), 1.0, 0.0), soft, True, 0.1, np.inf, size
+    )
+    ball = Silhouette(
+        np.ones((60, 60), np.float32), (50, 50), (80.0, 80.0), r, 2 * r, None
+    )
     (x0, y0, _, _), dark = shadow_on_table(ball, setting)
     k = np.arange(400) + 0.5
     across = np.linalg.svd(toward[None])[2][1:]
-    spread = np.tan(np.radians(soft)) * (k / 400) ** 0.5 * [np.cos(2.4 * k), np.sin(2.4 * k)]
+    spread = (
+        np.tan(np.radians(soft)) * (k / 400) ** 0.5 * [np.cos(2.4 * k), np.sin(2.4 * k)]
+    )
     rays = toward + spread.T @ across
     rays /= np.linalg.norm(rays, axis=1)[:, None]
     along = np.arange(30.0, 100.0, 2.0)  # px from the ball's foot, away from the lamp
@@ -434,7 +568,9 @@ def test_in_a_balls_shadow_less_of_the_sky_is_missed() -> None:
     """There table and ball light each other: the share of the direct light that is blocked is not hidden once more."""
     r, light = 30.0, DistantLight((0.0, 0.0, 1.0), 0.6, 0.4)
     setting = ShadowSetting(light, 1.0, True, 0.1, np.inf, (200, 200))
-    ball = Silhouette(np.ones((60, 60), np.float32), (70, 70), (100.0, 100.0), r, 2 * r, None)
+    ball = Silhouette(
+        np.ones((60, 60), np.float32), (70, 70), (100.0, 100.0), r, 2 * r, None
+    )
     (x0, y0, _, _), dark = shadow_on_table(ball, setting)
     for away in (6, 12, 18):
         hidden = (1 + (away / r) ** 2) ** -1.5

@@ -23,7 +23,9 @@ from physgen.report.perception import written_suitability
 from physgen.scene.scene import View
 
 H, W = 192, 256
-GOOD = BoundaryGuess(View.SIDE, 0.9, "", (Wall("floor", ((0, 150), (W, 150)), 0.6, 0.4, 0.8, "", ""),))
+GOOD = BoundaryGuess(
+    View.SIDE, 0.9, "", (Wall("floor", ((0, 150), (W, 150)), 0.6, 0.4, 0.8, "", ""),)
+)
 
 
 class Found:
@@ -36,7 +38,9 @@ class Found:
         self.objects = []
         for k, x in enumerate((50, 120, 200), 1):
             labels[np.hypot(columns - x, rows - 120) <= radius] = k
-            self.objects.append(PhotoObject(k, Disc(np.array([x, 120.0]), float(radius)), "ball"))
+            self.objects.append(
+                PhotoObject(k, Disc(np.array([x, 120.0]), float(radius)), "ball")
+            )
         self.found = Detections(labels, "learned", dict.fromkeys((1, 2, 3), sure), {})
 
     def doubts(self, boundaries: BoundaryGuess = GOOD) -> str:
@@ -51,7 +55,9 @@ def test_things_on_a_table_are_good():
 def test_texture_all_over(turn):
     """Noise as fine as gravel or a crowd; the same however the photo is turned."""
     one = Found()
-    one.rgb = turn(np.random.default_rng(2).integers(0, 255, one.rgb.shape).astype(np.uint8))
+    one.rgb = turn(
+        np.random.default_rng(2).integers(0, 255, one.rgb.shape).astype(np.uint8)
+    )
     assert "cluttered: fine detail" in one.doubts() or "green and fine" in one.doubts()
 
 
@@ -74,15 +80,20 @@ def test_unsure_objects_and_doubtful_regions():
 
 
 @pytest.mark.parametrize(
-    ("movable", "height", "fills"), [(0.2, 40, True), (0.9, 40, False), (0.2, 10, False)]
+    ("movable", "height", "fills"),
+    [(0.2, 40, True), (0.9, 40, False), (0.2, 10, False)],
 )
-def test_people_animals_and_furniture(monkeypatch, movable: float, height: int, fills: bool):
+def test_people_animals_and_furniture(
+    monkeypatch, movable: float, height: int, fills: bool
+):
     """Where the network sees wholes that nobody moves, on more than a tenth of the photo."""
     one = Found()
     seen = run_network(one.rgb)
     foreground = np.zeros_like(seen.foreground)
     foreground[:height] = 0.9
-    seen = replace(seen, foreground=foreground, movable=np.full_like(seen.movable, movable))
+    seen = replace(
+        seen, foreground=foreground, movable=np.full_like(seen.movable, movable)
+    )
     monkeypatch.setattr(viewpoint, "run_network", lambda rgb: seen)
     assert ("what looks immovable" in one.doubts()) == fills
 
@@ -98,8 +109,13 @@ def test_nothing_beneath_and_an_unclear_view():
 ])  # fmt: skip
 def test_ledges_that_nobody_sees_are_no_support(name: str, source: str, held: bool):
     one = Found()
-    pieces = (((20, 140), (80, 140)), ((45, 140), (150, 140)))  # under two of three balls, under one twice
-    walls = tuple(replace(GOOD.walls[0], name=name, source=source, points=part) for part in pieces)
+    pieces = (
+        ((20, 140), (80, 140)),
+        ((45, 140), (150, 140)),
+    )  # under two of three balls, under one twice
+    walls = tuple(
+        replace(GOOD.walls[0], name=name, source=source, points=part) for part in pieces
+    )
     assert one.doubts(replace(GOOD, walls=walls[:1])) == "good"
     assert one.doubts(replace(GOOD, walls=walls)) == (
         "good" if held else "doubtful: no support is seen beneath 2 of 3 objects"
@@ -113,7 +129,9 @@ def test_colours_and_detail_count_where_no_object_is():
     one.rgb[one.found.labels == 1] = (110, 160, 230)
     assert "blue" not in one.doubts()
     speckles = np.random.default_rng(3).integers(30, 160, (H, W, 1)) * (0.5, 1.0, 0.3)
-    one.rgb = np.where(one.found.labels[..., None] > 0, speckles, one.rgb).astype(np.uint8)
+    one.rgb = np.where(one.found.labels[..., None] > 0, speckles, one.rgb).astype(
+        np.uint8
+    )
     assert "green" not in one.doubts()
     one.found.labels[:] = 0
     one.found.labels[120:] = 1
@@ -133,7 +151,9 @@ def test_masks_that_are_given_are_sure():
     assert one.doubts() == "good"
 
 
-@pytest.mark.parametrize(("source", "count"), [("pointed at", 2), ("given", 2), ("pointed at", 1)])
+@pytest.mark.parametrize(
+    ("source", "count"), [("pointed at", 2), ("given", 2), ("pointed at", 1)]
+)
 def test_people_that_are_pointed_at(monkeypatch, source: str, count: int):
     """The network sees `count` of the three as what nobody moves: together they are a twentieth of the photo."""
     one = Found()
@@ -141,7 +161,10 @@ def test_people_that_are_pointed_at(monkeypatch, source: str, count: int):
     seen = run_network(one.rgb)
     h, w = seen.movable.shape
     small = one.found.labels[np.arange(h)[:, None] * H // h, np.arange(w) * W // w]
-    foreground, movable = (small > 0).astype(np.float32), (small > count).astype(np.float32)
+    foreground, movable = (
+        (small > 0).astype(np.float32),
+        (small > count).astype(np.float32),
+    )
     seen = replace(seen, foreground=foreground, movable=movable)
     monkeypatch.setattr(viewpoint, "run_network", lambda rgb: seen)
     says = "doubtful: what is pointed at looks immovable"
@@ -152,14 +175,20 @@ def test_a_photo_in_which_no_push_moves_anything(tmp_path):
     """All that is found reaches the border; with room beside it, it moves."""
     verdicts = []
     for left in (0, 20):
-        rgb, labels = np.full((120, 180, 3), (150, 130, 110), np.uint8), np.zeros((120, 180), np.uint8)
+        rgb, labels = (
+            np.full((120, 180, 3), (150, 130, 110), np.uint8),
+            np.zeros((120, 180), np.uint8),
+        )
         labels[40:90, left : left + 40] = 1
         rgb[labels > 0], rgb[90:] = (200, 50, 50), (90, 60, 40)
         for name, picture in (("photo", rgb), ("marked", labels)):
             cv2.imwrite(str(tmp_path / f"{name}.png"), picture)
         told: list[str] = []
         perceive_file(
-            tmp_path / "photo.png", tmp_path / "scene.yaml", masks=tmp_path / "marked.png", inform=told.append
+            tmp_path / "photo.png",
+            tmp_path / "scene.yaml",
+            masks=tmp_path / "marked.png",
+            inform=told.append,
         )
         verdicts.append("no push moves anything" in told[0].splitlines()[0])
     assert verdicts == [True, False]
@@ -168,7 +197,9 @@ def test_a_photo_in_which_no_push_moves_anything(tmp_path):
 def test_it_is_recorded(tmp_path):
     one = Found()
     one.rgb[one.found.labels > 0] = (200, 50, 50)
-    made = perceive(one.rgb, from_masks(one.found.labels, dict.fromkeys((1, 2, 3), "cat")))
+    made = perceive(
+        one.rgb, from_masks(one.found.labels, dict.fromkeys((1, 2, 3), "cat"))
+    )
     write_scene(made, None, "photo", tmp_path / "scene.yaml")
     record = json.loads((tmp_path / "scene.assets" / "perceived.json").read_text())
     assert record["suitability"] == {
@@ -183,7 +214,11 @@ def test_it_is_recorded(tmp_path):
 def test_a_doubt_says_no_more_than_is_seen(turn: int, says: str):
     """A blue wall indoors is no sky, and speckled green cloth is no grass: the colour is named, not the place."""
     one = Found()
-    speckles = np.random.default_rng(3).integers(30, 160, (H // 3, W, 1)) * (0.5, 1.0, 0.3)
+    speckles = np.random.default_rng(3).integers(30, 160, (H // 3, W, 1)) * (
+        0.5,
+        1.0,
+        0.3,
+    )
     one.rgb[: H // 2 if turn == 0 else H // 3] = speckles if turn else (110, 160, 230)
     told = one.doubts()
     assert says in told

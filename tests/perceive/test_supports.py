@@ -23,12 +23,17 @@ def upholding(outlines: list[Outline]) -> tuple[list[Wall], frozenset[int]]:
     assert floor is FLOOR
     chains = [np.array(wall.points) for wall in (FLOOR, *walls)]
     fixed = [i - 1 for i in held]
-    assert unstable_objects(outlines, contacts(outlines, chains), {}, fixed, default=0.4) == []
+    assert (
+        unstable_objects(outlines, contacts(outlines, chains), {}, fixed, default=0.4)
+        == []
+    )
     return walls, held
 
 
 def test_what_stands_needs_nothing():
-    assert upholding([block(0, 0, 40, 40), block(10, -40, 40, 30), block(200, 0, 20, 80)]) == (
+    assert upholding(
+        [block(0, 0, 40, 40), block(10, -40, 40, 30), block(200, 0, 20, 80)]
+    ) == (
         [],
         frozenset(),
     )
@@ -54,16 +59,25 @@ def test_a_leaning_plank_gets_its_wall(side):
     assert not held
     (x, _), (_, low) = wall.points
     assert low < points[:, 1].max() - 60, "what rolls along the floor does not meet it"
-    assert x == pytest.approx(points[:, 0].max() if side > 0 else points[:, 0].min(), abs=0.05)
+    assert x == pytest.approx(
+        points[:, 0].max() if side > 0 else points[:, 0].min(), abs=0.05
+    )
 
 
 def test_an_unseen_ledge_that_nothing_needs_goes():
     """The block stands on the floor as on the ledge, which reaches to where nothing is; the ball needs its own."""
-    things = [PhotoObject(1, block(0, 0, 40, 40)), PhotoObject(2, Disc(np.array([300.0, -90.0]), 15.0))]
+    things = [
+        PhotoObject(1, block(0, 0, 40, 40)),
+        PhotoObject(2, Disc(np.array([300.0, -90.0]), 15.0)),
+    ]
     ledges = [
         Wall(f"ledge-{k}", ((x, y), (x + 200, y)), 0.6, 0.4, 0.4, source, "")
         for k, (x, y, source) in enumerate(
-            [(-20.0, 0.3, SOURCE), (-20.0, 0.4, "lowest points"), (250.0, -75.0, SOURCE)]
+            [
+                (-20.0, 0.3, SOURCE),
+                (-20.0, 0.4, "lowest points"),
+                (250.0, -75.0, SOURCE),
+            ]
         )
     ]
     walls, held = add_supports(things, [FLOOR, *ledges], {}, 0.6, 0.4)
@@ -83,14 +97,17 @@ def test_each_wall_has_a_name_of_its_own_and_the_floor_stays():
 def test_a_ledge_stays_where_only_friction_would_hold_what_lies_on_it():
     """A block that is wedged between two others stands without it, on nothing."""
     things = [
-        PhotoObject(k + 1, block(x, y, 40, 40)) for k, (x, y) in enumerate([(0, 0), (40, -20), (80, 0)])
+        PhotoObject(k + 1, block(x, y, 40, 40))
+        for k, (x, y) in enumerate([(0, 0), (40, -20), (80, 0)])
     ]
     ledge = Wall("ledge-1", ((41.0, -20.0), (79.0, -20.0)), 0.6, 0.4, 0.4, SOURCE, "")
     sides = [
         Wall(f"wall-{k}", ((x, -60.0), (x, 0.0)), 0.6, 0.4, 0.4, "edges", "")
         for k, x in enumerate((0.0, 120.0))
     ]
-    walls, _ = add_supports(things, [FLOOR, *sides, ledge], dict.fromkeys((1, 2, 3), 0.9), 0.6, 0.4)
+    walls, _ = add_supports(
+        things, [FLOOR, *sides, ledge], dict.fromkeys((1, 2, 3), 0.9), 0.6, 0.4
+    )
     assert ledge in walls
 
 
@@ -106,7 +123,9 @@ def test_a_pile_of_a_hundred_blocks_ends():
 def test_a_few_px_are_level():
     points = np.array([[149.5, 99.33], [152.5, 99.8], [152.5, 103.67], [149.5, 103.2]])
     assert find_foot(PhotoObject(1, Region((Ring(points),)))).slope == 0
-    assert find_foot(PhotoObject(1, Region((Ring(points * 10),)))).slope == pytest.approx(0.157, abs=0.01)
+    assert find_foot(
+        PhotoObject(1, Region((Ring(points * 10),)))
+    ).slope == pytest.approx(0.157, abs=0.01)
 
 
 def wedge_and_balls(side: int) -> list[Outline]:

@@ -26,7 +26,9 @@ def row_of_boxes(height: int, width: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 @pytest.mark.parametrize(
-    "size", [(20, 3000), (3000, 20), (8, 400), (400, 8), (192, 256)], ids=lambda size: f"{size[1]}x{size[0]}"
+    "size",
+    [(20, 3000), (3000, 20), (8, 400), (400, 8), (192, 256)],
+    ids=lambda size: f"{size[1]}x{size[0]}",
 )
 def test_photos_of_any_format_have_a_view(size):
     rgb, labels, normals = row_of_boxes(*size)
@@ -38,7 +40,9 @@ def test_photos_of_any_format_have_a_view(size):
 
 def test_a_background_hardly_seen_tells_nothing_wrong():
     rgb, labels, normals = row_of_boxes(20, 3000)
-    small = normals[::3, ::12]  # 7 rows: things and what is next to them cover nearly all
+    small = normals[
+        ::3, ::12
+    ]  # 7 rows: things and what is next to them cover nearly all
     _, sure, _ = guess_view(rgb, labels, np.ascontiguousarray(small), 0, 10)
     assert 0.5 <= sure <= 0.98
     for rows in (1, 2, 3):

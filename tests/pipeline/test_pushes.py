@@ -43,16 +43,22 @@ def test_a_row_of_dominoes_is_pushed_at_its_end_and_falls(row: Path) -> None:
     assert push is not None
     assert push.name == "domino-0"
     assert push.velocity[0] > 0 == push.velocity[1]
-    pushed = pipeline.load(row, [f"objects.{push.name}.velocity=[{push.velocity[0]}, 0]"])
+    pushed = pipeline.load(
+        row, [f"objects.{push.name}.velocity=[{push.velocity[0]}, 0]"]
+    )
     angles = pipeline.simulate(pipeline.compile(pushed, None).world).poses[-1, :, 2]
     assert (np.degrees(angles) > 40).all()
 
 
 @pytest.mark.parametrize(("first", "way"), [(32, 1), (258, -1)])
-def test_the_last_of_a_row_falls_inside_the_picture(first: int, way: int, tmp_path: Path) -> None:
+def test_the_last_of_a_row_falls_inside_the_picture(
+    first: int, way: int, tmp_path: Path
+) -> None:
     """The row stands at a border of the photo: pushed the other way it falls out of it."""
     path = tmp_path / "scene.yaml"
-    path.write_text(re.sub(r"\[(\d+), 120\]", lambda m: f"[{int(m[1]) - 100 + first}, 120]", ROW))
+    path.write_text(
+        re.sub(r"\[(\d+), 120\]", lambda m: f"[{int(m[1]) - 100 + first}, 120]", ROW)
+    )
     scene = pipeline.load(path)
     push = default_push(scene, shapes_of(scene, None), {})
     assert push is not None
@@ -61,7 +67,14 @@ def test_the_last_of_a_row_falls_inside_the_picture(first: int, way: int, tmp_pa
 
 
 def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
-    balls = [(60, 100), *((300 + 18 * i, 100 + 20.5 * (j - i / 2)) for i in range(3) for j in range(i + 1))]
+    balls = [
+        (60, 100),
+        *(
+            (300 + 18 * i, 100 + 20.5 * (j - i / 2))
+            for i in range(3)
+            for j in range(i + 1)
+        ),
+    ]
     objects = "".join(
         f"  b{k}: {{shape: {{circle: {{center: [{x}, {y}], radius: 10}}}}}}\n"
         for k, (x, y) in enumerate(balls)
@@ -76,10 +89,14 @@ def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
     assert push is not None
     assert push.name == "b0"
     assert push.velocity == pytest.approx((np.hypot(*push.velocity), 0), abs=1)
-    assert push.velocity[0] > 1.4 * push_speed(400, 800), "a break is harder than a push"
+    assert push.velocity[0] > 1.4 * push_speed(400, 800), (
+        "a break is harder than a push"
+    )
 
 
-def test_nothing_is_pushed_against_a_wall_that_the_photo_does_not_show(tmp_path: Path) -> None:
+def test_nothing_is_pushed_against_a_wall_that_the_photo_does_not_show(
+    tmp_path: Path,
+) -> None:
     """Friction of the same wall under the ball takes its momentum, too, and throws nothing back."""
     path = tmp_path / "scene.yaml"
     path.write_text(
@@ -116,7 +133,9 @@ def test_nothing_is_pushed_so_that_it_comes_back(way: int, tmp_path: Path) -> No
     assert push.velocity[0] * way < 0
 
 
-def test_an_unseen_floor_that_something_slides_on_throws_nothing_back(tmp_path: Path) -> None:
+def test_an_unseen_floor_that_something_slides_on_throws_nothing_back(
+    tmp_path: Path,
+) -> None:
     """Its friction takes all momentum of the block; a wall that is not seen ends the way to the other side."""
     path = tmp_path / "scene.yaml"
     path.write_text(
@@ -127,7 +146,9 @@ def test_an_unseen_floor_that_something_slides_on_throws_nothing_back(tmp_path: 
     scene = pipeline.load(path)
     shapes = shapes_of(scene, None)
     (block,) = scene.objects
-    assert shown_by(scene, shapes, block, (-900, 0), ["ledge-1"]) == shown_by(scene, shapes, block, (-900, 0))
+    assert shown_by(scene, shapes, block, (-900, 0), ["ledge-1"]) == shown_by(
+        scene, shapes, block, (-900, 0)
+    )
 
 
 def test_of_a_pile_in_a_box_the_top_is_pushed(tmp_path: Path) -> None:
@@ -170,11 +191,16 @@ def test_what_hardly_moves_is_pushed_harder(tmp_path: Path) -> None:
         "boundaries: {floor: {segment: [[-200, 150], [800, 150]], friction: 1.9}}\n"
     )
     scene = pipeline.load(path)
-    ordinary, push = push_speed(400, 800), default_push(scene, shapes_of(scene, None), {})
+    ordinary, push = (
+        push_speed(400, 800),
+        default_push(scene, shapes_of(scene, None), {}),
+    )
     slowed = 2 * 1.9 * 9.81 * 800
     assert ordinary**2 / slowed < 40
     assert push is not None
-    assert 1.4 * ordinary < abs(push.velocity[0]) < 1.6 * ordinary, "the hardest one throws things"
+    assert 1.4 * ordinary < abs(push.velocity[0]) < 1.6 * ordinary, (
+        "the hardest one throws things"
+    )
 
 
 @pytest.mark.parametrize("height", [60, 90, 150])
@@ -191,10 +217,14 @@ def test_what_is_thin_is_tipped_about_its_foot(tmp_path: Path, height: float) ->
     assert push is not None
     arm = np.hypot(6, height / 2)
     inertia = (12**2 + height**2) / 12 + arm**2  # over its mass, about the corner
-    least = np.sqrt(2 * 9.8 * 1000 * (arm - height / 2) / inertia) * inertia / (height / 2)
+    least = (
+        np.sqrt(2 * 9.8 * 1000 * (arm - height / 2) / inertia) * inertia / (height / 2)
+    )
     assert least < abs(push.velocity[0]) < 1.5 * least
     edits = [f"objects.domino.velocity=[{push.velocity[0]}, 0]"]
-    poses = pipeline.simulate(pipeline.compile(pipeline.load(path, edits), None).world).poses[:, 0]
+    poses = pipeline.simulate(
+        pipeline.compile(pipeline.load(path, edits), None).world
+    ).poses[:, 0]
     side = np.sign(push.velocity[0])
     assert poses[-1, 2] * side > np.radians(80)
     falling = poses[np.abs(poses[:, 2]) < np.radians(15)]
@@ -206,38 +236,60 @@ def test_what_is_thin_is_tipped_about_its_foot(tmp_path: Path, height: float) ->
 def test_shorthands_are_edits(row: Path) -> None:
     scene = pipeline.load(row)
     compiled = pipeline.compile(scene, None)
-    edits = motion_edits(scene, compiled, ["domino-1=30@1600"], ["domino-2"], ["104,95@50 px/s"])
+    edits = motion_edits(
+        scene, compiled, ["domino-1=30@1600"], ["domino-2"], ["104,95@50 px/s"]
+    )
     speed = 2 * 800
     assert edits["objects.domino-1.velocity"] == pytest.approx(
         [speed * cos(radians(30)), speed * sin(radians(30))], abs=0.1
     )
     assert edits["objects.domino-2.place"] == [144, 60]  # by its own height
     (kick,) = edits["forces"]
-    assert kick == {"object": "domino-0", "impulse": [-50.0 * 8 * 60, 0.0], "at": [104, 95]}
+    assert kick == {
+        "object": "domino-0",
+        "impulse": [-50.0 * 8 * 60, 0.0],
+        "at": [104, 95],
+    }
     moving = pipeline.load(row, ["objects.domino-2.velocity=[90, 0]"])
     for pushes, velocity in (([], [0, 0]), (["domino-2=left@70"], [-70, 0])):
         edits = motion_edits(moving, compiled, pushes, ["domino-2"], [])
         assert edits["objects.domino-2.velocity"] == velocity
-    edits = motion_edits(scene, compiled, ["domino-1=right@2 m/s"], [], ["13 cm,95@6.25 cm/s"])
+    edits = motion_edits(
+        scene, compiled, ["domino-1=right@2 m/s"], [], ["13 cm,95@6.25 cm/s"]
+    )
     assert edits["objects.domino-1.velocity"] == ["2 m/s", 0], "in the user's units"
     (metric,) = edits["forces"]
     assert metric["at"] == ["13 cm", 95]
-    assert [quantity(metric["impulse"][0], "g·px/s", 800), 0] == pytest.approx(kick["impulse"])
+    assert [quantity(metric["impulse"][0], "g·px/s", 800), 0] == pytest.approx(
+        kick["impulse"]
+    )
     with pytest.raises(InputError, match="6 cm,4 cm"):
         motion_edits(scene, compiled, [], [], ["13 kg,95"])
-    assert motion_edits(scene, compiled, [], [], ["13 cm,95"])["forces"][0]["impulse"][0].endswith(" g m/s")
+    assert motion_edits(scene, compiled, [], [], ["13 cm,95"])["forces"][0]["impulse"][
+        0
+    ].endswith(" g m/s")
     for far in ("2350,10", "300,190"):
-        with pytest.raises(InputError, match=r"meets no object.*the nearest: \d+,\d+ of domino-\d"):
+        with pytest.raises(
+            InputError, match=r"meets no object.*the nearest: \d+,\d+ of domino-\d"
+        ):
             motion_edits(scene, compiled, [], [], [far])
-    for pushes, word in ((["domino-1=sideways"], "direction"), (["dominoe-1=left"], "did you mean domino-1")):
+    for pushes, word in (
+        (["domino-1=sideways"], "direction"),
+        (["dominoe-1=left"], "did you mean domino-1"),
+    ):
         with pytest.raises(InputError, match=word):
             motion_edits(scene, compiled, pushes, [], [])
 
 
-def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(row: Path, tmp_path: Path, capsys) -> None:
+def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(
+    row: Path, tmp_path: Path, capsys
+) -> None:
     command = ["render", str(row), "-o", str(tmp_path / "out"), "--preview"]
     assert main(command) == 0
-    assert "nothing moves in this clip; try --push domino-0=right" in capsys.readouterr().err
+    assert (
+        "nothing moves in this clip; try --push domino-0=right"
+        in capsys.readouterr().err
+    )
     assert main([*command, "--push", "domino-0=right"]) == 0
     said = capsys.readouterr().err
     assert "nothing moves" not in said
@@ -248,22 +300,42 @@ def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(row: Path, tmp_pat
     assert pipeline.load(row).objects[0].velocity[0] > 0
 
 
-def test_a_tip_names_a_push_that_moves_something(row: Path, tmp_path: Path, capsys) -> None:
+def test_a_tip_names_a_push_that_moves_something(
+    row: Path, tmp_path: Path, capsys
+) -> None:
     """The first two stand between walls, and the third one against the second."""
     walls = "".join(
-        f"  wall-{k}: {{segment: [[{x}, 80], [{x}, 150]]}}\n" for k, x in enumerate((95.9, 126.1))
+        f"  wall-{k}: {{segment: [[{x}, 80], [{x}, 150]]}}\n"
+        for k, x in enumerate((95.9, 126.1))
     )
     text = ROW.replace("boundaries: {floor: {segment: [[0, 150], [400, 150]]}}", "")
-    row.write_text(text + f"boundaries:\n  floor: {{segment: [[0, 150], [400, 150]]}}\n{walls}")
+    row.write_text(
+        text + f"boundaries:\n  floor: {{segment: [[0, 150], [400, 150]]}}\n{walls}"
+    )
     assert main(["render", str(row), "-o", str(tmp_path / "out"), "--preview"]) == 0
     tip = re.search(r"try (--push) (domino-\d=\w+)", capsys.readouterr().err)
     assert tip is not None
     assert not tip[2].startswith(("domino-0", "domino-1"))
-    assert main(["render", str(row), "-o", str(tmp_path / "out"), "--preview", tip[1], tip[2]]) == 0
+    assert (
+        main(
+            [
+                "render",
+                str(row),
+                "-o",
+                str(tmp_path / "out"),
+                "--preview",
+                tip[1],
+                tip[2],
+            ]
+        )
+        == 0
+    )
     assert "nothing moves" not in capsys.readouterr().err
 
 
-def test_a_still_scene_has_no_energy_to_balance(row: Path, tmp_path: Path, capsys) -> None:
+def test_a_still_scene_has_no_energy_to_balance(
+    row: Path, tmp_path: Path, capsys
+) -> None:
     """Blocks that lie .6 px in the floor are lifted by the engine, which is nobody's work."""
     row.write_text(ROW.replace("[0, 150], [400, 150]", "[0, 149.4], [400, 149.4]"))
     assert main(["render", str(row), "-o", str(tmp_path / "out"), "--preview"]) == 0
@@ -274,7 +346,9 @@ def test_a_still_scene_has_no_energy_to_balance(row: Path, tmp_path: Path, capsy
     assert json.loads(manifest.read_text())["energy_imbalance"] == 0
 
 
-def test_a_shorthand_takes_the_place_of_perception_s_push_and_of_no_other(tmp_path: Path, capsys) -> None:
+def test_a_shorthand_takes_the_place_of_perception_s_push_and_of_no_other(
+    tmp_path: Path, capsys
+) -> None:
     """As recorded, and as it follows a changed scale; seen in the motion of the object that is not named."""
     rgb = np.full((140, 300, 3), (190, 186, 176), np.uint8)
     labels = np.zeros((140, 300), np.uint8)
@@ -284,14 +358,24 @@ def test_a_shorthand_takes_the_place_of_perception_s_push_and_of_no_other(tmp_pa
     for name, picture in (("photo.png", rgb), ("masks.png", labels)):
         cv2.imwrite(str(tmp_path / name), picture)
     path, photo = tmp_path / "scene.yaml", str(tmp_path / "photo.png")
-    assert main(["perceive", photo, "--masks", str(tmp_path / "masks.png"), "-o", str(path)]) == 0
+    assert (
+        main(
+            ["perceive", photo, "--masks", str(tmp_path / "masks.png"), "-o", str(path)]
+        )
+        == 0
+    )
     capsys.readouterr()
 
-    def moving(pushes: list[str], drops: list[str], kicks: list[str], *edits: str) -> list[str]:
+    def moving(
+        pushes: list[str], drops: list[str], kicks: list[str], *edits: str
+    ) -> list[str]:
         scene = pipeline.load(path, edits)
         compiled = pipeline.compile(scene, pipeline.percepts(scene))
         made = motion_edits(scene, compiled, pushes, drops, kicks)
-        edited = pipeline.load(path, [*edits, *(f"{key}={json.dumps(value)}" for key, value in made.items())])
+        edited = pipeline.load(
+            path,
+            [*edits, *(f"{key}={json.dumps(value)}" for key, value in made.items())],
+        )
         return [item.name for item in edited.objects if any(item.velocity)]
 
     (pushed,) = moving([], [], [])
@@ -306,11 +390,25 @@ def test_a_shorthand_takes_the_place_of_perception_s_push_and_of_no_other(tmp_pa
 
 
 @pytest.mark.parametrize("point", ["-4,120", "-4 px,120"])
-def test_a_point_left_of_the_photo_needs_no_equals_sign(point: str, tmp_path: Path, capsys) -> None:
+def test_a_point_left_of_the_photo_needs_no_equals_sign(
+    point: str, tmp_path: Path, capsys
+) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(ROW.replace(f"[{100}, 120]", "[8, 120]"))
     assert (
-        main(["render", str(path), "-o", str(tmp_path), "--preview", "--report", "none", "--kick", point])
+        main(
+            [
+                "render",
+                str(path),
+                "-o",
+                str(tmp_path),
+                "--preview",
+                "--report",
+                "none",
+                "--kick",
+                point,
+            ]
+        )
         == 0
     )
     said = capsys.readouterr().err
@@ -321,7 +419,15 @@ def test_a_point_left_of_the_photo_needs_no_equals_sign(point: str, tmp_path: Pa
 def test_a_scene_without_objects_is_told_how_to_add_one(tmp_path: Path, capsys) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
-    command = ["render", str(path), "-o", str(tmp_path), "--preview", "--report", "none"]
+    command = [
+        "render",
+        str(path),
+        "-o",
+        str(tmp_path),
+        "--preview",
+        "--report",
+        "none",
+    ]
     assert main(command) == 0
     for more in (["--push", "ball=right"], ["--kick", "5,5"]):
         assert main([*command, *more]) == 2
@@ -335,7 +441,11 @@ def test_a_scene_without_objects_is_told_how_to_add_one(tmp_path: Path, capsys) 
 @pytest.mark.parametrize(
     ("room", "speed", "told"),
     [
-        (1.5, 200, "block has a velocity and is stuck: see what holds it"),  # 0.5 % of 400 px is 2 px
+        (
+            1.5,
+            200,
+            "block has a velocity and is stuck: see what holds it",
+        ),  # 0.5 % of 400 px is 2 px
         (2.5, 200, ""),
         (50, 2, "block has a velocity of 2 px/s, and hardly moves at that"),
         (50, 20, ""),
@@ -352,7 +462,20 @@ def test_a_push_that_hardly_moves_anything_is_told(
         f"boundaries:\n  left: {{segment: [[90, 20], [90, 80]]}}\n"
         f"  right: {{segment: [[{110 + room}, 20], [{110 + room}, 80]]}}\n"
     )
-    assert main(["render", str(path), "-o", str(tmp_path / "out"), "--preview", "--report", "none"]) == 0
+    assert (
+        main(
+            [
+                "render",
+                str(path),
+                "-o",
+                str(tmp_path / "out"),
+                "--preview",
+                "--report",
+                "none",
+            ]
+        )
+        == 0
+    )
     error = capsys.readouterr().err
     assert f"nothing moves in this clip; {told}" in error if told else error == ""
 
@@ -366,13 +489,24 @@ def test_what_is_pushed_and_stuck_is_said_to_be_held(tmp_path: Path, capsys) -> 
         "  left: {segment: [[90, 100], [90, 150]]}\n  right: {segment: [[110, 100], [110, 150]]}\n"
     )
     assert main(["render", str(path), "-o", str(tmp_path / "out")]) == 0
-    assert "nothing moves in this clip; block has a velocity and is stuck" in capsys.readouterr().err
+    assert (
+        "nothing moves in this clip; block has a velocity and is stuck"
+        in capsys.readouterr().err
+    )
     path.write_text(path.read_text().replace(", velocity: [200, 0]", ""))
     assert main(["render", str(path), "-o", str(tmp_path / "out")]) == 0
-    assert "nothing moves in this clip; no push moves anything: see what holds it" in capsys.readouterr().err
-    path.write_text(path.read_text().replace("shape: {box", "motion: static, shape: {box"))
+    assert (
+        "nothing moves in this clip; no push moves anything: see what holds it"
+        in capsys.readouterr().err
+    )
+    path.write_text(
+        path.read_text().replace("shape: {box", "motion: static, shape: {box")
+    )
     assert main(["render", str(path), "-o", str(tmp_path / "out")]) == 0
-    assert "no push moves anything: write motion: dynamic, or see" in capsys.readouterr().err
+    assert (
+        "no push moves anything: write motion: dynamic, or see"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_push_that_sets_much_in_motion_is_preferred(tmp_path: Path) -> None:
@@ -383,16 +517,25 @@ def test_a_push_that_sets_much_in_motion_is_preferred(tmp_path: Path) -> None:
     )
     objects += "  ball: {mass: 50, rolling: 0.02, shape: {circle: {center: [60, 138], radius: 12}}}\n"
     path = tmp_path / "scene.yaml"
-    path.write_text(ROW.partition("  domino-0")[0] + objects + ROW[ROW.index("boundaries") :])
+    path.write_text(
+        ROW.partition("  domino-0")[0] + objects + ROW[ROW.index("boundaries") :]
+    )
     scene = pipeline.load(path)
     push = default_push(scene, shapes_of(scene, None), {})
     assert push is not None
-    edits = [f"objects.{push.name}.velocity=[{push.velocity[0]}, 0]", "world.duration=auto"]
-    poses = pipeline.simulate(pipeline.compile(pipeline.load(path, edits), None).world).poses
+    edits = [
+        f"objects.{push.name}.velocity=[{push.velocity[0]}, 0]",
+        "world.duration=auto",
+    ]
+    poses = pipeline.simulate(
+        pipeline.compile(pipeline.load(path, edits), None).world
+    ).poses
     assert (np.ptp(poses[..., 0], axis=0) > 40).sum() >= 2
 
 
-def test_a_scene_is_written_though_nobody_reads_its_summary(tmp_path: Path, bundled: Path) -> None:
+def test_a_scene_is_written_though_nobody_reads_its_summary(
+    tmp_path: Path, bundled: Path
+) -> None:
     """`perceive ... | head -2` closes the pipe: the scene was lost, without a word."""
 
     def closed(text: str) -> None:
@@ -400,5 +543,7 @@ def test_a_scene_is_written_though_nobody_reads_its_summary(tmp_path: Path, bund
 
     scene = tmp_path / "scene.yaml"
     with pytest.raises(BrokenPipeError):
-        pipeline.perceive(bundled / "pendulum" / "photo.png", scene, inform=closed, still=True)
+        pipeline.perceive(
+            bundled / "pendulum" / "photo.png", scene, inform=closed, still=True
+        )
     assert "objects:" in scene.read_text()

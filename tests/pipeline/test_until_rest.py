@@ -30,7 +30,9 @@ objects: {{a: {{shape: {{circle: {{center: [50, 100], radius: 10}}}}, velocity: 
 
 
 @pytest.mark.parametrize("slow", [1, 4])
-def test_a_clip_ends_half_a_second_of_video_after_a_fall(tmp_path: Path, slow: int) -> None:
+def test_a_clip_ends_half_a_second_of_video_after_a_fall(
+    tmp_path: Path, slow: int
+) -> None:
     scene = loaded(tmp_path, FALL.format("auto", slow))
     world = pipeline.compile(scene, None).world
     fallen = sqrt(2 * 200 / 200)  # s, from 40 + 10 to 250 px
@@ -44,13 +46,19 @@ def test_a_resolved_scene_has_the_time_it_took(tmp_path: Path) -> None:
     path.write_text(FALL.format("auto", 2))
     scene = pipeline.load(path)
     seconds = pipeline.compile(scene, None).world.duration
-    assert pipeline.render_scene(path, tmp_path / "out", overrides=["render.fps=5"]) is not None
+    assert (
+        pipeline.render_scene(path, tmp_path / "out", overrides=["render.fps=5"])
+        is not None
+    )
     manifest = json.loads((tmp_path / "out" / "fall" / "manifest.json").read_text())
     assert manifest["document"]["world"]["duration"] == pytest.approx(seconds, rel=0.1)
 
 
 def test_a_number_fixes_it_and_no_key_is_two_seconds(tmp_path: Path) -> None:
-    assert pipeline.compile(loaded(tmp_path, FALL.format("0.7", 1)), None).world.duration == 0.7
+    assert (
+        pipeline.compile(loaded(tmp_path, FALL.format("0.7", 1)), None).world.duration
+        == 0.7
+    )
     text = FALL.format("auto", 1).replace(", duration: auto", "")
     assert pipeline.compile(loaded(tmp_path, text), None).world.duration == 2.0
 
@@ -63,7 +71,9 @@ def test_a_number_fixes_it_and_no_key_is_two_seconds(tmp_path: Path) -> None:
         pytest.param(3, 10, id="it never stops"),
     ],
 )
-def test_what_left_the_picture_rests(tmp_path: Path, speed: float, seconds: float) -> None:
+def test_what_left_the_picture_rests(
+    tmp_path: Path, speed: float, seconds: float
+) -> None:
     world = pipeline.compile(loaded(tmp_path, GLIDES.format(speed)), None).world
     assert world.duration == pytest.approx(seconds, abs=0.08)
 
@@ -73,13 +83,20 @@ def test_other_words_are_refused_with_what_fits(tmp_path: Path) -> None:
         loaded(tmp_path, FALL.format("long", 1))
 
 
-def test_a_clip_waits_for_a_force_and_a_view_that_come_after_rest(tmp_path: Path) -> None:
+def test_a_clip_waits_for_a_force_and_a_view_that_come_after_rest(
+    tmp_path: Path,
+) -> None:
     force = "forces: [{object: a, impulse: [{}, 0], start: 3}]\n"
     fall = loaded(tmp_path, FALL.format("auto", 1) + force.replace("{}", "0.001"))
     assert pipeline.compile(fall, None).world.duration == pytest.approx(3.5, abs=0.1)
-    view = loaded(tmp_path, FALL.format("auto", 1).replace("slow: 1", "camera: [{time: 0}, {time: 4}]"))
+    view = loaded(
+        tmp_path,
+        FALL.format("auto", 1).replace("slow: 1", "camera: [{time: 0}, {time: 4}]"),
+    )
     world = pipeline.compile(view, None).world
     assert world.duration == pytest.approx(4.5, abs=0.1)
     assert not [
-        one for one in pipeline.lint(view, pipeline.compile(view, None)) if "never reached" in one.expected
+        one
+        for one in pipeline.lint(view, pipeline.compile(view, None))
+        if "never reached" in one.expected
     ]

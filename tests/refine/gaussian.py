@@ -49,7 +49,13 @@ class Gaussian:
         most: int = 10**9,
     ) -> None:
         """`most`: latent cells that a device holds."""
-        self.grid, self._schedule, self.mean, self.spread, self._most = grid, schedule, mean, spread, most
+        self.grid, self._schedule, self.mean, self.spread, self._most = (
+            grid,
+            schedule,
+            mean,
+            spread,
+            most,
+        )
         self.a = self.b = np.zeros(0)
         self.seen: list[int] = []
         """Length of every window that was predicted."""
@@ -57,7 +63,11 @@ class Gaussian:
         self.closed = False
 
     def begin(
-        self, frames: Sequence[NDArray[np.uint8]], said: PromptSettings, steps: int, count: int
+        self,
+        frames: Sequence[NDArray[np.uint8]],
+        said: PromptSettings,
+        steps: int,
+        count: int,
     ) -> NDArray[np.float32]:
         """Means over cells."""
         height, width = frames[0].shape[:2]
@@ -70,7 +80,9 @@ class Gaussian:
     def encoded(self, frame: NDArray[np.uint8]) -> NDArray[np.float32]:
         """(H, W, 3) -> (3, h, w)."""
         height, width, cell = *frame.shape[:2], self.grid.cell
-        blocks = frame.astype(np.float32).reshape(height // cell, cell, width // cell, cell, 3)
+        blocks = frame.astype(np.float32).reshape(
+            height // cell, cell, width // cell, cell, 3
+        )
         return (blocks.mean(axis=(1, 3)) / np.float32(127.5) - 1).transpose(2, 0, 1)
 
     def noised(self, latents: Any, noise: Any, k: int) -> Any:
@@ -85,19 +97,29 @@ class Gaussian:
         """The noise, as DDIM's models say."""
         self.seen.append(len(latents))
         assert len(latents) <= self.grid.window
-        return np.asarray((latents - self.a[k] * self.expected(latents, k)) / self.b[k], np.float32)
+        return np.asarray(
+            (latents - self.a[k] * self.expected(latents, k)) / self.b[k], np.float32
+        )
 
     def stepped(
         self, prediction: NDArray[np.float32], latents: NDArray[np.float32], k: int
     ) -> NDArray[np.float32]:
         """DDIM's step without fresh noise; for straight paths it is Euler's."""
-        z0 = (latents - self.b[k] * prediction) / self.a[k] if self.a[k] else latents * 0 + self.mean
+        z0 = (
+            (latents - self.b[k] * prediction) / self.a[k]
+            if self.a[k]
+            else latents * 0 + self.mean
+        )
         return np.asarray(self.a[k + 1] * z0 + self.b[k + 1] * prediction, np.float32)
 
     def decode(self, latents: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
         """Cells as squares of one colour, two latents at a time."""
         for k in range(0, len(latents), 2):
-            z = latents[k : k + 2].repeat(self.grid.cell, axis=2).repeat(self.grid.cell, axis=3)
+            z = (
+                latents[k : k + 2]
+                .repeat(self.grid.cell, axis=2)
+                .repeat(self.grid.cell, axis=3)
+            )
             yield np.asarray((z.transpose(0, 2, 3, 1) + 1) / 2, np.float32)
 
     def _room(self, cells: int) -> None:
@@ -114,7 +136,9 @@ class Gaussian:
 class Straight(Gaussian):
     """The same data told as models of flow matching do: a velocity, and Euler's steps along it."""
 
-    def __init__(self, grid: Grid = SMALL, mean: float = 0.0, spread: float = 0.5) -> None:
+    def __init__(
+        self, grid: Grid = SMALL, mean: float = 0.0, spread: float = 0.5
+    ) -> None:
         super().__init__(grid, flow, mean, spread)
 
     def predict(self, latents: NDArray[np.float32], k: int) -> NDArray[np.float32]:
@@ -126,13 +150,20 @@ class Straight(Gaussian):
     def stepped(
         self, prediction: NDArray[np.float32], latents: NDArray[np.float32], k: int
     ) -> NDArray[np.float32]:
-        return np.asarray(latents + (self.b[k + 1] - self.b[k]) * prediction, np.float32)
+        return np.asarray(
+            latents + (self.b[k + 1] - self.b[k]) * prediction, np.float32
+        )
 
 
 def made(setup: Setup) -> Gaussian:
     """A row's factory; its table of the configuration may set `mean`, `spread`, `most` and the grid."""
     told = dict(setup.options)
-    grid = Grid(**{**SMALL.__dict__, **{key: told.pop(key) for key in list(told) if key in SMALL.__dict__}})
+    grid = Grid(
+        **{
+            **SMALL.__dict__,
+            **{key: told.pop(key) for key in list(told) if key in SMALL.__dict__},
+        }
+    )
     return Gaussian(grid, **told)
 
 

@@ -19,17 +19,32 @@ STEPS, COUNT, STOP = 50, 25, 5
 MODELS = {"ddim": Gaussian, "flow": Straight}
 
 
-def model(kind: str, count: int = COUNT, steps: int = STEPS, spread: float = 0.5) -> Gaussian:
+def model(
+    kind: str, count: int = COUNT, steps: int = STEPS, spread: float = 0.5
+) -> Gaussian:
     made = MODELS[kind](spread=spread)
-    made.begin([np.zeros((8, 8, 3), np.uint8)], PromptSettings("", "", None), steps, count)
+    made.begin(
+        [np.zeros((8, 8, 3), np.uint8)], PromptSettings("", "", None), steps, count
+    )
     return made
 
 
 def drawn(seed: int, shape=(6, 3, 8, 10), spread: float = 0.5) -> np.ndarray:
-    return (spread * np.random.default_rng(seed).standard_normal(shape)).astype(np.float32)
+    return (spread * np.random.default_rng(seed).standard_normal(shape)).astype(
+        np.float32
+    )
 
 
-def refined(exact: Gaussian, guidance, mask, noise, *, count: int = COUNT, stop: int = STOP, **more):
+def refined(
+    exact: Gaussian,
+    guidance,
+    mask,
+    noise,
+    *,
+    count: int = COUNT,
+    stop: int = STOP,
+    **more,
+):
     return fused(
         guidance,
         mask,
@@ -50,14 +65,18 @@ def test_the_last_steps_are_free_and_weights_rise() -> None:
             shares.append(z)
         return 1.0
 
-    last = fused(0.0, 1.0, noised=lambda z, k: z, denoised=denoised, count=COUNT, stop=STOP)
+    last = fused(
+        0.0, 1.0, noised=lambda z, k: z, denoised=denoised, count=COUNT, stop=STOP
+    )
     assert [*shares, last] == approx([k / 25 for k in range(20)] + [1.0] * 5)
 
 
 @pytest.mark.parametrize("kind", MODELS)
 def test_all_objects_and_no_weight_is_the_guidance_to_the_bit(kind: str) -> None:
     guidance, noise = drawn(0), drawn(1, spread=1.0)
-    z = refined(model(kind), guidance, np.float32(1), noise, stop=0, weight=lambda k, count: 0.0)
+    z = refined(
+        model(kind), guidance, np.float32(1), noise, stop=0, weight=lambda k, count: 0.0
+    )
     assert np.array_equal(z, guidance)
 
 
@@ -78,7 +97,9 @@ def test_the_chain_is_the_exact_flow_when_steps_are_fine(kind: str) -> None:
     exact, guidance, noise = model(kind, 2000, 4000), drawn(0), drawn(1, spread=1.0)
     z = exact.noised(guidance, noise, 0)
     flow = z * 0.5 / np.hypot(exact.a[0] * 0.5, exact.b[0])
-    assert refined(exact, guidance, np.float32(0), noise, count=2000) == approx(flow, abs=0.02)
+    assert refined(exact, guidance, np.float32(0), noise, count=2000) == approx(
+        flow, abs=0.02
+    )
 
 
 def test_what_is_held_stays_in_every_step() -> None:
@@ -92,12 +113,16 @@ def test_what_is_held_stays_in_every_step() -> None:
     assert np.array_equal(z[2:], free[2:])
 
 
-def spread_after(fresh: bool, mask: float, spread: float, count: int = COUNT, stop: int = STOP) -> float:
+def spread_after(
+    fresh: bool, mask: float, spread: float, count: int = COUNT, stop: int = STOP
+) -> float:
     """Variance of refined latents of Gaussian data, of the data's own: moments of signal and noise, step by step."""
     a, b = (levels[-count - 1 :] for levels in ddim(STEPS))
     signal, noise = a[0], b[0]  # z = signal x data + noise of this spread
     for k in range(count):
-        step = (a[k + 1] * a[k] * spread**2 + b[k + 1] * b[k]) / (a[k] ** 2 * spread**2 + b[k] ** 2)
+        step = (a[k + 1] * a[k] * spread**2 + b[k + 1] * b[k]) / (
+            a[k] ** 2 * spread**2 + b[k] ** 2
+        )
         share = mask * (1 - k / count) if k < count - stop else 0.0
         own, laid = (1 - share) * step * noise, share * b[k + 1]
         signal = (1 - share) * step * signal + share * a[k + 1]
@@ -126,8 +151,13 @@ def measured(fresh: bool, mask: float, spread: float, draws: int = 200_000) -> f
 
 @pytest.mark.parametrize("mask", [0.5, 1.0])
 @pytest.mark.parametrize("spread", [1.0, 0.5, 0.2])
-def test_fresh_noise_in_every_step_loses_what_the_same_keeps(mask: float, spread: float) -> None:
-    kept, lost, plain = (spread_after(f, m, spread) for f, m in ((False, mask), (True, mask), (False, 0.0)))
+def test_fresh_noise_in_every_step_loses_what_the_same_keeps(
+    mask: float, spread: float
+) -> None:
+    kept, lost, plain = (
+        spread_after(f, m, spread)
+        for f, m in ((False, mask), (True, mask), (False, 0.0))
+    )
     assert measured(False, mask, spread) == approx(kept, rel=0.02)
     assert measured(True, mask, spread) == approx(lost, rel=0.02)
     assert kept == approx(

@@ -35,7 +35,9 @@ def test_cells_hold_the_mean_coverage_of_their_pixels(size) -> None:
 
 
 @given(width=st.integers(1, 3000), height=st.integers(1, 3000))
-def test_sizes_are_multiples_and_no_larger_than_a_model_knows(width: int, height: int) -> None:
+def test_sizes_are_multiples_and_no_larger_than_a_model_knows(
+    width: int, height: int
+) -> None:
     fit = fit_to_grid((width, height), GRID)
     (sw, sh), (pw, ph) = fit.scaled, fit.padded
     assert pw % 16 == ph % 16 == 0
@@ -50,7 +52,11 @@ def test_sizes_are_multiples_and_no_larger_than_a_model_knows(width: int, height
 
 @pytest.mark.parametrize("size", [(61, 35), (64, 48), (1, 1), (1, 40), (7, 5)])
 def test_frames_come_back_as_they_were_shown(size: tuple[int, int]) -> None:
-    rgb = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3)).astype(np.uint8)
+    rgb = (
+        np.random.default_rng(0)
+        .integers(0, 256, (size[1], size[0], 3))
+        .astype(np.uint8)
+    )
     fit = fit_to_grid(size, GRID)
     shown = fit.shown(rgb)
     assert shown.shape == (*fit.padded[::-1], 3)

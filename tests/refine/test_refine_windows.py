@@ -13,7 +13,9 @@ from physgen.refine.latents import blend_predictions, window_spans
 
 
 @given(window=st.integers(1, 40), extra=st.integers(0, 400), overlap=st.integers(0, 40))
-def test_all_is_covered_with_what_is_shared(window: int, extra: int, overlap: int) -> None:
+def test_all_is_covered_with_what_is_shared(
+    window: int, extra: int, overlap: int
+) -> None:
     total = window + extra
     found = window_spans(total, window, overlap)
     assert found[0][0] == 0
@@ -26,9 +28,15 @@ def test_all_is_covered_with_what_is_shared(window: int, extra: int, overlap: in
 
 
 @given(total=st.integers(1, 120), window=st.integers(1, 20), overlap=st.integers(0, 19))
-def test_shares_sum_to_one_and_a_model_that_looks_at_cells_says_the_same(total, window, overlap) -> None:
+def test_shares_sum_to_one_and_a_model_that_looks_at_cells_says_the_same(
+    total, window, overlap
+) -> None:
     windows = window_spans(total, window, overlap)
-    z = np.random.default_rng(total).standard_normal((total, 2, 3, 1)).astype(np.float32)
+    z = (
+        np.random.default_rng(total)
+        .standard_normal((total, 2, 3, 1))
+        .astype(np.float32)
+    )
     ones = blend_predictions(lambda part: np.ones_like(part), z, windows)
     assert np.abs(ones - 1).max() < 1e-6
     linear = blend_predictions(lambda part: 3 * part - 1, z, windows)
@@ -47,9 +55,13 @@ def test_no_joint_shows_where_windows_disagree(total: int, window: int) -> None:
     windows = window_spans(total, window, window // 2)
     rng = np.random.default_rng(1)
     z = np.zeros((total, 1, 1, 2000), np.float32)
-    out = blend_predictions(lambda part: part + rng.standard_normal(2000, np.float32), z, windows)
+    out = blend_predictions(
+        lambda part: part + rng.standard_normal(2000, np.float32), z, windows
+    )
     change = np.sqrt(np.mean(np.diff(out[:, 0, 0], axis=0) ** 2, axis=1))
-    borders = {at - 1 for first, last in windows for at in (first, last) if 0 < at < total}
+    borders = {
+        at - 1 for first, last in windows for at in (first, last) if 0 < at < total
+    }
     inside = [change[k] for k in range(total - 1) if k not in borders]
     assert max(change[list(borders)]) <= 1.25 * max(inside)
     assert change.max() < 0.15 * np.sqrt(2)

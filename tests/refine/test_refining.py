@@ -13,7 +13,9 @@ from physgen.problems import InputError
 from physgen.refine.denoiser import Denoiser, Grid, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings, prompt_of
 
-HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("balls", "", None), lock=0.0, detail=1.0, hold=0)
+HOW = RefineSettings(
+    0.5, 5, 50, 0, PromptSettings("balls", "", None), lock=0.0, detail=1.0, hold=0
+)
 PLAIN = Grid(4, 8, 10**9, 64)
 GRIDS = {
     "plain": PLAIN,
@@ -26,23 +28,36 @@ def clip(size=(61, 35), count: int = 11) -> tuple[list[np.ndarray], list[np.ndar
     """A grained ramp with a disc that moves, and the disc's coverage."""
     rng = np.random.default_rng(3)
     yy, xx = np.mgrid[: size[1], : size[0]]
-    ground = np.stack([60 + xx % 150, 40 + yy % 150, 0 * xx + 120], axis=-1) + rng.integers(
-        -20, 21, (*yy.shape, 3)
-    )
+    ground = np.stack(
+        [60 + xx % 150, 40 + yy % 150, 0 * xx + 120], axis=-1
+    ) + rng.integers(-20, 21, (*yy.shape, 3))
     frames, coverage = [], []
     for k in range(count):
-        cover = np.clip(9.5 - np.hypot(xx - 12 - 2 * k, yy - 17), 0, 1).astype(np.float32)
+        cover = np.clip(9.5 - np.hypot(xx - 12 - 2 * k, yy - 17), 0, 1).astype(
+            np.float32
+        )
         colour = np.array([220, 210, 60])
-        frames.append(np.rint(ground + cover[..., None] * (colour - ground)).astype(np.uint8))
+        frames.append(
+            np.rint(ground + cover[..., None] * (colour - ground)).astype(np.uint8)
+        )
         coverage.append(cover)
     return frames, coverage
 
 
 def refined(
-    model: Denoiser, how: RefineSettings = HOW, size=(61, 35), count: int = 11, covers=None, **more
+    model: Denoiser,
+    how: RefineSettings = HOW,
+    size=(61, 35),
+    count: int = 11,
+    covers=None,
+    **more,
 ) -> list[np.ndarray]:
     frames, coverage = clip(size, count)
-    coverage = coverage if covers is None else [np.full(f.shape[:2], covers, np.float32) for f in frames]
+    coverage = (
+        coverage
+        if covers is None
+        else [np.full(f.shape[:2], covers, np.float32) for f in frames]
+    )
     made = list(Refinement(model, how, size, count, **more).frames(frames, coverage))
     assert [(f.shape, f.dtype) for f in made] == [(f.shape, f.dtype) for f in frames]
     return made
@@ -60,11 +75,14 @@ def test_objects_stay_nearer_than_the_rest(grid: Grid) -> None:
 def test_the_first_frame_is_kept_and_what_follows_leaves_it_slowly(grid: Grid) -> None:
     frames, _ = clip(count=20)
     free, eased = (
-        np.stack(refined(Gaussian(grid), replace(HOW, hold=h), count=20)).astype(int) for h in (0, 9)
+        np.stack(refined(Gaussian(grid), replace(HOW, hold=h), count=20)).astype(int)
+        for h in (0, 9)
     )
     assert np.array_equal(eased[0], frames[0])
     stay = 1 - np.array([s * s * (3 - 2 * s) for s in np.minimum(np.arange(20) / 9, 1)])
-    change, most = (np.abs(made - frames).mean(axis=(1, 2, 3)) for made in (eased, free))
+    change, most = (
+        np.abs(made - frames).mean(axis=(1, 2, 3)) for made in (eased, free)
+    )
     assert most[0] > 3
     assert (change <= (1 - stay) * most + 0.5).all()  # half a code of rounding
     assert np.diff(change).max() < 0.3 * most.max()  # no jump anywhere on the way
@@ -84,7 +102,10 @@ def test_a_model_that_overflows_is_told_of() -> None:
 
 
 def test_prompts_are_the_labels_most_frequent_first() -> None:
-    assert prompt_of(["cue", "ball", "ball", " ball ", "object", "", "thing"]) == "ball, cue"
+    assert (
+        prompt_of(["cue", "ball", "ball", " ball ", "object", "", "thing"])
+        == "ball, cue"
+    )
     assert prompt_of(["Ball", "ball", "cup", "cup", "cup"]) == "cup, Ball"
     assert prompt_of([]) == ""
 
@@ -95,7 +116,11 @@ def test_what_a_still_picture_becomes_is_what_the_closed_form_says() -> None:
     frames = [np.full((8, 16, 3), 130, np.uint8)] * 3
     how = replace(HOW, detail=0.0)
     made = np.stack(
-        list(Refinement(model, how, (16, 8), 3).frames(frames, [np.zeros((8, 16), np.float32)] * 3))
+        list(
+            Refinement(model, how, (16, 8), 3).frames(
+                frames, [np.zeros((8, 16), np.float32)] * 3
+            )
+        )
     )
     noise = np.random.default_rng(0).standard_normal((3, 3, 2, 4), np.float32)
     a, b, v, z0 = model.a, model.b, 0.09, 130 / 127.5 - 1

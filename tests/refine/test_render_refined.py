@@ -44,7 +44,10 @@ def _exact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 def rendered(*flags: str, code: int = 0) -> dict[str, object]:
     assert main.main(["render", "pair.yaml", *flags]) == code
-    texts = [Path(f"out/pair/{name}.json").read_text(encoding="utf-8") for name in ("manifest", "timing")]
+    texts = [
+        Path(f"out/pair/{name}.json").read_text(encoding="utf-8")
+        for name in ("manifest", "timing")
+    ]
     return json.loads(texts[0]) | json.loads(texts[1])
 
 
@@ -56,18 +59,30 @@ def frames(path: str) -> list[np.ndarray]:
 
 def test_the_folder_holds_both_clips_and_tells_how_it_was_made() -> None:
     plain = rendered()
-    told = rendered("--refine", "exact", "--set", "refine.strength=0.3", "--set", "refine.seed=7")
+    told = rendered(
+        "--refine", "exact", "--set", "refine.strength=0.3", "--set", "refine.seed=7"
+    )
     assert told["unrefined"] == plain["frames"]
     assert told["frames"] != plain["frames"]
     assert told["frames"][0] == plain["frames"][0]  # the photo
     assert told["samples"] == plain["samples"]
     refine = told["refine"]
-    assert (refine["backend"], refine["revision"], refine["seed"]) == ("exact", "exact", 7)
+    assert (refine["backend"], refine["revision"], refine["seed"]) == (
+        "exact",
+        "exact",
+        7,
+    )
     assert (refine["steps"], refine["steps_run"], refine["steps_fused"]) == (10, 3, 2)
     assert refine["prompt"] == "ball, wooden block"
     assert {"video.mp4", "unrefined.mp4"} <= set(told["files"])
-    assert len(frames("out/pair/video.mp4")) == len(frames("out/pair/unrefined.mp4")) == len(told["frames"])
-    assert "refinement" in Path("out/pair/report.html").read_text(encoding="utf-8").lower()
+    assert (
+        len(frames("out/pair/video.mp4"))
+        == len(frames("out/pair/unrefined.mp4"))
+        == len(told["frames"])
+    )
+    assert (
+        "refinement" in Path("out/pair/report.html").read_text(encoding="utf-8").lower()
+    )
 
 
 def test_locked_objects_keep_their_pixels() -> None:
@@ -88,7 +103,9 @@ def test_overlays_are_drawn_over_what_was_refined() -> None:
     assert drawn["frames"] != plain["frames"]
 
 
-def test_what_fails_leaves_the_clip_unrefined(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_fails_leaves_the_clip_unrefined(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     told = rendered("--refine", "broken", code=2)
     said = capsys.readouterr()
     assert said.out == ""

@@ -19,7 +19,11 @@ def messages(name: str) -> list[str]:
     """What `load` says of a case, `# flags: ...` on its first line being the flags of the command."""
     path = Path(f"{name}.yaml")
     first = path.read_text(encoding="utf-8").partition("\n")[0]
-    flags = shlex.split(first.removeprefix("# flags: ")) if first.startswith("# flags: ") else []
+    flags = (
+        shlex.split(first.removeprefix("# flags: "))
+        if first.startswith("# flags: ")
+        else []
+    )
     overrides = [value for flag, value in pairwise(flags) if flag == "--set"]
     variant = flags[flags.index("--variant") + 1] if "--variant" in flags else None
     with pytest.raises(InputError) as caught:

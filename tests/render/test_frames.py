@@ -21,7 +21,11 @@ def trajectory(*tracks):
     poses = np.array(tracks, float).transpose(1, 0, 2)
     T, N, _ = poses.shape
     none = Contacts(
-        (), np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros((0, 3), np.int32), np.zeros((0, 2))
+        (),
+        np.zeros((0, 2), np.int32),
+        np.zeros((0, 2)),
+        np.zeros((0, 3), np.int32),
+        np.zeros((0, 2)),
     )
     zero = np.zeros(T)
     return Trajectory(
@@ -46,28 +50,37 @@ def disc(x, y, r):
 def photo():
     """Two touching textured discs on a ramp, anti-aliased and noisy as photos are."""
     rng = np.random.default_rng(5)
-    ramp = np.linspace(60, 140, W)[None, :, None] * np.array([0.6, 0.9, 0.7]) + np.zeros((H, 1, 1))
+    ramp = np.linspace(60, 140, W)[None, :, None] * np.array(
+        [0.6, 0.9, 0.7]
+    ) + np.zeros((H, 1, 1))
     labels = np.zeros((H, W), np.uint16)
     labels[disc(50, 60, 20)] = 1
     labels[disc(90, 60, 20)] = 2
     texture = rng.uniform(0.5, 1.5, (H, W, 1))
     picture = ramp.copy()
     for k, colour in ((1, (200, 60, 50)), (2, (230, 220, 200))):
-        soft = cv2.GaussianBlur((labels == k).astype(np.float32), (0, 0), 0.8)[..., None]
+        soft = cv2.GaussianBlur((labels == k).astype(np.float32), (0, 0), 0.8)[
+            ..., None
+        ]
         picture = (
-            picture * (1 - soft) + soft * np.array(colour) * cv2.GaussianBlur(texture, (0, 0), 1)[..., None]
+            picture * (1 - soft)
+            + soft * np.array(colour) * cv2.GaussianBlur(texture, (0, 0), 1)[..., None]
         )
     picture += rng.normal(0, 2, picture.shape)
     coverage = cv2.GaussianBlur((labels > 0).astype(np.float32), (0, 0), 0.8)
     coverage[coverage < 0.01] = 0
     coverage[coverage > 0.99] = 1
     rgb = np.clip(picture, 0, 255).astype(np.uint8)
-    background = np.where(coverage[..., None] > 0, np.clip(ramp, 0, 255), rgb).astype(np.uint8)
+    background = np.where(coverage[..., None] > 0, np.clip(ramp, 0, 255), rgb).astype(
+        np.uint8
+    )
     return rgb, labels, coverage, background
 
 
 def cut_out(rgb, labels, absent, coverage, background, order):
-    sprites = cut_sprites(rgb, labels, absent, coverage, background, dict.fromkeys(order, 0))
+    sprites = cut_sprites(
+        rgb, labels, absent, coverage, background, dict.fromkeys(order, 0)
+    )
     return anchored(sprites, decode(rgb), decode(background), absent)
 
 
@@ -102,8 +115,13 @@ def test_motion_by_a_fraction_of_a_pixel(shift: float) -> None:
     soft[soft < 0.01] = 0
     background = np.full((H, W, 3), 20, np.uint8)
     rgb = encode_u8(decode(background) * (1 - soft[..., None]) + soft[..., None] * 0.8)
-    stage = Stage(background, cut_out(rgb, labels, np.zeros(labels.shape, bool), soft, background, (0,)))
-    first, second = render_frames(stage, trajectory([(60, 60, 0), (60 + shift, 60 - shift / 2, 0)]))
+    stage = Stage(
+        background,
+        cut_out(rgb, labels, np.zeros(labels.shape, bool), soft, background, (0,)),
+    )
+    first, second = render_frames(
+        stage, trajectory([(60, 60, 0), (60 + shift, 60 - shift / 2, 0)])
+    )
 
     def centroid(frame):
         light = decode(frame.rgb)[..., 0] - decode(background)[..., 0]
@@ -119,7 +137,10 @@ def test_positive_angles_turn_x_towards_y() -> None:
     background = np.zeros((H, W, 3), np.uint8)
     rgb = np.where(labels[..., None] > 0, 255, background).astype(np.uint8)
     stage = Stage(
-        background, cut_out(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
+        background,
+        cut_out(
+            rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,)
+        ),
     )
     *_, turned = render_frames(stage, trajectory([(60, 60, 0), (60, 60, np.pi / 2)]))
     rows, columns = np.nonzero(turned.ids)
@@ -133,8 +154,12 @@ def test_a_floor_mirrors_what_has_moved() -> None:
     labels[50:60, 40:60] = 1
     background = np.zeros((H, W, 3), np.uint8)
     rgb = np.where(labels[..., None] > 0, 255, background).astype(np.uint8)
-    cut = cut_out(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
-    stage = Stage(background, cut, mirror=Mirror(np.full(6, 0.25, np.float32), [(59, 0, 1000)]))
+    cut = cut_out(
+        rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,)
+    )
+    stage = Stage(
+        background, cut, mirror=Mirror(np.full(6, 0.25, np.float32), [(59, 0, 1000)])
+    )
     first, last = render_frames(stage, trajectory([(50, 55, 0), (80, 55, 0)]))
     assert np.array_equal(first.rgb, rgb)
     assert decode(last.rgb)[61:64, 75:85] == approx(0.25, abs=0.02)
@@ -148,19 +173,27 @@ def test_blending_happens_in_linear_light() -> None:
     background = np.zeros((H, W, 3), np.uint8)
     rgb = np.where(labels[..., None] > 0, 255, background).astype(np.uint8)
     stage = Stage(
-        background, cut_out(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
+        background,
+        cut_out(
+            rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,)
+        ),
     )
     *_, frame = render_frames(stage, trajectory([(60, 60, 0), (60.5, 60, 0)]))
-    assert abs(int(frame.rgb[60, 40, 0]) - 188) <= 1  # half the light is 188 in sRGB, not 128
+    assert (
+        abs(int(frame.rgb[60, 40, 0]) - 188) <= 1
+    )  # half the light is 188 in sRGB, not 128
 
 
 def test_a_mirrored_scene_gives_mirrored_frames(photo) -> None:
     rgb, labels, coverage, background = photo
     path = [(50 + 2.25 * k, 60 + 1.5 * k, 0.1 * k) for k in range(4)]
-    mirrored = tuple(np.ascontiguousarray(a[:, ::-1]) for a in (rgb, labels, coverage, background))
+    mirrored = tuple(
+        np.ascontiguousarray(a[:, ::-1]) for a in (rgb, labels, coverage, background)
+    )
     plain = render_frames(staged(photo), trajectory(path, [(90, 60, 0)] * 4))
     other = render_frames(
-        staged(mirrored), trajectory([(W - 1 - x, y, -a) for x, y, a in path], [(W - 1 - 90, 60, 0)] * 4)
+        staged(mirrored),
+        trajectory([(W - 1 - x, y, -a) for x, y, a in path], [(W - 1 - 90, 60, 0)] * 4),
     )
     for a, b in zip(plain, other, strict=True):
         difference = np.abs(a.rgb.astype(int) - b.rgb[:, ::-1])

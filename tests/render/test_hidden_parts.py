@@ -38,12 +38,18 @@ def pictures(kind: str, x: float) -> tuple[np.ndarray, ...]:
     ground = np.full((120, 160, 3), 0.4, np.float32)
     if kind == "ball":
         where = np.hypot(xx - 80, yy - 60) <= 30
-        paint = (0.1 + 0.15 * np.clip(1 - np.hypot(xx - 70, yy - 50) / 45, 0, 1))[..., None] * np.float32(
-            [3, 1, 1]
-        )
+        paint = (0.1 + 0.15 * np.clip(1 - np.hypot(xx - 70, yy - 50) / 45, 0, 1))[
+            ..., None
+        ] * np.float32([3, 1, 1])
     else:
-        where = (np.abs(xx - 80) <= 55) & (yy <= 72) & (yy >= (48 if kind == "plank" else 36))
-        paint = (0.2 + 0.05 * np.sin(yy) + 0.001 * xx)[..., None] * np.float32([1.2, 1, 0.6])
+        where = (
+            (np.abs(xx - 80) <= 55)
+            & (yy <= 72)
+            & (yy >= (48 if kind == "plank" else 36))
+        )
+        paint = (0.2 + 0.05 * np.sin(yy) + 0.001 * xx)[..., None] * np.float32(
+            [1.2, 1, 0.6]
+        )
     alone = np.where(where[..., None], paint, ground)
     front = (np.abs(xx - x) <= 20) & (np.abs(yy - 60) <= 45)
     both = np.where(front[..., None], np.float32([0.05, 0.1, 0.5]), alone)
@@ -51,7 +57,9 @@ def pictures(kind: str, x: float) -> tuple[np.ndarray, ...]:
     return ground, alone, both, labels
 
 
-def frames(kind: str, names: str, layer: int, shift: float, folder: Path) -> tuple[np.ndarray, ...]:
+def frames(
+    kind: str, names: str, layer: int, shift: float, folder: Path
+) -> tuple[np.ndarray, ...]:
     """The photo; sRGB of the clip's first frame, and of one whose object in front is `shift` px farther right.
 
     Within a layer objects are drawn in the order of their `names`: of the one behind, of the one in front.
@@ -69,11 +77,15 @@ def frames(kind: str, names: str, layer: int, shift: float, folder: Path) -> tup
     )  # fmt: skip
     path = folder / "scene.yaml"
     back, front = names
-    path.write_text(SCENE.format(back=back, front=front, shape=BACK[kind], x=x, layer=layer))
+    path.write_text(
+        SCENE.format(back=back, front=front, shape=BACK[kind], x=x, layer=layer)
+    )
     return photo, *drawn(path, front=front, shift=shift)
 
 
-def drawn(path: Path, *edits: str, front: str = "", shift: float = 0) -> list[np.ndarray]:
+def drawn(
+    path: Path, *edits: str, front: str = "", shift: float = 0
+) -> list[np.ndarray]:
     """sRGB of a scene's first frame, and of one whose object in front is `shift` px farther right."""
     scene = pipeline.load(path, edits)
     maps = pipeline.percepts(scene)
@@ -82,7 +94,10 @@ def drawn(path: Path, *edits: str, front: str = "", shift: float = 0) -> list[np
     still = np.repeat(track.poses[:1], 2, axis=0)
     still[1, [item.name == front for item in scene.objects], 0] += shift
     return [
-        f.rgb for f in pipeline.render(pipeline.stage(scene, compiled, maps), replace(track, poses=still))
+        f.rgb
+        for f in pipeline.render(
+            pipeline.stage(scene, compiled, maps), replace(track, poses=still)
+        )
     ]
 
 
@@ -98,11 +113,25 @@ def test_a_hidden_part_is_there_when_the_other_leaves_or_is_left_out(
     inner = cv2.erode(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     without, _ = drawn(tmp_path / "scene.yaml", f"objects.{names[1]}=null")
     for seen in (last, without):
-        assert np.abs(decode(seen) - alone)[inner].mean() < 0.3 * np.abs(ground - alone)[inner].mean()
+        assert (
+            np.abs(decode(seen) - alone)[inner].mean()
+            < 0.3 * np.abs(ground - alone)[inner].mean()
+        )
     # and no seam is left along the border of what hid it
-    line = cv2.morphologyEx((labels == 2).astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((5, 5), np.uint8)) > 0
+    line = (
+        cv2.morphologyEx(
+            (labels == 2).astype(np.uint8),
+            cv2.MORPH_GRADIENT,
+            np.ones((5, 5), np.uint8),
+        )
+        > 0
+    )
     whole = (
-        cv2.erode((np.abs(alone - ground).max(axis=2) > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        cv2.erode(
+            (np.abs(alone - ground).max(axis=2) > 0).astype(np.uint8),
+            np.ones((5, 5), np.uint8),
+        )
+        > 0
     )
     assert np.percentile(np.abs(decode(last) - alone)[line & whole], 99) < 0.05
 
@@ -118,15 +147,21 @@ def test_a_layer_decides_what_is_in_front(layer: int, tmp_path: Path) -> None:
     """Shifted by 24 px, the box covers what the photo shows of the plank, or goes behind it."""
     photo, first, last = frames("plank", "ab", layer, 24, tmp_path)
     assert np.array_equal(first, photo)
-    shown = np.s_[52:69, 108:120]  # the plank's alone in the photo, the box's place after the shift
+    shown = np.s_[
+        52:69, 108:120
+    ]  # the plank's alone in the photo, the box's place after the shift
     other = np.s_[75:95, 108:120]  # the box alone
-    seen = "plank" if np.abs(last[shown].astype(int) - photo[shown]).max() <= 2 else "box"
+    seen = (
+        "plank" if np.abs(last[shown].astype(int) - photo[shown]).max() <= 2 else "box"
+    )
     assert seen == ("plank" if layer < 0 else "box")
     assert np.abs(last[other].astype(int) - photo[60, 80]).max() <= 2
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_of_two_that_hide_parts_of_each_other_the_larger_is_completed(order: tuple[int, int]) -> None:
+def test_of_two_that_hide_parts_of_each_other_the_larger_is_completed(
+    order: tuple[int, int],
+) -> None:
     """A plank goes under the broad left leg of a gate and over its narrow right one."""
     yy, xx = np.mgrid[:120, :160]
     plank = (np.abs(xx - 80) <= 70) & (np.abs(yy - 70) <= 12)
@@ -135,12 +170,26 @@ def test_of_two_that_hide_parts_of_each_other_the_larger_is_completed(order: tup
         (xx >= 106) & (xx <= 115) & (yy >= 20) & (yy <= 105),
     )
     gate = left | right | ((xx >= 30) & (xx <= 115) & (yy >= 20) & (yy <= 40))
-    labels = np.where(left, 2, np.where(plank, 1, np.where(gate, 2, 0))).astype(np.uint16)
+    labels = np.where(left, 2, np.where(plank, 1, np.where(gate, 2, 0))).astype(
+        np.uint16
+    )
     colours = np.array([[90, 90, 90], [200, 160, 60], [40, 60, 190]], np.uint8)
-    corners = [(30, 20), (115, 20), (115, 105), (106, 105), (106, 40), (54, 40), (54, 105), (30, 105)]
+    corners = [
+        (30, 20),
+        (115, 20),
+        (115, 105),
+        (106, 105),
+        (106, 40),
+        (54, 40),
+        (54, 105),
+        (30, 105),
+    ]
     shapes = [
         Region((Ring(np.array(points, float), ()),))
-        for points in ([(9.5, 57.5), (150.5, 57.5), (150.5, 82.5), (9.5, 82.5)], corners)
+        for points in (
+            [(9.5, 57.5), (150.5, 57.5), (150.5, 82.5), (9.5, 82.5)],
+            corners,
+        )
     ]
     found = cut_sprites(
         colours[labels], labels, np.zeros(labels.shape, bool), (labels > 0).astype(np.float32),

@@ -14,7 +14,12 @@ import pytest
 from physgen import pipeline
 from physgen.compile.world import Body
 from physgen.geometry.polygon import Disc, Pose
-from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness, shadows_on_sides
+from physgen.geometry.shadows import (
+    ShadowSetting,
+    Silhouette,
+    shadow_darkness,
+    shadows_on_sides,
+)
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render import staging
 from physgen.render.atlas import BallSprites
@@ -31,7 +36,11 @@ SUN = DistantLight((-0.36, -0.48, 0.8), 0.7, 0.35)
 def hues(m):
     """(..., 3) a colour for every direction: smooth, and different everywhere."""
     return np.stack(
-        [0.45 + 0.3 * np.sin(3 * m[..., k] + k) * np.cos(2 * m[..., (k + 1) % 3]) for k in range(3)], -1
+        [
+            0.45 + 0.3 * np.sin(3 * m[..., k] + k) * np.cos(2 * m[..., (k + 1) % 3])
+            for k in range(3)
+        ],
+        -1,
     )
 
 
@@ -44,22 +53,36 @@ def sphere(r, center, size, turn):
     body = np.stack([u, v, -z], -1) @ turn  # turn.T applied to each point
     facing = np.maximum(np.stack([u, v, z], -1) @ np.array(SUN.direction), 0)
     light = hues(body) * (SUN.ambient + SUN.intensity * facing)[..., None]
-    return np.where((z2 > 0)[..., None], light, 0).astype(np.float32), np.where(z2 > 0, z, 0), body[..., 2]
+    return (
+        np.where((z2 > 0)[..., None], light, 0).astype(np.float32),
+        np.where(z2 > 0, z, 0),
+        body[..., 2],
+    )
 
 
 def turned(ball, center, turn, size, at):
     """(h, w, 3) a ball without its gloss that covers all of its box, at `center` in a box of `size` from `at` on."""
     bare = replace(ball, gloss=np.zeros_like(ball.skin))
     sprite = Sprite(
-        0, ball.corner, np.zeros_like(ball.skin), np.ones(ball.skin.shape[:2], np.float32), ball=bare
+        0,
+        ball.corner,
+        np.zeros_like(ball.skin),
+        np.ones(ball.skin.shape[:2], np.float32),
+        ball=bare,
     )
     box = np.s_[at[1] : at[1] + size[1], at[0] : at[0] + size[0]]
     shift = center[0] - ball.center[0], center[1] - ball.center[1]
-    [found] = BallSprites([sprite]).drawn([(0, Placement(box, space=turn, shift=shift))]).values()
+    [found] = (
+        BallSprites([sprite])
+        .drawn([(0, Placement(box, space=turn, shift=shift))])
+        .values()
+    )
     return found[0]
 
 
-@pytest.mark.parametrize("vector", [(0.0, 0.0, 0.7), (0.5, 0.0, 0.0), (-0.3, 0.6, 0.2), (0.7, -0.5, 0.4)])
+@pytest.mark.parametrize(
+    "vector", [(0.0, 0.0, 0.7), (0.5, 0.0, 0.0), (-0.3, 0.6, 0.2), (0.7, -0.5, 0.4)]
+)
 def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
     r, size = 40.0, (101, 101)
     photo, _, _ = sphere(r, (50, 50), size, np.eye(3))
@@ -89,12 +112,25 @@ def test_a_highlight_stays_where_the_light_is() -> None:
     half = np.array(SUN.direction) + np.array([0.0, 0.0, 1.0])
     half /= np.linalg.norm(half)
     y, x = np.mgrid[:101, :101]
-    spot = np.exp(-((x - 50 - r * half[0]) ** 2 + (y - 50 - r * half[1]) ** 2) / (2 * 3.0**2))
+    spot = np.exp(
+        -((x - 50 - r * half[0]) ** 2 + (y - 50 - r * half[1]) ** 2) / (2 * 3.0**2)
+    )
     photo = np.minimum(photo * 0.4 + spot[..., None] * 2, 1).astype(np.float32)
     ball = ball_from_photo(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
-    spun = turned(ball, (50.0, 50.0), cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0], (101, 101), (0, 0))
+    spun = turned(
+        ball,
+        (50.0, 50.0),
+        cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0],
+        (101, 101),
+        (0, 0),
+    )
     bright = (spun + ball.gloss).min(-1)
-    assert np.hypot(*(np.unravel_index(bright.argmax(), bright.shape) - half[1::-1] * r - 50)) < 4
+    assert (
+        np.hypot(
+            *(np.unravel_index(bright.argmax(), bright.shape) - half[1::-1] * r - 50)
+        )
+        < 4
+    )
     assert spun.min(-1).max() < 0.5, "none of it turned with the skin"
 
 
@@ -106,9 +142,16 @@ def test_a_disc_with_a_number_near_the_highlight_turns() -> None:
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
 
     def ball_turned(angle):
-        across, down = np.cos(angle) * u + np.sin(angle) * v, np.cos(angle) * v - np.sin(angle) * u
+        across, down = (
+            np.cos(angle) * u + np.sin(angle) * v,
+            np.cos(angle) * v - np.sin(angle) * u,
+        )
         disc = np.hypot(u, v) < 0.36
-        number = disc & ((np.abs(np.abs(across) - 0.12) < 0.04) | (np.abs(down) < 0.04)) & (np.hypot(u, v) < 0.3)
+        number = (
+            disc
+            & ((np.abs(np.abs(across) - 0.12) < 0.04) | (np.abs(down) < 0.04))
+            & (np.hypot(u, v) < 0.3)
+        )
         paint = np.where(disc[..., None], [0.93, 0.93, 0.9], [0.1, 0.02, 0.2])
         paint[number] = 0.01
         return (paint * (0.5 + 0.5 * z[..., None])).astype(np.float32)
@@ -116,7 +159,10 @@ def test_a_disc_with_a_number_near_the_highlight_turns() -> None:
     light = replace(SUN, direction=(0.0, -0.2, 0.98))
     ball = ball_from_photo(ball_turned(0.0), (0, 0), (50.0, 50.0), r, light, View.SIDE)
     turn = cv2.Rodrigues(np.array([0.0, 0.0, 0.9]))[0]
-    found, expected = turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss, ball_turned(0.9)
+    found, expected = (
+        turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss,
+        ball_turned(0.9),
+    )
     assert np.abs(found - expected)[z > 0.6].mean() < 0.03
 
 
@@ -129,11 +175,15 @@ def test_light_that_nobody_told_of_does_not_turn_with_a_painted_ball() -> None:
     lambertian = SUN.ambient + SUN.intensity * np.maximum(
         np.stack([u, v, z], -1) @ np.array(SUN.direction), 0
     )
-    more = np.exp(-0.35 * v + 0.2 * u)[..., None] * np.exp(0.15 * v[..., None] * np.array([1, 0, -1]))
+    more = np.exp(-0.35 * v + 0.2 * u)[..., None] * np.exp(
+        0.15 * v[..., None] * np.array([1, 0, -1])
+    )
 
     def ball_turned(angle):
         across = (np.cos(angle) * u + np.sin(angle) * v) * 5
-        paint = np.where((np.sin(across) > 0)[..., None], [0.7, 0.12, 0.08], [0.62, 0.55, 0.36])
+        paint = np.where(
+            (np.sin(across) > 0)[..., None], [0.7, 0.12, 0.08], [0.62, 0.55, 0.36]
+        )
         return (paint * lambertian[..., None] * more).astype(np.float32)
 
     ball = ball_from_photo(ball_turned(0.0), (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
@@ -144,7 +194,8 @@ def test_light_that_nobody_told_of_does_not_turn_with_a_painted_ball() -> None:
     assert np.median(off) <= 3, "Lambert's law alone leaves 10"
     plain = np.abs(
         encode_u8(
-            ball_turned(0.0) * 0 + found / np.maximum(ball.shade(u, v, z), 1e-6) * lambertian[..., None]
+            ball_turned(0.0) * 0
+            + found / np.maximum(ball.shade(u, v, z), 1e-6) * lambertian[..., None]
         ).astype(int)
         - encode_u8(expected)
     )[inside]
@@ -155,7 +206,9 @@ def test_light_that_nobody_told_of_does_not_turn_with_a_painted_ball() -> None:
 def test_normals_turn_with_a_thing_and_its_light_does_not(turn) -> None:
     y, x = np.mgrid[-20:21, -20:21] / 22.0
     known = x * x + y * y < 0.8
-    normals = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0.01))], -1).astype(np.float32)
+    normals = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0.01))], -1).astype(
+        np.float32
+    )
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     found = relief_of(normals, known, SUN)
     c, s = np.cos(turn), np.sin(turn)
@@ -169,7 +222,12 @@ def test_normals_turn_with_a_thing_and_its_light_does_not(turn) -> None:
 
 def setting(light=SUN, softness=1.0, top=True, **rest):
     return ShadowSetting(
-        light, softness, top, rest.get("tilt", 0.1), rest.get("backdrop", np.inf), (300, 300)
+        light,
+        softness,
+        top,
+        rest.get("tilt", 0.1),
+        rest.get("backdrop", np.inf),
+        (300, 300),
     )
 
 
@@ -204,14 +262,18 @@ def test_a_ball_on_a_table_throws_its_ellipse() -> None:
     assert (shade / 0.98).sum() == pytest.approx(np.pi * r * r / lz, rel=0.05)
 
 
-def seen(what: Silhouette, place: ShadowSetting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def seen(
+    what: Silhouette, place: ShadowSetting
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Columns, rows and how much of the direct light is taken away there."""
     (x0, y0, x1, y1), dark = shadow_darkness(what, place)
     y, x = np.mgrid[y0:y1, x0:x1]
     return x, y, (1 - np.exp(-dark)) / 0.98
 
 
-@pytest.mark.parametrize(("ball", "area"), [(True, np.pi * 20**2 / SUN.direction[2]), (False, np.pi * 20**2)])
+@pytest.mark.parametrize(
+    ("ball", "area"), [(True, np.pi * 20**2 / SUN.direction[2]), (False, np.pi * 20**2)]
+)
 def test_a_wall_behind_takes_the_silhouette_moved_along_the_light(ball, area) -> None:
     """A ball's is an ellipse; that of a flat thing keeps its shape."""
     lx, ly, lz = SUN.direction
@@ -223,7 +285,9 @@ def test_a_wall_behind_takes_the_silhouette_moved_along_the_light(ball, area) ->
     )
     x, y, shade = seen(what, setting(bare, 0.1, top=False, backdrop=60.0))
     middle = np.array([(shade * x).sum(), (shade * y).sum()]) / shade.sum()
-    assert middle == pytest.approx([100 - 60 * lx / lz, 100 - 60 * (ly / lz + 0.1)], abs=0.5)
+    assert middle == pytest.approx(
+        [100 - 60 * lx / lz, 100 - 60 * (ly / lz + 0.1)], abs=0.5
+    )
     assert shade.sum() == pytest.approx(area, rel=0.03)
 
 
@@ -233,10 +297,15 @@ LOW = DistantLight((-0.6, -0.64, 0.48), 1.0, 0.0)
 def test_a_ball_in_the_air_throws_its_ellipse_on_the_floor() -> None:
     """Of the area pi r² / sine of the light's height, seen under the floor's slope; along the light below it."""
     r, height, tilt = 20.0, 60.0, 0.25
-    x, y, shade = seen(ball_at(100, 200 - height, r, floor=200.0), setting(LOW, 0.1, top=False, tilt=tilt))
+    x, y, shade = seen(
+        ball_at(100, 200 - height, r, floor=200.0),
+        setting(LOW, 0.1, top=False, tilt=tilt),
+    )
     lx, ly, lz = LOW.direction
     middle = np.array([(shade * x).sum(), (shade * y).sum()]) / shade.sum()
-    assert middle == pytest.approx([100 + height * lx / ly, 200 + tilt * height * lz / ly], abs=0.5)
+    assert middle == pytest.approx(
+        [100 + height * lx / ly, 200 + tilt * height * lz / ly], abs=0.5
+    )
     assert shade.sum() == pytest.approx(np.pi * r * r / -ly * tilt, rel=0.05)
 
 
@@ -249,10 +318,17 @@ def test_a_block_throws_a_shadow_as_long_as_the_light_is_low(softness) -> None:
     what = Silhouette(cover, (0, 0), (89.5, 159.5), None, t, 199.5)
     lx, ly, lz = (abs(c) for c in LOW.direction)
     x, y, shade = seen(what, setting(LOW, softness, top=False, tilt=tilt))
-    assert shade.sum() == pytest.approx((w * t + h * lz / ly * w + h * lx / ly * t) * tilt, rel=0.06)
-    row = 199.5 - tilt * t / 2  # where it stands; its near edge is what one sees of its foot
+    assert shade.sum() == pytest.approx(
+        (w * t + h * lz / ly * w + h * lx / ly * t) * tilt, rel=0.06
+    )
+    row = (
+        199.5 - tilt * t / 2
+    )  # where it stands; its near edge is what one sees of its foot
     for height in (10, 30, 50):
-        spot = np.hypot(x - (90 + height * lx / ly), y - (row - tilt * height * lz / ly)) < 1.5
+        spot = (
+            np.hypot(x - (90 + height * lx / ly), y - (row - tilt * height * lz / ly))
+            < 1.5
+        )
         assert shade[spot].min() > 0.9, "thrown by the middle of the block"
     assert shade[(y > row + tilt * t / 2 + 3) | (x < 50)].max() < 0.1
 
@@ -266,17 +342,29 @@ def test_a_floor_ends_at_a_line_that_runs_towards_the_middle_of_the_picture() ->
     assert shade[x < foot - 2].max() > 0.9
 
 
-@pytest.mark.parametrize(("ball", "area"), [(True, np.pi * 20**2 / 0.6), (False, np.pi * 20**2 * 0.8)])
+@pytest.mark.parametrize(
+    ("ball", "area"), [(True, np.pi * 20**2 / 0.6), (False, np.pi * 20**2 * 0.8)]
+)
 def test_a_wall_beside_takes_the_shadow_where_the_light_meets_it(ball, area) -> None:
     """60 px to the right, 64 down and 48 back, where the picture of all is smaller by 1000 / 1048."""
     what = ball_at(180, 120, 20.0, floor=250.0)
-    what = replace(what, ends=(-np.inf, 240.0), walls=(False, True), radius=20.0 if ball else None)
-    [((x0, y0, x1, y1), dark)] = shadows_on_sides(what, setting(LOW, 0.1, top=False, tilt=0.1))
+    what = replace(
+        what, ends=(-np.inf, 240.0), walls=(False, True), radius=20.0 if ball else None
+    )
+    [((x0, y0, x1, y1), dark)] = shadows_on_sides(
+        what, setting(LOW, 0.1, top=False, tilt=0.1)
+    )
     (y, x), shade = np.mgrid[y0:y1, x0:x1], (1 - np.exp(-dark)) / 0.98
     middle = [(part * shade).sum() / shade.sum() for part in (x, y)]
-    assert middle == pytest.approx([150 + 90 / 1.048, 150 + (120 + 64 - 150) / 1.048], abs=1.0)
+    assert middle == pytest.approx(
+        [150 + 90 / 1.048, 150 + (120 + 64 - 150) / 1.048], abs=1.0
+    )
     assert shade.sum() == pytest.approx(area * 90 / 1000 / 1.048**3, rel=0.1)
-    assert not list(shadows_on_sides(replace(what, walls=(False, False)), setting(LOW, 0.1, top=False)))
+    assert not list(
+        shadows_on_sides(
+            replace(what, walls=(False, False)), setting(LOW, 0.1, top=False)
+        )
+    )
 
 
 @pytest.mark.parametrize("depth", [0.5, 1.2])
@@ -285,19 +373,25 @@ def test_shadows_are_as_deep_as_those_of_the_photo(depth: float) -> None:
     the light was taken for too weak."""
     cover = np.zeros((300, 300), np.float32)
     cover[120:200, 60:120] = 1
-    what = Silhouette(cover[120:200, 60:120], (60, 120), (89.5, 159.5), None, 40.0, 199.5)
+    what = Silhouette(
+        cover[120:200, 60:120], (60, 120), (89.5, 159.5), None, 40.0, 199.5
+    )
     model = setting(DistantLight(LOW.direction, 1.0, 0.3), 3.0, top=False)
     (x0, y0, x1, y1), dark = shadow_darkness(what, model)
     light = np.full((300, 300, 3), 0.4, np.float32)
     light[y0:y1, x0:x1] *= np.maximum(1 - depth * (1 - np.exp(-dark)), 0.02)[..., None]
     clean = np.full((300, 300, 3), encode_u8(np.float32(0.4)), np.uint8)
     lit, _ = decompose_shadows(encode_u8(light), clean, cover, [what], [False], model)
-    assert lit.setting.direct((0, -1, 0)) / model.direct((0, -1, 0)) == pytest.approx(depth + 0.05, abs=0.1)
+    assert lit.setting.direct((0, -1, 0)) / model.direct((0, -1, 0)) == pytest.approx(
+        depth + 0.05, abs=0.1
+    )
 
 
 def test_the_edge_of_a_balls_shadow_on_a_floor_has_no_steps() -> None:
     """Its upper border rises, and falls, by parts of pixels: of columns that follow on each other, few are alike."""
-    found = predicted_shadow(ball_at(100, 175, 25.0, floor=200.0), setting(LOW, 0.3, top=False, tilt=0.13), 2)
+    found = predicted_shadow(
+        ball_at(100, 175, 25.0, floor=200.0), setting(LOW, 0.3, top=False, tilt=0.13), 2
+    )
     assert found is not None
     area = found[1].sum(axis=0)
     area = area[area > 0.2 * area.max()]
@@ -310,7 +404,9 @@ def test_beneath_a_thing_that_leans_the_sky_is_hidden() -> None:
     for k in range(120):
         cover[200 - k // 2 - 20 : 200 - k // 2, 60 + k] = 1
     what = Silhouette(cover, (0, 0), (120.0, 160.0), None, 60.0, 199.5)
-    x, y, shade = seen(what, setting(DistantLight((0, -1, 0), 0.0, 1.0), top=False, tilt=0.1))
+    x, y, shade = seen(
+        what, setting(DistantLight((0, -1, 0), 0.0, 1.0), top=False, tilt=0.1)
+    )
     under = shade[(y == round(199.5 - 3))]
     columns = x[0]
     found = [float(under[columns == c][0]) for c in (64, 90, 120, 150, 175)]
@@ -325,15 +421,25 @@ def test_beneath_a_thing_that_leans_the_sky_is_hidden() -> None:
 def table(tmp_path):
     """A grey disc on a grainy table, with a shadow of our own making, and its scene file."""
     rng = np.random.default_rng(3)
-    grain = (0.3 + 0.02 * rng.standard_normal((200, 300, 1))).astype(np.float32) * [1.0, 0.9, 0.8]
+    grain = (0.3 + 0.02 * rng.standard_normal((200, 300, 1))).astype(np.float32) * [
+        1.0,
+        0.9,
+        0.8,
+    ]
     yy, xx = np.mgrid[:200, :300]
-    shadow = cv2.GaussianBlur(np.clip(26.5 - np.hypot(xx - 92, yy - 112), 0, 1).astype(np.float32), (0, 0), 3)
+    shadow = cv2.GaussianBlur(
+        np.clip(26.5 - np.hypot(xx - 92, yy - 112), 0, 1).astype(np.float32), (0, 0), 3
+    )
     lit = grain * (1 - 0.5 * shadow[..., None])
     cover = np.clip(25.5 - np.hypot(xx - 80, yy - 100), 0, 1)
     photo = lit * (1 - cover[..., None]) + cover[..., None] * [0.5, 0.2, 0.2]
     assets = tmp_path / "photo.assets"
     assets.mkdir()
-    pictures = {"photo.png": photo, "photo.assets/clean.png": grain, "photo.assets/background.png": lit}
+    pictures = {
+        "photo.png": photo,
+        "photo.assets/clean.png": grain,
+        "photo.assets/background.png": lit,
+    }
     for name, picture in pictures.items():
         cv2.imwrite(str(tmp_path / name), encode_u8(picture)[..., ::-1])
     cv2.imwrite(str(assets / "masks.png"), (cover >= 0.5).astype(np.uint8))
@@ -350,11 +456,16 @@ light: {direction: [-0.4, -0.4, 0.8]}
 
 
 def frames(path, times, **edits):
-    scene = pipeline.load(path, overrides=[f"{key}={value}" for key, value in edits.items()])
+    scene = pipeline.load(
+        path, overrides=[f"{key}={value}" for key, value in edits.items()]
+    )
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
     return list(
-        pipeline.render(pipeline.stage(scene, compiled, maps), simulate(compiled.world, np.array(times)))
+        pipeline.render(
+            pipeline.stage(scene, compiled, maps),
+            simulate(compiled.world, np.array(times)),
+        )
     )
 
 
@@ -367,25 +478,33 @@ def test_a_shadow_goes_with_its_object(table) -> None:
     cover = np.roll(np.hypot(*np.mgrid[-100:100, -80:220]) < 29, 100, axis=1)
     expected = grain * (1 - 0.5 * moved[..., None])
     off = np.abs(decode(last.rgb) - expected).max(-1)
-    assert off[~cover].max() < 0.05, "light where the shadow was, shadow where the object is"
+    assert off[~cover].max() < 0.05, (
+        "light where the shadow was, shadow where the object is"
+    )
     assert off[~cover].mean() < 0.004
     far = np.ones(shadow.shape, bool)
     far[50:190, 20:290] = False
     assert np.array_equal(last.rgb[far], photo[far])
 
 
-SCENES = sorted(path.parent.name for path in (Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
+SCENES = sorted(
+    path.parent.name
+    for path in (Path(__file__).parents[2] / "scenes").glob("*/scene.yaml")
+)
 QUICK = ("billiards", "dominoes")
 
 
 @pytest.mark.parametrize(
-    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in SCENES]
+    "name",
+    [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in SCENES],
 )
 def test_the_first_frame_is_the_photo_however_it_is_lit(name) -> None:
     path = Path(__file__).parents[2] / "scenes" / name / "scene.yaml"
     maps = pipeline.percepts(pipeline.load(path))
     for shadows, relight in (("true", "true"), ("false", "true"), ("false", "false")):
-        scene = pipeline.load(path, [f"render.shadows={shadows}", f"render.relight={relight}"])
+        scene = pipeline.load(
+            path, [f"render.shadows={shadows}", f"render.relight={relight}"]
+        )
         compiled = pipeline.compile(scene, maps)
         still = simulate(compiled.world, np.array([0.0]))
         [frame] = pipeline.render(pipeline.stage(scene, compiled, maps), still)
@@ -403,9 +522,14 @@ def test_what_is_left_out_takes_its_shadow_along() -> None:
     gone = (maps.labels > 0) & (compiled.labels == 0)
     near = cv2.dilate(gone.astype(np.uint8), np.ones((41, 41))) > 0
     near &= cv2.dilate((compiled.labels > 0).astype(np.uint8), np.ones((61, 61))) == 0
-    dark = near & (np.abs(maps.clean.astype(int) - maps.background).max(-1) > 12)  # its shadow fell there
+    dark = near & (
+        np.abs(maps.clean.astype(int) - maps.background).max(-1) > 12
+    )  # its shadow fell there
     assert dark.sum() > 300
-    before, after = (np.abs(p.astype(int) - maps.clean)[dark].mean() for p in (maps.background, frame.rgb))
+    before, after = (
+        np.abs(p.astype(int) - maps.clean)[dark].mean()
+        for p in (maps.background, frame.rgb)
+    )
     assert after < 0.45 * before
 
 
@@ -414,8 +538,13 @@ def test_what_a_neighbour_lends_a_painted_ball_does_not_turn_with_it() -> None:
     y, x = np.mgrid[:51, :51]
     u, v = (x - 25) / r, (y - 25) / r
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-    shade = SUN.ambient + SUN.intensity * np.maximum(np.stack([u, v, z], -1) @ np.array(SUN.direction), 0)
-    photo = np.where((v > 0.55)[..., None], [0.6, 0.5, 0.3], [0.05, 0.01, 0.06]) * shade[..., None]
+    shade = SUN.ambient + SUN.intensity * np.maximum(
+        np.stack([u, v, z], -1) @ np.array(SUN.direction), 0
+    )
+    photo = (
+        np.where((v > 0.55)[..., None], [0.6, 0.5, 0.3], [0.05, 0.01, 0.06])
+        * shade[..., None]
+    )
     spot = np.hypot(x - 33, y - 25) < 4
     lent = (0.1 * spot)[..., None] * np.array([1.0, 0.8, 0.5])  # as of a white one
     photo = np.where((u * u + v * v < 1)[..., None], photo + lent, 0).astype(np.float32)
@@ -424,29 +553,46 @@ def test_what_a_neighbour_lends_a_painted_ball_does_not_turn_with_it() -> None:
     assert (ball.skin * ball.lit)[inside].max() < 0.07
     assert np.abs(ball.gloss - lent)[inside].mean() < 0.06
     edge = np.abs(np.hypot(x - 33, y - 25) - 4)
-    away = (u * u + v * v < 0.5) & (np.abs(v - 0.55) > 0.11) & (edge > 1.5)  # from borders
+    away = (
+        (u * u + v * v < 0.5) & (np.abs(v - 0.55) > 0.11) & (edge > 1.5)
+    )  # from borders
     assert np.abs(ball.skin * ball.lit + ball.gloss - photo)[away].max() < 0.04
 
 
 @pytest.mark.parametrize("degrees", [0.001, 30, 90, 150, -60])
-def test_a_block_seen_from_above_shows_its_upper_sides_above_its_front(degrees: float) -> None:
+def test_a_block_seen_from_above_shows_its_upper_sides_above_its_front(
+    degrees: float,
+) -> None:
     """As if swept: width x depth of pixels more, all above the front, which turns about its own middle."""
     coverage = np.zeros((80, 80), np.float32)
     coverage[20:60, 34:46] = 1
     sides = Sides(19.5, 4.0, np.full(3, 0.5), SUN)
-    sprite = Sprite(0, (0, 0), coverage[..., None].repeat(3, 2) * 0.3, coverage, face=5.0, sides=sides)
+    sprite = Sprite(
+        0,
+        (0, 0),
+        coverage[..., None].repeat(3, 2) * 0.3,
+        coverage,
+        face=5.0,
+        sides=sides,
+    )
     turn = np.radians(degrees)
-    where = place_sprite(sprite, Pose(39.5, 34.5, 0.0), Pose(39.5, 34.5, turn), (80, 80), None)
+    where = place_sprite(
+        sprite, Pose(39.5, 34.5, 0.0), Pose(39.5, 34.5, turn), (80, 80), None
+    )
     assert where is not None
     _, front = draw_sprite(sprite, where)
     rows, columns = np.indices(front.shape)
     middle = [(part * front).sum() / front.sum() for part in (columns, rows)]
-    assert np.allclose(middle, [39.5 - where.box[1].start, 39.5 - where.box[0].start], atol=0.1)
+    assert np.allclose(
+        middle, [39.5 - where.box[1].start, 39.5 - where.box[0].start], atol=0.1
+    )
     side, shade = sides.drawn(front, turn)
     wide = 12 * abs(np.cos(turn)) + 40 * abs(np.sin(turn))
     assert side.sum() == pytest.approx(4 * wide * sides.share(turn), rel=0.06, abs=1)
     assert 0.7 <= shade.min() <= shade.max() < 1.6
-    below = (rows > np.where(front > 0.5, rows, -1).max(axis=0)) & (front > 0.5).any(axis=0)
+    below = (rows > np.where(front > 0.5, rows, -1).max(axis=0)) & (front > 0.5).any(
+        axis=0
+    )
     assert not side[below & (front < 0.1)].any()
 
 
@@ -456,22 +602,28 @@ def test_the_far_side_of_a_ball_goes_on_with_its_stripe() -> None:
     y, x = np.mgrid[:101, :101]
     u, v = (x - 50) / r, (y - 50) / r
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-    lambertian = (SUN.ambient + SUN.intensity * np.maximum(np.stack([u, v, z], -1) @ SUN.direction, 0))[
-        ..., None
-    ]
+    lambertian = (
+        SUN.ambient
+        + SUN.intensity * np.maximum(np.stack([u, v, z], -1) @ SUN.direction, 0)
+    )[..., None]
 
     def ball_turned(turn):
         body = np.stack([u, v, -z], -1) @ turn
         stripe = np.abs(body @ np.array([0.5, 0.62, 0.6])) < 0.35
-        return (np.where(stripe[..., None], [0.6, 0.1, 0.08], [0.62, 0.55, 0.4]) * lambertian).astype(
-            np.float32
-        )
+        return (
+            np.where(stripe[..., None], [0.6, 0.1, 0.08], [0.62, 0.55, 0.4])
+            * lambertian
+        ).astype(np.float32)
 
-    ball = ball_from_photo(ball_turned(np.eye(3)), (0, 0), (50.0, 50.0), r, SUN, View.TOP)
+    ball = ball_from_photo(
+        ball_turned(np.eye(3)), (0, 0), (50.0, 50.0), r, SUN, View.TOP
+    )
     for vector in ([0.0, np.pi, 0.0], [0.0, 1.5, 0.0]):
         turn = cv2.Rodrigues(np.array(vector))[0]
         found = turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss
-        off = np.abs(encode_u8(found).astype(int) - encode_u8(ball_turned(turn))).max(-1)[z > 0.35]
+        off = np.abs(encode_u8(found).astype(int) - encode_u8(ball_turned(turn))).max(
+            -1
+        )[z > 0.35]
         assert (off > 30).mean() < 0.035
 
 
@@ -492,29 +644,48 @@ def pool_ball(turn, number: float = 0.0, r: float = 20.0, band=(0.35, 0.02, 0.03
     coloured = (np.abs(up) < 0.56) & ~disc
     paint = np.where(coloured[..., None], band, [0.62, 0.55, 0.4])
     paint = np.where((ink & disc)[..., None], 0.015, paint)
-    shade = SUN.ambient + SUN.intensity * np.maximum(normals @ np.array(SUN.direction), 0)
-    light = np.where((u * u + v * v < 1.1)[..., None], paint * shade[..., None], 0).astype(np.float32)
-    return cv2.resize(light, (51, 51), interpolation=cv2.INTER_AREA), z[1::3, 1::3], normals[1::3, 1::3]
+    shade = SUN.ambient + SUN.intensity * np.maximum(
+        normals @ np.array(SUN.direction), 0
+    )
+    light = np.where(
+        (u * u + v * v < 1.1)[..., None], paint * shade[..., None], 0
+    ).astype(np.float32)
+    return (
+        cv2.resize(light, (51, 51), interpolation=cv2.INTER_AREA),
+        z[1::3, 1::3],
+        normals[1::3, 1::3],
+    )
 
 
 def reflected(normals, at, wide: float, light):
     """Light of a lamp or a neighbour that a ball shows at a normal."""
     at = np.array(at) / np.linalg.norm(at)
-    return (np.asarray(light) * (normals @ at > np.cos(wide))[..., None]).astype(np.float32)
+    return (np.asarray(light) * (normals @ at > np.cos(wide))[..., None]).astype(
+        np.float32
+    )
 
 
 @pytest.mark.parametrize("number", [0.0, 3.0, 5.0])
-def test_the_far_side_of_a_pool_ball_has_a_smooth_band_and_a_number_that_reads(number: float) -> None:
+def test_the_far_side_of_a_pool_ball_has_a_smooth_band_and_a_number_that_reads(
+    number: float,
+) -> None:
     """Beside truth, from all around; neighbours lend the near side what has no place on the far one."""
     photo, _, normals = pool_ball(np.eye(3), number)
     lent = reflected(normals, (0.7, -0.6, 0.35), 0.2, [0.1, 0.08, 0.05])
     ball = ball_from_photo(photo + lent, (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP)
     off = []
-    for vector in ([0.0, np.pi, 0.0], [0.0, 1.6, 0.0], [1.6, 0.0, 0.0], [-1.0, 2.0, 0.0]):
+    for vector in (
+        [0.0, np.pi, 0.0],
+        [0.0, 1.6, 0.0],
+        [1.6, 0.0, 0.0],
+        [-1.0, 2.0, 0.0],
+    ):
         turn = cv2.Rodrigues(np.array(vector))[0]
         found = turned(ball, (25.0, 25.0), turn, (51, 51), (0, 0))
         expected, z, _ = pool_ball(turn, number)
-        off.append(np.abs(encode_u8(found).astype(int) - encode_u8(expected)).max(-1)[z > 0.35])
+        off.append(
+            np.abs(encode_u8(found).astype(int) - encode_u8(expected)).max(-1)[z > 0.35]
+        )
     assert (np.concatenate(off) > 40).mean() < 0.025, "antipodes leave more"
     assert np.median(np.concatenate(off)) < 8
 
@@ -530,11 +701,15 @@ def test_lamps_stay_on_balls_and_neighbours_do_not() -> None:
         lent = reflected(normals, (*way, 0.6), 0.2, [0.12, 0.09, 0.05])
         photos.append(np.minimum(photo + lamp + lent, 1))
         x, y = np.array([500.0 * (k // 2), 0.0]) - 20 * way  # they touch
-        balls.append(ball_from_photo(photos[-1], (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP))
+        balls.append(
+            ball_from_photo(photos[-1], (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP)
+        )
         balls[-1] = replace(balls[-1], center=(x + 25, y + 25), corner=(x, y))
     for ball in in_one_light(balls):
         assert ball.gloss[lamp.max(-1) > 0].mean() > 0.45
-        assert ball.gloss[cv2.dilate(lamp.max(-1), np.ones((9, 9))) == 0].max() < 0.04, "a third of the neighbours'"
+        assert (
+            ball.gloss[cv2.dilate(lamp.max(-1), np.ones((9, 9))) == 0].max() < 0.04
+        ), "a third of the neighbours'"
     assert sum(ball.pattern is not None for ball in balls) >= 5
 
 
@@ -553,7 +728,11 @@ def test_black_balls_stay_black_and_rims_alike_in_the_light_of_a_rack() -> None:
     shared = in_one_light(balls)
     painted = [ball for ball in shared if ball.pattern is not None]
     assert len(painted) >= 5
-    black = [ball.pattern.colours.max(axis=1).min() for ball in shared[:3] if ball.pattern is not None]
+    black = [
+        ball.pattern.colours.max(axis=1).min()
+        for ball in shared[:3]
+        if ball.pattern is not None
+    ]
     assert len(black) == 2
     assert max(black) < 0.02
     assert np.ptp([ball.fade for ball in painted], axis=0).max() < 0.02
@@ -570,32 +749,50 @@ def test_a_rack_breaks_up_into_balls_that_mirror_the_table_and_wear_one_white() 
         table, lent = ray[..., 2] < 0, np.zeros_like(z)
         for other in np.delete(places, k, axis=0):
             way = np.append((other - place) / 20, 0)
-            nearest = way - normals - ((way - normals) * ray).sum(-1, keepdims=True) * ray
-            met = (np.linalg.norm(nearest, axis=-1) < 1) & (((way - normals) * ray).sum(-1) > 0)
-            table, lent = table & ~met, lent + np.maximum(normals @ way, 0) / np.linalg.norm(way) ** 3
+            nearest = (
+                way - normals - ((way - normals) * ray).sum(-1, keepdims=True) * ray
+            )
+            met = (np.linalg.norm(nearest, axis=-1) < 1) & (
+                ((way - normals) * ray).sum(-1) > 0
+            )
+            table, lent = (
+                table & ~met,
+                lent + np.maximum(normals @ way, 0) / np.linalg.norm(way) ** 3,
+            )
         light = 1 + 0.8 * lent[..., None] * np.array([1.0, 0.1, 0.1])
         seen = photo * light + table[..., None] * np.array([0.0, 0.06, 0.02])
-        ball = ball_from_photo(seen.astype(np.float32), (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP)
+        ball = ball_from_photo(
+            seen.astype(np.float32), (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP
+        )
         balls.append(replace(ball, center=tuple(place + 25), corner=tuple(place)))
     shared = in_one_light(balls)
     for ball in shared:
         rim = (normals[..., 2] > 0.4) & (normals[..., 2] < 0.6)
         assert ball.gloss[rim][:, 1].mean() > 0.003, "where dark paint shows it"
-        whites = [ball.pattern.colours[ball.pattern.colours[:, 1].argmax()] for ball in shared]
+        whites = [
+            ball.pattern.colours[ball.pattern.colours[:, 1].argmax()] for ball in shared
+        ]
         assert np.allclose(whites, whites[0]), "one paint"
     assert whites[0][0] < 1.2 * whites[0][1], "not the red of neighbours"
 
 
-def test_soft_shade_where_a_neighbour_is_near_does_not_turn_and_dark_paint_does() -> None:
+def test_soft_shade_where_a_neighbour_is_near_does_not_turn_and_dark_paint_does() -> (
+    None
+):
     """An orange with pores and a dark patch lies on another one: too near for even light, soft all the same."""
     y, x = np.mgrid[:101, :101]
     u, v = (x - 50) / 40, (y - 50) / 40
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-    shade = SUN.ambient + SUN.intensity * np.maximum(np.stack([u, v, z], -1) @ np.array(SUN.direction), 0)
+    shade = SUN.ambient + SUN.intensity * np.maximum(
+        np.stack([u, v, z], -1) @ np.array(SUN.direction), 0
+    )
     shade = shade * (1 - 0.6 * np.exp(-((u + 0.5) ** 2 + (v - 0.8) ** 2) / 0.09))
 
     def orange(angle):
-        a, b = np.cos(angle) * u + np.sin(angle) * v, np.cos(angle) * v - np.sin(angle) * u
+        a, b = (
+            np.cos(angle) * u + np.sin(angle) * v,
+            np.cos(angle) * v - np.sin(angle) * u,
+        )
         pores = np.sin(25 * a + 3 * np.sin(9 * b)) * np.sin(25 * b) > 0.75
         paint = np.where(pores[..., None], [0.42, 0.15, 0.03], [0.6, 0.22, 0.04])
         paint = np.where(((a > 0.3) & (b > 0.3))[..., None], [0.16, 0.05, 0.01], paint)
@@ -604,7 +801,9 @@ def test_soft_shade_where_a_neighbour_is_near_does_not_turn_and_dark_paint_does(
     ball = ball_from_photo(orange(0.0), (0, 0), (50.0, 50.0), 40.0, SUN, View.SIDE)
     turn = cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0]
     found = turned(ball, (50.0, 50.0), turn, (101, 101), (0, 0)) + ball.gloss
-    off = np.abs(encode_u8(found).astype(int) - encode_u8(orange(2.5))).max(-1)[z > 0.35]
+    off = np.abs(encode_u8(found).astype(int) - encode_u8(orange(2.5))).max(-1)[
+        z > 0.35
+    ]
     assert off.mean() < 5.4
 
 
@@ -613,7 +812,9 @@ def test_a_ball_that_moved_shows_nothing_of_the_border_that_the_photo_showed() -
     photo, z, _ = pool_ball(np.eye(3))
     ball = ball_from_photo(photo, (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP)
     coverage = (z > 0).astype(np.float32)
-    sprite = Sprite(0, (0, 0), photo, coverage, ball=ball, rest=np.full_like(photo, 0.5))
+    sprite = Sprite(
+        0, (0, 0), photo, coverage, ball=ball, rest=np.full_like(photo, 0.5)
+    )
     start = Pose(25.0, 25.0, 0.0)
     for pose, shows in ((start, True), (Pose(26.0, 25.0, 0.0), False)):
         where = place_sprite(sprite, start, pose, (51, 51), None)
@@ -630,10 +831,16 @@ def test_shadows_of_a_near_lamp_lean_away_from_it(tmp_path) -> None:
         dark = np.ones(xx.shape)
         for at in middles:
             x, y = at + lean * (at - lamp)
-            dark *= 1 - 0.5 * cv2.GaussianBlur(np.clip(16.5 - np.hypot(xx - x, yy - y), 0, 1), (0, 0), soft)
+            dark *= 1 - 0.5 * cv2.GaussianBlur(
+                np.clip(16.5 - np.hypot(xx - x, yy - y), 0, 1), (0, 0), soft
+            )
         return dark[..., None]
 
-    middles = [np.array([60.0, 60.0]), np.array([270.0, 130.0]), np.array([60.0, 140.0])]
+    middles = [
+        np.array([60.0, 60.0]),
+        np.array([270.0, 130.0]),
+        np.array([60.0, 140.0]),
+    ]
     empty = np.full((180, 320, 3), 0.3)
     cover = sum(np.clip(15.5 - np.hypot(xx - x, yy - y), 0, 1) for x, y in middles)
     lit = empty * shade(middles)
@@ -644,8 +851,12 @@ def test_shadows_of_a_near_lamp_lean_away_from_it(tmp_path) -> None:
         "photo.assets/clean": empty,
         "photo.assets/background": lit,
     }.items():
-        cv2.imwrite(str(tmp_path / f"{name}.png"), encode_u8(picture.astype(np.float32)))
-    masks = sum(k * (np.hypot(xx - x, yy - y) < 15.5) for k, (x, y) in enumerate(middles, 1))
+        cv2.imwrite(
+            str(tmp_path / f"{name}.png"), encode_u8(picture.astype(np.float32))
+        )
+    masks = sum(
+        k * (np.hypot(xx - x, yy - y) < 15.5) for k, (x, y) in enumerate(middles, 1)
+    )
     cv2.imwrite(str(tmp_path / "photo.assets/masks.png"), masks.astype(np.uint8))
     (tmp_path / "scene.yaml").write_text("""\
 physgen: 1
@@ -661,8 +872,12 @@ light: {direction: [0, 0, 1]}
     last = decode(frames(tmp_path / "scene.yaml", [0.0, 1.0])[-1].rgb)
     now = [middles[0] + way, *middles[1:]]
     bare = np.min([np.hypot(xx - x, yy - y) for x, y in now], axis=0) > 18
-    off = np.abs(last - empty * shade(now)).max(-1)[bare & (np.hypot(xx - 170, yy - 60) < 45)]
-    along = lamp + (middles[0] - lamp) * (1 + lean) + way  # a shadow that only moves along with its disc
+    off = np.abs(last - empty * shade(now)).max(-1)[
+        bare & (np.hypot(xx - 170, yy - 60) < 45)
+    ]
+    along = (
+        lamp + (middles[0] - lamp) * (1 + lean) + way
+    )  # a shadow that only moves along with its disc
     stiff = 1 - 0.5 * cv2.GaussianBlur(
         np.clip(16.5 - np.hypot(xx - along[0], yy - along[1]), 0, 1), (0, 0), soft
     )
@@ -686,24 +901,32 @@ def test_the_highlight_of_a_disc_stays_as_it_turns(bundled: Path) -> None:
     yy, xx = np.mgrid[:512, :512] - np.array([y, x])[:, None, None]
     ring = (np.hypot(xx, yy) > 12) & (np.hypot(xx, yy) < 22)
     ways = []
-    for frame in pipeline.render(pipeline.stage(scene, compiled, maps), replace(track, poses=poses)):
+    for frame in pipeline.render(
+        pipeline.stage(scene, compiled, maps), replace(track, poses=poses)
+    ):
         light = frame.rgb.astype(float).mean(axis=2)[ring]
         ways.append(np.array([(light * part[ring]).mean() for part in (xx, yy)]))
     assert ways[0] @ ways[1] > 0.5 * (ways[0] @ ways[0])
 
 
-@pytest.mark.parametrize(("kind", "kept"), [("halves", True), ("cut", True), ("lit", False)])
+@pytest.mark.parametrize(
+    ("kind", "kept"), [("halves", True), ("cut", True), ("lit", False)]
+)
 def test_a_disc_keeps_its_paint_and_not_its_light(kind: str, kept: bool) -> None:
     """Halves of two paints, an even disc half beyond the photo, and an even one that is brighter to one side."""
     yy, xx = np.mgrid[:50, :50] - 24.5
     cover = (np.hypot(xx, yy) < 20).astype(np.float32)
-    shade = {"halves": np.where(xx < 0, 0.02, 0.5), "cut": np.full(xx.shape, 0.1), "lit": 0.2 + 0.004 * xx}[
-        kind
-    ]
+    shade = {
+        "halves": np.where(xx < 0, 0.02, 0.5),
+        "cut": np.full(xx.shape, 0.1),
+        "lit": 0.2 + 0.004 * xx,
+    }[kind]
     cover[:, :25] *= kind != "cut"
     light = np.repeat((shade * cover)[..., None], 3, axis=2).astype(np.float32)
     body = SimpleNamespace(radius=20.0, solid=Solid.DISC, center=np.array([24.5, 24.5]))
-    relief = staging._turned_disc(Sprite(0, (0, 0), light, cover), cast(Body, body)).relief
+    relief = staging._turned_disc(
+        Sprite(0, (0, 0), light, cover), cast(Body, body)
+    ).relief
     assert relief is not None
     ratio = relief.ratio(np.pi)[(cover > 0) & (np.hypot(xx, yy) < 16)]
     assert (np.ptp(ratio) < 0.01) == kept
@@ -728,7 +951,9 @@ def test_an_outline_that_cuts_an_edge_off_lights_no_line_on_the_face(cut: int) -
     lit = (light * relief.ratio(np.pi / 2))[12:148]
     face, edge = lit[:, 12:36], lit[:, 37:40][cover[12:148, 37:40] > 0]
     assert np.abs(face[54:72] - 0.5).max() < 0.06, "beside the outline's gap"
-    assert edge.mean() > 0.2, "what faces down is lit from below a little more than what faced away"
+    assert edge.mean() > 0.2, (
+        "what faces down is lit from below a little more than what faced away"
+    )
 
 
 def test_the_dark_rim_of_a_disc_is_its_own() -> None:
@@ -737,7 +962,9 @@ def test_the_dark_rim_of_a_disc_is_its_own() -> None:
     away = np.hypot(xx, yy)
     cover = np.clip(24.5 - away, 0, 1).astype(np.float32)
     own, table = np.where(away > 22, 0.05, 0.5), 0.25
-    rgb = encode_u8((cover * own + (1 - cover) * table)[..., None].repeat(3, 2).astype(np.float32))
+    rgb = encode_u8(
+        (cover * own + (1 - cover) * table)[..., None].repeat(3, 2).astype(np.float32)
+    )
     behind = encode_u8(np.full((80, 80, 3), table, np.float32))
     shape = Disc(np.array([39.5, 39.5]), 24.0)
     labels, none = (cover >= 0.5).astype(np.uint16), np.zeros((80, 80), bool)
@@ -758,5 +985,7 @@ def test_an_edge_that_turns_up_is_lit_from_above(side: int) -> None:
     relief = staging._edged(sprite, DistantLight((-0.5, -0.75, 0.45), 0.8, 0.3)).relief
     assert relief is not None
     lit = (light * relief.ratio(side * np.pi / 2))[40:120]
-    up, down = (lit[:, 8:11], lit[:, 37:40]) if side > 0 else (lit[:, 37:40], lit[:, 8:11])
+    up, down = (
+        (lit[:, 8:11], lit[:, 37:40]) if side > 0 else (lit[:, 37:40], lit[:, 8:11])
+    )
     assert up.mean() > down.mean() + 0.02

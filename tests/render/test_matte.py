@@ -90,7 +90,12 @@ def test_at_first_it_is_the_coverage_of_the_assets_put_together(name: str) -> No
         (["render.supersample=3"], 0.0),
         ([], 0.7),
         (["render.size=[128, 96]"], 0.0),
-        (["render.camera=[{time: 0, zoom: 1.3}, {time: 0.4, zoom: 2.2, follow: ball}]"], 0.0),
+        (
+            [
+                "render.camera=[{time: 0, zoom: 1.3}, {time: 0.4, zoom: 2.2, follow: ball}]"
+            ],
+            0.0,
+        ),
         (
             [
                 "render.camera=[{time: 0, zoom: 1.5, follow: ball}]",
@@ -102,10 +107,15 @@ def test_at_first_it_is_the_coverage_of_the_assets_put_together(name: str) -> No
     ],
     ids=["plain", "supersample", "exposed", "smaller", "camera", "all"],
 )
-def test_a_frame_shows_as_much_of_the_background_as_coverage_leaves(tmp_path: Path, edits, blur) -> None:
+def test_a_frame_shows_as_much_of_the_background_as_coverage_leaves(
+    tmp_path: Path, edits, blur
+) -> None:
     """The identity that defines it: frame a - frame b = (1 - coverage) (background a - background b)."""
     clip = Clip(written(tmp_path, BALL), *edits, blur=blur)
-    one, other = (np.full_like(clip.stage.background, code) for code in ((30, 60, 200), (140, 90, 120)))
+    one, other = (
+        np.full_like(clip.stage.background, code)
+        for code in ((30, 60, 200), (140, 90, 120))
+    )
     apart = decode(one[0, 0]) - decode(other[0, 0])
     pairs = zip(
         clip.frames(replace(clip.stage, background=one)),
@@ -124,13 +134,19 @@ def test_a_frame_shows_as_much_of_the_background_as_coverage_leaves(tmp_path: Pa
         assert not difference[inside(found)].any()
 
 
-def test_what_the_scene_leaves_out_and_what_bounds_it_is_background(tmp_path: Path) -> None:
+def test_what_the_scene_leaves_out_and_what_bounds_it_is_background(
+    tmp_path: Path,
+) -> None:
     labels = np.zeros((120, 160), np.uint8)
     cv2.circle(labels, (40, 50), 15, 1, -1)  # the object
     labels[30:70, 70:90] = 2  # of the photo, and not of the scene
     labels[95:] = 3  # a floor
     rgb = np.full((120, 160, 3), 200, np.uint8)
-    rgb[labels == 1], rgb[labels == 2], rgb[labels == 3] = (200, 40, 30), (20, 40, 160), (90, 80, 70)
+    rgb[labels == 1], rgb[labels == 2], rgb[labels == 3] = (
+        (200, 40, 30),
+        (20, 40, 160),
+        (90, 80, 70),
+    )
     (tmp_path / "photo.assets").mkdir()
     cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
     cv2.imwrite(str(tmp_path / "photo.assets/masks.png"), labels)
@@ -153,7 +169,11 @@ boundaries: {floor: {mask: 3}}
 
 
 def test_sides_of_blocks_that_turned_are_covered() -> None:
-    clip = Clip(ROOT / "scenes/dominoes/scene.yaml", "world.duration=1.5", "render.supersample=1")
+    clip = Clip(
+        ROOT / "scenes/dominoes/scene.yaml",
+        "world.duration=1.5",
+        "render.supersample=1",
+    )
     *_, frame = clip.frames()
     covered = clip.coverage()[-1]
     assert any(sprite.sides for sprite in clip.stage.sprites)

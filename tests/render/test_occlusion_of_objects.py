@@ -23,7 +23,9 @@ def setting(top: bool, light=LIGHT) -> ShadowSetting:
 def ball(x, y, r) -> Silhouette:
     x0, y0, n = int(x - r - 3), int(y - r - 3), int(2 * r + 7)
     yy, xx = np.mgrid[:n, :n]
-    cover = np.clip(r + 0.5 - np.hypot(xx + x0 - x, yy + y0 - y), 0, 1).astype(np.float32)
+    cover = np.clip(r + 0.5 - np.hypot(xx + x0 - x, yy + y0 - y), 0, 1).astype(
+        np.float32
+    )
     return Silhouette(cover, (x0, y0), (x, y), r, 2 * r, None)
 
 
@@ -38,7 +40,9 @@ def hidden(point, what: Silhouette, top: bool) -> bool:
         x, y, z = point + s * np.array(LIGHT.direction)
         if what.radius is not None:
             middle = what.radius if top else 0.0
-            if (x - what.center[0]) ** 2 + (y - what.center[1]) ** 2 + (z - middle) ** 2 < what.radius**2:
+            if (x - what.center[0]) ** 2 + (y - what.center[1]) ** 2 + (
+                z - middle
+            ) ** 2 < what.radius**2:
                 return True
         else:
             low, high = (0, what.thick) if top else (-what.thick / 2, what.thick / 2)
@@ -50,7 +54,9 @@ def hidden(point, what: Silhouette, top: bool) -> bool:
 
 
 @pytest.mark.parametrize("top", [True, False])
-@pytest.mark.parametrize("other", [ball(150, 160, 28), slab(120, 110, 30, 60, 90)], ids=["ball", "slab"])
+@pytest.mark.parametrize(
+    "other", [ball(150, 160, 28), slab(120, 110, 30, 60, 90)], ids=["ball", "slab"]
+)
 def test_the_shadow_on_a_ball_is_where_rays_say(top, other) -> None:
     onto = ball(190, 190, 30)
     dark = occlusion_of(onto, [other], setting(top))
@@ -71,13 +77,17 @@ def test_the_shadow_on_a_ball_is_where_rays_say(top, other) -> None:
 
 def test_as_much_light_is_lost_as_comes_straight() -> None:
     """Deep in the shadow the ambient part is left, of all that a face turned to the viewer gets."""
-    dark = occlusion_of(slab(100, 100, 40, 40, 10), [slab(40, 20, 100, 100, 200)], setting(True))
+    dark = occlusion_of(
+        slab(100, 100, 40, 40, 10), [slab(40, 20, 100, 100, 200)], setting(True)
+    )
     lit = 1 - 0.98 * 0.64 / (0.64 + 0.25)
     assert np.exp(-dark[5, 5]) == pytest.approx(lit, rel=0.02)
 
 
 def test_things_of_one_height_throw_nothing_on_each_others_tops() -> None:
-    assert not occluders([slab(100, 100, 40, 40, 20), slab(60, 60, 39, 39, 20)], setting(True))
+    assert not occluders(
+        [slab(100, 100, 40, 40, 20), slab(60, 60, 39, 39, 20)], setting(True)
+    )
 
 
 def test_a_floor_darkens_the_underside_of_a_ball_that_lies_on_it() -> None:
@@ -90,15 +100,21 @@ def test_a_floor_darkens_the_underside_of_a_ball_that_lies_on_it() -> None:
     assert occlusion_of(ball(100, 100, 30), [], setting(False)) is None
 
 
-def test_the_shadow_on_what_leans_is_as_even_as_on_a_fine_grid(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_shadow_on_what_leans_is_as_even_as_on_a_fine_grid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The box of what leans is mostly empty: its size says nothing of how fine the grid has to be."""
     cover = cv2.warpAffine(
-        np.ones((250, 42), np.float32), np.array([[0.7, 0.7, 4.0], [-0.7, 0.7, 34.0]]), (215, 215)
+        np.ones((250, 42), np.float32),
+        np.array([[0.7, 0.7, 4.0], [-0.7, 0.7, 34.0]]),
+        (215, 215),
     )
     onto = Silhouette(cover, (100, 100), (205, 205), None, 80, None)
     other = slab(120, 60, 80, 120, 240)
     dark = occlusion_of(onto, [other], setting(False))
-    monkeypatch.setattr(occlusion, "OCCLUSION", replace(occlusion.OCCLUSION, cells=1000))
+    monkeypatch.setattr(
+        occlusion, "OCCLUSION", replace(occlusion.OCCLUSION, cells=1000)
+    )
     fine = occlusion_of(onto, [other], setting(False))
     assert dark is not None
     assert fine is not None

@@ -60,12 +60,16 @@ class Clip:
         compiled = pipeline.compile(scene, None)
         self.world = compiled.world
         self.trajectory = pipeline.simulate(self.world)
-        self.plain = list(pipeline.render(pipeline.stage(scene, compiled, None), self.trajectory))
+        self.plain = list(
+            pipeline.render(pipeline.stage(scene, compiled, None), self.trajectory)
+        )
 
     def drawn(self, *kinds: str, frames=None, **more):
         chosen = tuple(map(Overlay, kinds))
         frames = self.plain if frames is None else frames
-        return list(annotate_frames(iter(frames), self.world, self.trajectory, chosen, **more))
+        return list(
+            annotate_frames(iter(frames), self.world, self.trajectory, chosen, **more)
+        )
 
     def key(self, *kinds: str) -> dict[str, float]:
         """Words of the key and how large, px or rad, their samples are."""
@@ -96,7 +100,11 @@ def pushed(tmp_path_factory) -> Clip:
 def flight(t):
     """Centre of the thrown ball."""
     return np.stack(
-        [240 + 220 * np.asarray(t), 220 - 420 * np.asarray(t) + 450 * np.asarray(t) ** 2], axis=-1
+        [
+            240 + 220 * np.asarray(t),
+            220 - 420 * np.asarray(t) + 450 * np.asarray(t) ** 2,
+        ],
+        axis=-1,
     )
 
 
@@ -125,7 +133,9 @@ def test_outlines_follow_the_shape(thrown) -> None:
         spoke = np.array([cos(angle), sin(angle)]) * 30
         tick = to_segment(spots, center + 0.72 * spoke, center + spoke)
         assert np.minimum(rim, tick).max() < 3.0
-        around = center + 30 * np.array([(cos(a), sin(a)) for a in np.arange(0, 2 * pi, 0.05)])
+        around = center + 30 * np.array(
+            [(cos(a), sin(a)) for a in np.arange(0, 2 * pi, 0.05)]
+        )
         x, y = np.rint(around).astype(int).T
         seen = (x >= 0) & (x < 480) & (y >= 0) & (y < 300)
         assert marks[y[seen], x[seen]].all()
@@ -133,21 +143,29 @@ def test_outlines_follow_the_shape(thrown) -> None:
 
 def test_velocity_arrows_have_the_length_that_the_key_says(thrown) -> None:
     assert thrown.key("velocity") == {"velocity 2 m/s": pytest.approx(TAU * 200)}
-    for plain, drawn in list(zip(thrown.plain, thrown.drawn("velocity"), strict=True))[::3]:
+    for plain, drawn in list(zip(thrown.plain, thrown.drawn("velocity"), strict=True))[
+        ::3
+    ]:
         ink = places(inked(drawn.rgb, Overlay.VELOCITY))
         velocity = np.array([220, -420 + 900 * plain.time])
         speed = np.hypot(*velocity)
         arrow, sample = ink[ink[:, 0] > 200], ink[ink[:, 0] <= 200]
         assert sample[:, 1].max() < 60  # the key, where nothing flies
         along = (arrow - flight(plain.time)) @ velocity / speed
-        across = (arrow - flight(plain.time)) @ np.array([-velocity[1], velocity[0]]) / speed
+        across = (
+            (arrow - flight(plain.time)) @ np.array([-velocity[1], velocity[0]]) / speed
+        )
         assert np.abs(across).max() < 6
-        assert along.max() == pytest.approx(TAU * speed - 1.5, abs=1.6)  # the very point is no full pixel
+        assert along.max() == pytest.approx(
+            TAU * speed - 1.5, abs=1.6
+        )  # the very point is no full pixel
         assert np.ptp(sample[:, 0]) == pytest.approx(TAU * 200, abs=3.5)
 
 
 def test_trails_are_the_parabola_up_to_now(thrown) -> None:
-    for frame, marks in list(zip(thrown.plain, thrown.changed("trails"), strict=True))[::4]:
+    for frame, marks in list(zip(thrown.plain, thrown.changed("trails"), strict=True))[
+        ::4
+    ]:
         path = flight(np.linspace(0, frame.time, 400))
         spots = places(marks)
         if not frame.time:
@@ -227,10 +245,14 @@ render: {fps: 10}
     )
     assert filmed(clip.world, clip.trajectory, [Overlay.CONTACTS]).impacts == []
     for marks in clip.changed("contacts"):
-        spots = [places(marks[line - 5 : line + 6]).mean(axis=0)[0] for line in (140, 100)]
+        spots = [
+            places(marks[line - 5 : line + 6]).mean(axis=0)[0] for line in (140, 100)
+        ]
         assert spots == pytest.approx([100, 100], abs=0.1)
         dots = [np.flatnonzero(marks[line]) for line in (140, 100)]
-        for row, ends in zip(dots, ((35, 85, 115, 165), (40, 85, 115, 160)), strict=True):
+        for row, ends in zip(
+            dots, ((35, 85, 115, 165), (40, 85, 115, 160)), strict=True
+        ):
             assert np.abs(row[:, None] - ends).min(axis=1).max() <= 4
             assert np.abs(row[:, None] - ends).min(axis=0).max() == 0
 
@@ -239,14 +261,18 @@ def test_frames_may_come_in_any_order(dropped) -> None:
     kinds, some = [kind.value for kind in Overlay], dropped.plain[::7]
     forward = dropped.drawn(*kinds, frames=some)
     backward = dropped.drawn(*kinds, frames=some[::-1])[::-1]
-    assert all(np.array_equal(a.rgb, b.rgb) for a, b in zip(forward, backward, strict=True))
+    assert all(
+        np.array_equal(a.rgb, b.rgb) for a, b in zip(forward, backward, strict=True)
+    )
 
 
 def test_forces_are_drawn_while_they_act(pushed) -> None:
     frames = pushed.drawn("forces")
     for frame in frames:
         ink = places(inked(frame.rgb, Overlay.FORCES))
-        one, two = (ink[(np.abs(ink[:, 1] - y) < 12) & (ink[:, 0] > 200)] for y in (80, 180))
+        one, two = (
+            ink[(np.abs(ink[:, 1] - y) < 12) & (ink[:, 0] > 200)] for y in (80, 180)
+        )
         assert bool(len(one)) == (0.2 - 1e-9 <= frame.time < 0.6 - 1e-9)
         x = pushed.trajectory.poses[frame.index, :, 0]
         reach = two[:, 0].max() - x[2]
@@ -283,7 +309,9 @@ forces: [{{object: away, force: [0, 1.0e7]}}, {{object: away, torque: 1.0e6}}]
 render: {{fps: 10}}
 """,
     )
-    for frame, plain in zip(clip.drawn(*(kind.value for kind in Overlay)), clip.plain, strict=True):
+    for frame, plain in zip(
+        clip.drawn(*(kind.value for kind in Overlay)), clip.plain, strict=True
+    ):
         assert frame.rgb.shape == plain.rgb.shape
         assert np.array_equal(frame.ids, plain.ids)
     x, y = np.arange(200), np.full(200, 140)
@@ -295,7 +323,9 @@ render: {{fps: 10}}
 
 
 def test_names_stay_at_their_centres(thrown) -> None:
-    for frame, marks in list(zip(thrown.plain, thrown.changed("names"), strict=True))[::4]:
+    for frame, marks in list(zip(thrown.plain, thrown.changed("names"), strict=True))[
+        ::4
+    ]:
         spots = places(marks)
         middle = (spots.min(axis=0) + spots.max(axis=0)) / 2
         assert middle == pytest.approx(flight(frame.time), abs=4)
@@ -322,7 +352,9 @@ boundaries: {floor: {segment: [[0, 160], [300, 160]]}}
     assert points == pytest.approx(np.array([[66, 62]]))
     points, gap = contact_points_between(clip.world, poses, 2, 4)
     assert gap == pytest.approx(0, abs=1e-9)
-    assert points[np.argsort(points[:, 0])] == pytest.approx(np.array([[180, 160], [220, 160]]))
+    assert points[np.argsort(points[:, 0])] == pytest.approx(
+        np.array([[180, 160], [220, 160]])
+    )
     points, gap = contact_points_between(clip.world, poses, 2, 3)
     assert gap == pytest.approx(40 - 20 * 2**0.5)
     assert points[0][1] == pytest.approx(125)

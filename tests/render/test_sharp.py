@@ -34,11 +34,16 @@ def colour(rgb: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["shelf", "kitchen", "dominoes"])
 @pytest.mark.parametrize(
-    "move", [(0.5, 0.0, 0.0), (0.5, 0.5, 0.0), (0.0, 0.0, 45.0)], ids=["x", "xy", "turned"]
+    "move",
+    [(0.5, 0.0, 0.0), (0.5, 0.5, 0.0), (0.0, 0.0, 45.0)],
+    ids=["x", "xy", "turned"],
 )
-def test_what_moves_stays_sharp_and_keeps_its_colour(name: str, move: tuple[float, float, float]) -> None:
+def test_what_moves_stays_sharp_and_keeps_its_colour(
+    name: str, move: tuple[float, float, float]
+) -> None:
     scene = pipeline.load(
-        ROOT / "scenes" / name / "scene.yaml", ["render.relight=false", "render.shadows=false"]
+        ROOT / "scenes" / name / "scene.yaml",
+        ["render.relight=false", "render.shadows=false"],
     )
     maps = pipeline.percepts(scene)
     assert maps is not None
@@ -57,19 +62,27 @@ def test_what_moves_stays_sharp_and_keeps_its_colour(name: str, move: tuple[floa
         own[: int(first + np.ceil(2 * face))] = 0  # its front alone turns
         own = cv2.erode(own, np.ones((11, 11)))
         # weights that fade towards the object's border, so that the same of it counts before and after
-        weight = cv2.blur(own.astype(np.float32), (7, 7), borderType=cv2.BORDER_CONSTANT)
+        weight = cv2.blur(
+            own.astype(np.float32), (7, 7), borderType=cv2.BORDER_CONSTANT
+        )
         if own.sum() < 400:
             continue
         poses = still.poses.copy()
         poses[1, k] = poses[0, k] + (dx, dy, np.radians(degrees))
         _, frame = render_frames(alone, replace(still, poses=poses))
         turn = rotation(np.radians(degrees))
-        center = body.center + np.array([0.0, face])  # a front turns about its own middle
+        center = body.center + np.array(
+            [0.0, face]
+        )  # a front turns about its own middle
         matrix = np.column_stack([turn, center + np.array([dx, dy]) - turn @ center])
         there = cv2.warpAffine(weight, matrix, (width, height))
         if there.sum() < 0.999 * weight.sum():
             continue  # it turned out of the picture
         tried += 1
-        assert sharpness(frame.rgb, there) >= 0.9 * sharpness(maps.rgb, weight), body.name
-        assert np.abs(colour(frame.rgb, there) - colour(maps.rgb, weight)).max() < 0.5, body.name
+        assert sharpness(frame.rgb, there) >= 0.9 * sharpness(maps.rgb, weight), (
+            body.name
+        )
+        assert (
+            np.abs(colour(frame.rgb, there) - colour(maps.rgb, weight)).max() < 0.5
+        ), body.name
     assert tried >= 3

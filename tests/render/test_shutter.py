@@ -27,12 +27,18 @@ def frames(tmp_path, part):
     compiled = pipeline.compile(scene, None)
     times, parts = exposure_times(simulate(compiled.world), compiled.world, part)
     return list(
-        pipeline.render(pipeline.stage(scene, compiled, None), simulate(compiled.world, times), parts)
+        pipeline.render(
+            pipeline.stage(scene, compiled, None),
+            simulate(compiled.world, times),
+            parts,
+        )
     )
 
 
 def test_a_closed_shutter_changes_nothing(tmp_path) -> None:
-    assert [f.time for f in frames(tmp_path, 0.0)] == pytest.approx([k / 30 for k in range(15)])
+    assert [f.time for f in frames(tmp_path, 0.0)] == pytest.approx(
+        [k / 30 for k in range(15)]
+    )
 
 
 def test_the_first_frame_is_sharp_and_the_rest_are_smeared_backwards(tmp_path) -> None:
@@ -58,15 +64,23 @@ def test_it_is_the_mean_of_light(tmp_path) -> None:
     stage = pipeline.stage(scene, compiled, None)
     times, parts = exposure_times(simulate(compiled.world), compiled.world, 0.5)
     each = [f.rgb for f in pipeline.render(stage, simulate(compiled.world, times))]
-    blurred = list(mean_exposures(pipeline.render(stage, simulate(compiled.world, times)), parts))
+    blurred = list(
+        mean_exposures(pipeline.render(stage, simulate(compiled.world, times)), parts)
+    )
     for k, frame in enumerate(blurred):
-        mean = np.mean([decode(rgb) for rgb in each[k * parts : (k + 1) * parts]], axis=0)
+        mean = np.mean(
+            [decode(rgb) for rgb in each[k * parts : (k + 1) * parts]], axis=0
+        )
         assert np.abs(decode(frame.rgb) - mean).max() < 0.006
 
 
 def spread(frames: list[np.ndarray], others: list[np.ndarray]) -> float:
     """Levels: the root of the mean square of their differences."""
-    return float(np.sqrt(np.mean((np.array(frames, np.float32) - np.array(others, np.float32)) ** 2)))
+    return float(
+        np.sqrt(
+            np.mean((np.array(frames, np.float32) - np.array(others, np.float32)) ** 2)
+        )
+    )
 
 
 def three_ways(path, *edits: str) -> tuple[list[np.ndarray], ...]:
@@ -87,7 +101,9 @@ def three_ways(path, *edits: str) -> tuple[list[np.ndarray], ...]:
 @pytest.mark.slow
 def test_a_smeared_picture_is_the_mean_of_many(bundled) -> None:
     """Of balls that roll, throw shadows and shade each other, beside the mean of every moment drawn by itself."""
-    sharp, smeared, exact = three_ways(bundled / "billiards" / "scene.yaml", "world.duration=0.3")
+    sharp, smeared, exact = three_ways(
+        bundled / "billiards" / "scene.yaml", "world.duration=0.3"
+    )
     assert np.array_equal(smeared[0], sharp[0])
     one, other = (spread(frames, exact) for frames in (smeared, sharp))
     assert one < 0.5 * other
@@ -97,7 +113,8 @@ def test_a_moving_camera_sees_the_mean_of_many(bundled, monkeypatch) -> None:
     """In four views, beside every moment filmed by itself."""
     camera = "[{time: 0, zoom: 2, center: [250, 200]}, {time: 0.1, follow: cue-ball, zoom: 3}]"
     scene = pipeline.load(
-        bundled / "billiards" / "scene.yaml", ["world.duration=0.3", f"render.camera={camera}"]
+        bundled / "billiards" / "scene.yaml",
+        ["world.duration=0.3", f"render.camera={camera}"],
     )
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
@@ -108,12 +125,16 @@ def test_a_moving_camera_sees_the_mean_of_many(bundled, monkeypatch) -> None:
     fine, through = simulate(compiled.world, times), pipeline.shot(scene, trajectory)
     exact = [
         f.rgb
-        for f in mean_exposures(filmed(render_frames(stage, fine, through.samples(parts)), through), parts)
+        for f in mean_exposures(
+            filmed(render_frames(stage, fine, through.samples(parts)), through), parts
+        )
     ]
     sharp = [frame.rgb for frame in pipeline.render(stage, trajectory, 1, through)]
     views: list[int] = []
     resample = camera_module.resample_picture
-    monkeypatch.setattr(camera_module, "resample_picture", lambda *a: views.append(1) or resample(*a))
+    monkeypatch.setattr(
+        camera_module, "resample_picture", lambda *a: views.append(1) or resample(*a)
+    )
     smeared = [frame.rgb for frame in pipeline.render(stage, fine, parts, through)]
     assert len(views) <= 4 * len(smeared)
     one, other = (spread(frames, exact) for frames in (smeared, sharp))
@@ -122,7 +143,11 @@ def test_a_moving_camera_sees_the_mean_of_many(bundled, monkeypatch) -> None:
 
 LEAVING = {
     "a box": ("{box: {center: [130, 30], size: [24, 24]}}", [900, 0], 0.0),
-    "a box that turns": ("{box: {center: [130, 30], size: [24, 24]}}", [600, 120], 900.0),
+    "a box that turns": (
+        "{box: {center: [130, 30], size: [24, 24]}}",
+        [600, 120],
+        900.0,
+    ),
     "a disc": ("{circle: {center: [128, 30], radius: 12}}", [900, -250], 0.0),
     "a ball": ("{circle: {center: [30, 30], radius: 12}}", [-900, 0], 0.0),
 }

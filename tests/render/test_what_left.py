@@ -38,7 +38,9 @@ def emptied(compiled: Compiled, stage: Stage, stays: str = "") -> list[np.ndarra
 
 
 @pytest.mark.parametrize("name", ["wall-ball", "rubber-balls"])
-def test_objects_take_their_shadows_and_rims_with_them(bundled: Path, name: str) -> None:
+def test_objects_take_their_shadows_and_rims_with_them(
+    bundled: Path, name: str
+) -> None:
     maps, compiled, stage = opened(bundled, name)
     first, empty = emptied(compiled, stage)
     assert np.abs(first - maps.rgb).max() <= 1
@@ -61,8 +63,12 @@ def test_shadows_go_on_behind_what_throws_them(bundled: Path) -> None:
     """What the photo shows of a shadow beside the plank, and what is worked out behind it, meet without a step."""
     maps, compiled, stage = opened(bundled, "seesaw")
     lit = stage.lit
-    plank = compiled.labels == 1 + [body.name for body in compiled.world.bodies].index("plank")
-    dark = cv2.blur(np.log(decode(maps.clean).mean(axis=2) / lit.behind().mean(axis=2)), (5, 1))
+    plank = compiled.labels == 1 + [body.name for body in compiled.world.bodies].index(
+        "plank"
+    )
+    dark = cv2.blur(
+        np.log(decode(maps.clean).mean(axis=2) / lit.behind().mean(axis=2)), (5, 1)
+    )
     for x in range(130, 190):  # clear of the stone above and of the log below
         bottom = np.flatnonzero(plank[:, x]).max()
         assert abs(dark[bottom + 4, x] - dark[bottom + 1, x]) < 0.35
@@ -86,7 +92,9 @@ def rack(folder: Path, doubtful: str = "") -> tuple[Percepts, Compiled, Stage]:
     gap = (np.abs(x - 92) < 5) & (np.abs(np.abs(y - 60) - 9) < 7)
     rgb[gap] = (8, 26, 12)
     masks = np.zeros((120, 200), np.uint8)
-    for k, (one, colour) in enumerate(zip(away, ((200, 60, 40), (60, 70, 200)), strict=True), 1):
+    for k, (one, colour) in enumerate(
+        zip(away, ((200, 60, 40), (60, 70, 200)), strict=True), 1
+    ):
         rgb[one <= 20] = colour
         masks[one <= 20] = k
     sliver = (away[0] > 20) & (away[0] <= 24) & (np.abs(y - 60) < 6) & (x < 60)
@@ -95,7 +103,11 @@ def rack(folder: Path, doubtful: str = "") -> tuple[Percepts, Compiled, Stage]:
     assets = folder / "photo.assets"
     assets.mkdir()
     background = np.full_like(rgb, (60, 130, 40))  # BGR
-    pictures = {"masks": masks, "coverage": np.uint8(255 * (masks > 0)), "background": background}
+    pictures = {
+        "masks": masks,
+        "coverage": np.uint8(255 * (masks > 0)),
+        "background": background,
+    }
     for name, picture in pictures.items():
         cv2.imwrite(str(assets / f"{name}.png"), picture)
     cv2.imwrite(str(folder / "photo.png"), rgb[..., ::-1])
@@ -114,8 +126,12 @@ def rack(folder: Path, doubtful: str = "") -> tuple[Percepts, Compiled, Stage]:
     return maps, compiled, pipeline.stage(opened_one, compiled, maps)
 
 
-def test_a_doubtful_sliver_stays_and_what_was_taken_out_does_not(tmp_path: Path) -> None:
-    maps, compiled, stage = rack(tmp_path, "doubtful:\n  maybe-1: {mask: 3, confidence: 0.2}\n")
+def test_a_doubtful_sliver_stays_and_what_was_taken_out_does_not(
+    tmp_path: Path,
+) -> None:
+    maps, compiled, stage = rack(
+        tmp_path, "doubtful:\n  maybe-1: {mask: 3, confidence: 0.2}\n"
+    )
     first, _ = emptied(compiled, stage)
     assert np.abs(first - maps.rgb).max() <= 1
     (tmp_path / "without").mkdir()
@@ -133,7 +149,9 @@ def test_a_ball_ends_at_its_circle(tmp_path: Path) -> None:
 
 
 def test_the_dark_between_two_balls_goes_with_either(tmp_path: Path) -> None:
-    maps, compiled, stage = rack(tmp_path, "doubtful:\n  maybe-1: {mask: 3, confidence: 0.2}\n")
+    maps, compiled, stage = rack(
+        tmp_path, "doubtful:\n  maybe-1: {mask: 3, confidence: 0.2}\n"
+    )
     dark = (maps.rgb.max(axis=2) < 30) & (maps.labels == 0)
     assert np.count_nonzero(dark) > 30
     for stays in ("ball-1", "ball-2"):
@@ -159,9 +177,12 @@ def test_what_is_called_doubtful_afterwards_is_put_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mask", "said"), [(9, "is no id in masks.png"), (1, "is ball-1's, which stays an object")]
+    ("mask", "said"),
+    [(9, "is no id in masks.png"), (1, "is ball-1's, which stays an object")],
 )
-def test_a_doubtful_id_that_can_mean_nothing_is_told(mask: int, said: str, tmp_path: Path) -> None:
+def test_a_doubtful_id_that_can_mean_nothing_is_told(
+    mask: int, said: str, tmp_path: Path
+) -> None:
     rack(tmp_path, f"doubtful:\n  mirror: {{mask: {mask}}}\n")
     scene = pipeline.load(tmp_path / "scene.yaml")
     maps = pipeline.percepts(scene)
@@ -174,7 +195,9 @@ def test_a_doubtful_id_that_can_mean_nothing_is_told(mask: int, said: str, tmp_p
     assert told.place.line is not None
 
 
-def test_a_polished_floor_mirrors_dominoes_and_a_dull_one_no_ball(bundled: Path) -> None:
+def test_a_polished_floor_mirrors_dominoes_and_a_dull_one_no_ball(
+    bundled: Path,
+) -> None:
     """The share fades with depth, as far below as there is anything like the dominoes upside down."""
     mirror = opened(bundled, "dominoes")[2].mirror
     assert mirror is not None
@@ -183,30 +206,45 @@ def test_a_polished_floor_mirrors_dominoes_and_a_dull_one_no_ball(bundled: Path)
     assert opened(bundled, "wall-ball")[2].mirror is None
 
 
-def test_borders_are_lit_when_the_narrow_gap_beside_them_has_opened(bundled: Path) -> None:
+def test_borders_are_lit_when_the_narrow_gap_beside_them_has_opened(
+    bundled: Path,
+) -> None:
     """The left edge of pyramid's ninth block faces the window, and is black in the gap to the eighth."""
     maps, compiled, stage = opened(bundled, "pyramid")
     block = [body.name for body in compiled.world.bodies].index("block-9")
     sprite = next(sprite for sprite in stage.sprites if sprite.body == block)
     x, y = 281 - sprite.corner[0], 246 - sprite.corner[1]
     light = sprite.light.mean(axis=2)[y - 20 : y + 20]
-    assert decode(maps.rgb)[226:266, 281].mean() < 0.1 * decode(maps.rgb)[226:266, 286].mean()
+    assert (
+        decode(maps.rgb)[226:266, 281].mean()
+        < 0.1 * decode(maps.rgb)[226:266, 286].mean()
+    )
     assert light[:, x].mean() > 0.5 * light[:, x + 5].mean()
 
 
-def test_what_left_takes_its_line_off_an_object_that_moved_a_little_itself(bundled: Path) -> None:
+def test_what_left_takes_its_line_off_an_object_that_moved_a_little_itself(
+    bundled: Path,
+) -> None:
     _, compiled, stage = opened(bundled, "pyramid")
     names = [body.name for body in compiled.world.bodies]
     track = simulate(compiled.world, np.array([0.0, 0.1]))
     poses = np.repeat(track.poses[:1], 2, axis=0)
     poses[1, names.index("block-8"), 1] -= 1000
     poses[1, names.index("block-5"), 0] += 0.5
-    _, last = (frame.rgb.astype(int) for frame in pipeline.render(stage, replace(track, poses=poses)))
-    line, below = (decode(rows.astype(np.uint8)).mean() for rows in (last[286, 210:225], last[289, 210:225]))
+    _, last = (
+        frame.rgb.astype(int)
+        for frame in pipeline.render(stage, replace(track, poses=poses))
+    )
+    line, below = (
+        decode(rows.astype(np.uint8)).mean()
+        for rows in (last[286, 210:225], last[289, 210:225])
+    )
     assert line > 0.85 * below
 
 
-def posed(compiled: Compiled, stage: Stage, **poses: list[tuple[float, float, float]]) -> list[np.ndarray]:
+def posed(
+    compiled: Compiled, stage: Stage, **poses: list[tuple[float, float, float]]
+) -> list[np.ndarray]:
     """sRGB of frames with objects at poses, by name, a frame after the other; the others stay."""
     track = simulate(compiled.world, np.arange(1 + max(map(len, poses.values()))) / 1e9)
     track.poses[1:] = track.poses[0]
@@ -215,26 +253,37 @@ def posed(compiled: Compiled, stage: Stage, **poses: list[tuple[float, float, fl
     return [frame.rgb.astype(int) for frame in pipeline.render(stage, track)][1:]
 
 
-def test_what_an_impact_presses_into_the_floor_keeps_shadow_and_reflection(bundled: Path) -> None:
+def test_what_an_impact_presses_into_the_floor_keeps_shadow_and_reflection(
+    bundled: Path,
+) -> None:
     _, compiled, stage = opened(bundled, "dominoes")
     path = [(842, 389.7, 1.5708), (842, 391.1, 1.5545), (842, -4e3, 1.5708)]
     lies, sunk, away = posed(compiled, stage, domino_9=path)
-    for there in (np.s_[408:412, 790:890], np.s_[395:403, 922:945]):  # reflection, shadow
+    for there in (
+        np.s_[408:412, 790:890],
+        np.s_[395:403, 922:945],
+    ):  # reflection, shadow
         effect = np.abs(lies[there] - away[there]).mean()
         assert effect > 8
         assert np.abs(sunk[there] - lies[there]).mean() < 0.45 * effect
 
 
-def test_a_bottle_no_deeper_than_wide_leaves_the_spine_of_a_deep_book_in_the_light(bundled: Path) -> None:
+def test_a_bottle_no_deeper_than_wide_leaves_the_spine_of_a_deep_book_in_the_light(
+    bundled: Path,
+) -> None:
     """As in the set that the photo was taken of: the lamp shines from the front, and the spine is nearer to it."""
     _, compiled, stage = opened(bundled, "bottle-book")
     lean, bottle = (183.1, 334.4, 0.561), (283.5, 335, 0)
-    beside, alone = posed(compiled, stage, book=[lean] * 2, bottle=[bottle, (9e3, 0, 0)])
+    beside, alone = posed(
+        compiled, stage, book=[lean] * 2, bottle=[bottle, (9e3, 0, 0)]
+    )
     assert np.abs(beside - alone)[230:290, 205:235].mean() < 1
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-def test_light_comes_from_above_onto_the_edges_of_what_lies(bundled: Path, side: int) -> None:
+def test_light_comes_from_above_onto_the_edges_of_what_lies(
+    bundled: Path, side: int
+) -> None:
     """Its edges are rounded: upright, the photo shows the left one lit and the right one dark."""
     _, compiled, stage = opened(bundled, "dominoes")
     [lies] = posed(compiled, stage, domino_9=[(840, 390.0, side * np.pi / 2)])
@@ -243,19 +292,33 @@ def test_light_comes_from_above_onto_the_edges_of_what_lies(bundled: Path, side:
     assert rows[3] > rows[2] - 10, "no dark line between its top and its front"
 
 
-def test_a_ball_takes_its_shadow_off_the_top_of_the_book_on_which_it_lay(bundled: Path) -> None:
+def test_a_ball_takes_its_shadow_off_the_top_of_the_book_on_which_it_lay(
+    bundled: Path,
+) -> None:
     _, compiled, stage = opened(bundled, "shelf")
-    first, empty = (rgb[401:407].mean(axis=(0, 2)) for rgb in emptied(compiled, stage, "book-2"))
+    first, empty = (
+        rgb[401:407].mean(axis=(0, 2)) for rgb in emptied(compiled, stage, "book-2")
+    )
     assert first[78:135].min() < 0.6 * first[150:170].mean()
-    assert np.abs(empty[50:170] - empty[150:170].mean()).max() < 0.15 * empty[150:170].mean()
+    assert (
+        np.abs(empty[50:170] - empty[150:170].mean()).max()
+        < 0.15 * empty[150:170].mean()
+    )
 
 
-def test_a_shadow_cut_by_the_photos_border_stays_whole_as_its_ball_moves(bundled: Path) -> None:
+def test_a_shadow_cut_by_the_photos_border_stays_whole_as_its_ball_moves(
+    bundled: Path,
+) -> None:
     maps, compiled, stage = opened(bundled, "rubber-balls")
     start = simulate(compiled.world, np.zeros(1))
     x, y, _ = start.poses[0, start.names.index("foam-ball")]
     [lower] = posed(compiled, stage, foam_ball=[(x, y + 30, 0.0)])
     bare = cv2.blur(maps.clean.astype(float).mean(axis=2), (3, 3))
-    before, after = (cv2.blur(rgb.mean(axis=2), (3, 3)) / bare for rgb in (maps.rgb.astype(float), lower))
+    before, after = (
+        cv2.blur(rgb.mean(axis=2), (3, 3)) / bare
+        for rgb in (maps.rgb.astype(float), lower)
+    )
     assert before[230:300, 500:].min() < 0.6
-    assert np.abs(after[260:330, 500:] - before[230:300, 500:]).mean(axis=0).max() < 0.05
+    assert (
+        np.abs(after[260:330, 500:] - before[230:300, 500:]).mean(axis=0).max() < 0.05
+    )

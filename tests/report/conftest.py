@@ -24,7 +24,11 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     for name, text in texts.items():
         (home / f"{name}.yaml").write_text(text, encoding="utf-8")
-        more = {"variant": "heavy", "overrides": ["objects.c.friction=0.9"]} if name == "long" else {}
+        more = (
+            {"variant": "heavy", "overrides": ["objects.c.friction=0.9"]}
+            if name == "long"
+            else {}
+        )
         more |= {"draws": 6} if name == "long" else {}
         pipeline.render_scene(home / f"{name}.yaml", home / "out", **more)
     return home / "out"

@@ -35,18 +35,26 @@ def write_clip(
 ) -> Path:
     """As an MP4, or what the ending says."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with open_video(path.parent, Format(path.suffix[1:]), size, fps, path.stem) as write:
+    with open_video(
+        path.parent, Format(path.suffix[1:]), size, fps, path.stem
+    ) as write:
         for k in range(frames):
             write(frame(method, scene, k, size))
     return path
 
 
-def contest(home: Path, scenes: tuple[str, ...] = ("pool", "shelf"), photos: bool = True) -> Path:
+def contest(
+    home: Path, scenes: tuple[str, ...] = ("pool", "shelf"), photos: bool = True
+) -> Path:
     """`home` with a clip of every method for every scene; one of them in a folder, as physgen leaves it."""
     for method in SHADES:
         for k, scene in enumerate(scenes):
             flat = method != "ours"
-            write_clip(home / method / (f"{scene}.mp4" if flat else f"{scene}/video.mp4"), method, k)
+            write_clip(
+                home / method / (f"{scene}.mp4" if flat else f"{scene}/video.mp4"),
+                method,
+                k,
+            )
     if photos:
         (home / "photos").mkdir()
         write_png(home / "photos" / f"{scenes[0]}.png", frame("ours", 0, 0))

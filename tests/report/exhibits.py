@@ -56,7 +56,9 @@ def document(**changes: Any) -> dict[str, Any]:
     return scene
 
 
-def exhibit(folder: Path, resolved: dict[str, Any] | None = None, seed: int = 0, **told: Any) -> Path:
+def exhibit(
+    folder: Path, resolved: dict[str, Any] | None = None, seed: int = 0, **told: Any
+) -> Path:
     """One clip's folder; `told` goes into its manifest."""
     folder.mkdir(parents=True)
     (folder / "video.mp4").write_bytes(_film(seed))
@@ -102,15 +104,24 @@ def failure(folder: Path, name: str, problem: str, **told: Any) -> Path:
     return file
 
 
-def sweep(home: Path, masses: list[float], frictions: list[float], broken: int | None = None) -> Path:
+def sweep(
+    home: Path, masses: list[float], frictions: list[float], broken: int | None = None
+) -> Path:
     """One clip for every pair of values; number `broken` failed."""
     for k, (mass, friction) in enumerate((m, f) for m in masses for f in frictions):
         told = [f"objects.*.mass={mass}", f"objects.ball.friction={friction}"]
         if k == broken:
-            failure(home / f"run-{k}", "pair", "pair.yaml:3:1: the disk is full", overrides=told)
+            failure(
+                home / f"run-{k}",
+                "pair",
+                "pair.yaml:3:1: the disk is full",
+                overrides=told,
+            )
             continue
         scene = document(
-            objects__ball__mass=mass, objects__crate__mass=mass, objects__ball__friction=friction
+            objects__ball__mass=mass,
+            objects__crate__mass=mass,
+            objects__ball__friction=friction,
         )
         exhibit(home / f"run-{k}" / "pair", scene, seed=k % 10, overrides=told)
     return home

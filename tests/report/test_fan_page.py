@@ -36,7 +36,9 @@ DRAWS = 6
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("fan")
     (home / "edge.yaml").write_text(EDGE)
-    return pipeline.render_scene(home / "edge.yaml", home / "out", draws=DRAWS, draw_seed=5)
+    return pipeline.render_scene(
+        home / "edge.yaml", home / "out", draws=DRAWS, draw_seed=5
+    )
 
 
 def test_manifest_and_table_tell_the_same(clip: Path) -> None:
@@ -48,7 +50,10 @@ def test_manifest_and_table_tell_the_same(clip: Path) -> None:
     assert [int(row["draw"]) for row in rows] == list(range(DRAWS))
     falls = [row["ball.fate"] == "falls" for row in rows]
     assert 0 < sum(falls) < DRAWS
-    assert made["objects"]["ball"]["draws"] == {"falls": sum(falls), "moves": DRAWS - sum(falls)}
+    assert made["objects"]["ball"]["draws"] == {
+        "falls": sum(falls),
+        "moves": DRAWS - sum(falls),
+    }
     assert made["objects"]["block"]["decided"]
     assert f"falls in {sum(falls)} of {DRAWS}" in made["objects"]["ball"]["verdict"]
     rolling = [float(row["objects.ball.rolling"]) for row in rows]
@@ -74,8 +79,12 @@ def test_the_python_way_gives_the_same_draws(clip: Path) -> None:
     compiled = pipeline.compile(scene, None)
     again = simulate_ensemble(scene, compiled, DRAWS, 5)
     assert again.table() == (clip / "fan.csv").read_text()
-    plain = pipeline.render_scene(clip.parent.parent / "edge.yaml", clip.parent.parent / "plain")
-    both = [json.loads((folder / "manifest.json").read_text()) for folder in (clip, plain)]
+    plain = pipeline.render_scene(
+        clip.parent.parent / "edge.yaml", clip.parent.parent / "plain"
+    )
+    both = [
+        json.loads((folder / "manifest.json").read_text()) for folder in (clip, plain)
+    ]
     assert both[0]["frames"] == both[1]["frames"]
     assert both[0]["samples"] == both[1]["samples"]
     assert both[1]["fan"] is None
@@ -84,7 +93,9 @@ def test_the_python_way_gives_the_same_draws(clip: Path) -> None:
 
 def test_the_page_shows_every_draw(browser: Any, clip: Path) -> None:
     made = json.loads((clip / "manifest.json").read_text())["fan"]
-    with opened(browser, clip / "report.html", ready=False, java_script_enabled=False) as seen:
+    with opened(
+        browser, clip / "report.html", ready=False, java_script_enabled=False
+    ) as seen:
         section = seen.page.locator("#fan")
         assert made["verdict"] in section.inner_text()
         counts = made["objects"]["ball"]["draws"]
@@ -96,9 +107,13 @@ def test_the_page_shows_every_draw(browser: Any, clip: Path) -> None:
 
 
 def test_with_nothing_uncertain_there_is_a_warning_and_a_clip(tmp_path: Path) -> None:
-    (tmp_path / "sure.yaml").write_text(re.sub(r",\s+from: ({[^}]*}|shadows 0.6)", "", EDGE))
+    (tmp_path / "sure.yaml").write_text(
+        re.sub(r",\s+from: ({[^}]*}|shadows 0.6)", "", EDGE)
+    )
     heard = []
-    folder = pipeline.render_scene(tmp_path / "sure.yaml", tmp_path / "out", draws=5, warn=heard.append)
+    folder = pipeline.render_scene(
+        tmp_path / "sure.yaml", tmp_path / "out", draws=5, warn=heard.append
+    )
     (told,) = [problem for problem in heard if problem.path == "--fan"]
     assert told.severity is Severity.WARNING
     assert "nothing in the scene is uncertain" in str(told)

@@ -47,7 +47,9 @@ def test_a_folder_of_somebody_elses_is_refused(tmp_path: Path) -> None:
     (mine / "manifest.json").write_text('{"manifest": 1, "files": {"scene.yaml": ""}}')
     assert output_folder(tmp_path, "pool") == mine
     (mine / "notes.txt").write_text("x")
-    with pytest.raises(InputError, match=r"holds notes\.txt, which physgen did not make"):
+    with pytest.raises(
+        InputError, match=r"holds notes\.txt, which physgen did not make"
+    ):
         output_folder(tmp_path, "pool")
 
 
@@ -55,14 +57,18 @@ DEAD = 2**22 + 12345
 """Above Linux's largest process number."""
 
 
-def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path: Path) -> None:
+def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(
+    tmp_path: Path,
+) -> None:
     (tmp_path / f".run.{DEAD}-{machine_id()}.part").mkdir()
     (tmp_path / f".run.{DEAD}-{machine_id()}.old").mkdir()
     (tmp_path / f".run.{DEAD}-{machine_id()}.old" / "kept").write_text("1")
     (tmp_path / "whole").mkdir()
     (tmp_path / f".whole.{DEAD}-{machine_id()}.old").mkdir()
     (tmp_path / f".index.html.{DEAD}-{machine_id()}.part").write_text("half")
-    (tmp_path / f".run.{os.getpid()}-{machine_id()}.old").mkdir()  # of somebody who lives
+    (
+        tmp_path / f".run.{os.getpid()}-{machine_id()}.old"
+    ).mkdir()  # of somebody who lives
     (tmp_path / ".running").mkdir()
     (tmp_path / ".mine.part").mkdir()
     (tmp_path / ".notes.2023.old").mkdir()

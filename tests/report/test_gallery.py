@@ -41,7 +41,9 @@ class Page(HTMLParser):
         self._inside = False
         self.feed(path.read_text(encoding="utf-8"))
 
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(
+        self, tag: str, attributes: list[tuple[str, str | None]]
+    ) -> None:
         self.found.append((tag, dict(attributes)))
         self._inside = tag == "script"
         if self._inside:
@@ -59,9 +61,18 @@ class Page(HTMLParser):
         return json.loads(next(text for text in self.scripts if text.startswith("{")))
 
     def paths(self) -> list[str]:
-        links = [value for _, a in self.found for key in ("href", "src") if (value := a.get(key))]
+        links = [
+            value
+            for _, a in self.found
+            for key in ("href", "src")
+            if (value := a.get(key))
+        ]
         data = [clip[key] for clip in self.data["clips"] for key in ("href", "film")]
-        return [link for link in (*links, *data) if link and not link.startswith(("#", "data:"))]
+        return [
+            link
+            for link in (*links, *data)
+            if link and not link.startswith(("#", "data:"))
+        ]
 
 
 # ---- what is found ---------------------------------------------------------------------------------------------------
@@ -83,7 +94,9 @@ def test_clips_are_found_at_any_depth_once_in_natural_order(tmp_path: Path) -> N
     assert dict(found[0].labels) == {"billiard ball": 1, "wooden crate": 1}
 
 
-def test_where_refining_failed_there_is_one_card_with_the_unrefined_film(tmp_path: Path) -> None:
+def test_where_refining_failed_there_is_one_card_with_the_unrefined_film(
+    tmp_path: Path,
+) -> None:
     folder = exhibit(tmp_path / "a", frames=[], refine={"failed": "no weights"})
     manifest = json.loads((folder / "manifest.json").read_text())
     manifest["files"] = {"unrefined.mp4": manifest["files"]["video.mp4"]}
@@ -119,7 +132,10 @@ def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
             "forces[0].impulse": [4, k % 2],
             "world.view": ("side", "top")[k // 3],
         }
-        exhibit(tmp_path / f"{k}", overrides=[f"{key}={value}" for key, value in told.items()])
+        exhibit(
+            tmp_path / f"{k}",
+            overrides=[f"{key}={value}" for key, value in told.items()],
+        )
     exhibit(
         tmp_path / "4", document(objects__ball__mass=25, objects__ball__velocity=[0, 7])
     )  # as its scene has it
@@ -131,7 +147,10 @@ def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
         "forces[0].impulse[1]": "impulse y",
         "world.view": "view",
     }
-    assert {keys["objects.ball.velocity[0]"].unit, keys["forces[0].impulse[1]"].unit} == {"px/s", "g·px/s"}
+    assert {
+        keys["objects.ball.velocity[0]"].unit,
+        keys["forces[0].impulse[1]"].unit,
+    } == {"px/s", "g·px/s"}
     assert not keys["world.view"].numeric
     assert keys["objects.ball.mass"].values == (0, 10, 20, 30, 25)
 
@@ -139,10 +158,17 @@ def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
 def test_a_mixed_gallery_has_no_keys_of_a_sweep(tmp_path: Path) -> None:
     """Clips of two photos, each with a mass of its own, as files with other edits have."""
     for k, photo in enumerate(("a" * 64, "b" * 64)):
-        told = {"overrides": [f"objects.ball.mass={10 + k}"], "inputs": {"photo.png": photo}}
+        told = {
+            "overrides": [f"objects.ball.mass={10 + k}"],
+            "inputs": {"photo.png": photo},
+        }
         exhibit(tmp_path / f"{k}", document(image="photo.png"), **told)
     assert swept_keys(clips_in([tmp_path])) == []
-    exhibit(tmp_path / "2", document(image="photo.png"), **told | {"overrides": ["objects.ball.mass=900"]})
+    exhibit(
+        tmp_path / "2",
+        document(image="photo.png"),
+        **told | {"overrides": ["objects.ball.mass=900"]},
+    )
     assert [key.values for key in swept_keys(clips_in([tmp_path]))] == [(10, 11, 900)]
 
 
@@ -180,7 +206,15 @@ def test_paths_are_relative_to_the_page_and_lead_somewhere(tmp_path: Path) -> No
     exhibit(tmp_path / "one" / "50% a#b?c")
     exhibit(tmp_path / "two" / "deep" / "er" / "ä ö")
     assert (
-        main(["gallery", str(tmp_path / "one"), str(tmp_path / "two"), "-o", str(tmp_path / "x/y/all.html")])
+        main(
+            [
+                "gallery",
+                str(tmp_path / "one"),
+                str(tmp_path / "two"),
+                "-o",
+                str(tmp_path / "x/y/all.html"),
+            ]
+        )
         == 0
     )
     paths = Page(tmp_path / "x" / "y" / "all.html").paths()
@@ -193,7 +227,13 @@ def test_paths_are_relative_to_the_page_and_lead_somewhere(tmp_path: Path) -> No
 def test_what_comes_from_outside_is_text(tmp_path: Path) -> None:
     bad = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
     scene = document(objects__ball__label=bad)
-    exhibit(tmp_path / "a", scene, scene=bad, variant=bad, overrides=[f"objects.ball.label={bad}"])
+    exhibit(
+        tmp_path / "a",
+        scene,
+        scene=bad,
+        variant=bad,
+        overrides=[f"objects.ball.label={bad}"],
+    )
     exhibit(tmp_path / "b", warnings=[{"text": bad}])
     failure(tmp_path, "c", bad)
     write_gallery([tmp_path], tmp_path / "index.html", title=bad)
@@ -219,9 +259,17 @@ def test_an_empty_gallery_says_so(tmp_path: Path, capsys) -> None:
     assert not (tmp_path / "index.html").exists()
 
 
-def test_wrong_folders_are_refused_before_anything_is_written(tmp_path: Path, capsys) -> None:
-    assert main(["gallery", str(tmp_path / "none"), "-o", str(tmp_path / "x/index.html")]) == 2
-    assert "is no folder; name folders that physgen rendered into" in capsys.readouterr().err
+def test_wrong_folders_are_refused_before_anything_is_written(
+    tmp_path: Path, capsys
+) -> None:
+    assert (
+        main(["gallery", str(tmp_path / "none"), "-o", str(tmp_path / "x/index.html")])
+        == 2
+    )
+    assert (
+        "is no folder; name folders that physgen rendered into"
+        in capsys.readouterr().err
+    )
     assert main(["gallery", str(tmp_path), "-o", str(tmp_path)]) == 2
     assert "is a folder; name a file" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
@@ -230,8 +278,13 @@ def test_wrong_folders_are_refused_before_anything_is_written(tmp_path: Path, ca
 # ---- what render leaves ----------------------------------------------------------------------------------------------
 
 
-def test_of_several_each_that_fails_leaves_a_card_until_it_succeeds(tmp_path: Path, capsys) -> None:
-    for name, text in (("good", SCENE), ("bad", SCENE.replace("mass: 100", "mass: <b>"))):
+def test_of_several_each_that_fails_leaves_a_card_until_it_succeeds(
+    tmp_path: Path, capsys
+) -> None:
+    for name, text in (
+        ("good", SCENE),
+        ("bad", SCENE.replace("mass: 100", "mass: <b>")),
+    ):
         (tmp_path / f"{name}.yaml").write_text(text)
     out = tmp_path / "out"
     both = [str(tmp_path / "good.yaml"), str(tmp_path / "bad.yaml")]
@@ -240,10 +293,19 @@ def test_of_several_each_that_fails_leaves_a_card_until_it_succeeds(tmp_path: Pa
     assert trace["overrides"] == ["world.duration=0.1"]
     assert re.search(r"bad\.yaml:5:\d+: objects\.ball\.mass", trace["problems"][0])
     data = Page(out / "index.html").data["clips"]
-    assert [(clip["name"], clip["failed"]) for clip in data] == [("bad", True), ("good", False)]
-    assert "1 of 2 clips, simulated; 1 failed, as its card says." in (out / "index.html").read_text()
+    assert [(clip["name"], clip["failed"]) for clip in data] == [
+        ("bad", True),
+        ("good", False),
+    ]
+    assert (
+        "1 of 2 clips, simulated; 1 failed, as its card says."
+        in (out / "index.html").read_text()
+    )
     (tmp_path / "bad.yaml").write_text(SCENE)
     assert main(["render", both[1], "-o", str(out)]) == 0
     assert not (out / "bad.failed.json").exists()
     data = Page(out / "index.html").data["clips"]
-    assert [(clip["name"], clip["failed"]) for clip in data] == [("bad", False), ("good", False)]
+    assert [(clip["name"], clip["failed"]) for clip in data] == [
+        ("bad", False),
+        ("good", False),
+    ]

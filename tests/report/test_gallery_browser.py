@@ -29,10 +29,17 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four different clips, one with a variant, one with warnings, and one that failed."""
     home = tmp_path_factory.mktemp("mixed")
     exhibit(home / "pool", document(world__duration=3), seed=1)
-    exhibit(home / "café", document(objects={"cup": {"label": "cup", "mass": 3}}), seed=2)
-    exhibit(home / "pool-heavy", document(objects__ball__mass=900), seed=3, variant="heavy")
     exhibit(
-        home / "shelf", document(world__duration=5), seed=4, warnings=[{"text": "the books rest on nothing"}]
+        home / "café", document(objects={"cup": {"label": "cup", "mass": 3}}), seed=2
+    )
+    exhibit(
+        home / "pool-heavy", document(objects__ball__mass=900), seed=3, variant="heavy"
+    )
+    exhibit(
+        home / "shelf",
+        document(world__duration=5),
+        seed=4,
+        warnings=[{"text": "the books rest on nothing"}],
     )
     failure(home, "broken", 'broken.yaml:3:1: "<b>heavy</b>" is not a number')
     write_gallery([home], home / "index.html")
@@ -53,10 +60,20 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Names, labels, variants and messages that try the layout."""
     home = tmp_path_factory.mktemp("long")
     for k, text in enumerate(LONG):
-        scene = document(objects__ball__label=text, objects__crate__label=text[::-1], objects__ball__mass=k)
+        scene = document(
+            objects__ball__label=text,
+            objects__crate__label=text[::-1],
+            objects__ball__mass=k,
+        )
         told = [f"objects.ball.label={text}"]
         exhibit(
-            home / f"{k}", scene, seed=k, scene=text, variant=text, overrides=told, warnings=[{"text": text}]
+            home / f"{k}",
+            scene,
+            seed=k,
+            scene=text,
+            variant=text,
+            overrides=told,
+            warnings=[{"text": text}],
         )
         failure(home, f"failed-{k}", text, scene=text)
     write_gallery([home], home / "index.html", title=LONG[0])
@@ -85,14 +102,20 @@ def ready(browser: Any, page: Path, **how: Any) -> Any:
 
 
 @pytest.mark.parametrize("view", ["", "#view=grid"])
-def test_it_opens_from_disk_and_asks_for_its_pictures_alone(browser: Any, mixed: Path, view: str) -> None:
+def test_it_opens_from_disk_and_asks_for_its_pictures_alone(
+    browser: Any, mixed: Path, view: str
+) -> None:
     with ready(browser, mixed) as seen:
         seen.page.goto(mixed.as_uri() + view)
         seen.page.wait_for_selector("html[data-ready]")
         seen.page.wait_for_function("() => [...document.images].every(i => i.complete)")
         own = mixed.parent.as_uri() + "/"
-        asked = [url.removeprefix(own) for url in seen.asked if not url.startswith("data:")]
-        assert all(url.startswith(("index.html", "index.files/")) for url in asked), asked
+        asked = [
+            url.removeprefix(own) for url in seen.asked if not url.startswith("data:")
+        ]
+        assert all(url.startswith(("index.html", "index.files/")) for url in asked), (
+            asked
+        )
         assert seen.errors == []
 
 
@@ -190,17 +213,35 @@ def cells(seen: Any) -> list[list[str]]:
 def test_a_sweep_opens_as_a_grid_by_its_axes(browser: Any, swept: Path) -> None:
     with ready(browser, swept) as seen:
         page = seen.page
-        assert page.locator(".sheet thead [scope=col]").all_inner_texts() == ["50", "100", "200"]
-        assert page.locator(".sheet tbody [scope=row]").all_inner_texts() == ["0.1", "0.2", "0.3", "0.9"]
+        assert page.locator(".sheet thead [scope=col]").all_inner_texts() == [
+            "50",
+            "100",
+            "200",
+        ]
+        assert page.locator(".sheet tbody [scope=row]").all_inner_texts() == [
+            "0.1",
+            "0.2",
+            "0.3",
+            "0.9",
+        ]
         for row, friction in zip(cells(seen), (0.1, 0.2, 0.3, 0.9), strict=True):
             for told, mass in zip(row, (50, 100, 200), strict=True):
-                assert f"mass {mass}, ball friction {friction}".replace("ball ", "") in told.replace(
+                assert f"mass {mass}, ball friction {friction}".replace(
                     "ball ", ""
-                )
+                ) in told.replace("ball ", "")
                 assert told.endswith(": failed") == ((mass, friction) == (100, 0.2))
         page.select_option("[data-part=x]", "objects.ball.friction")
-        assert page.locator(".sheet thead [scope=col]").all_inner_texts() == ["0.1", "0.2", "0.3", "0.9"]
-        assert page.locator(".sheet tbody [scope=row]").all_inner_texts() == ["50", "100", "200"]
+        assert page.locator(".sheet thead [scope=col]").all_inner_texts() == [
+            "0.1",
+            "0.2",
+            "0.3",
+            "0.9",
+        ]
+        assert page.locator(".sheet tbody [scope=row]").all_inner_texts() == [
+            "50",
+            "100",
+            "200",
+        ]
         page.select_option("[data-part=y]", "-")
         assert len(cells(seen)) == 1
         assert "+2" in page.text_content(".sheet tbody")
@@ -229,10 +270,14 @@ def test_a_card_plays_under_the_pointer_and_stops(browser: Any, mixed: Path) -> 
 # ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
 
 
-def test_a_mixed_gallery_begins_with_a_clip_that_moves_and_has_no_grid(browser: Any, mixed: Path) -> None:
+def test_a_mixed_gallery_begins_with_a_clip_that_moves_and_has_no_grid(
+    browser: Any, mixed: Path
+) -> None:
     with ready(browser, mixed, reduced_motion="no-preference") as seen:
         assert seen.page.is_visible(".hero .poster")
-        seen.page.wait_for_function("() => document.querySelector('.hero video')?.currentTime > 0")
+        seen.page.wait_for_function(
+            "() => document.querySelector('.hero video')?.currentTime > 0"
+        )
         assert not seen.page.is_visible(".switch")
 
 
@@ -241,7 +286,11 @@ def test_a_mixed_gallery_begins_with_a_clip_that_moves_and_has_no_grid(browser: 
 def test_axe_finds_nothing_serious_and_nothing_flows_over(
     browser: Any, long: Path, width: int, view: str, scheme: str
 ) -> None:
-    how = {"viewport": {"width": width, "height": 800}, "is_mobile": width < 500, "has_touch": width < 500}
+    how = {
+        "viewport": {"width": width, "height": 800},
+        "is_mobile": width < 500,
+        "has_touch": width < 500,
+    }
     with ready(browser, long, color_scheme=scheme, **how) as seen:
         go(seen, f"view={view}")
         unfolded(seen.page)

@@ -29,8 +29,15 @@ def gallery(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three clips, one with a warning, and one that failed."""
     home = tmp_path_factory.mktemp("gallery")
     exhibit(home / "pool", document(world__duration=3), seed=1)
-    exhibit(home / "cup", document(objects={"cup": {"label": "cup", "mass": 3}}), seed=2)
-    exhibit(home / "shelf", document(), seed=4, warnings=[{"text": "the books rest on nothing"}])
+    exhibit(
+        home / "cup", document(objects={"cup": {"label": "cup", "mass": 3}}), seed=2
+    )
+    exhibit(
+        home / "shelf",
+        document(),
+        seed=4,
+        warnings=[{"text": "the books rest on nothing"}],
+    )
     failure(home, "broken", 'broken.yaml:3:1: "heavy" is not a number')
     write_gallery([home], home / "index.html", title="Gallery")
     return home / "index.html"
@@ -39,14 +46,24 @@ def gallery(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("name", ["report", "gallery"])
 def test_a_page_looks_as_it_did(
-    browser: Any, pages: Path, gallery: Path, name: str, look: str, pytestconfig: pytest.Config
+    browser: Any,
+    pages: Path,
+    gallery: Path,
+    name: str,
+    look: str,
+    pytestconfig: pytest.Config,
 ) -> None:
     file = gallery if name == "gallery" else pages / "fall" / "report.html"
     golden = GOLDEN / f"{name}-{look}.webp"
-    with opened(browser, file, ready=name == "report", preview=False, **LOOKS[look]) as seen:
+    with opened(
+        browser, file, ready=name == "report", preview=False, **LOOKS[look]
+    ) as seen:
         seen.page.add_style_tag(content=MACHINE)
         seen.page.wait_for_load_state("networkidle")
-        assert looks_like(seen.page, golden, renew=pytestconfig.getoption("force_regen")) == ""
+        assert (
+            looks_like(seen.page, golden, renew=pytestconfig.getoption("force_regen"))
+            == ""
+        )
         seen.page.add_style_tag(content=OTHER_LETTERS)
         assert looks_like(seen.page, golden) == "", "letters alone do not count"
         moved = "main > :first-child, .columns { position: relative; left: 24px; }"

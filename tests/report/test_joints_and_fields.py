@@ -33,8 +33,16 @@ fields:
 
 def test_the_page_shows_them(tmp_path: Path) -> None:
     scene = loaded(tmp_path, SCENE)
-    world, photo = pipeline.compile(scene, None).world, np.zeros((150, 200, 3), np.uint8)
-    page = report_page(scene, world, RunRecord("scene", ["physgen"]), photo, None, SCENE, PageParts())
-    assert len(re.findall(r'<polyline class="wall" points="[^"]+"><title>frame', page)) == 1
+    world, photo = (
+        pipeline.compile(scene, None).world,
+        np.zeros((150, 200, 3), np.uint8),
+    )
+    page = report_page(
+        scene, world, RunRecord("scene", ["physgen"]), photo, None, SCENE, PageParts()
+    )
+    assert (
+        len(re.findall(r'<polyline class="wall" points="[^"]+"><title>frame', page))
+        == 1
+    )
     assert "<h2>Joints and fields</h2>" in page
     assert "<td><b>tow</b></td><td>spring</td><td>bob and car</td>" in page

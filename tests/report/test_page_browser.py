@@ -49,14 +49,20 @@ def test_charts_tell_what_nature_does(browser: Any, pages: Path) -> None:
         assert number(energy["kinetic"]) + number(energy["potential"]) == approx(
             1000 * (0.5 * 50 * V**2 + 50 * G * (380 - 18 - 50)) / joule, rel=0.02
         )
-        assert number(readout(seen, 2)["to the right"]) == approx(50 * V / (1000 * 200) * 1000, rel=6e-3)
+        assert number(readout(seen, 2)["to the right"]) == approx(
+            50 * V / (1000 * 200) * 1000, rel=6e-3
+        )
 
 
 # ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
 
 
-def test_without_scripts_the_picture_the_video_and_the_tables_stay(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall"), ready=False, java_script_enabled=False) as seen:
+def test_without_scripts_the_picture_the_video_and_the_tables_stay(
+    browser: Any, pages: Path
+) -> None:
+    with opened(
+        browser, report(pages, "fall"), ready=False, java_script_enabled=False
+    ) as seen:
         for what in ("svg.photo", "video[controls]", "table.parameters", "noscript p"):
             assert seen.page.is_visible(what), what
         for what in ("canvas", "[data-part=play]", "#physics"):
@@ -67,15 +73,23 @@ def test_without_scripts_the_picture_the_video_and_the_tables_stay(browser: Any,
 def test_axe_finds_nothing_serious_and_nothing_flows_over(
     browser: Any, pages: Path, width: int, scheme: str
 ) -> None:
-    how = {"viewport": {"width": width, "height": 800}, "is_mobile": width < 500, "has_touch": width < 500}
-    with opened(browser, report(pages, "long-heavy"), color_scheme=scheme, **how) as seen:
+    how = {
+        "viewport": {"width": width, "height": 800},
+        "is_mobile": width < 500,
+        "has_touch": width < 500,
+    }
+    with opened(
+        browser, report(pages, "long-heavy"), color_scheme=scheme, **how
+    ) as seen:
         unfolded(seen.page)
         assert overflowing(seen.page) == []
         seen.page.wait_for_timeout(100)
         assert grave(seen.page) == []
 
 
-def test_contacts_are_where_the_renderer_finds_them(browser: Any, tmp_path: Path) -> None:
+def test_contacts_are_where_the_renderer_finds_them(
+    browser: Any, tmp_path: Path
+) -> None:
     """The script's geometry beside the renderer's, over many poses of many shapes."""
     text = """\
 physgen: 1
@@ -89,7 +103,12 @@ boundaries:
   w: {polyline: [[10, 190], [100, 180], [190, 195]]}
 """
     world = written.world(tmp_path, text)
-    data = {"walls": [{"chains": [chain.tolist() for chain in wall.chains]} for wall in world.walls]}
+    data = {
+        "walls": [
+            {"chains": [chain.tolist() for chain in wall.chains]}
+            for wall in world.walls
+        ]
+    }
     bodies = [
         {"rings": [ring.tolist() for ring in body.rings]}
         | ({} if body.radius is None else {"radius": body.radius})
@@ -98,10 +117,14 @@ boundaries:
     random = np.random.default_rng(3)
     cases, expected = [], []
     for _ in range(60):
-        poses = np.column_stack([random.uniform(20, 180, (4, 2)), random.uniform(-4, 4, 4)])
+        poses = np.column_stack(
+            [random.uniform(20, 180, (4, 2)), random.uniform(-4, 4, 4)]
+        )
         first, second = sorted(random.choice(5, 2, replace=False).tolist())
         points, gap = contact_points_between(world, poses, first, second)
-        cases.append([[{"x": x, "y": y, "a": a} for x, y, a in poses.tolist()], first, second])
+        cases.append(
+            [[{"x": x, "y": y, "a": a} for x, y, a in poses.tolist()], first, second]
+        )
         expected.append((gap, points.mean(axis=0)))
     parts = [
         resource("templates", "player", f"{part}.js").read_text()

@@ -57,7 +57,9 @@ def scene(tmp_path: Path, size: tuple[int, int] = (200, 100)):
         clean=rgb[::-1].copy(),
         shadows=labels,
         depth=x.astype(np.float32),
-        normals=(noise / np.linalg.norm(noise, axis=2, keepdims=True)).astype(np.float32),
+        normals=(noise / np.linalg.norm(noise, axis=2, keepdims=True)).astype(
+            np.float32
+        ),
         albedo=(rgb / 255).astype(np.float32),
         shading=rng.random((height, width)).astype(np.float32),
     )
@@ -71,37 +73,69 @@ def pixels(picture: Picture) -> np.ndarray:
         return np.asarray(image.convert("RGB")).astype(int)
 
 
-def test_every_map_has_its_picture_and_those_that_are_not_there_have_none(tmp_path: Path) -> None:
+def test_every_map_has_its_picture_and_those_that_are_not_there_have_none(
+    tmp_path: Path,
+) -> None:
     made, compiled, maps = scene(tmp_path)
     strip = perception(made, compiled, maps)
     names = [picture.name for picture in strip.pictures]
-    assert names == ["photo", "masks", "shapes", "depth", "normals", "albedo", "shading", "light", "shadows"]
-    assert all(picture.alt and picture.title and picture.caption for picture in strip.pictures)
+    assert names == [
+        "photo",
+        "masks",
+        "shapes",
+        "depth",
+        "normals",
+        "albedo",
+        "shading",
+        "light",
+        "shadows",
+    ]
+    assert all(
+        picture.alt and picture.title and picture.caption for picture in strip.pictures
+    )
     assert [comparison.before.width for comparison in strip.comparisons] == [200]
     bare = perception(
-        replace(made, light=None), compiled, Percepts(maps.rgb, maps.labels, background=maps.rgb)
+        replace(made, light=None),
+        compiled,
+        Percepts(maps.rgb, maps.labels, background=maps.rgb),
     )
-    assert [picture.name for picture in bare.pictures] == ["photo", "masks", "shapes", "background"]
+    assert [picture.name for picture in bare.pictures] == [
+        "photo",
+        "masks",
+        "shapes",
+        "background",
+    ]
     assert bare.comparisons == ()
     assert perception(made, compiled, None) is None
 
 
 def test_pictures_show_what_the_maps_say(tmp_path: Path) -> None:
     made, compiled, maps = scene(tmp_path)
-    seen = {picture.name: pixels(picture) for picture in perception(made, compiled, maps).pictures}
+    seen = {
+        picture.name: pixels(picture)
+        for picture in perception(made, compiled, maps).pictures
+    }
     assert seen["photo"].shape == (100, 200, 3)
-    ball, crate, beside = (seen["masks"][y, x] for y, x in ((40, 60), (70, 150), (20, 110)))
+    ball, crate, beside = (
+        seen["masks"][y, x] for y, x in ((40, 60), (70, 150), (20, 110))
+    )
     assert np.ptp(ball) > 60
     assert np.ptp(crate) > 60
     assert np.abs(ball - crate).max() > 80
     assert np.ptp(beside) < 40  # in grey
-    assert seen["depth"][:, :20].mean() > seen["depth"][:, -20:].mean() + 80  # near is bright
+    assert (
+        seen["depth"][:, :20].mean() > seen["depth"][:, -20:].mean() + 80
+    )  # near is bright
     floor = seen["shapes"][88:93, 185].max(axis=0)
     assert floor[0] > 150 > floor[2]  # yellow
 
 
-@pytest.mark.parametrize("direction", [(-0.6, -0.64, 0.48), (0.8, 0.0, 0.6), (0.0, 0.6, 0.8)])
-def test_the_ball_is_brightest_where_the_light_comes_from(direction: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize(
+    "direction", [(-0.6, -0.64, 0.48), (0.8, 0.0, 0.6), (0.0, 0.6, 0.8)]
+)
+def test_the_ball_is_brightest_where_the_light_comes_from(
+    direction: tuple[float, float, float],
+) -> None:
     card = light_picture(Light(direction, 1.0, 0.2, 2.0), (300, 200)).astype(int)
     y, x = np.mgrid[:200, :300]
     grey = np.ptp(card, axis=2) < 8

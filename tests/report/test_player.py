@@ -37,7 +37,12 @@ def made(path: Path, overrides: tuple[str, ...] = ()) -> SimpleNamespace:
     shot = pipeline.shot(scene, trajectory)
     data = player_data(scene, compiled.world, trajectory, stage, shot)
     return SimpleNamespace(
-        scene=scene, world=compiled.world, run=trajectory, stage=stage, maps=maps, data=data
+        scene=scene,
+        world=compiled.world,
+        run=trajectory,
+        stage=stage,
+        maps=maps,
+        data=data,
     )
 
 
@@ -57,8 +62,12 @@ def test_places_are_rounded_as_little_as_is_said(tmp_path: Path) -> None:
     times = np.cumsum(got.data["times"]) * got.data["steps"]["time"]
     assert times[frames] == approx(got.run.times, abs=1e-6)
     for k in range(2):
-        assert values(got.data, k, "x", "place")[frames] == approx(got.run.poses[:, k, 0], abs=1 / 64 + 1e-9)
-        assert values(got.data, k, "y", "place")[frames] == approx(got.run.poses[:, k, 1], abs=1 / 64 + 1e-9)
+        assert values(got.data, k, "x", "place")[frames] == approx(
+            got.run.poses[:, k, 0], abs=1 / 64 + 1e-9
+        )
+        assert values(got.data, k, "y", "place")[frames] == approx(
+            got.run.poses[:, k, 1], abs=1 / 64 + 1e-9
+        )
         assert values(got.data, k, "a", "angle")[frames] == approx(
             got.run.poses[:, k, 2], abs=1 / 8192 + 1e-9
         )
@@ -85,8 +94,12 @@ def test_between_samples_a_ball_falls_as_a_ball_does(tmp_path: Path) -> None:
 def test_a_touch_gives_what_the_motion_changes_by(tmp_path: Path) -> None:
     """J = m (1 + e) v."""
     got = written(tmp_path, BOUNCE)
-    names = [body["name"] for body in got.data["bodies"]] + [wall["name"] for wall in got.data["walls"]]
-    _, second, begin, _, impulse = next(t for t in got.data["touches"] if names[t[0]] == "ball")
+    names = [body["name"] for body in got.data["bodies"]] + [
+        wall["name"] for wall in got.data["walls"]
+    ]
+    _, second, begin, _, impulse = next(
+        t for t in got.data["touches"] if names[t[0]] == "ball"
+    )
     assert names[second] == "floor"
     speed = np.sqrt(2 * 600 * 300)
     assert begin == approx(speed / 600, abs=2e-3)
@@ -98,7 +111,9 @@ def test_a_touch_gives_what_the_motion_changes_by(tmp_path: Path) -> None:
 
 def test_what_a_camera_sees(tmp_path: Path) -> None:
     assert written(tmp_path, BOUNCE).data["camera"] is None
-    views = written(tmp_path, BOUNCE, "render.camera={center: [150, 200], zoom: 2}").data["camera"]
+    views = written(
+        tmp_path, BOUNCE, "render.camera={center: [150, 200], zoom: 2}"
+    ).data["camera"]
     assert views[0] == approx([150 - 75, 200 - 100, 150, 200])
     assert views[-1] == views[0]
 
@@ -119,7 +134,10 @@ def test_at_rest_its_parts_make_the_photo(bundled: Path, name: str) -> None:
     photo = np.asarray(Image.open(got.scene.image).convert("RGB"), np.float64)
     canvas = picture(got.data["background"])[..., :3].copy()
     assert canvas.shape[1::-1] == got.scene.size
-    for row in [*(shadow["keys"][0] for shadow in got.data["shadows"]), *got.data["sprites"]]:
+    for row in [
+        *(shadow["keys"][0] for shadow in got.data["shadows"]),
+        *got.data["sprites"],
+    ]:
         if "src" in row:
             lay(canvas, row)
     off = np.abs(canvas - photo)
@@ -136,6 +154,7 @@ def test_a_shadow_is_known_where_its_object_turns_away(bundled: Path) -> None:
         assert samples == sorted(set(samples))
         way = got.run.poses[:, shadow["body"], :2]
         straight = np.stack(
-            [np.interp(np.arange(len(way)), samples, way[samples, k]) for k in (0, 1)], axis=1
+            [np.interp(np.arange(len(way)), samples, way[samples, k]) for k in (0, 1)],
+            axis=1,
         )
         assert np.abs(way - straight).max() < 12

@@ -19,10 +19,14 @@ pytestmark = pytest.mark.slow
 # ---- it opens, and it moves as it should ---------------------------------------------------------------------------
 
 
-def test_it_opens_from_disk_and_asks_for_nothing_else(browser: Any, pages: Path) -> None:
+def test_it_opens_from_disk_and_asks_for_nothing_else(
+    browser: Any, pages: Path
+) -> None:
     with opened(browser, report(pages, "fall")) as seen:
         own = (pages / "fall").as_uri() + "/"
-        assert {url.removeprefix(own) for url in seen.asked if not url.startswith("data:")} == {
+        assert {
+            url.removeprefix(own) for url in seen.asked if not url.startswith("data:")
+        } == {
             "report.html",
             "video.mp4",
         }
@@ -36,7 +40,9 @@ def test_things_are_drawn_where_they_are(browser: Any, pages: Path) -> None:
         for time in np.linspace(0.013, LANDS - 0.02, 7):
             shown = seen.seek(float(time))
             assert shown == approx(time, abs=1e-5)
-            assert start + middle(seen.pixels(), colour, (320, 400)) == approx(fallen(shown), abs=0.2)
+            assert start + middle(seen.pixels(), colour, (320, 400)) == approx(
+                fallen(shown), abs=0.2
+            )
 
 
 def test_playing_moves_it_there(browser: Any, pages: Path) -> None:
@@ -44,13 +50,17 @@ def test_playing_moves_it_there(browser: Any, pages: Path) -> None:
         colour, start = ball(seen)
         seen.page.select_option("[data-part=rate]", "0.25")
         seen.page.click("[data-part=play]")
-        seen.page.wait_for_function("() => +document.getElementById('player').dataset.time > 0.1")
+        seen.page.wait_for_function(
+            "() => +document.getElementById('player').dataset.time > 0.1"
+        )
         assert seen.playing
         assert seen.page.get_attribute("[data-part=play]", "aria-label") == "Pause"
         seen.page.click("[data-part=play]")
         seen.drawn()
         assert not seen.playing
-        assert start + middle(seen.pixels(), colour, (320, 400)) == approx(fallen(seen.time), abs=0.2)
+        assert start + middle(seen.pixels(), colour, (320, 400)) == approx(
+            fallen(seen.time), abs=0.2
+        )
 
 
 @pytest.mark.parametrize(("name", "fps", "order"), [
@@ -66,13 +76,17 @@ def test_the_video_shows_the_same_moment(
     with opened(browser, report(pages, name), preview=False) as seen:
         assert seen.page.is_visible("video")
         assert not seen.page.is_visible("canvas")
-        seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
+        seen.page.wait_for_function(
+            "() => document.querySelector('video').readyState >= 2"
+        )
         for sample in (0, 7, len(set(order)) - 1):
             seen.seek(sample * step)
             seen.page.wait_for_function(
                 "() => { const v = document.querySelector('video'); return !v.seeking; }"
             )
-            at_video = seen.page.evaluate("() => document.querySelector('video').currentTime")
+            at_video = seen.page.evaluate(
+                "() => document.querySelector('video').currentTime"
+            )
             assert order[int(at_video * fps)] == sample
         seen.page.click("[data-part=first]")
         seen.page.click("[data-part=play]")
@@ -85,7 +99,9 @@ def test_video_and_preview_run_by_one_clock(browser: Any, pages: Path) -> None:
     """While both play, the preview shows the frame that the browser presents, or the one beside it."""
     with opened(browser, report(pages, "fall"), preview=False) as seen:
         seen.page.click("button[data-view=both]")
-        seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
+        seen.page.wait_for_function(
+            "() => document.querySelector('video').readyState >= 2"
+        )
         seen.page.click("[data-part=play]")
         off = seen.page.evaluate("""() => new Promise((done) => {
             const video = document.querySelector("video"), root = document.getElementById("player"), found = [];
@@ -100,27 +116,45 @@ def test_video_and_preview_run_by_one_clock(browser: Any, pages: Path) -> None:
         assert np.median(off) < 0.01
 
 
-def test_a_break_looks_as_the_renderer_draws_it(browser: Any, bundled: Path, tmp_path: Path) -> None:
+def test_a_break_looks_as_the_renderer_draws_it(
+    browser: Any, bundled: Path, tmp_path: Path
+) -> None:
     """Balls that roll in space, shadows that go with them: nearly what the video shows, frame for frame."""
-    file, edits = bundled / "billiards" / "scene.yaml", ["world.duration=0.5", "render.motion_blur=0"]
+    file, edits = (
+        bundled / "billiards" / "scene.yaml",
+        ["world.duration=0.5", "render.motion_blur=0"],
+    )
     scene = pipeline.load(file, edits)
-    folder = pipeline.render_scene(file, tmp_path, overrides=edits, formats=[Format.PNG])
+    folder = pipeline.render_scene(
+        file, tmp_path, overrides=edits, formats=[Format.PNG]
+    )
     radius = 20
     with opened(browser, folder / "report.html") as seen:
         for sample in (4, 9, 14):
             shown = seen.seek(sample / 30)
             pixels = seen.pixels()[..., :3]
-            true = cv2.cvtColor(cv2.imread(str(folder / "frames" / f"{sample:05}.png")), cv2.COLOR_BGR2RGB)
-            true = cv2.resize(true, pixels.shape[1::-1], interpolation=cv2.INTER_AREA).astype(np.float64)
+            true = cv2.cvtColor(
+                cv2.imread(str(folder / "frames" / f"{sample:05}.png")),
+                cv2.COLOR_BGR2RGB,
+            )
+            true = cv2.resize(
+                true, pixels.shape[1::-1], interpolation=cv2.INTER_AREA
+            ).astype(np.float64)
             assert np.abs(pixels - true).mean() < 3
             large = pixels.shape[1] / scene.size[0]
-            run = pipeline.simulate(pipeline.compile(scene, pipeline.percepts(scene)).world)
+            run = pipeline.simulate(
+                pipeline.compile(scene, pipeline.percepts(scene)).world
+            )
             assert run.times[sample] == approx(shown, abs=1e-6)
             off = []
             for x, y in run.poses[sample, :, :2]:
                 rows, columns = np.indices(pixels.shape[:2])
                 ball = (
-                    np.hypot((columns + 0.5) / large - 0.5 - x, (rows + 0.5) / large - 0.5 - y) < 0.9 * radius
+                    np.hypot(
+                        (columns + 0.5) / large - 0.5 - x,
+                        (rows + 0.5) / large - 0.5 - y,
+                    )
+                    < 0.9 * radius
                 )
                 off.append(np.abs(pixels - true)[ball].mean())
             assert np.median(off) < 12
@@ -134,7 +168,13 @@ def test_keys(browser: Any, pages: Path) -> None:
     frame = 1 / 30
     with opened(browser, report(pages, "fall")) as seen:
         press = seen.page.keyboard.press
-        for key, time in ((".", frame), (".", 2 * frame), (",", frame), ("End", 44 * frame), ("Home", 0.0)):
+        for key, time in (
+            (".", frame),
+            (".", 2 * frame),
+            (",", frame),
+            ("End", 44 * frame),
+            ("Home", 0.0),
+        ):
             press(key)
             assert seen.time == approx(time, abs=2e-6), key
         press("ArrowRight")
@@ -155,7 +195,17 @@ def test_keys(browser: Any, pages: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "layer", ["outlines", "pieces", "boundaries", "velocities", "forces", "contacts", "trails", "ids"]
+    "layer",
+    [
+        "outlines",
+        "pieces",
+        "boundaries",
+        "velocities",
+        "forces",
+        "contacts",
+        "trails",
+        "ids",
+    ],
 )
 def test_a_layer_is_drawn_and_goes(browser: Any, pages: Path, layer: str) -> None:
     """What is drawn lies where its thing is, and without it the picture is the same again."""

@@ -13,8 +13,14 @@ from physgen.report.record import RunRecord
 
 
 def record() -> RunRecord:
-    made = RunRecord(scene="lesson", command=["physgen", "render", "a b.yaml", "--set", "x=<i>"])
-    made.inputs, made.seeds, made.frames = {"<b>.yaml": "ab" * 32}, {"refine": 7}, ["x", "y"]
+    made = RunRecord(
+        scene="lesson", command=["physgen", "render", "a b.yaml", "--set", "x=<i>"]
+    )
+    made.inputs, made.seeds, made.frames = (
+        {"<b>.yaml": "ab" * 32},
+        {"refine": 7},
+        ["x", "y"],
+    )
     made.overrides, made.refine = ["x=<i>", "y=2"], {"backend": "animatediff"}
     return made
 
@@ -24,7 +30,9 @@ def test_facts_are_those_of_the_record() -> None:
     assert ("seed of refine", "7") in found["facts"]
     assert found["edits"] == ["x=<i>", "y=2"]
     nothing = provenance(RunRecord(scene="", command=[], seeds={"refine": 7}), "")
-    assert not [name for name, _ in nothing["facts"] if name.startswith("seed")], "nobody refined"
+    assert not [name for name, _ in nothing["facts"] if name.startswith("seed")], (
+        "nobody refined"
+    )
     assert nothing["frames"] == ""
 
 
@@ -48,9 +56,19 @@ def test_the_page_says_what_is_needed_to_repeat_the_run() -> None:
 
 def test_the_command_is_of_this_clip_alone() -> None:
     made = record()
-    made.command = ["physgen", "render", "a.yaml", "b.yaml", "--variant", "all", "--jobs", "8"]
+    made.command = [
+        "physgen",
+        "render",
+        "a.yaml",
+        "b.yaml",
+        "--variant",
+        "all",
+        "--jobs",
+        "8",
+    ]
     made.alone = command_alone(
-        "b.yaml", RenderOptions(overrides=("world.duration=1",), variant="fast", draws=8)
+        "b.yaml",
+        RenderOptions(overrides=("world.duration=1",), variant="fast", draws=8),
     )
     found = provenance(made, "a: 1\n")
     assert found["command"] == (
@@ -61,6 +79,14 @@ def test_the_command_is_of_this_clip_alone() -> None:
         models=("--refine=animatediff:/weights", "--config=my.toml"),
     )
     assert command_alone("b.yaml", options) == [
-        *("physgen", "render", "b.yaml", "--set", "a=1", "--refine=animatediff:/weights", "--config=my.toml")
+        *(
+            "physgen",
+            "render",
+            "b.yaml",
+            "--set",
+            "a=1",
+            "--refine=animatediff:/weights",
+            "--config=my.toml",
+        )
     ]
     assert found["run"] == "physgen render a.yaml b.yaml --variant all --jobs 8"

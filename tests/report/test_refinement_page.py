@@ -39,19 +39,26 @@ NOTE = {
 
 
 def page_of(
-    tmp_path: Path, refine: dict | None, video: str = "video.mp4", shown: Comparison | None = None
+    tmp_path: Path,
+    refine: dict | None,
+    video: str = "video.mp4",
+    shown: Comparison | None = None,
 ) -> str:
     scene = loaded(tmp_path, SCENE)
     record = RunRecord("scene", ["physgen"], refine=refine, unrefined=["0"] * 12)
     world, film = pipeline.compile(scene, None).world, Film(video, True, video)
     first = np.zeros((150, 200, 3), np.uint8)
-    return report_page(scene, world, record, first, film, SCENE, PageParts(refinement=shown))
+    return report_page(
+        scene, world, record, first, film, SCENE, PageParts(refinement=shown)
+    )
 
 
 def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
     changed = MostChanged()
     for k, by in enumerate((2, -9, 5)):
-        before, after = (np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + k + by))
+        before, after = (
+            np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + k + by)
+        )
         changed.add(before, after)
     assert (changed.index, int(changed.refined[0, 0, 0])) == (1, 92)
     pair = compared("refined", "Refined", "", ("before", before), ("after", after))
@@ -76,7 +83,9 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
 
 def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
     page = page_of(
-        tmp_path, {"backend": "animatediff", "failed": "refine: <b> do not fit; write less"}, "unrefined.mp4"
+        tmp_path,
+        {"backend": "animatediff", "failed": "refine: <b> do not fit; write less"},
+        "unrefined.mp4",
     )
     assert "The rendered video, not refined." in page
     assert 'src="unrefined.mp4"' in page

@@ -26,7 +26,10 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def page(home: Path) -> Path:
-    assert main(["evaluate", "study", str(home), "-o", str(home.parent / "study.html")]) == 0
+    assert (
+        main(["evaluate", "study", str(home), "-o", str(home.parent / "study.html")])
+        == 0
+    )
     return home.parent / "study.html"
 
 
@@ -40,15 +43,22 @@ def decoded(data: bytes, where: Path) -> tuple[Any, list[Any]]:
     path = where / "film.mp4"
     path.write_bytes(data)
     with av.open(str(path)) as container:
-        told = dict(container.metadata), [(s.type, dict(s.metadata)) for s in container.streams]
-        return told, [picture.to_ndarray(format="rgb24") for picture in container.decode(video=0)]
+        told = (
+            dict(container.metadata),
+            [(s.type, dict(s.metadata)) for s in container.streams],
+        )
+        return told, [
+            picture.to_ndarray(format="rgb24") for picture in container.decode(video=0)
+        ]
 
 
 def test_every_clip_is_there_under_the_keys_name(page: Path, tmp_path: Path) -> None:
     """The ground's grey says whose it is."""
     key, shown = read_key(page.with_name("study.key.json")), films(page)
     assert set(shown) == set(key.clips)
-    assert set(key.clips.values()) == {(method, scene) for method in SHADES for scene in ("pool", "shelf")}
+    assert set(key.clips.values()) == {
+        (method, scene) for method in SHADES for scene in ("pool", "shelf")
+    }
     for name, (method, _) in key.clips.items():
         _, frames = decoded(shown[name], tmp_path)
         assert len(frames) == FRAMES
@@ -61,7 +71,10 @@ def test_nothing_tells_whose_it_is(home: Path, page: Path, tmp_path: Path) -> No
     marked = tmp_path / "methods"
     shutil.copytree(home, marked)
     source = marked / "drift" / "pool.mp4"
-    with av.open(str(home / "drift" / "pool.mp4")) as old, av.open(str(source), "w") as new:
+    with (
+        av.open(str(home / "drift" / "pool.mp4")) as old,
+        av.open(str(source), "w") as new,
+    ):
         new.metadata.update(title="drift on pool", comment="by drift")
         stream = new.add_stream("mpeg4", rate=FPS)
         stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
@@ -69,12 +82,17 @@ def test_nothing_tells_whose_it_is(home: Path, page: Path, tmp_path: Path) -> No
         for picture in old.decode(video=0):
             new.mux(stream.encode(picture.reformat(format="yuv420p")))
         new.mux(stream.encode(None))
-        quiet = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        quiet = av.AudioFrame.from_ndarray(
+            np.zeros((1, 1024), np.float32), format="fltp", layout="mono"
+        )
         quiet.sample_rate, quiet.pts = 44100, 0
         new.mux(sound.encode(quiet))
         new.mux(sound.encode(None))
     assert b"by drift" in source.read_bytes()
-    assert main(["evaluate", "study", str(marked), "-o", str(tmp_path / "study.html")]) == 0
+    assert (
+        main(["evaluate", "study", str(marked), "-o", str(tmp_path / "study.html")])
+        == 0
+    )
     for made in (page, tmp_path / "study.html"):
         text = made.read_text()
         shown = films(made)
@@ -85,11 +103,16 @@ def test_nothing_tells_whose_it_is(home: Path, page: Path, tmp_path: Path) -> No
         made_by = [decoded(data, tmp_path)[0] for data in shown.values()]
         assert all(told == made_by[0] for told in made_by)
         assert [kind for kind, _ in made_by[0][1]] == ["video"]
-        encoders = {tuple(re.findall(rb"(?:x264|Lav[fc])[ -~]*", data)) for data in shown.values()}
+        encoders = {
+            tuple(re.findall(rb"(?:x264|Lav[fc])[ -~]*", data))
+            for data in shown.values()
+        }
         assert len(encoders) == 1, "what the encoder says of itself is the same in all"
 
 
-def test_the_same_folder_makes_the_same_study_and_another_seed_another(home: Path, page: Path) -> None:
+def test_the_same_folder_makes_the_same_study_and_another_seed_another(
+    home: Path, page: Path
+) -> None:
     again, other = make(methods_in(home), 15), make(methods_in(home), 15, seed=1)
     key = read_key(page.with_name("study.key.json"))
     assert again.key == key
@@ -109,7 +132,9 @@ def test_clips_of_many_kinds_are_read(home: Path, tmp_path: Path) -> None:
         assert len(frames) == FRAMES
 
 
-def test_clips_that_cannot_be_shown_are_told_all_at_once(home: Path, tmp_path: Path) -> None:
+def test_clips_that_cannot_be_shown_are_told_all_at_once(
+    home: Path, tmp_path: Path
+) -> None:
     shutil.copytree(home, tmp_path / "m")
     write_clip(tmp_path / "m" / "drift" / "pool.mp4", "drift", frames=1)
     (tmp_path / "m" / "melt" / "shelf.mp4").write_bytes(b"none")
@@ -120,6 +145,9 @@ def test_clips_that_cannot_be_shown_are_told_all_at_once(home: Path, tmp_path: P
     assert len(error.value.problems) == 3
     for said in ("pool.mp4: has one frame", "shelf.mp4: is not a video", "shelf.png"):
         assert said in text
-    assert main(["evaluate", "study", str(tmp_path / "m"), "-o", str(tmp_path / "s.html")]) == 2
+    assert (
+        main(["evaluate", "study", str(tmp_path / "m"), "-o", str(tmp_path / "s.html")])
+        == 2
+    )
     assert not (tmp_path / "s.html").exists()
     assert not (tmp_path / "s.key.json").exists()

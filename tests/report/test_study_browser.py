@@ -23,7 +23,12 @@ CLIPS = 6
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("study")
     contest(home / "methods")
-    assert main(["evaluate", "study", str(home / "methods"), "-o", str(home / "study.html")]) == 0
+    assert (
+        main(
+            ["evaluate", "study", str(home / "methods"), "-o", str(home / "study.html")]
+        )
+        == 0
+    )
     return home / "study.html"
 
 
@@ -68,7 +73,9 @@ def save(seen: Any, folder: Path) -> Path:
 SCORES = {"ours": (5, 4), "drift": (2, 3), "melt": (1, 1)}
 
 
-def test_from_the_page_to_the_result(browser: Any, page: Path, key: Key, tmp_path: Path) -> None:
+def test_from_the_page_to_the_result(
+    browser: Any, page: Path, key: Key, tmp_path: Path
+) -> None:
     """By keys alone, each clip scored by what it shows, with a reload midway: every score finds its method."""
     with opened(browser, page, ready=False) as seen:
         begin(seen, "Ada Łoś")
@@ -90,10 +97,14 @@ def test_from_the_page_to_the_result(browser: Any, page: Path, key: Key, tmp_pat
         path = save(seen, tmp_path)
         assert path.name == "answers-Ada-Łoś.json"
         assert seen.errors == []
-        assert {url.partition(":")[0] for url in seen.asked if url != page.as_uri()} <= {"blob", "data"}
+        assert {
+            url.partition(":")[0] for url in seen.asked if url != page.as_uri()
+        } <= {"blob", "data"}
     record = json.loads(path.read_text(encoding="utf-8"))
     assert sorted(record["order"]) == sorted(key.clips)
-    assert record["answers"][record["order"][3]]["seconds"] >= 0.3, "what was before the reload counts, too"
+    assert record["answers"][record["order"][3]]["seconds"] >= 0.3, (
+        "what was before the reload counts, too"
+    )
     found = read_answers([path], key)
     for m, name in enumerate(key.methods):
         assert (found.scores["physical"][0, m] == SCORES[name][0]).all()
@@ -132,13 +143,20 @@ def test_half_an_answer_goes_not_on_and_a_skipped_clip_is_missing(
     assert sorted(scores["photo"][scores["photo"] > 0].tolist()) == [5]
 
 
-@pytest.mark.parametrize(("screen", "scheme"), [("start", "light"), ("rate", "dark"), ("done", "light")])
+@pytest.mark.parametrize(
+    ("screen", "scheme"), [("start", "light"), ("rate", "dark"), ("done", "light")]
+)
 def test_axe_finds_nothing_serious_and_nothing_flows_over(
     browser: Any, page: Path, scheme: str, screen: str
 ) -> None:
-    with opened(browser, page, ready=False, color_scheme=scheme, viewport=PHONE) as seen:
+    with opened(
+        browser, page, ready=False, color_scheme=scheme, viewport=PHONE
+    ) as seen:
         if screen != "start":
-            begin(seen, "Donaudampfschifffahrtsgesellschaftskapitänsmützenabzeichenverleihungsurkunde")
+            begin(
+                seen,
+                "Donaudampfschifffahrtsgesellschaftskapitänsmützenabzeichenverleihungsurkunde",
+            )
             seen.page.keyboard.press("3")
         if screen == "done":
             seen.page.click("[data-part=stop]")

@@ -20,7 +20,9 @@ COUNT = 24
 def clip(width: int, height: int):
     """A square that moves one pixel a frame over a colour ramp."""
     yy, xx = np.mgrid[:height, :width]
-    ramp = np.stack([xx * 200 // width, yy * 200 // height, 100 + 0 * xx], axis=-1).astype(np.uint8)
+    ramp = np.stack(
+        [xx * 200 // width, yy * 200 // height, 100 + 0 * xx], axis=-1
+    ).astype(np.uint8)
     for k in range(COUNT):
         frame = ramp.copy()
         frame[8:24, 4 + k : 20 + k] = (230, 200, 40)
@@ -58,13 +60,17 @@ def test_png_frames_are_exact(tmp_path: Path) -> None:
 def test_the_same_bytes_every_run(tmp_path: Path, kind: Format) -> None:
     one, two = write(tmp_path / "one", kind), write(tmp_path / "two", kind)
     for a, b in (
-        zip(sorted(one.iterdir()), sorted(two.iterdir()), strict=True) if one.is_dir() else [(one, two)]
+        zip(sorted(one.iterdir()), sorted(two.iterdir()), strict=True)
+        if one.is_dir()
+        else [(one, two)]
     ):
         assert a.read_bytes() == b.read_bytes()
 
 
 def test_pictures_larger_than_an_encoder_takes_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="17000 x 4 px is over the 16384 px that it allows a side"):
+    with pytest.raises(
+        InputError, match="17000 x 4 px is over the 16384 px that it allows a side"
+    ):
         open_video(tmp_path, Format.MP4, (17000, 4), 30).__enter__()
     assert not list(tmp_path.iterdir())
 

@@ -53,17 +53,48 @@ SCALARS = st.one_of(
     st.none(),
     st.booleans(),
     st.sampled_from(
-        [0, 1, 2, -1, 1.0, 1.5, 0.0, -0.0, 1e5, 65535, 65536, 1e12, 1e13, 10**40, -(10**40), 1e300, 3600.5]
+        [
+            0,
+            1,
+            2,
+            -1,
+            1.0,
+            1.5,
+            0.0,
+            -0.0,
+            1e5,
+            65535,
+            65536,
+            1e12,
+            1e13,
+            10**40,
+            -(10**40),
+            1e300,
+            3600.5,
+        ]
     ),
     st.floats(allow_nan=False, allow_infinity=False),
     st.sampled_from(
-        ["", "auto", "none", "natural", "static", "side", "sphere", "a", "x" * 201, "x" * 1025, "1"]
+        [
+            "",
+            "auto",
+            "none",
+            "natural",
+            "static",
+            "side",
+            "sphere",
+            "a",
+            "x" * 201,
+            "x" * 1025,
+            "1",
+        ]
     ),
 )
 VALUES = st.recursive(
     SCALARS,
     lambda inner: st.one_of(
-        st.lists(inner, max_size=4), st.dictionaries(st.sampled_from(KEYS), inner, max_size=3)
+        st.lists(inner, max_size=4),
+        st.dictionaries(st.sampled_from(KEYS), inner, max_size=3),
     ),
     max_leaves=6,
 )
@@ -71,7 +102,9 @@ VALUES = st.recursive(
 
 def nodes(value: Any) -> Node:
     if isinstance(value, dict):
-        return Node({key: nodes(item) for key, item in value.items()}, SOURCE, 1, 1, (1, 1))
+        return Node(
+            {key: nodes(item) for key, item in value.items()}, SOURCE, 1, 1, (1, 1)
+        )
     if isinstance(value, list):
         return Node([nodes(item) for item in value], SOURCE, 1, 1)
     return Node(value, SOURCE, 1, 1)
@@ -85,8 +118,16 @@ def ours(document: Any) -> list[str]:
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    return [path] + [place for key, item in inner for place in places(item, (*path, key))]
+    inner = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
+    return [path] + [
+        place for key, item in inner for place in places(item, (*path, key))
+    ]
 
 
 PLACES = places(SCENE)
@@ -112,7 +153,9 @@ def mutated(draw: st.DrawFn) -> Any:
             parent[path[-1]]
         except (KeyError, IndexError, TypeError):
             continue
-        if not isinstance(parent, dict | list):  # a value that was put in: of a text, a letter
+        if not isinstance(
+            parent, dict | list
+        ):  # a value that was put in: of a text, a letter
             continue
         how = draw(st.sampled_from(["replace", "remove", "add", "double"]))
         if how == "replace":
@@ -156,7 +199,20 @@ def outcome(path: Path) -> str:
             st.integers(0, 12),
             st.one_of(
                 st.binary(max_size=3),
-                st.sampled_from([b"[", b"}", b": ", b"- ", b"\n", b"&a ", b"*a", b"!!x ", b"'", b"#"]),
+                st.sampled_from(
+                    [
+                        b"[",
+                        b"}",
+                        b": ",
+                        b"- ",
+                        b"\n",
+                        b"&a ",
+                        b"*a",
+                        b"!!x ",
+                        b"'",
+                        b"#",
+                    ]
+                ),
             ),
         ),
         min_size=1,
@@ -164,7 +220,9 @@ def outcome(path: Path) -> str:
     )
 )
 @example(edits=[])
-def test_a_scene_or_messages_for_any_bytes(edits: list[tuple[int, int, bytes]], folder: Path) -> None:
+def test_a_scene_or_messages_for_any_bytes(
+    edits: list[tuple[int, int, bytes]], folder: Path
+) -> None:
     data = FULL
     for at, gone, put in edits:
         data = data[:at] + put + data[at + gone :]

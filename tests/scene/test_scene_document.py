@@ -72,7 +72,11 @@ def test_places(path: tuple[str | int, ...], line: int, column: int) -> None:
 
 
 def test_places_of_keys() -> None:
-    assert child(tree(TEXT), "objects", "ball", "mass").key_place == ("scene.yaml", 8, 5)
+    assert child(tree(TEXT), "objects", "ball", "mass").key_place == (
+        "scene.yaml",
+        8,
+        5,
+    )
     assert child(tree(TEXT), "world", "gravity").key_place == ("scene.yaml", 4, 9)
 
 
@@ -96,8 +100,13 @@ def test_a_byte_order_mark_is_no_text() -> None:
 
 
 def test_the_limits_themselves_are_allowed() -> None:
-    assert plain(tree("a: " + "[" * (Limit.DEPTH.most - 1) + "]" * (Limit.DEPTH.most - 1)))
-    assert len(plain(tree("a: [" + "0," * (Limit.VALUES.most - 3) + "]"))["a"]) == Limit.VALUES.most - 3
+    assert plain(
+        tree("a: " + "[" * (Limit.DEPTH.most - 1) + "]" * (Limit.DEPTH.most - 1))
+    )
+    assert (
+        len(plain(tree("a: [" + "0," * (Limit.VALUES.most - 3) + "]"))["a"])
+        == Limit.VALUES.most - 3
+    )
 
 
 def test_anything_as_the_value_of_a_flag() -> None:
@@ -120,8 +129,19 @@ def test_pure_python_reads_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("physgen.scene.document.LOADER", yaml.SafeLoader)
     slow = tree(TEXT)
     assert plain(slow) == plain(fast)
-    assert child(slow, "forces", 0, "impulse", 1).place == child(fast, "forces", 0, "impulse", 1).place
-    for text in ("a: &b 1", "a: !!int 1", "a: [", "a: .nan", "a: 1\na: 2", "", "a: \x07"):
+    assert (
+        child(slow, "forces", 0, "impulse", 1).place
+        == child(fast, "forces", 0, "impulse", 1).place
+    )
+    for text in (
+        "a: &b 1",
+        "a: !!int 1",
+        "a: [",
+        "a: .nan",
+        "a: 1\na: 2",
+        "",
+        "a: \x07",
+    ):
         with pytest.raises(InputError) as caught:
             tree(text)
         assert len(caught.value.problems) == 1

@@ -47,7 +47,10 @@ def test_the_first_pair_of_lines_that_cross_is_found(points: list[Corner]) -> No
         if expected is None:
             assert not found.startswith("crosses")
         else:
-            assert found == f"crosses itself: the lines from corners {expected[0]} and {expected[1]}"
+            assert (
+                found
+                == f"crosses itself: the lines from corners {expected[0]} and {expected[1]}"
+            )
 
 
 def circle(corners: int, radius: float = 100) -> list[Corner]:
@@ -75,7 +78,12 @@ def test_outlines_may_touch_themselves() -> None:
 
 @pytest.mark.parametrize(
     "points",
-    [[(0, 0), (5, 0), (9, 0)], [(1, 1), (2, 2), (3, 3)], [(2, 2)] * 4, [(0, 0), (9, 9), (0, 0), (9, 9)]],
+    [
+        [(0, 0), (5, 0), (9, 0)],
+        [(1, 1), (2, 2), (3, 3)],
+        [(2, 2)] * 4,
+        [(0, 0), (9, 9), (0, 0), (9, 9)],
+    ],
 )
 def test_no_area(points: list[Corner]) -> None:
     assert outline_problem(points, True) == (

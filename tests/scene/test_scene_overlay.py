@@ -18,7 +18,11 @@ BASE: dict[str, Any] = {
     "size": [64, 48],
     "world": {"view": "top", "duration": 3},
     "objects": {
-        "ball": {"shape": {"circle": {"center": [20, 20], "radius": 8}}, "mass": 170, "friction": 0.3},
+        "ball": {
+            "shape": {"circle": {"center": [20, 20], "radius": 8}},
+            "mass": 170,
+            "friction": 0.3,
+        },
         "crate": {"shape": {"box": {"center": [40, 20], "size": [8, 6]}}, "density": 2},
     },
     "boundaries": {"wall": {"segment": [[0, 0], [0, 40]], "friction": 0.1}},
@@ -55,10 +59,16 @@ def said(*args: Any, **kwargs: Any) -> list[str]:
 
 
 def test_mappings_merge(scene: Path) -> None:
-    found = load(over(scene, "world: {duration: 5}\nobjects: {ball: {friction: 0.9}}\n"))
+    found = load(
+        over(scene, "world: {duration: 5}\nobjects: {ball: {friction: 0.9}}\n")
+    )
     assert (found.world.view, found.world.duration) == (model.View.TOP, 5)
     ball = named(found)["ball"]
-    assert (ball.friction, ball.mass, ball.shape) == (0.9, 170, model.Circle((20, 20), 8))
+    assert (ball.friction, ball.mass, ball.shape) == (
+        0.9,
+        170,
+        model.Circle((20, 20), 8),
+    )
     assert list(named(found)) == ["ball", "crate"]
 
 
@@ -86,21 +96,40 @@ def test_lists_and_other_kinds_replace_and_parts_of_a_shape_merge(scene: Path) -
     assert named(found)["crate"].shape == model.Box((1, 2), (8, 6))
     text = "objects: {ball: {shape: {polygon: [[0, 0], [9, 0], [0, 9]]}}}\n"
     text += "boundaries: {wall: {polyline: [[0, 0], [5, 5]]}}\n"
-    found = load(over(scene, text), ["forces[0].force=[0, 5]", "forces[1].impulse=[1, 1]"])
+    found = load(
+        over(scene, text), ["forces[0].force=[0, 5]", "forces[1].impulse=[1, 1]"]
+    )
     assert named(found)["ball"].shape == model.Polygon((model.Ring(TRIANGLE),))
-    assert (found.boundaries[0].points, found.boundaries[0].friction) == (((0, 0), (5, 5)), 0.1)
-    assert [force.load for force in found.forces] == [model.Load.FORCE, model.Load.IMPULSE]
+    assert (found.boundaries[0].points, found.boundaries[0].friction) == (
+        ((0, 0), (5, 5)),
+        0.1,
+    )
+    assert [force.load for force in found.forces] == [
+        model.Load.FORCE,
+        model.Load.IMPULSE,
+    ]
 
 
 def test_another_kind_of_mask_and_motion_replace(scene: Path) -> None:
-    path = over(scene, "objects: {ball: {mask: {polygon: [[0, 0], [9, 0], [0, 9]]}, motion: static}}\n")
+    path = over(
+        scene,
+        "objects: {ball: {mask: {polygon: [[0, 0], [9, 0], [0, 9]]}, motion: static}}\n",
+    )
     assert named(load(path))["ball"].motion is model.Motion.STATIC
-    found = load(path, ["objects.ball.motion={path: [[0, 1, 2], [1, 2, 3]]}", "objects.ball.shape=auto"])
+    found = load(
+        path,
+        [
+            "objects.ball.motion={path: [[0, 1, 2], [1, 2, 3]]}",
+            "objects.ball.shape=auto",
+        ],
+    )
     assert named(found)["ball"].path[1] == model.Waypoint(1, (2, 3), 0)
 
 
 def test_null_takes_away(scene: Path) -> None:
-    path = over(scene, "forces: null\nlight: ~\nobjects:\n  crate:\n  ball: {mass: null}\n")
+    path = over(
+        scene, "forces: null\nlight: ~\nobjects:\n  crate:\n  ball: {mass: null}\n"
+    )
     found = load(path)
     assert list(named(found)) == ["ball"]
     assert (found.light, found.forces, named(found)["ball"].density) == (None, (), 1)
@@ -124,7 +153,11 @@ def test_a_chain_of_files_each_with_its_own_photo_folder(tmp_path: Path) -> None
     found = load(tmp_path / "mine" / "scene.yaml")
     assert found.name == "mine"
     assert found.image == (tmp_path / "pool" / "photo.png").resolve()
-    assert (found.world.view, found.world.duration, found.render.fps) == (model.View.TOP, 4, 24)
+    assert (found.world.view, found.world.duration, found.render.fps) == (
+        model.View.TOP,
+        4,
+        24,
+    )
     assert found.document["image"] == "../pool/photo.png"
     assert "extends" not in found.document
     assert found.place("world.duration").file.endswith("table/scene.yaml")
@@ -168,14 +201,22 @@ def test_joints_and_fields_merge_and_go(scene: Path) -> None:
     (band,) = found.joints
     assert (band.name, band.stiffness, band.damping) == ("band", 3, 7)
     (field,) = found.fields  # another kind replaces
-    assert (field.kind, field.vector, field.strength) == (model.FieldKind.ATTRACTOR, (1, 2), 9)
+    assert (field.kind, field.vector, field.strength) == (
+        model.FieldKind.ATTRACTOR,
+        (1, 2),
+        9,
+    )
     assert load(top, variant="still").fields == ()
     assert load(top, ["joints={}"]).joints == ()
 
 
 def test_parts_of_joints_are_set(scene: Path) -> None:
     held = over(scene, HELD)
-    flags = ["joints.hinge.pivot.0=100", "joints.band.spring[1][0]=30", "joints.*.collide=true"]
+    flags = [
+        "joints.hinge.pivot.0=100",
+        "joints.band.spring[1][0]=30",
+        "joints.*.collide=true",
+    ]
     band, hinge = load(held, [*flags, "fields.breeze.wind.1=-2"]).joints
     assert (hinge.points, hinge.collide) == (((100, 5),), True)
     assert (band.points, band.collide) == (((20, 20), (30, 20)), True)
@@ -185,8 +226,14 @@ def test_parts_of_joints_are_set(scene: Path) -> None:
 
 def test_a_mask_takes_the_place_of_a_wall(scene: Path) -> None:
     (wall,) = load(over(scene, HELD)).boundaries
-    assert (wall.points, wall.mask, wall.friction) == ((), model.MaskPolygon(((0, 0), (9, 0), (0, 9))), 0.1)
-    (wall,) = load(over(scene, HELD), ["boundaries.wall.segment=[[0, 1], [2, 3]]"]).boundaries
+    assert (wall.points, wall.mask, wall.friction) == (
+        (),
+        model.MaskPolygon(((0, 0), (9, 0), (0, 9))),
+        0.1,
+    )
+    (wall,) = load(
+        over(scene, HELD), ["boundaries.wall.segment=[[0, 1], [2, 3]]"]
+    ).boundaries
     assert (wall.points, wall.mask) == (((0, 1), (2, 3)), None)
 
 
@@ -194,7 +241,10 @@ def test_a_mask_takes_the_place_of_a_wall(scene: Path) -> None:
 
 
 def test_star_is_every_object(scene: Path) -> None:
-    found = load(scene, ["objects.*.friction=0.8", "forces[*].start=0.5", "boundaries.*.friction=0.7"])
+    found = load(
+        scene,
+        ["objects.*.friction=0.8", "forces[*].start=0.5", "boundaries.*.friction=0.7"],
+    )
     assert {item.friction for item in found.objects} == {0.8}
     assert {force.start for force in found.forces} == {0.5}
     assert found.boundaries[0].friction == 0.7
@@ -202,9 +252,19 @@ def test_star_is_every_object(scene: Path) -> None:
 
 def test_star_of_nothing_and_the_last_set(scene: Path) -> None:
     assert load(scene, ["objects={}", "forces=[]", "objects.*.mass=3"]).objects == ()
-    assert [item.friction for item in load(scene, ["objects.*.friction=null"]).objects] == [0.5, 0.5]
-    assert named(load(scene, ["objects.ball.mass=1", "objects.ball.mass=2"]))["ball"].mass == 2
-    assert named(load(scene, ["objects.ball.mass=1", "objects.ball.density=2"]))["ball"].mass is None
+    assert [
+        item.friction for item in load(scene, ["objects.*.friction=null"]).objects
+    ] == [0.5, 0.5]
+    assert (
+        named(load(scene, ["objects.ball.mass=1", "objects.ball.mass=2"]))["ball"].mass
+        == 2
+    )
+    assert (
+        named(load(scene, ["objects.ball.mass=1", "objects.ball.density=2"]))[
+            "ball"
+        ].mass
+        is None
+    )
 
 
 def test_set_mends_what_the_file_has_wrong(scene: Path) -> None:
@@ -251,20 +311,39 @@ def test_every_variant_is_checked(scene: Path) -> None:
 
 def test_variants_are_whole_after_each_other(scene: Path) -> None:
     """A variant starts from the file, never from the variant before it."""
-    text = "variants: {a: {objects.ball: null, forces: []}, b: {objects.ball.mass: 3}}\n"
+    text = (
+        "variants: {a: {objects.ball: null, forces: []}, b: {objects.ball.mass: 3}}\n"
+    )
     found = load(over(scene, text), variant="b")
     assert found.variants == ("fast", "a", "b")
     assert named(found)["ball"].mass == 3
 
 
 @pytest.mark.parametrize(
-    "key", ["", ".", "a.", ".a", "a..b", "a[", "a[x]", "a[1", "a]b", "[0]", "a[-1]", "a[1]b", "a" + ".a" * 99]
+    "key",
+    [
+        "",
+        ".",
+        "a.",
+        ".a",
+        "a..b",
+        "a[",
+        "a[x]",
+        "a[1",
+        "a]b",
+        "[0]",
+        "a[-1]",
+        "a[1]b",
+        "a" + ".a" * 99,
+    ],
 )
 def test_no_dotted_keys(key: str) -> None:
     assert parse_key(key) is None
 
 
-def test_a_part_of_a_vector_that_the_file_leaves_out_is_set_beside_its_default(scene: Path) -> None:
+def test_a_part_of_a_vector_that_the_file_leaves_out_is_set_beside_its_default(
+    scene: Path,
+) -> None:
     found = named(load(scene, ["objects.*.velocity.0=-30"], variant="fast"))
     assert (found["ball"].velocity, found["crate"].velocity) == ((-30, 0), (-30, 0))
     assert said(scene, ["world.gravity.1=100"]) == [

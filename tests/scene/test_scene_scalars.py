@@ -86,14 +86,24 @@ def test_core_schema(text: str) -> None:
         assert math.copysign(1, found) == math.copysign(1, expected)
 
 
-@pytest.mark.parametrize("text", [".inf", "-.inf", "+.Inf", ".INF", ".nan", ".NaN", ".NAN"])
+@pytest.mark.parametrize(
+    "text", [".inf", "-.inf", "+.Inf", ".INF", ".nan", ".NaN", ".NAN"]
+)
 def test_endless_numbers_are_refused(text: str) -> None:
     with pytest.raises(RefusedError, match="not a finite number"):
         resolve(text)
 
 
 @pytest.mark.parametrize(
-    "text", ["9" * 10**6, "-" + "9" * 5000, "0x" + "f" * 10**6, "0." + "1" * 10**6, "1e400", "-1e999"]
+    "text",
+    [
+        "9" * 10**6,
+        "-" + "9" * 5000,
+        "0x" + "f" * 10**6,
+        "0." + "1" * 10**6,
+        "1e400",
+        "-1e999",
+    ],
 )
 def test_numbers_that_no_float_holds_are_refused(text: str) -> None:
     with pytest.raises(RefusedError):

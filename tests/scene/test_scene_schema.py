@@ -17,12 +17,18 @@ from physgen.scene.schema import expanded, published, with_defaults
 ROOT = Path(__file__).parents[2]
 
 
-def properties(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+def properties(
+    schema: dict[str, Any], path: str = ""
+) -> Iterator[tuple[str, dict[str, Any]]]:
     """Every property, with its path; what is in a list is in []."""
     for key, part in schema.get("properties", {}).items():
         yield f"{path}.{key}".lstrip("."), part
         yield from properties(part, f"{path}.{key}")
-    for key, end in (("additionalProperties", ".*"), ("items", "[]"), ("propertyNames", ".name")):
+    for key, end in (
+        ("additionalProperties", ".*"),
+        ("items", "[]"),
+        ("propertyNames", ".name"),
+    ):
         if isinstance(schema.get(key), dict):
             yield f"{path}{end}".lstrip("."), schema[key]
             yield from properties(schema[key], path + end)
@@ -36,7 +42,9 @@ def test_it_is_a_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(expanded())
 
 
-@pytest.mark.parametrize("path", [path for path in ALL if not path.endswith(("[]", "*"))])
+@pytest.mark.parametrize(
+    "path", [path for path in ALL if not path.endswith(("[]", "*"))]
+)
 def test_every_key_is_told_and_shown(path: str) -> None:
     part = ALL[path]
     assert part["description"].endswith(".")
@@ -47,7 +55,10 @@ def test_every_key_is_told_and_shown(path: str) -> None:
 def test_examples_and_defaults_are_valid(path: str) -> None:
     part = ALL[path]
     check = jsonschema.Draft202012Validator(part)
-    for value in [*part.get("examples", []), *([part["default"]] if "default" in part else [])]:
+    for value in [
+        *part.get("examples", []),
+        *([part["default"]] if "default" in part else []),
+    ]:
         check.validate(value)
 
 
@@ -66,7 +77,9 @@ def test_units_are_known() -> None:
 
 
 def test_defaults_are_filled_without_touching_the_schema() -> None:
-    filled = with_defaults({"physgen": 1, "size": [1, 1], "objects": {"a": {"mask": 1}}})
+    filled = with_defaults(
+        {"physgen": 1, "size": [1, 1], "objects": {"a": {"mask": 1}}}
+    )
     filled["objects"]["a"]["velocity"].append(3)
     filled["world"]["table"]["friction"] = 9
     again = with_defaults({"physgen": 1, "objects": {"a": {}}})
@@ -101,7 +114,9 @@ def test_every_message_of_a_missing_key_has_an_example(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError) as caught:
         load(path)
-    missing = [problem for problem in caught.value.problems if problem.expected == "missing"]
+    missing = [
+        problem for problem in caught.value.problems if problem.expected == "missing"
+    ]
     assert len(missing) == 6
     assert all("e.g." in problem.fix for problem in missing)
 
@@ -115,7 +130,9 @@ def test_every_message_of_a_missing_key_has_an_example(tmp_path: Path) -> None:
         ("fixed", "motion: static"),
     ],
 )
-def test_words_of_other_engines_lead_to_ours(tmp_path: Path, word: str, ours: str) -> None:
+def test_words_of_other_engines_lead_to_ours(
+    tmp_path: Path, word: str, ours: str
+) -> None:
     path = tmp_path / "scene.yaml"
     ball = f"{{shape: {{circle: {{center: [4, 4], radius: 2}}}}, {word}: 1}}"
     path.write_text(f"physgen: 1\nsize: [9, 9]\nobjects: {{a: {ball}}}\n")

@@ -46,10 +46,18 @@ def test_units_mean_the_same_as_numbers(tmp_path: Path) -> None:
     assert box.density == pytest.approx(3e3 / 500**2)
     force, torque, impulse = scene.forces
     assert force.vector == pytest.approx((5 * 1000 * 500, 0))
-    assert (torque.torque, torque.start, torque.duration) == (pytest.approx(1000 * 500**2), 0.02, 0.5)
+    assert (torque.torque, torque.start, torque.duration) == (
+        pytest.approx(1000 * 500**2),
+        0.02,
+        0.5,
+    )
     assert impulse.vector == pytest.approx((0, 2 * 1000 * 500))
-    assert pipeline.load(path, ["objects.ball.mass=1 kg"], "fast").objects[0].velocity == (-1500, 100)
-    jsonschema.validate(__import__("yaml").safe_load(SCENE), published())  # as editors check it
+    assert pipeline.load(path, ["objects.ball.mass=1 kg"], "fast").objects[
+        0
+    ].velocity == (-1500, 100)
+    jsonschema.validate(
+        __import__("yaml").safe_load(SCENE), published()
+    )  # as editors check it
 
 
 @pytest.mark.parametrize("unit", ALLOWED)
@@ -57,7 +65,9 @@ def test_every_unit_that_a_message_names_is_one(unit: str) -> None:
     for name in re.split(r", | or ", ALLOWED[unit]):
         value = quantity(f"3 {name}", unit, 200)
         assert value
-        assert quantity(f"{3 / value!r} {unit.replace('1/s', 'Hz')}", unit, 200) == pytest.approx(3 / value)
+        assert quantity(
+            f"{3 / value!r} {unit.replace('1/s', 'Hz')}", unit, 200
+        ) == pytest.approx(3 / value)
         assert quantity(f"{6 / 2} {name}", unit, 200) == pytest.approx(value)
 
 
@@ -81,7 +91,10 @@ def test_units_that_do_not_fit(tmp_path: Path, wrong: str, message: str) -> None
     (problem,) = raised.value.problems
     value = re.search(r"\d", wrong)
     assert value is not None
-    assert (problem.place.line, problem.place.column) == (4, len(start) + value.start() + 1)
+    assert (problem.place.line, problem.place.column) == (
+        4,
+        len(start) + value.start() + 1,
+    )
 
 
 def test_texts_that_are_no_quantity() -> None:

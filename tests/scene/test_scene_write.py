@@ -56,17 +56,23 @@ def again(text: str) -> Any:
 @settings(max_examples=100)
 @given(
     st.dictionaries(
-        st.one_of(st.sampled_from(["objects", "forces", "world", "variants", "light"]), TEXTS),
+        st.one_of(
+            st.sampled_from(["objects", "forces", "world", "variants", "light"]), TEXTS
+        ),
         VALUES,
         max_size=4,
     ),
     st.dictionaries(
-        st.sampled_from(["objects", "world", "forces", "forces[0]", "objects.on", "light"]),
+        st.sampled_from(
+            ["objects", "world", "forces", "forces[0]", "objects.on", "light"]
+        ),
         st.text(max_size=150),
     ),
     st.text(max_size=30),
 )
-def test_round_trip(document: dict[str, Any], comments: dict[str, str], header: str) -> None:
+def test_round_trip(
+    document: dict[str, Any], comments: dict[str, str], header: str
+) -> None:
     text = scene_text(document, comments, header)
     assert repr(again(text)) == repr(ordered(again(text), document))
     assert again(text) == document
@@ -91,18 +97,28 @@ def test_how_it_looks() -> None:
             "cue-ball": {
                 "label": "billiard ball",
                 "mask": np.int64(1),
-                "shape": {"circle": {"center": np.array([470.5, 257.0]), "radius": np.float64(30.2)}},
+                "shape": {
+                    "circle": {
+                        "center": np.array([470.5, 257.0]),
+                        "radius": np.float64(30.2),
+                    }
+                },
                 "mass": 170,
                 "from": {"mass": "table 0.4"},
             },
-            "8": {"label": "yes: no", "mask": {"polygon": [[n, n * n] for n in range(40)]}},
+            "8": {
+                "label": "yes: no",
+                "mask": {"polygon": [[n, n * n] for n in range(40)]},
+            },
         },
         "boundaries": {"floor": {"segment": [[0, 457], [512, 457]], "friction": 0.6}},
         "forces": [{"object": "cue-ball", "impulse": [-1.0e6, 0]}],
         "joints": {"hinge": {"pivot": [256, 40], "objects": ["cue-ball"]}},
         "fields": {"breeze": {"drag": 0.002, "wind": [300, 0]}},
         "light": {"direction": [0.3, -0.6, 0.74]},
-        "variants": {"hard": {"objects.cue-ball.velocity": [-900, 0], "objects.*.label": "on"}},
+        "variants": {
+            "hard": {"objects.cue-ball.velocity": [-900, 0], "objects.*.label": "on"}
+        },
     }
     comments = {
         "objects.cue-ball.mass": "from the table of materials",
@@ -159,7 +175,9 @@ variants:
     )
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, object(), {1: 2}, {"k" * 2000: 1}])
+@pytest.mark.parametrize(
+    "value", [math.nan, math.inf, -math.inf, object(), {1: 2}, {"k" * 2000: 1}]
+)
 def test_what_no_scene_can_hold(value: Any) -> None:
     with pytest.raises(ValueError):
         scene_text({"world": value})

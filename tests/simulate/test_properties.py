@@ -15,7 +15,9 @@ from physgen.simulate.engine import simulate
 
 number = st.floats(-1.0, 1.0, allow_nan=False, width=32)
 bodies = st.lists(
-    st.tuples(st.booleans(), *[number] * 6, st.floats(0.25, 1.0, width=32)), min_size=2, max_size=4
+    st.tuples(st.booleans(), *[number] * 6, st.floats(0.25, 1.0, width=32)),
+    min_size=2,
+    max_size=4,
 )
 elasticity = st.sampled_from([0.0, 0.3, 0.8, 1.0])
 friction = st.sampled_from([0.0, 0.2, 0.9])
@@ -38,11 +40,19 @@ def drawn(rows, e, mu, **kwargs) -> World:
 
 def momenta(w: World, t) -> np.ndarray:
     """(T, 3): momentum and angular momentum about the origin."""
-    m, moment = np.array([b.mass for b in w.bodies]), np.array([b.moment for b in w.bodies])
+    m, moment = (
+        np.array([b.mass for b in w.bodies]),
+        np.array([b.moment for b in w.bodies]),
+    )
     x, v = t.poses[:, :, :2], t.velocities
     turning = x[..., 0] * v[..., 1] - x[..., 1] * v[..., 0]
     return np.stack(
-        [(m * v[..., 0]).sum(1), (m * v[..., 1]).sum(1), (m * turning + moment * v[..., 2]).sum(1)], axis=1
+        [
+            (m * v[..., 0]).sum(1),
+            (m * v[..., 1]).sum(1),
+            (m * turning + moment * v[..., 2]).sum(1),
+        ],
+        axis=1,
     )
 
 
@@ -62,7 +72,13 @@ def test_free_collisions_keep_momentum_and_angular_momentum(rows, e, mu) -> None
 @settings(max_examples=10)
 @given(bodies, elasticity, friction, st.booleans())
 def test_energy_never_grows_without_a_force(rows, e, mu, falling) -> None:
-    w = drawn(rows, e, mu, gravity=(0, 980.0 if falling else 0.0), walls=[floor(y=260, e=e, mu=mu)])
+    w = drawn(
+        rows,
+        e,
+        mu,
+        gravity=(0, 980.0 if falling else 0.0),
+        walls=[floor(y=260, e=e, mu=mu)],
+    )
     t = simulate(w)
     total = t.energy.kinetic + t.energy.potential
     scale = t.energy.kinetic.max()
@@ -79,12 +95,21 @@ def test_mirrored_scenes_give_mirrored_motion(rows, e, mu) -> None:
     flip = np.array([-1.0, 1.0])
 
     def mirrored(body):
-        pieces = tuple(np.ascontiguousarray((piece * flip)[::-1]) for piece in body.pieces)
+        pieces = tuple(
+            np.ascontiguousarray((piece * flip)[::-1]) for piece in body.pieces
+        )
         return replace(
-            body, center=body.center * flip, velocity=body.velocity * flip, spin=-body.spin, pieces=pieces
+            body,
+            center=body.center * flip,
+            velocity=body.velocity * flip,
+            spin=-body.spin,
+            pieces=pieces,
         )
 
-    walls = tuple(replace(wall, chains=tuple(chain * flip for chain in wall.chains)) for wall in w.walls)
+    walls = tuple(
+        replace(wall, chains=tuple(chain * flip for chain in wall.chains))
+        for wall in w.walls
+    )
     there = simulate(replace(w, bodies=tuple(map(mirrored, w.bodies)), walls=walls))
     here = simulate(w)
     assert there.poses * [-1, 1, -1] == pytest.approx(here.poses, abs=2e-3)
@@ -110,7 +135,10 @@ def test_scaled_length_and_time_give_the_same_motion(rows, e, mu, scale) -> None
     large = replace(
         w,
         bodies=tuple(map(grown, w.bodies)),
-        walls=tuple(replace(wall, chains=tuple(chain * scale for chain in wall.chains)) for wall in w.walls),
+        walls=tuple(
+            replace(wall, chains=tuple(chain * scale for chain in wall.chains))
+            for wall in w.walls
+        ),
         duration=w.duration * slow,
         steps_per_second=w.steps_per_second / slow,
         times=w.times * slow,

@@ -9,14 +9,20 @@ from worlds import ball, world
 
 from physgen.scene.scene import Solid
 from physgen.simulate.engine import simulate
-from physgen.simulate.trajectory import cumulative_quaternions, quaternions_from_vectors, rotation_matrices
+from physgen.simulate.trajectory import (
+    cumulative_quaternions,
+    quaternions_from_vectors,
+    rotation_matrices,
+)
 
 RNG = np.random.default_rng(4)
 
 
 def test_turns_are_those_of_rodrigues() -> None:
     vectors = RNG.normal(size=(50, 3))
-    for vector, found in zip(vectors, rotation_matrices(quaternions_from_vectors(vectors)), strict=True):
+    for vector, found in zip(
+        vectors, rotation_matrices(quaternions_from_vectors(vectors)), strict=True
+    ):
         assert found == pytest.approx(cv2.Rodrigues(vector)[0], abs=1e-12)
 
 
@@ -24,7 +30,9 @@ def test_running_turns_are_products_in_order() -> None:
     vectors = RNG.normal(size=(37, 3, 3))
     start = quaternions_from_vectors(RNG.normal(size=(3, 3)))
     now = rotation_matrices(start)
-    for vector, found in zip(vectors, cumulative_quaternions(vectors, start), strict=True):
+    for vector, found in zip(
+        vectors, cumulative_quaternions(vectors, start), strict=True
+    ):
         now = rotation_matrices(quaternions_from_vectors(vector)) @ now
         assert rotation_matrices(found) == pytest.approx(now, abs=1e-12)
 
@@ -54,14 +62,19 @@ def test_a_spin_in_the_picture_alone_is_the_angle() -> None:
     angle = t.poses[-1, 0, 2]
     assert angle == pytest.approx(3.0, rel=1e-6)
     assert rotation_matrices(t.turns[-1, 0])[:2, :2] == pytest.approx(
-        np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), abs=1e-9
+        np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]),
+        abs=1e-9,
     )
 
 
 @pytest.mark.parametrize(
-    ("spin", "roll"), [(3.0, (0.0, 0.0)), (-3.0, (0.0, 5.0))], ids=["on the spot", "rolls"]
+    ("spin", "roll"),
+    [(3.0, (0.0, 0.0)), (-3.0, (0.0, 5.0))],
+    ids=["on the spot", "rolls"],
 )
-def test_rolling_resistance_brakes_the_spin_of_a_ball(spin: float, roll: tuple[float, float]) -> None:
+def test_rolling_resistance_brakes_the_spin_of_a_ball(
+    spin: float, roll: tuple[float, float]
+) -> None:
     """Evenly, down to rest: by c x normal force x radius over the moment. What is lost is friction's."""
     r, k, resistance, press = 20.0, 0.4, 0.02, 980.0
     scene = world(
@@ -76,4 +89,6 @@ def test_rolling_resistance_brakes_the_spin_of_a_ball(spin: float, roll: tuple[f
     expected = np.sign(spin) * np.maximum(abs(spin) - slows * t.times, 0)
     assert t.velocities[:, 0, 2] == pytest.approx(expected, abs=slows / 960 + 1e-9)
     assert t.velocities[-1, 0, 2] == 0
-    assert t.energy.kinetic + t.energy.dissipated == pytest.approx(t.energy.kinetic[0], rel=1e-3)
+    assert t.energy.kinetic + t.energy.dissipated == pytest.approx(
+        t.energy.kinetic[0], rel=1e-3
+    )

@@ -60,7 +60,10 @@ def rows_of(file: Path) -> list[list[str]]:
     bodies = pipeline.compile(scene, pipeline.percepts(scene)).world.bodies
     down = sorted(bodies, key=lambda body: body.center[1])
     ends = [0, 1, 3, 6, 10, 15, 21]
-    return [[b.name for b in sorted(down[i:j], key=lambda b: b.center[0])] for i, j in pairwise(ends)]
+    return [
+        [b.name for b in sorted(down[i:j], key=lambda b: b.center[0])]
+        for i, j in pairwise(ends)
+    ]
 
 
 @pytest.mark.slow
@@ -88,7 +91,12 @@ def test_a_real_pile_falls_where_its_corner_is_taken_away(pile, corner) -> None:
 def test_a_real_rack_rests(tmp_path) -> None:
     source = Path(os.environ["PHYSGEN_PEER_SCENES"]) / "pool"
     pipeline.import_physgen(source, tmp_path / "pool.yaml")
-    t = run(tmp_path / "pool.yaml", "forces=[]", "objects.*.velocity=[0, 0]", "world.duration=2")
+    t = run(
+        tmp_path / "pool.yaml",
+        "forces=[]",
+        "objects.*.velocity=[0, 0]",
+        "world.duration=2",
+    )
     assert max(moved(t).values()) < 0.5
 
 
@@ -124,10 +132,19 @@ def test_a_blow_on_a_pinned_bar_turns_it() -> None:
 
 
 def test_nothing_fast_passes_through_a_line() -> None:
-    wall = Wall("wall", (np.array([[500.0, -4e4], [500.0, 4e4]]),), surface(0, 1, Combine.GEOMETRIC))
+    wall = Wall(
+        "wall",
+        (np.array([[500.0, -4e4], [500.0, 4e4]]),),
+        surface(0, 1, Combine.GEOMETRIC),
+    )
     for speed in (4e3, 4e4, 4e5):
         t = simulate(
-            world(ball("a", 0, 0, r=4, v=(speed, 3), e=1, mu=0), walls=[wall], gravity=(0, 0), duration=0.3)
+            world(
+                ball("a", 0, 0, r=4, v=(speed, 3), e=1, mu=0),
+                walls=[wall],
+                gravity=(0, 0),
+                duration=0.3,
+            )
         )
         assert t.poses[-1, 0, 0] < 500
         assert t.velocities[-1, 0, 0] == approx(-speed)
@@ -143,13 +160,18 @@ def test_the_order_of_keys_does_not_change_a_byte(tmp_path) -> None:
         f"b{k}: {{shape: {{box: {{center: [{60 + 41 * (k % 4)}, {300 - 45 * (k // 4)}], size: [40, 40]}}}}}}"
         for k in range(8)
     ]
-    walls = [f"w{k}: {{segment: [[{300 * k - 300}, 330], [{300 * k}, 330]]}}" for k in range(3)]
+    walls = [
+        f"w{k}: {{segment: [[{300 * k - 300}, 330], [{300 * k}, 330]]}}"
+        for k in range(3)
+    ]
     head = "physgen: 1\nsize: [300, 400]\n"
     texts = []
     for order in (1, -1):
         objects = "objects:\n" + "".join(f"  {line}\n" for line in things[::order])
         boundaries = "boundaries:\n" + "".join(f"  {line}\n" for line in walls[::order])
-        texts.append(head + (objects + boundaries if order > 0 else boundaries + objects))
+        texts.append(
+            head + (objects + boundaries if order > 0 else boundaries + objects)
+        )
     saved = []
     for k, text in enumerate(texts):
         (tmp_path / f"{k}.yaml").write_text(text)
@@ -165,22 +187,55 @@ def busy_worlds():
     spring = pin(0, 1, kind=JointKind.SPRING, length=80.0, stiffness=4e4, damping=300.0)
     yield (
         "spring",
-        world(ball("a", 0, 100, e=0.3), ball("b", 130, 60, e=0.3), walls=[floor(y=200)], joints=[spring]),
+        world(
+            ball("a", 0, 100, e=0.3),
+            ball("b", 130, 60, e=0.3),
+            walls=[floor(y=200)],
+            joints=[spring],
+        ),
     )
     motor = pin(kind=JointKind.MOTOR, to=(0, 0), speed=20.0, limit=4e6)
-    yield "motor", world(box("fan", 0, 0, w=120, h=12), ball("a", 45, -90, e=0.6), joints=[motor])
+    yield (
+        "motor",
+        world(box("fan", 0, 0, w=120, h=12), ball("a", 45, -90, e=0.6), joints=[motor]),
+    )
     wind = Field("wind", FieldKind.WIND, (0, 1), np.array([300.0, 0.0]), 5e-3, 0.0, 0.0)
-    pull = Field("pull", FieldKind.ATTRACTOR, (0, 1), np.array([100.0, 150.0]), 0.0, 3e7, 10.0)
+    pull = Field(
+        "pull", FieldKind.ATTRACTOR, (0, 1), np.array([100.0, 150.0]), 0.0, 3e7, 10.0
+    )
     yield (
         "fields",
-        world(ball("a", 0, 0, e=0.5), box("b", 100, 40), walls=[floor(y=200)], fields=[wind, pull]),
+        world(
+            ball("a", 0, 0, e=0.5),
+            box("b", 100, 40),
+            walls=[floor(y=200)],
+            fields=[wind, pull],
+        ),
     )
     path = [(0, 0, 60, 0), (0.4, 120, 60, 0.4), (0.8, 40, 60, 0), (1, 40, 60, 0)]
     paddle = box("paddle", 0, 60, w=20, h=80, motion=Motion.SCRIPTED, path=path)
-    yield "paddle", world(paddle, ball("a", 60, 60, e=0.8), ball("b", 130, 60), walls=[floor(y=120)])
-    rolling = ball("a", 0, 0, v=(400, 60), k=0.4, solid=Solid.SPHERE, roll=(0.0, 5.0), rolling=0.02, spin=4.0)
+    yield (
+        "paddle",
+        world(
+            paddle, ball("a", 60, 60, e=0.8), ball("b", 130, 60), walls=[floor(y=120)]
+        ),
+    )
+    rolling = ball(
+        "a",
+        0,
+        0,
+        v=(400, 60),
+        k=0.4,
+        solid=Solid.SPHERE,
+        roll=(0.0, 5.0),
+        rolling=0.02,
+        spin=4.0,
+    )
     sliding = box("b", 120, 10, v=(-200, 0), spin=9.0)
-    yield "table", world(rolling, sliding, gravity=(0, 0), press=980.0, table=0.3, duration=2.0)
+    yield (
+        "table",
+        world(rolling, sliding, gravity=(0, 0), press=980.0, table=0.3, duration=2.0),
+    )
     shove = push(Load.FORCE, (3e5, -1e5), at=(20, -20), start=0.1, end=0.3)
     yield "shove", world(box("a", 0, 180, mu=0.3), walls=[floor(y=200)], pushes=[shove])
 
@@ -207,7 +262,9 @@ def test_what_overlaps_is_lifted_by_work() -> None:
     t = simulate(world(box("a", 0, 182), walls=[floor(y=200)], duration=2.0))
     e, risen = t.energy, 182 - t.poses[-1, 0, 1]
     assert risen > 1
-    assert e.potential[-1] - e.potential[0] == pytest.approx(t.energy.work[-1], rel=0.02)
+    assert e.potential[-1] - e.potential[0] == pytest.approx(
+        t.energy.work[-1], rel=0.02
+    )
     assert max(e.kinetic.max(), e.dissipated.max()) < 0.01 * e.work[-1]
 
 
@@ -216,9 +273,17 @@ def test_what_overlaps_is_lifted_by_work() -> None:
 
 def chain(kind, bodies, anchor, links):
     """Joints from the world at `anchor` to the first body, then from each to the next at the points `links`."""
-    joints = [pin(0, None, at=np.array(anchor) - bodies[0].center, to=anchor, kind=kind)]
+    joints = [
+        pin(0, None, at=np.array(anchor) - bodies[0].center, to=anchor, kind=kind)
+    ]
     return joints + [
-        pin(k, k + 1, at=np.array(p) - bodies[k].center, to=np.array(p) - bodies[k + 1].center, kind=kind)
+        pin(
+            k,
+            k + 1,
+            at=np.array(p) - bodies[k].center,
+            to=np.array(p) - bodies[k + 1].center,
+            kind=kind,
+        )
         for k, p in enumerate(links)
     ]
 
@@ -226,24 +291,41 @@ def chain(kind, bodies, anchor, links):
 def test_a_chain_with_a_heavy_load_keeps_its_energy() -> None:
     links = [box(f"l{k:02}", 20 + 40 * k, 100, w=40, h=8, mass=20) for k in range(12)]
     load = ball("load", 490, 100, r=15, mass=5000)
-    joints = chain(JointKind.PIVOT, [*links, load], (0, 100), [(40 * (k + 1), 100) for k in range(12)])
+    joints = chain(
+        JointKind.PIVOT,
+        [*links, load],
+        (0, 100),
+        [(40 * (k + 1), 100) for k in range(12)],
+    )
     t = simulate(world(*links, load, joints=joints, duration=2))
     assert t.imbalance() < 1e-3
 
 
 @pytest.mark.parametrize("force", [1e8, 1e9])
 def test_a_sudden_force_does_not_push_through_a_line(force) -> None:
-    wall = Wall("wall", (np.array([[400.0, -900.0], [400.0, 900.0]]),), surface(0.5, 0.5, Combine.GEOMETRIC))
+    wall = Wall(
+        "wall",
+        (np.array([[400.0, -900.0], [400.0, 900.0]]),),
+        surface(0.5, 0.5, Combine.GEOMETRIC),
+    )
     shove = push(Load.FORCE, (force, 0), start=0.0101, end=0.02)
     t = simulate(
-        world(ball("a", 330, 0, r=2, mass=10), walls=[wall], pushes=[shove], gravity=(0, 0), duration=0.1)
+        world(
+            ball("a", 330, 0, r=2, mass=10),
+            walls=[wall],
+            pushes=[shove],
+            gravity=(0, 0),
+            duration=0.1,
+        )
     )
     assert t.poses[:, 0, 0].max() < 400
 
 
 def test_a_spring_too_stiff_for_any_step_is_refused_by_name() -> None:
     stiff = pin(kind=JointKind.SPRING, length=100.0, stiffness=1e14)
-    with pytest.raises(InputError, match=r"joints\.joint\.stiffness: needs every step divided"):
+    with pytest.raises(
+        InputError, match=r"joints\.joint\.stiffness: needs every step divided"
+    ):
         simulate(world(ball("a", 100, 0, mass=1), joints=[stiff]))
 
 
@@ -251,7 +333,10 @@ def test_a_spring_too_stiff_for_any_step_is_refused_by_name() -> None:
 def test_impulses_up_to_a_sample_are_the_change_of_momentum(rate) -> None:
     bouncing = ball("a", 0, 200, v=(50, 0), e=0.9, mu=0.0)
     scene = world(
-        bouncing, walls=[floor(e=0.9, mu=0.0)], gravity=(0, 0), pushes=[push(Load.IMPULSE, (0, 4e4))]
+        bouncing,
+        walls=[floor(e=0.9, mu=0.0)],
+        gravity=(0, 0),
+        pushes=[push(Load.IMPULSE, (0, 4e4))],
     )
     t = simulate(scene, np.arange(int(rate) + 1) / rate)
     given = np.zeros((len(t.times), 2))
@@ -265,18 +350,30 @@ def test_where_pieces_of_a_body_lie_in_memory_does_not_matter() -> None:
     sides = [(-34, -30, 12, 60), (34, -30, 12, 60), (0, -6, 56, 12)]
     pieces = tuple(
         np.array(
-            [[x - w / 2, y - h / 2], [x + w / 2, y - h / 2], [x + w / 2, y + h / 2], [x - w / 2, y + h / 2]]
+            [
+                [x - w / 2, y - h / 2],
+                [x + w / 2, y - h / 2],
+                [x + w / 2, y + h / 2],
+                [x - w / 2, y + h / 2],
+            ]
         )
         for x, y, w, h in sides
     )
     cups = [
-        replace(box(f"cup{k}", 90 + 100 * k, 300 - 20 * (k % 2), e=0.3, spin=0.4 * k - 0.8), pieces=pieces)
+        replace(
+            box(f"cup{k}", 90 + 100 * k, 300 - 20 * (k % 2), e=0.3, spin=0.4 * k - 0.8),
+            pieces=pieces,
+        )
         for k in range(5)
     ]
     balls = [
-        ball(f"b{k}{m}", 90 + 100 * k + 3 * m, 200 - 45 * m, r=12, e=0.6) for k in range(5) for m in range(2)
+        ball(f"b{k}{m}", 90 + 100 * k + 3 * m, 200 - 45 * m, r=12, e=0.6)
+        for k in range(5)
+        for m in range(2)
     ]
-    bent = np.array([[20.0, 0.0], [20, 320], [200, 330], [350, 330], [600, 320], [600, 0]])
+    bent = np.array(
+        [[20.0, 0.0], [20, 320], [200, 330], [350, 330], [600, 320], [600, 0]]
+    )
     trough = Wall("trough", (bent,), surface(0.5, 0.3, Combine.GEOMETRIC))
     busy = world(*cups, *balls, walls=[trough])
     hashes, dirt = set(), []

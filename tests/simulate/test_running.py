@@ -23,7 +23,13 @@ def read(scene: str, *edits: str) -> World:
 
 
 @pytest.mark.parametrize(
-    "scene", ["cups/scene.yaml", "billiards/scene.yaml", "pendulum/scene.yaml", "physics/24-thin-walls.yaml"]
+    "scene",
+    [
+        "cups/scene.yaml",
+        "billiards/scene.yaml",
+        "pendulum/scene.yaml",
+        "physics/24-thin-walls.yaml",
+    ],
 )
 def test_pieces_of_a_run_are_the_run(scene: str) -> None:
     """Contacts, blows, joints, what rolls on a table, divided steps; cut after every step, and after many."""
@@ -51,7 +57,9 @@ def test_pieces_of_a_run_are_the_run(scene: str) -> None:
     assert np.array_equal(made.velocities, whole.velocities)
     assert np.array_equal(made.contacts.touch_pairs, whole.contacts.touch_pairs)
     assert made.effort == whole.effort
-    np.testing.assert_allclose(made.energy.dissipated, whole.energy.dissipated, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(
+        made.energy.dissipated, whole.energy.dissipated, rtol=1e-9, atol=1e-6
+    )
     np.testing.assert_allclose(made.turns, whole.turns, atol=1e-12)
     assert all(np.array_equal(part, whole.poses[: len(part)]) for part in early)
     same_at_other_times(world, made)
@@ -60,8 +68,15 @@ def test_pieces_of_a_run_are_the_run(scene: str) -> None:
 def same_at_other_times(world: World, made: Trajectory) -> None:
     """Fewer times, in the middle of a step, more, and beyond the end: nothing of the run depends on its samples."""
     end = made.times[-1]
-    for times in (made.times[:1], np.array([0.0, 0.4321 * end]), np.linspace(0, 1.1 * end, 777)):
-        again, fresh = made.sampled(times).as_arrays(), simulate(world, times).as_arrays()
+    for times in (
+        made.times[:1],
+        np.array([0.0, 0.4321 * end]),
+        np.linspace(0, 1.1 * end, 777),
+    ):
+        again, fresh = (
+            made.sampled(times).as_arrays(),
+            simulate(world, times).as_arrays(),
+        )
         assert all(np.array_equal(again[key], fresh[key]) for key in fresh)
 
 
@@ -78,16 +93,23 @@ def test_a_run_too_large_to_be_kept_is_simulated_again(most: int) -> None:
 def test_squares_that_overflow_are_read_again_without_a_warning() -> None:
     world = read("physics/01-free-fall.yaml", "world.duration=0.1")
     world = replace(
-        world, bodies=tuple(replace(body, velocity=np.array([1e160, 0])) for body in world.bodies)
+        world,
+        bodies=tuple(
+            replace(body, velocity=np.array([1e160, 0])) for body in world.bodies
+        ),
     )
     same_at_other_times(world, simulate(world))
 
 
 @pytest.mark.parametrize("duration", ["auto", "0.4"])
-def test_a_clip_is_simulated_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, duration: str) -> None:
+def test_a_clip_is_simulated_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, duration: str
+) -> None:
     """Its end, frames, blur, page, trails and events are read from one run."""
     starts, start = [], Running._start
-    monkeypatch.setattr(Running, "_start", lambda self: (starts.append(1), start(self))[1])
+    monkeypatch.setattr(
+        Running, "_start", lambda self: (starts.append(1), start(self))[1]
+    )
     edits = [
         f"world.duration={duration}",
         "render.fps=10",
@@ -95,12 +117,18 @@ def test_a_clip_is_simulated_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         "render.overlay=[trails, contacts]",
     ]
     folder = pipeline.render_scene(
-        SCENES / "cans" / "scene.yaml", tmp_path, overrides=tuple(edits), export=("events",)
+        SCENES / "cans" / "scene.yaml",
+        tmp_path,
+        overrides=tuple(edits),
+        export=("events",),
     )
     assert len(starts) == 1
     monkeypatch.undo()
     world = read("cans/scene.yaml", *edits)
-    kept, fresh = read_trajectory(folder / "trajectory.npz").as_arrays(), simulate(world).as_arrays()
+    kept, fresh = (
+        read_trajectory(folder / "trajectory.npz").as_arrays(),
+        simulate(world).as_arrays(),
+    )
     assert all(np.array_equal(kept[key], fresh[key]) for key in fresh)
 
 
@@ -109,7 +137,9 @@ def test_a_run_may_take_a_hundred_times_the_work_of_a_pyramid(
     monkeypatch: pytest.MonkeyPatch, base: float, brings: float
 ) -> None:
     """Of what it begins with; where that is next to nothing, what the time before the hit brings is enough."""
-    less = replace(TUNING, base=TUNING.base * base, per_second=TUNING.per_second * brings)
+    less = replace(
+        TUNING, base=TUNING.base * base, per_second=TUNING.per_second * brings
+    )
     monkeypatch.setattr("physgen.simulate.collisions.TUNING", less)
     assert simulate(read("pyramid/scene.yaml")).effort.overworked == -1
     none = replace(TUNING, base=0.0, per_second=0.0)

@@ -7,7 +7,13 @@ import pytest
 from scipy import stats
 
 from physgen.scene.provenance import Source
-from physgen.simulate.uncertain_values import POWERS, UncertainValue, draw_values, spread, uniform
+from physgen.simulate.uncertain_values import (
+    POWERS,
+    UncertainValue,
+    draw_values,
+    spread,
+    uniform,
+)
 
 MANY = 3000
 SOURCE = Source("guess", "table", 0.5)
@@ -18,7 +24,9 @@ def truth(parameter: str, value: float, sure: float) -> stats.rv_continuous:
     sigma = -np.log(sure) * POWERS[parameter]
     if parameter == "elasticity":  # the log of the odds is normal
         return stats.norm(np.log(value / (1 - value)), sigma)
-    return stats.truncnorm(-np.inf, (np.log(10) - np.log(value)) / sigma, np.log(value), sigma)
+    return stats.truncnorm(
+        -np.inf, (np.log(10) - np.log(value)) / sigma, np.log(value), sigma
+    )
 
 
 def of(parameter: str, value: float, sure: float, **more: object) -> UncertainValue:
@@ -28,14 +36,23 @@ def of(parameter: str, value: float, sure: float, **more: object) -> UncertainVa
 
 
 def unbounded(parameter: str, values: np.ndarray) -> np.ndarray:
-    return np.log(values / (1 - values)) if parameter == "elasticity" else np.log(values)
+    return (
+        np.log(values / (1 - values)) if parameter == "elasticity" else np.log(values)
+    )
 
 
 @pytest.mark.parametrize(
     ("parameter", "value", "sure"),
-    [("friction", 0.45, 0.4), ("friction", 3.0, 0.1), ("elasticity", 0.7, 0.3), ("rolling", 0.02, 0.5)],
+    [
+        ("friction", 0.45, 0.4),
+        ("friction", 3.0, 0.1),
+        ("elasticity", 0.7, 0.3),
+        ("rolling", 0.02, 0.5),
+    ],
 )
-def test_draws_are_distributed_as_scipy_has_it(parameter: str, value: float, sure: float) -> None:
+def test_draws_are_distributed_as_scipy_has_it(
+    parameter: str, value: float, sure: float
+) -> None:
     """Kolmogorov and Smirnov; one in a thousand such tests would fail by chance, and the seed is fixed."""
     drawn = draw_values([of(parameter, value, sure)], 5, MANY)[:, 0]
     known = truth(parameter, value, sure)
@@ -52,7 +69,10 @@ def test_what_is_known_to_be_reached_is() -> None:
     drawn = np.array([found.at(z) for z in stats.norm.ppf(uniform(0, MANY, "x"))])
     assert drawn.min() >= 0.67
     sigma = -np.log(0.5) / 2
-    assert stats.kstest(np.log(drawn / 0.67), stats.halfnorm(scale=sigma).cdf).pvalue > 1e-3
+    assert (
+        stats.kstest(np.log(drawn / 0.67), stats.halfnorm(scale=sigma).cdf).pvalue
+        > 1e-3
+    )
 
 
 @pytest.mark.parametrize("value", [1e-6, 0.02, 0.5, 0.999, 9.9])
@@ -74,7 +94,9 @@ def test_less_sure_is_wider_and_sure_is_a_point(parameter: str) -> None:
     widths = []
     for sure in (0.05, 0.2, 0.5, 0.8, 0.99):
         found = spread(parameter, 0.1, sure)
-        assert found.at(0.0) == pytest.approx(0.1, rel=0.2), "the file's number is the median"
+        assert found.at(0.0) == pytest.approx(0.1, rel=0.2), (
+            "the file's number is the median"
+        )
         widths.append(found.at(1.645) - found.at(-1.645))
     assert widths == sorted(widths, reverse=True)
     assert len(set(widths)) == len(widths)
@@ -85,10 +107,21 @@ def test_less_sure_is_wider_and_sure_is_a_point(parameter: str) -> None:
 def test_what_is_half_alike_keeps_its_own_distribution() -> None:
     """Shared doubts change what two things have in common, not what each of them is."""
     doubts = [
-        UncertainValue("objects", name, "mass", 10.0, SOURCE, spread("mass", 10.0, 0.5), "block", 0.5)
+        UncertainValue(
+            "objects",
+            name,
+            "mass",
+            10.0,
+            SOURCE,
+            spread("mass", 10.0, 0.5),
+            "block",
+            0.5,
+        )
         for name in "ab"
     ]
-    drawn = np.log2(draw_values(doubts, 3, MANY) / 10)  # sure 0.5: a factor of 2 is one standard deviation
+    drawn = np.log2(
+        draw_values(doubts, 3, MANY) / 10
+    )  # sure 0.5: a factor of 2 is one standard deviation
     for column in drawn.T:
         assert stats.kstest(column, stats.norm.cdf).pvalue > 1e-3
     assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.5, abs=0.05)

@@ -32,7 +32,10 @@ variants: {heavy: {objects.ball.mass: 50}}
 
 
 def paths(scene, variant: str | None = None) -> set[str]:
-    return {doubt.path.removeprefix("objects.") for doubt in uncertain_values(scene, variant)}
+    return {
+        doubt.path.removeprefix("objects.")
+        for doubt in uncertain_values(scene, variant)
+    }
 
 
 ALL = {
@@ -45,7 +48,9 @@ def test_only_what_somebody_guessed_is_drawn(tmp_path: Path) -> None:
     """No mass of what does not move, nothing that is sure, no mask."""
     scene = loaded(tmp_path, BASE)
     assert paths(scene) == ALL
-    assert paths(loaded(tmp_path, BASE.replace(" 0.4, friction: table 0.7", ", friction: table"))) == ALL - {
+    assert paths(
+        loaded(tmp_path, BASE.replace(" 0.4, friction: table 0.7", ", friction: table"))
+    ) == ALL - {
         "ball.mass",
         "ball.friction",
     }, "who does not say how sure he is, is not drawn"
@@ -65,7 +70,10 @@ def test_only_what_somebody_guessed_is_drawn(tmp_path: Path) -> None:
 def test_what_a_person_set_is_certain(
     tmp_path: Path, overrides: list[str], variant: str | None, gone: set[str]
 ) -> None:
-    assert paths(loaded(tmp_path, BASE, *overrides, variant=variant), variant) == ALL - gone
+    assert (
+        paths(loaded(tmp_path, BASE, *overrides, variant=variant), variant)
+        == ALL - gone
+    )
 
 
 def test_draws_are_their_own(tmp_path: Path) -> None:
@@ -73,12 +81,22 @@ def test_draws_are_their_own(tmp_path: Path) -> None:
     scene = loaded(tmp_path, BASE)
     found = {
         d.path: col
-        for d, col in zip(uncertain_values(scene), draw_values(uncertain_values(scene), 7, 40).T, strict=True)
+        for d, col in zip(
+            uncertain_values(scene),
+            draw_values(uncertain_values(scene), 7, 40).T,
+            strict=True,
+        )
     }
     again = draw_values(uncertain_values(scene), 7, 9)
     assert np.array_equal(again, np.array(list(found.values())).T[:9])
-    fewer = uncertain_values(loaded(tmp_path, BASE, "objects.block=null", "boundaries.floor=null"))
-    assert {d.path for d in fewer} == {"objects.ball.mass", "objects.ball.friction", "objects.other.mass"}
+    fewer = uncertain_values(
+        loaded(tmp_path, BASE, "objects.block=null", "boundaries.floor=null")
+    )
+    assert {d.path for d in fewer} == {
+        "objects.ball.mass",
+        "objects.ball.friction",
+        "objects.other.mass",
+    }
     for doubt, column in zip(fewer, draw_values(fewer, 7, 40).T, strict=True):
         assert np.array_equal(column, found[doubt.path]), doubt.path
     other = draw_values(uncertain_values(scene), 8, 40)
@@ -93,16 +111,26 @@ def test_what_is_called_alike_is_alike(tmp_path: Path) -> None:
     # a density and a mass are two parameters: only equal ones go together
     other = np.log(values[:, names["objects.other.mass"]] / 40) / np.log(1 / 0.6)
     assert abs(np.corrcoef(heavy, other)[0, 1]) < 0.5
-    text = BASE.replace("density: 0.2", "mass: 20").replace("density: by eye", "mass: by eye")
+    text = BASE.replace("density: 0.2", "mass: 20").replace(
+        "density: by eye", "mass: by eye"
+    )
     found = uncertain_values(loaded(tmp_path, text))
-    columns = dict(zip((d.path for d in found), draw_values(found, 0, 50).T, strict=True))
+    columns = dict(
+        zip((d.path for d in found), draw_values(found, 0, 50).T, strict=True)
+    )
     heavy = np.log(columns["objects.block.mass"] / 20) / np.log(1 / 0.3)
-    assert np.allclose(heavy, np.log(columns["objects.other.mass"] / 40) / np.log(1 / 0.6))
+    assert np.allclose(
+        heavy, np.log(columns["objects.other.mass"] / 40) / np.log(1 / 0.6)
+    )
     guessed = text.replace("mask: given 0.2", "label: shape 0.0")
     found = uncertain_values(loaded(tmp_path, guessed))
-    columns = dict(zip((d.path for d in found), draw_values(found, 0, 50).T, strict=True))
+    columns = dict(
+        zip((d.path for d in found), draw_values(found, 0, 50).T, strict=True)
+    )
     own = np.log(columns["objects.block.mass"] / 20) / np.log(1 / 0.3)
-    assert abs(np.corrcoef(own, heavy)[0, 1]) < 0.5, "a name that is a mere guess makes nothing alike"
+    assert abs(np.corrcoef(own, heavy)[0, 1]) < 0.5, (
+        "a name that is a mere guess makes nothing alike"
+    )
 
 
 def test_a_draw_is_the_scene_with_other_numbers(tmp_path: Path) -> None:
@@ -112,10 +140,21 @@ def test_a_draw_is_the_scene_with_other_numbers(tmp_path: Path) -> None:
     values = draw_values(found, 3, 4)
     for row in values:
         world = compile_shapes(with_draw(scene, found, row), compiled.shapes).world
-        flags = [f"{doubt.path}={value!r}" for doubt, value in zip(found, row.tolist(), strict=True)]
+        flags = [
+            f"{doubt.path}={value!r}"
+            for doubt, value in zip(found, row.tolist(), strict=True)
+        ]
         written = pipeline.compile(loaded(tmp_path, BASE, *flags), None).world
         for body, other in zip(world.bodies, written.bodies, strict=True):
-            assert (body.mass, body.moment, body.surface) == (other.mass, other.moment, other.surface)
-        assert [wall.surface for wall in world.walls] == [wall.surface for wall in written.walls]
+            assert (body.mass, body.moment, body.surface) == (
+                other.mass,
+                other.moment,
+                other.surface,
+            )
+        assert [wall.surface for wall in world.walls] == [
+            wall.surface for wall in written.walls
+        ]
         first = compiled.world.bodies[0]
-        assert world.bodies[0].moment / first.moment == pytest.approx(world.bodies[0].mass / first.mass)
+        assert world.bodies[0].moment / first.moment == pytest.approx(
+            world.bodies[0].mass / first.mass
+        )

@@ -11,7 +11,14 @@ from scipy import stats
 from written import loaded
 
 from physgen import pipeline
-from physgen.simulate.uncertainty import Ensemble, Fate, radius, simulate_ensemble, verdicts, wilson
+from physgen.simulate.uncertainty import (
+    Ensemble,
+    Fate,
+    radius,
+    simulate_ensemble,
+    verdicts,
+    wilson,
+)
 
 SLOPE = 24.0
 """degrees."""
@@ -43,14 +50,20 @@ def test_a_block_slides_where_friction_is_less_than_the_slope(tmp_path: Path) ->
     """Coulomb: it slides where the pair's coefficient is below tan(slope), whatever it weighs."""
     count = 60
     found = made(tmp_path, ramp(0.4, "table 0.4"), count)
-    limit = tan(radians(SLOPE)) ** 2 / 0.5  # of the block's own: the pair's is the geometric mean
+    limit = (
+        tan(radians(SLOPE)) ** 2 / 0.5
+    )  # of the block's own: the pair's is the geometric mean
     column = [doubt.parameter for doubt in found.doubts].index("friction")
     value = found.values[:, column]
     fates = np.array([one.fates[0] for one in found.outcomes])
-    clear = np.abs(value / limit - 1) > 0.1  # nearer, it slides less than half its size in the time
+    clear = (
+        np.abs(value / limit - 1) > 0.1
+    )  # nearer, it slides less than half its size in the time
     assert clear.sum() > 0.7 * count
     assert np.array_equal(fates[clear] == Fate.MOVES, value[clear] < limit)
-    assert not np.isin(fates, (Fate.FALLS, Fate.LEAVES)).any(), "what slides down a slope does not fall"
+    assert not np.isin(fates, (Fate.FALLS, Fate.LEAVES)).any(), (
+        "what slides down a slope does not fall"
+    )
     expected = stats.norm.cdf(np.log(limit / 0.4) / (-0.5 * np.log(0.4)))
     share = (value < limit).mean()
     assert abs(share - expected) < 4 * sqrt(expected * (1 - expected) / count)
@@ -59,7 +72,9 @@ def test_a_block_slides_where_friction_is_less_than_the_slope(tmp_path: Path) ->
     assert told.interval[0] < expected < told.interval[1]
 
 
-def test_what_lies_on_a_slope_in_the_photo_does_not_slide_in_any_draw(tmp_path: Path) -> None:
+def test_what_lies_on_a_slope_in_the_photo_does_not_slide_in_any_draw(
+    tmp_path: Path,
+) -> None:
     """`perceive` says of it that friction is at least so much."""
     least = 1.1 * tan(radians(SLOPE)) ** 2 / 0.5
     (told,) = verdicts(made(tmp_path, ramp(round(least, 3), "lies on a slope 0.3"), 24))
@@ -81,7 +96,9 @@ objects:
     assert np.abs(found.poses - found.own_poses).max() < 1e-9
     (told,) = verdicts(found)
     t = 0.5
-    assert found.poses[0, -1, 0, :2] == pytest.approx([30 + 300 * t, 100 - 250 * t + 490 * t * t], abs=1e-6)
+    assert found.poses[0, -1, 0, :2] == pytest.approx(
+        [30 + 300 * t, 100 - 250 * t + 490 * t * t], abs=1e-6
+    )
     assert (told.decided, told.placed) == (True, True)
 
 
@@ -178,4 +195,6 @@ def test_intervals_are_wilsons(count: int, total: int) -> None:
 
 def test_nine_of_ten_places_lie_within_the_radius() -> None:
     places = np.random.default_rng(3).normal(0, 10, (4000, 2))
-    assert radius(places) == pytest.approx(10 * np.sqrt(stats.chi2(2).ppf(0.9)), rel=0.05)
+    assert radius(places) == pytest.approx(
+        10 * np.sqrt(stats.chi2(2).ppf(0.9)), rel=0.05
+    )

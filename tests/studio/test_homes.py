@@ -16,7 +16,13 @@ from studio.segmentation.homes import roster  # noqa: E402
 from studio.segmentation.homes.composition import shot  # noqa: E402
 from studio.segmentation.homes.parts import FINISHES  # noqa: E402
 from studio.segmentation.homes.placement import apart  # noqa: E402
-from studio.segmentation.homes.solids import ball, box, corner_normals, open_edges, volume  # noqa: E402
+from studio.segmentation.homes.solids import (  # noqa: E402
+    ball,
+    box,
+    corner_normals,
+    open_edges,
+    volume,
+)
 
 VALIDATION = ROOT / "studio/segmentation/validation"
 

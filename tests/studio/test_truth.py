@@ -21,13 +21,27 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "studio"))
 from darkroom import decode, undevelop  # noqa: E402  (the studio's inverse of its film; neither needs Mitsuba)
 
-NAMES = sorted(path.parent.name for path in (ROOT / "studio/truth").glob("*/truth.json"))
-DIFFUSE = [n for n in NAMES if json.loads((ROOT / f"studio/truth/{n}/truth.json").read_text())["diffuse"]]
+NAMES = sorted(
+    path.parent.name for path in (ROOT / "studio/truth").glob("*/truth.json")
+)
+DIFFUSE = [
+    n
+    for n in NAMES
+    if json.loads((ROOT / f"studio/truth/{n}/truth.json").read_text())["diffuse"]
+]
 QUICK = ("billiards", "wall-ball")
 EVERY = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
 FILMED = [n for n in NAMES if (ROOT / f"studio/truth/{n}/film").exists()]
 
-NOT_QUITE_ROUND = {"apple", "curling stone", "toy ball", "foam ball", "clay ball", "leather ball", "orange"}
+NOT_QUITE_ROUND = {
+    "apple",
+    "curling stone",
+    "toy ball",
+    "foam ball",
+    "clay ball",
+    "leather ball",
+    "orange",
+}
 """Labels of spheres with relief or dents, whose normals are those beneath."""
 MIRRORED = {"dominoes"}
 """Scenes whose varnished table shows pale things upside down."""
@@ -53,7 +67,10 @@ class Truth:
 
     def away(self, px: int) -> np.ndarray:
         """Pixels farther than `px` from every thing."""
-        return cv2.distanceTransform((self.coverage == 0).astype(np.uint8), cv2.DIST_L2, 5) > px
+        return (
+            cv2.distanceTransform((self.coverage == 0).astype(np.uint8), cv2.DIST_L2, 5)
+            > px
+        )
 
 
 @cache
@@ -89,13 +106,20 @@ def drawn(entry: dict, size: tuple[int, int], grow: float = 0.0) -> np.ndarray:
     if "box" in entry:
         (cx, cy), (w, h) = entry["box"]["center"], entry["box"]["size"]
         a = np.radians(entry["box"].get("angle", 0))
-        u, v = (x - cx) * np.cos(a) + (y - cy) * np.sin(a), (y - cy) * np.cos(a) - (x - cx) * np.sin(a)
+        u, v = (
+            (x - cx) * np.cos(a) + (y - cy) * np.sin(a),
+            (y - cy) * np.cos(a) - (x - cx) * np.sin(a),
+        )
         return (np.abs(u) <= w / 2 + grow) & (np.abs(v) <= h / 2 + grow)
     mask = np.zeros((height, width), np.uint8)
-    cv2.fillPoly(mask, [np.round(np.array(entry["polygon"]) * 16).astype(np.int32)], 1, shift=4)
+    cv2.fillPoly(
+        mask, [np.round(np.array(entry["polygon"]) * 16).astype(np.int32)], 1, shift=4
+    )
     if grow:
         side = 2 * round(grow) + 1
-        mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+        mask = cv2.dilate(
+            mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+        )
     return mask > 0
 
 
@@ -103,10 +127,16 @@ def drawn(entry: dict, size: tuple[int, int], grow: float = 0.0) -> np.ndarray:
 def test_maps_are_whole(name: str) -> None:
     t = truth(name)
     size = tuple(t.told["size"][::-1])
-    assert all(getattr(t, part.name).shape[:2] == size for part in fields(Truth) if part.name != "told")
+    assert all(
+        getattr(t, part.name).shape[:2] == size
+        for part in fields(Truth)
+        if part.name != "told"
+    )
     ids = [entry["id"] for entry in t.told["objects"]]
     assert ids == list(range(1, len(ids) + 1))
-    assert set(np.unique(t.labels)) == {0, *ids}, "every object is seen, and nothing else"
+    assert set(np.unique(t.labels)) == {0, *ids}, (
+        "every object is seen, and nothing else"
+    )
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -118,7 +148,9 @@ def test_coverage_and_masks_are_of_one_mind(name: str) -> None:
     assert np.all(share[mine] / 255 >= 1 - t.coverage[mine] - 0.006), (
         "the background has no more of it than the owner"
     )
-    assert np.all(t.coverage[~mine] < 0.76), "no more than three things beat the background together"
+    assert np.all(t.coverage[~mine] < 0.76), (
+        "no more than three things beat the background together"
+    )
     assert np.all(share / 255 <= t.coverage + 0.005)
     assert not np.any((second == first) & (first > 0))
 
@@ -136,10 +168,18 @@ def test_shapes_in_the_file_are_what_the_photo_shows(name: str) -> None:
         )
         reach = 0.16 * np.sqrt(seen.sum()) + 3
         whole = entry
-        if "polygon" in entry:  # of a bowl the outside is seen, and the section is its wall
-            whole = {"polygon": cv2.convexHull(np.array(entry["polygon"], np.float32))[:, 0].tolist()}
+        if (
+            "polygon" in entry
+        ):  # of a bowl the outside is seen, and the section is its wall
+            whole = {
+                "polygon": cv2.convexHull(np.array(entry["polygon"], np.float32))[
+                    :, 0
+                ].tolist()
+            }
         strays = (seen & ~drawn(whole, t.told["size"], reach)).astype(np.uint8)
-        strays = cv2.morphologyEx(strays, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))  # a thread is no shape
+        strays = cv2.morphologyEx(
+            strays, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)
+        )  # a thread is no shape
         assert strays.sum() <= 0.16 * seen.sum(), f"{entry['name']}: strays"
 
 
@@ -168,11 +208,18 @@ def test_depth_and_normals_are_of_one_surface(name: str) -> None:
     slope /= np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-12)
     inner = np.zeros_like(t.labels, bool)
     for entry in t.told["objects"]:
-        inner |= cv2.erode((t.labels == entry["id"]).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+        inner |= (
+            cv2.erode(
+                (t.labels == entry["id"]).astype(np.uint8), np.ones((7, 7), np.uint8)
+            )
+            > 0
+        )
     angle = np.degrees(np.arccos(np.clip(np.sum(slope * t.normals, -1), -1, 1)))[
         inner & (t.normals[..., 2] > 0.3)
     ]
-    assert np.median(angle) < 6.0  # a few pixels make a curve; an axis turned round makes tens of degrees
+    assert (
+        np.median(angle) < 6.0
+    )  # a few pixels make a curve; an axis turned round makes tens of degrees
     assert np.percentile(angle, 75) < 20.0
 
 
@@ -209,9 +256,14 @@ def test_normals_of_spheres_are_within_a_degree(name: str) -> None:
         way /= np.linalg.norm(way, axis=-1, keepdims=True)
         off = eye - [cx, cy, 0]
         b = way @ off
-        hit = eye + way * (-b - np.sqrt(np.maximum(b * b - off @ off + r * r, 0)))[:, None]
+        hit = (
+            eye
+            + way * (-b - np.sqrt(np.maximum(b * b - off @ off + r * r, 0)))[:, None]
+        )
         exact = (hit - [cx, cy, 0]) / r
-        stored = t.normals[inside] / np.linalg.norm(t.normals[inside], axis=-1, keepdims=True)  # of 8 bits
+        stored = t.normals[inside] / np.linalg.norm(
+            t.normals[inside], axis=-1, keepdims=True
+        )  # of 8 bits
         angle = np.degrees(2 * np.arcsin(np.linalg.norm(exact - stored, axis=-1) / 2))
         assert np.median(angle) < 0.6
         assert np.percentile(angle, 95) < 1.0
@@ -237,10 +289,16 @@ def test_albedo_is_what_comes_back_diffusely(name: str) -> None:
     t = truth(name)
     light = undevelop(t.photo, t.told["exposure"], t.told["vignette"])
     for _, _, _, inside in spheres(t):
-        clear = inside & (t.photo.max(-1) < 240) & (t.shading.mean(-1) * t.told["exposure"] > 0.05)
+        clear = (
+            inside
+            & (t.photo.max(-1) < 240)
+            & (t.shading.mean(-1) * t.told["exposure"] > 0.05)
+        )
         if clear.sum() < 200 or np.median(t.albedo[clear]) < 0.03:
             continue
-        ratio = light[clear].sum(-1) / np.maximum((t.albedo * t.shading)[clear].sum(-1), 1e-3)
+        ratio = light[clear].sum(-1) / np.maximum(
+            (t.albedo * t.shading)[clear].sum(-1), 1e-3
+        )
         assert 0.8 < np.percentile(ratio, 25) < 1.3
 
 
@@ -251,18 +309,28 @@ def test_depth_breaks_where_masks_end(name: str) -> None:
     depth = t.depth
     jump, inside, turned = [], [], []
     for axis in (0, 1):
-        a, b = (np.take(t.labels, range(s, t.labels.shape[axis] - 2 + s), axis) for s in (0, 2))
+        a, b = (
+            np.take(t.labels, range(s, t.labels.shape[axis] - 2 + s), axis)
+            for s in (0, 2)
+        )
         step = np.abs(
             np.take(depth, range(2, depth.shape[axis]), axis)
             - np.take(depth, range(depth.shape[axis] - 2), axis)
         )
-        n1, n2 = (np.take(t.normals, range(s, t.labels.shape[axis] - 2 + s), axis) for s in (0, 2))
+        n1, n2 = (
+            np.take(t.normals, range(s, t.labels.shape[axis] - 2 + s), axis)
+            for s in (0, 2)
+        )
         turn = np.sum(n1 * n2, -1) < 0.9
         edge = (a == 0) != (b == 0)
         jump.append(step[edge])
         turned.append(turn[edge])
         inside.append(step[(a == b) & (a > 0)])
-    jump, inside, turned = np.concatenate(jump), np.concatenate(inside), np.concatenate(turned)
+    jump, inside, turned = (
+        np.concatenate(jump),
+        np.concatenate(inside),
+        np.concatenate(turned),
+    )
     smooth = max(np.percentile(inside, 50), 1e-5)
     assert np.mean((jump > 3 * smooth) | turned) > 0.85
 
@@ -277,7 +345,9 @@ def test_background_is_the_photo_where_no_thing_is(name: str) -> None:
 def test_clean_plate_is_the_photo_but_for_things_and_their_shadows(name: str) -> None:
     """Far from things the same light; where they differ, the photo is the darker one, or has a reflection's tint."""
     t = truth(name)
-    ours, theirs = (cv2.GaussianBlur(p, (0, 0), 1.5).astype(float) for p in (t.photo, t.clean))
+    ours, theirs = (
+        cv2.GaussianBlur(p, (0, 0), 1.5).astype(float) for p in (t.photo, t.clean)
+    )
     apart = (ours - theirs).mean(-1)
     far = t.away(0.12 * t.labels.shape[0])
     if far.mean() > 0.05:
@@ -286,7 +356,9 @@ def test_clean_plate_is_the_photo_but_for_things_and_their_shadows(name: str) ->
     open_ = t.away(3)
     brighter = (apart > 10) & open_
     if name not in MIRRORED:
-        assert brighter.sum() < 0.25 * max((changed & open_).sum(), 200), "things mostly take light away"
+        assert brighter.sum() < 0.25 * max((changed & open_).sum(), 200), (
+            "things mostly take light away"
+        )
 
 
 @pytest.mark.slow
@@ -295,8 +367,16 @@ def test_photo_is_albedo_times_shading_where_all_is_matt(name: str) -> None:
     """Shading was found apart from the photo, by sampling lamps and the hemisphere on a white surface."""
     t = truth(name)
     light = undevelop(t.photo, t.told["exposure"], t.told["vignette"])
-    sharp = np.abs(t.depth) < 0.1  # farther off, the lens blurs what the maps have sharp
-    clear = cv2.erode((sharp & (t.photo.max(-1) < 245)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    sharp = (
+        np.abs(t.depth) < 0.1
+    )  # farther off, the lens blurs what the maps have sharp
+    clear = (
+        cv2.erode(
+            (sharp & (t.photo.max(-1) < 245)).astype(np.uint8),
+            np.ones((5, 5), np.uint8),
+        )
+        > 0
+    )
     said = t.albedo * t.shading
     smooth = [cv2.GaussianBlur(v, (0, 0), 2.0)[clear] for v in (light, said)]
     ratio = smooth[0].sum(-1) / np.maximum(smooth[1].sum(-1), 1e-4)
@@ -315,7 +395,10 @@ def test_scene_file_is_one_to_enjoy(name: str) -> None:
     told = truth(name).told
     assert {o.name for o in scene.objects} == {o["name"] for o in told["objects"]}
     masses = {o["name"]: o["mass_g"] for o in told["objects"]}
-    assert all(body.mass == pytest.approx(masses[body.name], rel=1e-6) for body in compiled.world.bodies)
+    assert all(
+        body.mass == pytest.approx(masses[body.name], rel=1e-6)
+        for body in compiled.world.bodies
+    )
     written = yaml.safe_load(path.read_text())
     for entry in told["objects"]:
         item = written["objects"][entry["name"]]
@@ -327,8 +410,13 @@ def test_scene_file_is_one_to_enjoy(name: str) -> None:
     for boundary, line in told["boundaries"].items():
         item = written["boundaries"][boundary]
         assert item.get("segment", item.get("polyline")) == line["points"]
-        assert (item["friction"], item["elasticity"]) == (line["friction"], line["elasticity"])
-    assert written["light"]["direction"] == pytest.approx(told["light"]["direction"], abs=6e-4)
+        assert (item["friction"], item["elasticity"]) == (
+            line["friction"],
+            line["elasticity"],
+        )
+    assert written["light"]["direction"] == pytest.approx(
+        told["light"]["direction"], abs=6e-4
+    )
     assert written["world"].get("combine", "geometric") == told["combine"]
     text = path.read_text()
     assert len(re.findall(r"^# ", text, re.M)) >= 3
@@ -347,7 +435,8 @@ def test_film_shows_things_where_its_poses_say(name: str) -> None:
     assert len(film["times_s"]) >= 12
     assert np.all(np.diff(film["times_s"]) > 0)
     world = pipeline.compile(
-        s := pipeline.load(ROOT / film["scene"], variant=film["variant"]), pipeline.percepts(s)
+        s := pipeline.load(ROOT / film["scene"], variant=film["variant"]),
+        pipeline.percepts(s),
     ).world
     starts = {body.name: body.center for body in world.bodies}
     size = t.told["size"]
@@ -362,10 +451,16 @@ def test_film_shows_things_where_its_poses_say(name: str) -> None:
             a, (cx, cy) = np.radians(degrees), starts[entry["name"]]
             matrix = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0]])
             matrix[:, 2] = [x, y] - matrix[:, :2] @ [cx, cy]
-            there = cv2.warpAffine(drawn(entry, size).astype(np.uint8), matrix, tuple(size)) > 0
+            there = (
+                cv2.warpAffine(drawn(entry, size).astype(np.uint8), matrix, tuple(size))
+                > 0
+            )
             moved = max(moved, float(np.hypot(x - cx, y - cy)))
             seen = ids == entry["id"]
-            if there.sum() > 60 and (there & (ids > 0) & ~seen).sum() < 0.02 * there.sum():
+            if (
+                there.sum() > 60
+                and (there & (ids > 0) & ~seen).sum() < 0.02 * there.sum()
+            ):
                 agree.append((there & seen).sum() / (there | seen).sum())
     assert moved > 20, "something moves"
     assert np.median(agree) > 0.85

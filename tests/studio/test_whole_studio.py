@@ -15,8 +15,14 @@ sys.path.append(str(ROOT / "studio"))
 import measures  # noqa: E402  (needs no Mitsuba)
 from split import digest, page  # noqa: E402
 
-NAMES = sorted(path.parent.name for path in (ROOT / "studio/truth").glob("*/truth.json"))
-DIFFUSE = [n for n in NAMES if json.loads((ROOT / f"studio/truth/{n}/truth.json").read_text())["diffuse"]]
+NAMES = sorted(
+    path.parent.name for path in (ROOT / "studio/truth").glob("*/truth.json")
+)
+DIFFUSE = [
+    n
+    for n in NAMES
+    if json.loads((ROOT / f"studio/truth/{n}/truth.json").read_text())["diffuse"]
+]
 FILMED = [n for n in NAMES if (ROOT / f"studio/truth/{n}/film").exists()]
 SPLIT = json.loads((ROOT / "studio/split.json").read_text())
 
@@ -54,7 +60,9 @@ def test_clips_vary_the_push() -> None:
             there.append(off[inside].mean())
             elsewhere.append(off[~inside].mean())
     assert len(there) > 40
-    assert np.median(there) > 5 * np.median(elsewhere), "the ball is where its pose says"
+    assert np.median(there) > 5 * np.median(elsewhere), (
+        "the ball is where its pose says"
+    )
 
 
 def test_split_is_frozen_and_fair() -> None:
@@ -73,7 +81,10 @@ def test_split_is_frozen_and_fair() -> None:
 
 
 def test_statistics_are_those_of_the_pictures() -> None:
-    rows = {n: measures.measure(ROOT / "scenes" / n, ROOT / "studio/truth" / n) for n in NAMES}
+    rows = {
+        n: measures.measure(ROOT / "scenes" / n, ROOT / "studio/truth" / n)
+        for n in NAMES
+    }
     for name, row in rows.items():
         assert row == pytest.approx(SPLIT["scenes"][name], abs=0.06, rel=0.02), name
     assert measures.halves(SPLIT, SPLIT["scenes"]) == SPLIT["means"]
@@ -81,7 +92,10 @@ def test_statistics_are_those_of_the_pictures() -> None:
 
 def test_the_repository_stays_small() -> None:
     folders = (ROOT / "scenes", ROOT / "studio", ROOT / "docs")
-    assert sum(p.stat().st_size for f in folders for p in f.rglob("*") if p.is_file()) < 36e6
+    assert (
+        sum(p.stat().st_size for f in folders for p in f.rglob("*") if p.is_file())
+        < 36e6
+    )
 
 
 def test_the_page_is_what_the_split_says() -> None:

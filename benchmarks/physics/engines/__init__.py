@@ -51,7 +51,9 @@ class Engine:
 
 ENGINES = {
     "plain": Engine("plain", "pymunk", 60.0),  # pymunk as it comes: 10 iterations
-    "box2d": Engine("box2d", "Box2D", 240.0),  # Box2D 2.3, single precision, 8 and 3 iterations
+    "box2d": Engine(
+        "box2d", "Box2D", 240.0
+    ),  # Box2D 2.3, single precision, 8 and 3 iterations
     "mujoco": Engine(
         "mujoco_soft", "mujoco-core", 960.0
     ),  # soft contacts; 15,360 a second where things bounce
@@ -62,7 +64,10 @@ def make(name: str) -> Run:
     """The engine's `run`. Raises InputError for an unknown name or a package that is not installed."""
     if name not in ENGINES:
         raise InputError.of(
-            "engine", f'"{name}"', "is not a second engine", f"choose from {', '.join(ENGINES)}"
+            "engine",
+            f'"{name}"',
+            "is not a second engine",
+            f"choose from {', '.join(ENGINES)}",
         )
     engine = ENGINES[name]
     if not engine.installed():

@@ -79,7 +79,10 @@ class _PairSurface(Box2D.b2ContactListener):  # type: ignore[misc]  # the wheel 
 
     def BeginContact(self, contact: Any) -> None:  # noqa: N802
         a, b = contact.fixtureA.userData, contact.fixtureB.userData
-        contact.friction, contact.restitution = a.friction * b.friction, a.elasticity * b.elasticity
+        contact.friction, contact.restitution = (
+            a.friction * b.friction,
+            a.elasticity * b.elasticity,
+        )
 
 
 class _World:
@@ -93,7 +96,10 @@ class _World:
             doSleep=False,
             contactListener=self._listener,
         )
-        self._walls, self._ground = self._world.CreateStaticBody(), self._world.CreateStaticBody()
+        self._walls, self._ground = (
+            self._world.CreateStaticBody(),
+            self._world.CreateStaticBody(),
+        )
         self._bodies = [self._body(model) for model in world.bodies]
         for wall in world.walls:
             self._wall(wall)
@@ -103,7 +109,10 @@ class _World:
     def state(self) -> Array:
         """As `stepping.Engine`."""
         u = self._units
-        rows = [(*b.position, b.angle, *b.linearVelocity, b.angularVelocity, 0.0, 0.0) for b in self._bodies]
+        rows = [
+            (*b.position, b.angle, *b.linearVelocity, b.angularVelocity, 0.0, 0.0)
+            for b in self._bodies
+        ]
         scale = [u.length, u.length, 1.0, u.speed, u.speed, 1 / u.time, 1.0, 1.0]
         return np.array(rows, np.float64).reshape(-1, 8) * scale
 
@@ -112,7 +121,9 @@ class _World:
         u = self._units
         for model, body in zip(self._model.bodies, self._bodies, strict=True):
             if model.motion is Motion.SCRIPTED:
-                rate = (script(model.path, end) - script(model.path, begin)) / (end - begin)
+                rate = (script(model.path, end) - script(model.path, begin)) / (
+                    end - begin
+                )
                 body.linearVelocity = _vector(rate / u.speed)
                 body.angularVelocity = float(rate[2]) * u.time
         for push, part in loads(self._model, begin, end):
@@ -138,9 +149,13 @@ class _World:
             Motion.STATIC: Box2D.b2_staticBody,
             Motion.SCRIPTED: Box2D.b2_kinematicBody,
         }[model.motion]
-        body = self._world.CreateBody(type=kind, position=_vector(model.center / u.length))
+        body = self._world.CreateBody(
+            type=kind, position=_vector(model.center / u.length)
+        )
         if model.radius is not None:
-            _coat(body, Box2D.b2CircleShape(radius=model.radius / u.length), model.surface)
+            _coat(
+                body, Box2D.b2CircleShape(radius=model.radius / u.length), model.surface
+            )
         for piece in model.pieces:
             for part in _few_corners(piece):
                 corners = [_vector(point / u.length) for point in part]
@@ -161,25 +176,46 @@ class _World:
         """Single edges: a chain would smooth its own seams over, but it takes no points nearer than its slop."""
         for chain in wall.chains:
             for a, b in pairwise(chain / self._units.length):
-                _coat(self._walls, Box2D.b2EdgeShape(vertices=[_vector(a), _vector(b)]), wall.surface)
+                _coat(
+                    self._walls,
+                    Box2D.b2EdgeShape(vertices=[_vector(a), _vector(b)]),
+                    wall.surface,
+                )
 
     def _joint(self, joint: Joint) -> None:
         u = self._units
         first, first_at = self._bodies[joint.first], _vector(joint.first_at / u.length)
         second = self._ground if joint.second is None else self._bodies[joint.second]
         second_at = _vector(joint.second_at / u.length)
-        ends = {"bodyA": second, "bodyB": first, "localAnchorA": second_at, "localAnchorB": first_at}
+        ends = {
+            "bodyA": second,
+            "bodyB": first,
+            "localAnchorA": second_at,
+            "localAnchorB": first_at,
+        }
         ends |= {"collideConnected": joint.collide}
-        if joint.kind is JointKind.SPRING:  # slack: it only says whether the two collide
+        if (
+            joint.kind is JointKind.SPRING
+        ):  # slack: it only says whether the two collide
             self._world.CreateJoint(Box2D.b2RopeJointDef(maxLength=SLACK, **ends))
             return
         if joint.kind is JointKind.WELD:
             self._world.CreateJoint(Box2D.b2WeldJointDef(referenceAngle=0.0, **ends))
             return
-        limit = joint.limit * u.time**2 / u.moment if isfinite(joint.limit) else TORQUE_WITHOUT_END
-        motor = {"enableMotor": True, "motorSpeed": joint.speed * u.time, "maxMotorTorque": limit}
+        limit = (
+            joint.limit * u.time**2 / u.moment
+            if isfinite(joint.limit)
+            else TORQUE_WITHOUT_END
+        )
+        motor = {
+            "enableMotor": True,
+            "motorSpeed": joint.speed * u.time,
+            "maxMotorTorque": limit,
+        }
         turns = joint.kind is JointKind.MOTOR
-        self._world.CreateJoint(Box2D.b2RevoluteJointDef(**ends, **(motor if turns else {})))
+        self._world.CreateJoint(
+            Box2D.b2RevoluteJointDef(**ends, **(motor if turns else {}))
+        )
 
     def _pull(self, joint: Joint) -> None:
         """Stiffness and damping along the line between the ends, equal and opposite."""
@@ -192,12 +228,15 @@ class _World:
         ]
         apart = np.subtract(ends[1], ends[0]) * u.length
         speeds = [
-            body.GetLinearVelocityFromWorldPoint(end) for body, end in zip((first, second), ends, strict=True)
+            body.GetLinearVelocityFromWorldPoint(end)
+            for body, end in zip((first, second), ends, strict=True)
         ]
         length = float(np.hypot(*apart))
         along = apart / max(length, 1e-9)
         opening = float(np.subtract(speeds[1], speeds[0]) @ along) * u.speed
-        force = (joint.stiffness * (length - joint.length) + joint.damping * opening) * along
+        force = (
+            joint.stiffness * (length - joint.length) + joint.damping * opening
+        ) * along
         scaled = force * u.time / (u.mass * u.speed)
         first.ApplyForce(_vector(scaled), ends[0], True)
         second.ApplyForce(_vector(-scaled), ends[1], True)
@@ -211,12 +250,17 @@ def _few_corners(piece: Array) -> list[Array]:
     """A convex piece (K, 2) as slices of at most `CORNERS` corners."""
     if len(piece) <= CORNERS:
         return [piece]
-    return [piece[:CORNERS], *_few_corners(np.concatenate([piece[:1], piece[CORNERS - 1 :]]))]
+    return [
+        piece[:CORNERS],
+        *_few_corners(np.concatenate([piece[:1], piece[CORNERS - 1 :]])),
+    ]
 
 
 def _vector(vector: Array) -> tuple[float, float]:
     """As the engine takes it; raises ArithmeticError for what single precision does not hold."""
     x, y = float(vector[0]), float(vector[1])
     if not max(abs(x), abs(y)) < LARGEST:
-        raise ArithmeticError(f"Box2D: ({x:g}, {y:g}) units are beyond single precision")
+        raise ArithmeticError(
+            f"Box2D: ({x:g}, {y:g}) units are beyond single precision"
+        )
     return x, y

@@ -52,8 +52,12 @@ def mjcf(world: World, units: Units, step: float) -> str:
 
 def bounces(world: World) -> bool:
     """Whether any two things that may meet throw each other back."""
-    movable = [k for k, body in enumerate(world.bodies) if body.motion is Motion.DYNAMIC]
-    springy = [k for k, (_, surface) in enumerate(world.surfaces) if surface.elasticity > 0]
+    movable = [
+        k for k, body in enumerate(world.bodies) if body.motion is Motion.DYNAMIC
+    ]
+    springy = [
+        k for k, (_, surface) in enumerate(world.surfaces) if surface.elasticity > 0
+    ]
     return any(i != j for i in set(movable) & set(springy) for j in springy)
 
 
@@ -62,10 +66,17 @@ class _Model:
         self._world, self._units, self._step = world, units, step
         self._table = lies_on_table(world)
         self._root = Element("mujoco")
-        flags = {"cone": "elliptic", "solver": "Newton", "tolerance": "1e-12", "iterations": "200"}
+        flags = {
+            "cone": "elliptic",
+            "solver": "Newton",
+            "tolerance": "1e-12",
+            "iterations": "200",
+        }
         press = world.press / units.length if self._table else 0.0
         gravity = _text(*(world.gravity / units.length), press)
-        option = _add(self._root, "option", timestep=repr(step), gravity=gravity, **flags)
+        option = _add(
+            self._root, "option", timestep=repr(step), gravity=gravity, **flags
+        )
         _add(option, "flag", autoreset="disable", multiccd="enable")
         _add(self._root, "size", memory="256M")
         self._assets = _add(self._root, "asset")
@@ -79,15 +90,29 @@ class _Model:
 
     def text(self) -> str:
         """All of it."""
-        parents = [self._body(index, body) for index, body in enumerate(self._world.bodies)]
+        parents = [
+            self._body(index, body) for index, body in enumerate(self._world.bodies)
+        ]
         for index, wall in enumerate(self._world.walls):
             self._geoms.append([])
-            for a, b in (ends for chain in wall.chains for ends in pairwise(chain / self._units.length)):
+            for a, b in (
+                ends
+                for chain in wall.chains
+                for ends in pairwise(chain / self._units.length)
+            ):
                 name = f"w{index}.{len(self._geoms[-1])}"
                 self._slab(name, a, b)
                 self._geoms[-1].append(name)
         if self._table:
-            _add(self._space, "geom", name="table", type="plane", size="1 1 1", zaxis="0 0 -1", **_GHOST)
+            _add(
+                self._space,
+                "geom",
+                name="table",
+                type="plane",
+                size="1 1 1",
+                zaxis="0 0 -1",
+                **_GHOST,
+            )
         self._contacts()
         for index, joint in enumerate(self._world.joints):
             self._joint(f"j{index}", joint, parents)
@@ -110,7 +135,13 @@ class _Model:
             _add(body, "joint", name=f"x{index}", type="slide", axis="1 0 0")
             _add(body, "joint", name=f"y{index}", type="slide", axis="0 1 0")
             _add(body, "joint", name=f"a{index}", type="hinge", axis="0 0 1")
-        _add(body, "inertial", pos="0 0 0", mass=repr(mass), diaginertia=_text(moment, moment, moment))
+        _add(
+            body,
+            "inertial",
+            pos="0 0 0",
+            mass=repr(mass),
+            diaginertia=_text(moment, moment, moment),
+        )
         self._geoms.append(self._shape(body, index, model))
         return body
 
@@ -120,9 +151,15 @@ class _Model:
         if model.radius is not None:
             radius = model.radius / u.length
             if self._rolls(model) or not self._table:
-                _add(body, "geom", name=name, type="sphere", size=_text(radius), **_GHOST)
+                _add(
+                    body, "geom", name=name, type="sphere", size=_text(radius), **_GHOST
+                )
             else:
-                size = {"type": "capsule", "size": _text(radius, half), "pos": _text(0, 0, middle)}
+                size = {
+                    "type": "capsule",
+                    "size": _text(radius, half),
+                    "pos": _text(0, 0, middle),
+                }
                 _add(body, "geom", name=name, **size, **_GHOST)
             return [name]
         names = [f"{name}.{k}" for k in range(len(model.pieces))]
@@ -130,10 +167,24 @@ class _Model:
             corners = piece / u.length
             if box := _as_box(corners):
                 center, sides, angle = box
-                pose = {"pos": _text(*center, middle), "euler": _text(0, 0, np.degrees(angle))}
-                _add(body, "geom", name=part, type="box", size=_text(*sides, half), **pose, **_GHOST)
+                pose = {
+                    "pos": _text(*center, middle),
+                    "euler": _text(0, 0, np.degrees(angle)),
+                }
+                _add(
+                    body,
+                    "geom",
+                    name=part,
+                    type="box",
+                    size=_text(*sides, half),
+                    **pose,
+                    **_GHOST,
+                )
             else:
-                near, far = ([(x, y, z) for x, y in corners] for z in (middle - half, middle + half))
+                near, far = (
+                    [(x, y, z) for x, y in corners]
+                    for z in (middle - half, middle + half)
+                )
                 vertices = _text(*np.ravel([*near, *far]))
                 _add(self._assets, "mesh", name=part, vertex=vertices, inertia="convex")
                 _add(body, "geom", name=part, type="mesh", mesh=part, **_GHOST)
@@ -141,7 +192,10 @@ class _Model:
 
     def _slab(self, name: str, a: Array, b: Array) -> None:
         middle, half = self._depths()
-        length, angle = float(np.hypot(*(b - a))), float(np.degrees(np.arctan2(*(b - a)[::-1])))
+        length, angle = (
+            float(np.hypot(*(b - a))),
+            float(np.degrees(np.arctan2(*(b - a)[::-1]))),
+        )
         pose = {"pos": _text(*((a + b) / 2), middle), "euler": _text(0, 0, angle)}
         size = _text(max(length / 2, 1e-6), THIN, 2 * half)
         _add(self._space, "geom", name=name, type="box", size=size, **pose, **_GHOST)
@@ -172,26 +226,49 @@ class _Model:
                 for first in self._geoms[i]:
                     for second in self._geoms[j]:
                         self._pair(
-                            first, second, friction, elasticity, rolling, margin=0.0 if other else -THIN
+                            first,
+                            second,
+                            friction,
+                            elasticity,
+                            rolling,
+                            margin=0.0 if other else -THIN,
                         )
             if self._rolls(body):
                 friction = body.surface.friction * self._world.table.friction
                 rolling = _rolling(body) / self._units.length
-                self._pair(self._geoms[i][0], "table", friction, 0.0, rolling, margin=0.0)
+                self._pair(
+                    self._geoms[i][0], "table", friction, 0.0, rolling, margin=0.0
+                )
 
     def _rolls(self, body: Body) -> bool:
         """Whether the body is free to roll over the table."""
         return self._table and is_ball(body) and body.motion is Motion.DYNAMIC
 
     def _pair(
-        self, first: str, second: str, friction: float, elasticity: float, rolling: float, margin: float
+        self,
+        first: str,
+        second: str,
+        friction: float,
+        elasticity: float,
+        rolling: float,
+        margin: float,
     ) -> None:
         dead = f"{2 * self._step!r} {OVERDAMPED}"
-        pair = _add(self._pairs, "pair", geom1=first, geom2=second, solimp=RIGID, margin=repr(margin))
+        pair = _add(
+            self._pairs,
+            "pair",
+            geom1=first,
+            geom2=second,
+            solimp=RIGID,
+            margin=repr(margin),
+        )
         pair.set("condim", "6" if rolling else "3" if friction else "1")
         pair.set("friction", _text(friction, friction, 0, rolling, rolling))
         pair.set("solreffriction", f"{SLIP!r} 1")
-        pair.set("solref", dead if elasticity == 0 else _text(*spring(elasticity, self._step)))
+        pair.set(
+            "solref",
+            dead if elasticity == 0 else _text(*spring(elasticity, self._step)),
+        )
 
     def _joint(self, name: str, joint: Joint, parents: list[Element]) -> None:
         u, world = self._units, self._world
@@ -210,23 +287,42 @@ class _Model:
                 _add(body, "site", name=f"{name}{end}", pos=_text(*(at / u.length), 0))
             law = {"stiffness": joint.stiffness, "damping": joint.damping}
             texts = {key: repr(value / u.mass) for key, value in law.items()}
-            tendon = _add(self._tendons, "spatial", springlength=repr(joint.length / u.length), **texts)
+            tendon = _add(
+                self._tendons,
+                "spatial",
+                springlength=repr(joint.length / u.length),
+                **texts,
+            )
             for end in "ab":
                 _add(tendon, "site", site=f"{name}{end}")
         else:
             _add(self._equal, "connect", body1=first, anchor=anchor, **second, **hard)
         if joint.kind is JointKind.MOTOR:
-            turning = [(k, sign) for k, sign in ((joint.first, 1), (joint.second, -1)) if k is not None]
-            turning = [(k, sign) for k, sign in turning if world.bodies[k].motion is Motion.DYNAMIC]
+            turning = [
+                (k, sign)
+                for k, sign in ((joint.first, 1), (joint.second, -1))
+                if k is not None
+            ]
+            turning = [
+                (k, sign)
+                for k, sign in turning
+                if world.bodies[k].motion is Motion.DYNAMIC
+            ]
             tendon = _add(self._tendons, "fixed", name=name)
             for k, sign in turning:
                 _add(tendon, "joint", joint=f"a{k}", coef=str(sign))
             slowness = sum(u.moment / world.bodies[k].moment for k, _ in turning)
             motor = _add(
-                self._actuators, "velocity", name=name, tendon=name, kv=repr(GAIN / slowness / self._step)
+                self._actuators,
+                "velocity",
+                name=name,
+                tendon=name,
+                kv=repr(GAIN / slowness / self._step),
             )
             if isfinite(joint.limit):
-                motor.set("forcerange", _text(-joint.limit / u.moment, joint.limit / u.moment))
+                motor.set(
+                    "forcerange", _text(-joint.limit / u.moment, joint.limit / u.moment)
+                )
 
 
 @cache
@@ -241,7 +337,11 @@ def spring(elasticity: float, step: float) -> tuple[float, float]:
     low, high = 0.0, 30.0
     for _ in range(50):
         middle = (low + high) / 2
-        low, high = (middle, high) if _given_back(middle, w * step) > elasticity else (low, middle)
+        low, high = (
+            (middle, high)
+            if _given_back(middle, w * step) > elasticity
+            else (low, middle)
+        )
     return -w * w, -2 * low * w
 
 
@@ -264,7 +364,11 @@ _GHOST = {"contype": "0", "conaffinity": "0"}
 
 def _rolling(body: Body | None) -> float:
     """px: how far ahead of its middle the ground pushes a rolling body."""
-    return body.rolling * body.reach if body is not None and body.motion is Motion.DYNAMIC else 0.0
+    return (
+        body.rolling * body.reach
+        if body is not None and body.motion is Motion.DYNAMIC
+        else 0.0
+    )
 
 
 def _as_box(corners: Array) -> tuple[Array, Array, float] | None:
@@ -273,7 +377,10 @@ def _as_box(corners: Array) -> tuple[Array, Array, float] | None:
         return None
     sides = np.roll(corners, -1, axis=0) - corners
     scale = np.abs(corners).max()
-    if np.abs(sides[0] + sides[2]).max() > 1e-9 * scale or abs(sides[0] @ sides[1]) > 1e-9 * scale**2:
+    if (
+        np.abs(sides[0] + sides[2]).max() > 1e-9 * scale
+        or abs(sides[0] @ sides[1]) > 1e-9 * scale**2
+    ):
         return None
     size = np.array([np.hypot(*sides[0]), np.hypot(*sides[1])]) / 2
     return corners.mean(axis=0), size, float(np.arctan2(sides[0][1], sides[0][0]))

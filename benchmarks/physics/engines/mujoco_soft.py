@@ -52,7 +52,9 @@ def run(world: World, times: Array, step: float = STEP) -> Trajectory:
     """Motion at `times` (T,) s; raises Unsupported for what is in `CANNOT`, ArithmeticError where MuJoCo warns."""
     refuse("MuJoCo", world, CANNOT)
     warnings: list[str] = []
-    mujoco.set_mju_user_warning(warnings.append)  # else it writes a log file into the current folder
+    mujoco.set_mju_user_warning(
+        warnings.append
+    )  # else it writes a log file into the current folder
     try:
         trajectory = record(_Model(world, body_units(world), step), world, times, step)
     finally:
@@ -66,26 +68,41 @@ class _Model:
     def __init__(self, world: World, units: Units, step: float) -> None:
         self._world, self._units = world, units
         self._parts = PARTS if bounces(world) else 1
-        self._model = mujoco.MjModel.from_xml_string(mjcf(world, units, step / self._parts))
+        self._model = mujoco.MjModel.from_xml_string(
+            mjcf(world, units, step / self._parts)
+        )
         self._data = mujoco.MjData(self._model)
         self.iterations = int(self._model.opt.iterations)
         table = lies_on_table(world)
-        moving = [k for k, body in enumerate(world.bodies) if body.motion is not Motion.STATIC]
+        moving = [
+            k for k, body in enumerate(world.bodies) if body.motion is not Motion.STATIC
+        ]
         self._balls = [
             k
             for k in moving
-            if table and is_ball(world.bodies[k]) and world.bodies[k].motion is Motion.DYNAMIC
+            if table
+            and is_ball(world.bodies[k])
+            and world.bodies[k].motion is Motion.DYNAMIC
         ]
         self._flat = [k for k in moving if k not in self._balls]
-        joints = [[self._data.joint(f"{axis}{k}").id for axis in "xya"] for k in self._flat]
+        joints = [
+            [self._data.joint(f"{axis}{k}").id for axis in "xya"] for k in self._flat
+        ]
         joints_of = np.array(joints, np.int64).reshape(-1, 3)
-        self._q, self._v = self._model.jnt_qposadr[joints_of], self._model.jnt_dofadr[joints_of]
+        self._q, self._v = (
+            self._model.jnt_qposadr[joints_of],
+            self._model.jnt_dofadr[joints_of],
+        )
         """(F, 3): where the x, y and angle of what moves in the plane are kept."""
         self._scale = np.array([units.length, units.length, 1.0])
-        self._home = np.array([[*body.center, *np.zeros(6)] for body in world.bodies]).reshape(-1, 8)
+        self._home = np.array(
+            [[*body.center, *np.zeros(6)] for body in world.bodies]
+        ).reshape(-1, 8)
         for k in moving:
             self._add_velocity(
-                k, np.array([*world.bodies[k].velocity, world.bodies[k].spin]), world.bodies[k].roll
+                k,
+                np.array([*world.bodies[k].velocity, world.bodies[k].spin]),
+                world.bodies[k].roll,
             )
         for index, joint in enumerate(world.joints):
             if joint.kind is JointKind.MOTOR:
@@ -105,10 +122,14 @@ class _Model:
                 self._place(k, begin, end)
         for push, part in loads(self._world, begin, end):
             arm = rotation(self._state[push.body, 2]) @ push.at
-            load = np.array([*push.vector, float(cross(arm, push.vector)) + push.torque])
+            load = np.array(
+                [*push.vector, float(cross(arm, push.vector)) + push.torque]
+            )
             if push.load is Load.IMPULSE:
                 body = self._world.bodies[push.body]
-                self._add_velocity(push.body, load / (body.mass, body.mass, body.moment), np.zeros(2))
+                self._add_velocity(
+                    push.body, load / (body.mass, body.mass, body.moment), np.zeros(2)
+                )
             else:
                 scaled = load * part * self._scale / self._units.moment
                 data.body(f"b{push.body}").xfrc_applied[[0, 1, 5]] += scaled
@@ -128,7 +149,13 @@ class _Model:
         for k in self._balls:
             joint, turn = data.joint(f"x{k}"), np.empty(3)
             mujoco.mju_rotVecQuat(turn, joint.qvel[3:], joint.qpos[3:])
-            state[k] = (*(joint.qpos[:2] * length), angles[k], *(joint.qvel[:2] * length), turn[2], *turn[:2])
+            state[k] = (
+                *(joint.qpos[:2] * length),
+                angles[k],
+                *(joint.qvel[:2] * length),
+                turn[2],
+                *turn[:2],
+            )
         return state
 
     def _place(self, k: int, begin: float, end: float) -> None:

@@ -49,14 +49,19 @@ class _Space:
 
     def state(self) -> Array:
         """As `stepping.Engine`."""
-        rows = [(*b.position, b.angle, *b.velocity, b.angular_velocity, 0.0, 0.0) for b in self._bodies]
+        rows = [
+            (*b.position, b.angle, *b.velocity, b.angular_velocity, 0.0, 0.0)
+            for b in self._bodies
+        ]
         return np.array(rows, np.float64).reshape(-1, 8)
 
     def step(self, begin: float, end: float) -> None:
         """As `stepping.Engine`."""
         for model, body in zip(self._world.bodies, self._bodies, strict=True):
             if model.motion is Motion.SCRIPTED:
-                rate = (script(model.path, end) - script(model.path, begin)) / (end - begin)
+                rate = (script(model.path, end) - script(model.path, begin)) / (
+                    end - begin
+                )
                 body.velocity, body.angular_velocity = _pair(rate), float(rate[2])
         for push, part in loads(self._world, begin, end):
             body = self._bodies[push.body]
@@ -76,7 +81,9 @@ def _body(space: pymunk.Space, model: Body) -> pymunk.Body:
         body.velocity, body.angular_velocity = _pair(model.velocity), model.spin
     else:
         static = model.motion is Motion.STATIC
-        body = pymunk.Body(body_type=pymunk.Body.STATIC if static else pymunk.Body.KINEMATIC)
+        body = pymunk.Body(
+            body_type=pymunk.Body.STATIC if static else pymunk.Body.KINEMATIC
+        )
     body.position = _pair(model.center)
     space.add(body)
     if model.radius is not None:
@@ -87,7 +94,9 @@ def _body(space: pymunk.Space, model: Body) -> pymunk.Body:
 
 
 def _wall(space: pymunk.Space, wall: Wall) -> None:
-    body = pymunk.Body(body_type=pymunk.Body.STATIC)  # not the one that joints hold on to
+    body = pymunk.Body(
+        body_type=pymunk.Body.STATIC
+    )  # not the one that joints hold on to
     space.add(body)
     for chain in wall.chains:
         for a, b in pairwise(chain.tolist()):
@@ -105,7 +114,11 @@ def _joint(space: pymunk.Space, bodies: list[pymunk.Body], joint: Joint) -> None
     ends = _pair(joint.first_at), _pair(joint.second_at)
     parts: list[pymunk.Constraint]
     if joint.kind is JointKind.SPRING:
-        parts = [pymunk.DampedSpring(first, second, *ends, joint.length, joint.stiffness, joint.damping)]
+        parts = [
+            pymunk.DampedSpring(
+                first, second, *ends, joint.length, joint.stiffness, joint.damping
+            )
+        ]
     else:
         parts = [pymunk.PivotJoint(first, second, *ends)]
     if joint.kind is JointKind.WELD:

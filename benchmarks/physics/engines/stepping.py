@@ -36,7 +36,10 @@ class Unsupported(Exception):  # noqa: N818  # it says what, not that something 
 
     def __init__(self, engine: str, reasons: Mapping[str, str]) -> None:
         """`reasons`: what is asked -> why the engine has no word for it."""
-        super().__init__(f"{engine}: " + "; ".join(f"no {what} ({why})" for what, why in reasons.items()))
+        super().__init__(
+            f"{engine}: "
+            + "; ".join(f"no {what} ({why})" for what, why in reasons.items())
+        )
         self.engine = engine
         self.reasons = dict(reasons)
 
@@ -47,9 +50,17 @@ def demands(world: World) -> frozenset[Demand]:
     found = set()
     if lies_on_table(world):
         found.add(Demand.TABLE)
-        if any(body.surface.friction * world.table.friction > 0 and not is_ball(body) for body in dynamic):
+        if any(
+            body.surface.friction * world.table.friction > 0 and not is_ball(body)
+            for body in dynamic
+        ):
             found.add(Demand.FACES)
-        jointed = [world.bodies[k] for j in world.joints for k in (j.first, j.second) if k is not None]
+        jointed = [
+            world.bodies[k]
+            for j in world.joints
+            for k in (j.first, j.second)
+            if k is not None
+        ]
         if any(body.motion is Motion.DYNAMIC and is_ball(body) for body in jointed):
             found.add(Demand.TABLE_JOINTS)
     if any(body.rolling > 0 for body in dynamic):
@@ -62,7 +73,9 @@ def demands(world: World) -> frozenset[Demand]:
 def lies_on_table(world: World) -> bool:
     """Whether the table below the bodies changes their motion: it rubs, or some of them roll at t = 0."""
     dynamic = [body for body in world.bodies if body.motion is Motion.DYNAMIC]
-    rubs = world.press > 0 and any(body.surface.friction * world.table.friction > 0 for body in dynamic)
+    rubs = world.press > 0 and any(
+        body.surface.friction * world.table.friction > 0 for body in dynamic
+    )
     return rubs or any(np.any(body.roll) for body in dynamic)
 
 
@@ -73,7 +86,9 @@ def is_ball(body: Body) -> bool:
 
 def refuse(engine: str, world: World, cannot: Mapping[Demand, str]) -> None:
     """Raise Unsupported where the world asks for what stands in the engine's table `cannot`."""
-    reasons = {what.value: why for what, why in cannot.items() if what in demands(world)}
+    reasons = {
+        what.value: why for what, why in cannot.items() if what in demands(world)
+    }
     if reasons:
         raise Unsupported(engine, reasons)
 
@@ -102,7 +117,9 @@ class Units:
 
 def body_units(world: World, across: float = 1.0) -> Units:
     """Units in which the median of the moving bodies is `across` wide and weighs 1."""
-    moving = [body for body in world.bodies if body.motion is Motion.DYNAMIC] or list(world.bodies)
+    moving = [body for body in world.bodies if body.motion is Motion.DYNAMIC] or list(
+        world.bodies
+    )
     if not moving:
         return Units(1.0, 1.0)
     size = float(np.median([body.size for body in moving]))
@@ -117,7 +134,9 @@ def loads(world: World, begin: float, end: float) -> Iterator[tuple[Push, float]
         if push.load is Load.IMPULSE:
             if begin <= push.start + 1e-12 < end:
                 yield push, 1.0
-        elif (part := (min(push.end, end) - max(push.start, begin)) / (end - begin)) > 0:
+        elif (
+            part := (min(push.end, end) - max(push.start, begin)) / (end - begin)
+        ) > 0:
             yield push, part
 
 
@@ -163,7 +182,9 @@ def record(engine: Engine, world: World, times: Array, step: float) -> Trajector
         states[index] = before + part * (after - before)
     lost = ~(np.abs(states) < BEYOND).all(axis=(1, 2))
     if lost.any():
-        raise ArithmeticError(f"{type(engine).__module__}: left all numbers by t = {times[lost][0]:.3f} s")
+        raise ArithmeticError(
+            f"{type(engine).__module__}: left all numbers by t = {times[lost][0]:.3f} s"
+        )
     rolls = states[:, :, 6:] if lies_on_table(world) else states[:, :0, 6:]
     return Trajectory(
         times=times,
@@ -175,7 +196,12 @@ def record(engine: Engine, world: World, times: Array, step: float) -> Trajector
         contacts=_no_contacts(),
         energy=_energy(world, states),
         effort=Effort(
-            steps=taken, divided=0, most_parts=1, iterations=engine.iterations, impacts=0, still=0.0
+            steps=taken,
+            divided=0,
+            most_parts=1,
+            iterations=engine.iterations,
+            impacts=0,
+            still=0.0,
         ),
     )
 
@@ -185,7 +211,10 @@ def _energy(world: World, states: Array) -> Energy:
     dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
     mass = np.where(dynamic, [body.mass for body in world.bodies], 0.0)
     moment = np.where(dynamic, [body.moment for body in world.bodies], 0.0)
-    linear, angular = (states[:, :, 3:5] ** 2).sum(axis=2), (states[:, :, 5:] ** 2).sum(axis=2)
+    linear, angular = (
+        (states[:, :, 3:5] ** 2).sum(axis=2),
+        (states[:, :, 5:] ** 2).sum(axis=2),
+    )
     kinetic = (mass * linear + moment * angular).sum(axis=1) / 2
     potential = -(mass * (states[:, :, :2] @ world.gravity)).sum(axis=1)
     for spring in world.joints:

@@ -42,9 +42,13 @@ class Inception:
 
     @cached_property
     def _model(self) -> Any:
-        model = load_weights(self._load, str(self._path), "Inception", Flag(FLAG, "PATH"))
+        model = load_weights(
+            self._load, str(self._path), "Inception", Flag(FLAG, "PATH")
+        )
         if KEY not in [argument.name for argument in model.forward.schema.arguments]:
-            raise InputError.of(FLAG, f'"{self._path}"', f"takes no {KEY}: is not that network", GET)
+            raise InputError.of(
+                FLAG, f'"{self._path}"', f"takes no {KEY}: is not that network", GET
+            )
         return model
 
     def _load(self, weights: str) -> Any:
@@ -54,14 +58,20 @@ class Inception:
         """(N, H, W, 3) sRGB -> (N, 2048)."""
         found = []
         for k in range(0, len(pictures), BATCH):
-            batch = torch.from_numpy(np.ascontiguousarray(pictures[k : k + BATCH].transpose(0, 3, 1, 2)))
+            batch = torch.from_numpy(
+                np.ascontiguousarray(pictures[k : k + BATCH].transpose(0, 3, 1, 2))
+            )
             found.append(self._answer(batch))
         return np.concatenate(found)
 
     def _answer(self, batch: torch.Tensor) -> NDArray[np.float64]:
         with torch.inference_mode():
             answer = self._model(batch.to(self._device), return_features=True)
-        shape = tuple(answer.shape) if isinstance(answer, torch.Tensor) else type(answer).__name__
+        shape = (
+            tuple(answer.shape)
+            if isinstance(answer, torch.Tensor)
+            else type(answer).__name__
+        )
         wanted = (len(batch), WIDE)
         if shape != wanted or not isinstance(answer, torch.Tensor):
             found = f"answers {shape}, not {wanted}: is not that network"
@@ -71,4 +81,6 @@ class Inception:
     def note(self) -> Mapping[str, Any]:
         """Which file it was, by its content, and where it ran."""
         digest = hashlib.sha256(self._path.read_bytes()).hexdigest()
-        return run_note(self._device, torch.float32, str(self._path), {"sha256": digest})
+        return run_note(
+            self._device, torch.float32, str(self._path), {"sha256": digest}
+        )

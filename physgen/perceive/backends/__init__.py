@@ -4,4 +4,6 @@ from __future__ import annotations
 
 import os
 
-os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")  # it warns of torchvision, which is not needed
+os.environ.setdefault(
+    "TRANSFORMERS_VERBOSITY", "error"
+)  # it warns of torchvision, which is not needed

@@ -39,7 +39,16 @@ from physgen.perceive.backends.boundary_support import (
     photo_bottom,
     view_evidence,
 )
-from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, Mask, PhotoObject, Rgb, Scenery, Wall
+from physgen.perceive.roles import (
+    Boundary,
+    BoundaryGuess,
+    Labels,
+    Mask,
+    PhotoObject,
+    Rgb,
+    Scenery,
+    Wall,
+)
 from physgen.perceive.support.ground_contact import Foot, Line
 from physgen.perceive.support.supports import add_supports, depth_inside, free_parts
 from physgen.perceive.support.viewpoint import guess_view
@@ -61,18 +70,30 @@ class _Limits:
     slack: float = 0.02  # of depth, by which a face may lie behind the objects' plane and still be in it
     soft: float = 1.5  # standard deviation of the blur that smooths a border
     near: float = 1.0  # of the foreground's depth: how far before all objects a surface is still among them
-    thin: float = 0.05  # of depth: least depth of the foreground where its objects stand ...
+    thin: float = (
+        0.05  # of depth: least depth of the foreground where its objects stand ...
+    )
     deep: float = 0.2  # ... and for its shelves
     facing: float = 0.85  # cosine from which a surface faces the viewer
     shortest: float = 0.04  # of the photo: a shorter edge is a detail
-    bent: float = 0.005  # of the photo, by which a contour may leave its chord and be straight
+    bent: float = (
+        0.005  # of the photo, by which a contour may leave its chord and be straight
+    )
     rough: float = 1.5  # RMS by which a contour may leave the line fitted to it
     seen: float = 0.4  # share of an edge that must not be hidden by objects
     flat: float = 0.85  # length of the mean of unit normals of one plane: all within about 30 degrees
-    strip: tuple[int, ...] = (2, 4, 6)  # from an edge, where normals and depth are read on its solid side
-    same: float = 0.02  # of the photo, by which the ends of a floor's edge may be off it
+    strip: tuple[int, ...] = (
+        2,
+        4,
+        6,
+    )  # from an edge, where normals and depth are read on its solid side
+    same: float = (
+        0.02  # of the photo, by which the ends of a floor's edge may be off it
+    )
     under: tuple[int, ...] = (5, 8)  # below a floor, where solid matter is looked for
-    nothing: float = 0.03  # of the photo: a floor ends where as much of nothing is seen under it
+    nothing: float = (
+        0.03  # of the photo: a floor ends where as much of nothing is seen under it
+    )
     backed: float = 0.5  # share of a floor at objects that must be solid for its ends to be looked for
 
 
@@ -115,31 +136,57 @@ def _depth_normals(
     if not len(objects) or not (labels > 0).any():
         return BoundaryGuess(found, sure, reason, ())
     if found is View.TOP:
-        return BoundaryGuess(found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects)))
+        return BoundaryGuess(
+            found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects))
+        )
     section = side_section(even, facing, labels, objects, groups, scenery)
     stood = lay_floors(rgb, labels, objects, partial(solid_reach, section))
     edges = section_edges(section, facing)
-    others = [edge for edge in edges if not any(is_floor_edge(section, edge, wall) for wall in stood.walls)]
+    others = [
+        edge
+        for edge in edges
+        if not any(is_floor_edge(section, edge, wall) for wall in stood.walls)
+    ]
     walls = [photo_bottom(labels), *stood.walls]
     walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
     walls += _walls(others, stood.objects, walls)
-    return BoundaryGuess(found, sure, reason, tuple(walls), stood.outlines, held, stood.grip)
+    return BoundaryGuess(
+        found, sure, reason, tuple(walls), stood.outlines, held, stood.grip
+    )
 
 
-def _walls(found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequence[Wall]) -> list[Wall]:
+def _walls(
+    found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequence[Wall]
+) -> list[Wall]:
     """Edges as walls, without the parts that run into objects."""
     outlines = [t.outline for t in objects]
     count, names = Counter[str](), {wall.name for wall in taken}
     walls: list[Wall] = []
     for edge in found:
-        along = edge.start + np.linspace(0, 1, max(2, int(edge.length)))[:, None] * (edge.end - edge.start)
-        within = max((float(depth_inside(o, along).max()) for o in outlines), default=0.0)
-        behind = edge.out[1] < -0.7 and within > LIMITS.through  # objects stand lower than this
+        along = edge.start + np.linspace(0, 1, max(2, int(edge.length)))[:, None] * (
+            edge.end - edge.start
+        )
+        within = max(
+            (float(depth_inside(o, along).max()) for o in outlines), default=0.0
+        )
+        behind = (
+            edge.out[1] < -0.7 and within > LIMITS.through
+        )  # objects stand lower than this
         if behind or _is_rim(edge):
             continue
-        chain = [(round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)]
+        chain = [
+            (round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)
+        ]
         out, level = edge.out[1], abs(edge.angle) <= LIMITS.slope
-        kind = "ledge" if level else "slope" if out < -0.35 else "underside" if out > 0.35 else "side"
+        kind = (
+            "ledge"
+            if level
+            else "slope"
+            if out < -0.35
+            else "underside"
+            if out > 0.35
+            else "side"
+        )
         sure = round(min(0.9, 0.3 + 0.6 * edge.seen * edge.plane**2), 2)
         for part in free_parts(chain, outlines):
             if np.hypot(*np.subtract(part[-1], part[0])) < 4:
@@ -148,7 +195,9 @@ def _walls(found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequenc
             while (name := f"{kind}-{count[kind]}") in names:
                 count[kind] += 1
             source, reason = "depth and normals", "beyond it is far"
-            walls.append(Wall(name, tuple(part), FRICTION, ELASTICITY, sure, source, reason))
+            walls.append(
+                Wall(name, tuple(part), FRICTION, ELASTICITY, sure, source, reason)
+            )
     return walls
 
 
@@ -156,7 +205,10 @@ def _is_rim(edge: Edge) -> bool:
     """Whether it ends a plane nearer than the objects' that faces elsewhere, as the side rim of a table's top."""
     assert edge.facing is not None
     across = edge.facing[:2]
-    return bool(np.hypot(*across) > LIMITS.up and across @ edge.out < LIMITS.section * np.hypot(*across))
+    return bool(
+        np.hypot(*across) > LIMITS.up
+        and across @ edge.out < LIMITS.section * np.hypot(*across)
+    )
 
 
 # section of the background by the plane of motion
@@ -166,7 +218,9 @@ def _is_rim(edge: Edge) -> bool:
 class Section:
     """Solid matter in the plane of motion; depths are 0 at the photo's nearest point, 1 at its farthest."""
 
-    depth: F32  # (H, W): the background's, interpolated across objects from side to side
+    depth: (
+        F32  # (H, W): the background's, interpolated across objects from side to side
+    )
     solid: Mask  # (H, W)
     known: Mask  # (H, W): False where objects, or the bleeding of their depth, hide it
     nearest: float  # depth before which nothing is among the objects
@@ -211,20 +265,34 @@ class Edge:
 
 def normalised_depth(depth: F32 | None) -> F32:
     """Depth from 0, the photo's nearest, to 1, its farthest, without specks. Raises InputError where there is none."""
-    if depth is None or not np.isfinite(depth).all() or np.ptp(depth) <= 1e-6 * np.abs(depth).max():
-        found = "no depth" if depth is None else "depth that is the same everywhere, or not finite"
+    if (
+        depth is None
+        or not np.isfinite(depth).all()
+        or np.ptp(depth) <= 1e-6 * np.abs(depth).max()
+    ):
+        found = (
+            "no depth"
+            if depth is None
+            else "depth that is the same everywhere, or not finite"
+        )
         expected = "is nothing that boundary=depth-normals can work on"
-        raise InputError.of("--backend", found, expected, "add --backend depth=marigold")
+        raise InputError.of(
+            "--backend", found, expected, "add --backend depth=marigold"
+        )
     low, high = np.percentile(depth[::3, ::3], (0.5, 99.5))
     if high - low <= 1e-6 * max(abs(low), abs(high)):
         low, high = depth.min(), depth.max()
-    return np.asarray(cv2.medianBlur(((depth - low) / (high - low)).astype(np.float32), 5), np.float32)
+    return np.asarray(
+        cv2.medianBlur(((depth - low) / (high - low)).astype(np.float32), 5), np.float32
+    )
 
 
 def hidden_by_objects(labels: Labels) -> Mask:
     """(H, W): objects, and as far as their depth bleeds."""
     reach = 2 * max(2, round(LIMITS.bleeds * max(labels.shape) / 512)) + 1
-    return np.asarray(cv2.dilate((labels > 0).astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0)
+    return np.asarray(
+        cv2.dilate((labels > 0).astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+    )
 
 
 def side_section(
@@ -242,7 +310,11 @@ def side_section(
     own = [np.percentile(part, (10, 75)) for part in parts if part.size]
     nearest, farthest = min(float(o[0]) for o in own), max(float(o[1]) for o in own)
     around = max(farthest - nearest, LIMITS.thin)
-    stands = [d for line, group in groups if (d := _depth_beside(full, away, line, group)) is not None]
+    stands = [
+        d
+        for line, group in groups
+        if (d := _depth_beside(full, away, line, group)) is not None
+    ]
     # what is seen under an object in the air is no floor
     stands = [d for d in stands if nearest - around <= d <= farthest + around]
     plane = max(stands) if stands else farthest
@@ -250,7 +322,9 @@ def side_section(
     limit = plane + LIMITS.slack * (normals[..., 2] > LIMITS.facing)
     before = LIMITS.near * max(farthest - nearest, LIMITS.deep)
     solid = (full < limit).astype(np.float32)
-    if scenery is not None:  # the paper's choice: scenery within the foreground's range of depth
+    if (
+        scenery is not None
+    ):  # the paper's choice: scenery within the foreground's range of depth
         ids = np.where(away, 0, scenery.labels)
         for i in np.unique(ids[ids > 0]).tolist():
             low, high = np.percentile(full[ids == i], (5, 95))
@@ -267,11 +341,15 @@ def _filled_behind(depth: F32, away: Mask) -> F32:
     for row in np.flatnonzero(away.any(1)):
         seen = ~away[row]
         if seen.any():
-            result[row, ~seen] = np.interp(columns[~seen], columns[seen], depth[row, seen])
+            result[row, ~seen] = np.interp(
+                columns[~seen], columns[seen], depth[row, seen]
+            )
     return result
 
 
-def _depth_beside(depth: F32, away: Mask, line: Line, group: Sequence[Foot]) -> float | None:
+def _depth_beside(
+    depth: F32, away: Mask, line: Line, group: Sequence[Foot]
+) -> float | None:
     """Median depth beside objects, where they stand."""
     height, width = depth.shape
     x0, x1 = min(f.left[0] for f in group), max(f.right[0] for f in group)
@@ -281,7 +359,9 @@ def _depth_beside(depth: F32, away: Mask, line: Line, group: Sequence[Foot]) -> 
     inside = (rows >= 0) & (rows < height)
     columns, rows = columns[inside], rows[inside]
     seen = ~away[rows, columns]
-    return float(np.median(depth[rows[seen], columns[seen]])) if seen.sum() >= 5 else None
+    return (
+        float(np.median(depth[rows[seen], columns[seen]])) if seen.sum() >= 5 else None
+    )
 
 
 # edges
@@ -289,8 +369,14 @@ def _depth_beside(depth: F32, away: Mask, line: Line, group: Sequence[Foot]) -> 
 
 def section_edges(section: Section, normals: F32) -> list[Edge]:
     """Straight parts of the border of the solid that are seen and with a plane on their solid side."""
-    contours, _ = cv2.findContours(section.solid.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    found = [edge for contour in contours for edge in _straight_edges(contour[::-1, 0, :], section)]
+    contours, _ = cv2.findContours(
+        section.solid.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE
+    )
+    found = [
+        edge
+        for contour in contours
+        for edge in _straight_edges(contour[::-1, 0, :], section)
+    ]
     planes = [_plane(edge, section, normals) for edge in found]
     return [edge for edge in planes if edge is not None]
 
@@ -302,26 +388,33 @@ def _straight_edges(points: NDArray[Any], section: Section) -> Iterator[Edge]:
     if len(points) < least:
         return
     corners = cv2.approxPolyDP(points, LIMITS.bent * section.size, True)[:, 0, :]
-    order = np.sort([int(np.flatnonzero((points == corner).all(-1))[0]) for corner in corners])
+    order = np.sort(
+        [int(np.flatnonzero((points == corner).all(-1))[0]) for corner in corners]
+    )
     columns, rows = points.T
     border = (columns < 2) | (rows < 2) | (columns > width - 3) | (rows > height - 3)
     seen = section.known[rows, columns] & ~border
     for first, last in zip(order, np.roll(order, -1), strict=True):
-        run = np.arange(first, last + 1 if last > first else last + 1 + len(points)) % len(points)
+        run = np.arange(
+            first, last + 1 if last > first else last + 1 + len(points)
+        ) % len(points)
         trim = min(len(run) // 5, 6)
         used = run[trim : len(run) - trim]
         used = used[seen[used]]
         if len(used) < max(6, LIMITS.seen * (len(run) - 2 * trim)):
             continue
-        x, y, u, v = cv2.fitLine(points[used].astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01).ravel()[
-            [2, 3, 0, 1]
-        ]
+        x, y, u, v = cv2.fitLine(
+            points[used].astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01
+        ).ravel()[[2, 3, 0, 1]]
         middle, along = np.array([x, y], np.float64), np.array([u, v], np.float64)
         along = along if along @ (points[last] - points[first]) >= 0 else -along
         out = np.array([along[1], -along[0]])
         if np.sqrt((((points[used] - middle) @ out) ** 2).mean()) > LIMITS.rough:
             continue
-        start, end = (middle + along * ((points[k] - middle) @ along) + 0.5 * out for k in (first, last))
+        start, end = (
+            middle + along * ((points[k] - middle) @ along) + 0.5 * out
+            for k in (first, last)
+        )
         edge = Edge(start, end, len(used) / (len(run) - 2 * trim))
         if edge.length >= least:
             yield edge
@@ -355,7 +448,9 @@ def is_floor_edge(section: Section, edge: Edge, wall: Wall) -> bool:
     return bool(edge.out[1] < -0.5 and off.max() <= LIMITS.same * section.size)
 
 
-def solid_reach(section: Section, line: Line, group: Sequence[Foot]) -> tuple[float, float] | None:
+def solid_reach(
+    section: Section, line: Line, group: Sequence[Foot]
+) -> tuple[float, float] | None:
     """The ends of the floor under a group: where nothing solid is seen under it any more, else far off.
 
     None where nothing solid is seen beside the objects.

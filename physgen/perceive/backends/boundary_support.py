@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, cross
 from physgen.maps import F32
-from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, PhotoObject, Rgb, Wall
+from physgen.perceive.roles import (
+    Boundary,
+    BoundaryGuess,
+    Labels,
+    PhotoObject,
+    Rgb,
+    Wall,
+)
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.support.equilibrium import contacts
 from physgen.perceive.support.ground_contact import (
@@ -59,12 +66,16 @@ ROUNDING = 1e-3  # slope of a foot below which it is level
 class _RailLimits:
     """Rails seen from above."""
 
-    bounce: float = 0.75  # elasticity: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
+    bounce: float = (
+        0.75  # elasticity: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
+    )
     contrast: float = 3.0  # CIE 1976 Lab, that most of its length has
     apart: int = 3  # px from an edge, on both sides, where colours are compared
     askew: float = 0.04  # slope up to which a rail is along the photo's side
     slopes: int = 17  # tried
-    columns: int = 256  # evenly spread, in which colours are compared: more changes nothing
+    columns: int = (
+        256  # evenly spread, in which colours are compared: more changes nothing
+    )
     alike: float = 0.9  # of the sharpest edge, from which the most level one is taken
     shade: float = 0.015  # of the photo's longer side: width of the shadow that a rail casts on its table
 
@@ -75,16 +86,18 @@ class _TopLimits:
     height of the box. Light is its logarithm. Prints are as wide above as below, lids above as far as their edge.
     """
 
-    smallest: int = 12  # px, width of a box whose top can be seen, and a third of its height
+    smallest: int = (
+        12  # px, width of a box whose top can be seen, and a third of its height
+    )
     least: float = 0.02  # height of a top
     most: float = 0.45
     inner: float = 0.2  # of the width, on either side, where edges are rounded
-    straight: float = (
-        0.01  # and 1 px at least, off straight lines, of the upper rim and the sides of the front
-    )
+    straight: float = 0.01  # and 1 px at least, off straight lines, of the upper rim and the sides of the front
     near: float = 0.02  # and 2 px at least, from an edge to where light is compared
     step: float = 0.15  # of light at the edge between top and front
-    plain: float = 0.6  # of the step: spread of light on the top, and on the front beside it
+    plain: float = (
+        0.6  # of the step: spread of light on the top, and on the front beside it
+    )
     hue: float = 0.4  # by which one colour may change more than another
     # by which the tops of two run together, of more by the root of their number less, or half of what one narrows by
     close: float = 0.022
@@ -99,23 +112,35 @@ def support() -> Boundary:
     return _support
 
 
-def _support(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: View | None) -> BoundaryGuess:
+def _support(
+    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: View | None
+) -> BoundaryGuess:
     if view is None:
         alone, upright = view_evidence(objects, feet_groups(labels, objects))
-        found, sure, reason = guess_view(rgb, labels, run_network(rgb).normals, alone, upright)
+        found, sure, reason = guess_view(
+            rgb, labels, run_network(rgb).normals, alone, upright
+        )
     else:
         found, sure, reason = view, 1.0, "as given"
     if found is View.TOP or not len(objects):
-        return BoundaryGuess(found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects)))
+        return BoundaryGuess(
+            found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects))
+        )
     stood = lay_floors(rgb, labels, objects)
     walls = [photo_bottom(labels), *stood.walls]
     walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
-    return BoundaryGuess(found, sure, reason, tuple(walls), stood.outlines, held, stood.grip)
+    return BoundaryGuess(
+        found, sure, reason, tuple(walls), stood.outlines, held, stood.grip
+    )
 
 
 def feet_groups(labels: Labels, objects: Sequence[PhotoObject]) -> Groups:
     """Feet on common lines, of all objects that no other objects carry."""
-    feet = [find_foot(t) for t in objects if not t.cut and not is_carried(t, labels, objects)]
+    feet = [
+        find_foot(t)
+        for t in objects
+        if not t.cut and not is_carried(t, labels, objects)
+    ]
     return group_feet(feet, line_tolerance(labels))
 
 
@@ -156,12 +181,18 @@ def lay_floors(
         outlines |= level_feet(line, group, free)
     objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
     # a box stands level
-    askew = {t.id for t in objects if t.id in outlines and abs(find_foot(t).slope) > ROUNDING}
+    askew = {
+        t.id for t in objects if t.id in outlines and abs(find_foot(t).slope) > ROUNDING
+    }
     outlines |= {i: box for i, box in fit_rectangles(objects).items() if i not in askew}
     objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
     now = {t.id: t for t in objects}
-    groups = [(line, [find_foot(now[f.item.id]) for f in group]) for line, group in groups]
-    walls = _floors(Photo(rgb, labels), objects, groups, solid, 2 * line_tolerance(labels))
+    groups = [
+        (line, [find_foot(now[f.item.id]) for f in group]) for line, group in groups
+    ]
+    walls = _floors(
+        Photo(rgb, labels), objects, groups, solid, 2 * line_tolerance(labels)
+    )
     return SupportedObjects(objects, outlines, walls, _grip(objects, groups))
 
 
@@ -176,23 +207,39 @@ class _Top:
     narrower: float  # by which the rear edge is shorter
 
 
-def middle_sections(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> list[PhotoObject]:
+def middle_sections(
+    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
+) -> list[PhotoObject]:
     """The objects, boxes whose tops are seen with the section half-way from front to back as outline.
 
     Edges that lead away from the camera run together. Where they do not, what looks like tops may be printed.
     """
-    level, touching = np.log(decode(rgb) + np.float32(TOP.dark)), touching_objects(objects)
-    apart = [t for t in objects if not (t.cut or isinstance(t.outline, Disc) or t.id in touching)]
-    tops = {t.id: top for t in apart if (top := _seen_top(level, labels, t)) is not None}
+    level, touching = (
+        np.log(decode(rgb) + np.float32(TOP.dark)),
+        touching_objects(objects),
+    )
+    apart = [
+        t
+        for t in objects
+        if not (t.cut or isinstance(t.outline, Disc) or t.id in touching)
+    ]
+    tops = {
+        t.id: top for t in apart if (top := _seen_top(level, labels, t)) is not None
+    }
     if not tops:
         return list(objects)
-    middles, shifts, narrower = np.array([(t.middle, t.shift, t.narrower) for t in tops.values()]).T
+    middles, shifts, narrower = np.array(
+        [(t.middle, t.shift, t.narrower) for t in tops.values()]
+    ).T
     slope = np.polyfit(middles, shifts, 1)[0] if np.ptp(middles) else 0.0
     row = -slope * np.ptp(middles) * (len(tops) / 2) ** 0.5
     if max(float(row), float(np.median(narrower)) / 2) < TOP.close:
         return list(objects)
     return [
-        replace(t, outline=tops[t.id].section, top=tops[t.id].height) if t.id in tops else t for t in objects
+        replace(t, outline=tops[t.id].section, top=tops[t.id].height)
+        if t.id in tops
+        else t
+        for t in objects
     ]
 
 
@@ -203,8 +250,13 @@ def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
     """
     x, y, last, low = (max(int(side), 0) for side in bounds(item.outline))
     mask = labels[y : low + 2, x : last + 2] == item.id
-    x0, y0, width, height = np.add(cv2.boundingRect(mask.astype(np.uint8)), (x, y, 0, 0)).tolist()
-    lower, near = slice(int(TOP.most * height), int(0.95 * height)), max(2, round(TOP.near * height))
+    x0, y0, width, height = np.add(
+        cv2.boundingRect(mask.astype(np.uint8)), (x, y, 0, 0)
+    ).tolist()
+    lower, near = (
+        slice(int(TOP.most * height), int(0.95 * height)),
+        max(2, round(TOP.near * height)),
+    )
     if min(width, height / 3) < TOP.smallest:
         return None
     here = np.s_[y0 : y0 + height, x0 : x0 + width]
@@ -214,9 +266,14 @@ def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
     off = TOP.inner * (right - left)
     inner = np.s_[:, int(left + off) : int(right - off) + 1]
     rims, feet = own[inner].argmax(axis=0), height - own[::-1][inner].argmax(axis=0)
-    bent = max(np.ptp(np.percentile(line, (10, 90))) for line in (lefts[lower], rights[lower], rims, feet))
+    bent = max(
+        np.ptp(np.percentile(line, (10, 90)))
+        for line in (lefts[lower], rights[lower], rims, feet)
+    )
     first, grey = int(np.median(rims)), light[inner].mean(axis=2)
-    rows = np.arange(first + near + 1, lower.start)  # the rim is mixed with what is behind
+    rows = np.arange(
+        first + near + 1, lower.start
+    )  # the rim is mixed with what is behind
     if (
         bent > max(1, TOP.straight * height)
         or not len(rows)
@@ -224,33 +281,57 @@ def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
     ):
         return None
     steps = np.array(
-        [grey[y + 1 : y + near].mean(axis=0) - grey[y - near : y - 1].mean(axis=0) for y in rows]
+        [
+            grey[y + 1 : y + near].mean(axis=0) - grey[y - near : y - 1].mean(axis=0)
+            for y in rows
+        ]
     )
     usual = np.abs(np.median(steps, axis=1))
     edge, step = int(rows[usual.argmax()]), float(usual.max())
-    parts = light[inner][first + 1 : edge - 1], light[inner][edge + near : 2 * (edge + near) - first]
+    parts = (
+        light[inner][first + 1 : edge - 1],
+        light[inner][edge + near : 2 * (edge + near) - first],
+    )
     spread = max(np.ptp(np.percentile(part.mean(axis=2), (10, 90))) for part in parts)
     hue = np.ptp(np.median(parts[1], axis=(0, 1)) - np.median(parts[0], axis=(0, 1)))
     if step < TOP.step or spread > TOP.plain * step or hue > TOP.hue:
         return None
     profile = np.median(grey, axis=1)[edge - near : edge + near]
-    rise = (profile - profile[: near - 1].mean()) / (profile[near + 1 :].mean() - profile[: near - 1].mean())
-    front = edge - near + float(np.interp(0.5, np.maximum.accumulate(rise), np.arange(2 * near)))
+    rise = (profile - profile[: near - 1].mean()) / (
+        profile[near + 1 :].mean() - profile[: near - 1].mean()
+    )
+    front = (
+        edge
+        - near
+        + float(np.interp(0.5, np.maximum.accumulate(rise), np.arange(2 * near)))
+    )
     up, below = front - first + 0.5, slice(edge, 2 * edge - first + 4 * near)
     if up < max(3.0, TOP.least * height):
         return None
-    sums, widths = (all_[first:edge] - np.median(all_[below]) for all_ in (lefts + rights, lefts - rights))
+    sums, widths = (
+        all_[first:edge] - np.median(all_[below])
+        for all_ in (lefts + rights, lefts - rights)
+    )
     half = len(widths) // 2
     narrower = 2 * float(widths[:half].mean() - widths[half:].mean())
-    xs, ys = x0 + np.array([left, right]) - 0.5, y0 + np.array([front, np.median(feet) - 0.5]) - up / 2
+    xs, ys = (
+        x0 + np.array([left, right]) - 0.5,
+        y0 + np.array([front, np.median(feet) - 0.5]) - up / 2,
+    )
     corners = np.array([(xs[k], ys[j]) for k, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
     return _Top(
-        Region((Ring(corners),)), up, *(np.array([xs.mean(), sums.mean(), narrower]) / height).tolist()
+        Region((Ring(corners),)),
+        up,
+        *(np.array([xs.mean(), sums.mean(), narrower]) / height).tolist(),
     )
 
 
 def _floors(
-    photo: Photo, objects: Sequence[PhotoObject], groups: Groups, solid: Reach | None, close: float
+    photo: Photo,
+    objects: Sequence[PhotoObject],
+    groups: Groups,
+    solid: Reach | None,
+    close: float,
 ) -> list[Wall]:
     """Under every group of feet a wall, in pieces where it would enter an object.
 
@@ -258,7 +339,11 @@ def _floors(
     """
     lowest = {id(g): max(float(f.lowest[1]) for f in g[1]) for g in groups}
     groups = sorted(groups, key=lambda g: -lowest[id(g)])
-    low = [g for g in groups if abs(g[0].slope) <= STEEP and lowest[id(g)] >= max(lowest.values()) - close]
+    low = [
+        g
+        for g in groups
+        if abs(g[0].slope) <= STEEP and lowest[id(g)] >= max(lowest.values()) - close
+    ]
     ground = max(low, key=lambda g: len(g[1]))[1] if low else []
     walls: list[Wall] = []
     for line, group in groups:
@@ -274,14 +359,26 @@ def _floors(
         near = floor_points(line, group, (2 * own[0] - own[1], 2 * own[1] - own[0]))
         if len(group) == 1 and not is_ground:
             middle = (own[0] + own[1]) / 2
-            kept = [part for part in free_parts(near, others) if part[0][0] <= middle <= part[-1][0]]
-            met = sum(part[k] != near[k] for part in kept[:1] for k in (0, -1)) if kept else 2
+            kept = [
+                part
+                for part in free_parts(near, others)
+                if part[0][0] <= middle <= part[-1][0]
+            ]
+            met = (
+                sum(part[k] != near[k] for part in kept[:1] for k in (0, -1))
+                if kept
+                else 2
+            )
             if met > (
                 seen is not None
             ):  # what is beside it, or on both sides, does not strike the ledge's end
                 chain = floor_points(line, group, own)
         for part in free_parts(chain, others):
-            on = [f for f in group if part[0][0] <= f.right[0] and part[-1][0] >= f.left[0]]
+            on = [
+                f
+                for f in group
+                if part[0][0] <= f.right[0] and part[-1][0] >= f.left[0]
+            ]
             if not on:
                 continue
             kind = "slope" if sloped else "floor" if is_ground else "ledge"
@@ -289,8 +386,14 @@ def _floors(
             name = kind if kind == "floor" and count == 1 else f"{kind}-{count}"
             friction = max(FRICTION, round(GRIP * abs(line.slope), 2))
             sure = {1: 0.4, 2: 0.6}.get(len(on), 0.8)
-            why = "as steep as what its friction holds" if sloped else f"under {counted(len(on), 'object')}"
-            walls.append(Wall(name, tuple(part), friction, ELASTICITY, sure, source, why))
+            why = (
+                "as steep as what its friction holds"
+                if sloped
+                else f"under {counted(len(on), 'object')}"
+            )
+            walls.append(
+                Wall(name, tuple(part), friction, ELASTICITY, sure, source, why)
+            )
     return walls
 
 
@@ -306,7 +409,9 @@ def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
         for _ in objects:
             reached |= {k for pair in pairs if reached & set(pair) for k in pair}
         for k in reached:
-            grip[objects[k].id] = max(grip.get(objects[k].id, 0.0), round(GRIP * steepest, 2))
+            grip[objects[k].id] = max(
+                grip.get(objects[k].id, 0.0), round(GRIP * steepest, 2)
+            )
     return grip
 
 
@@ -340,7 +445,9 @@ class Photo:
         hidden = (rows < 0) | (rows >= height)
         rows = np.clip(rows, 0, height - 1)
         hidden = (hidden | (self.labels[rows, np.arange(width)[None, :]] > 0)).any(0)
-        strip = np.asarray(self.lab[rows, np.arange(width)[None, :]].mean(0), np.float64)
+        strip = np.asarray(
+            self.lab[rows, np.arange(width)[None, :]].mean(0), np.float64
+        )
         strip[hidden] = np.nan
         return strip
 
@@ -365,19 +472,34 @@ class Photo:
         one = np.linalg.norm(below - above, axis=1) < max(ALIKE, FADED * contrast)
         # beyond an object's own shadow the surface is lighter, and of the same hue
         lighter = _luminance(below) / _luminance(under)
-        shaded = (lighter > 1) & (lighter < SHADE) & (np.linalg.norm((below - under)[:, 1:], axis=1) < ALIKE)
+        shaded = (
+            (lighter > 1)
+            & (lighter < SHADE)
+            & (np.linalg.norm((below - under)[:, 1:], axis=1) < ALIKE)
+        )
         height = float((boxes[:, 3] - boxes[:, 1]).max())
-        inner = min(float(f.left[0]) for f in group), max(float(f.right[0]) for f in group)
+        inner = (
+            min(float(f.left[0]) for f in group),
+            max(float(f.right[0]) for f in group),
+        )
         for k, (x, way) in enumerate(zip(inner, (-1, 1), strict=True)):
-            columns = np.arange(round(np.clip(x, 0, self.width - 1)), -1 if way < 0 else self.width, way)
+            columns = np.arange(
+                round(np.clip(x, 0, self.width - 1)), -1 if way < 0 else self.width, way
+            )
             columns = columns[np.isfinite(below[columns, 0]) & seen]
             gone = np.linalg.norm(below[columns] - under, axis=1) > 1.5 * ALIKE
             lit = gone & shaded[columns]
             if lit.any() and abs(columns[lit.argmax()] - x) < height:
                 gone &= ~lit
             for i in np.flatnonzero(gone).tolist():
-                beyond = gone[i:] & one[columns[i:]] if is_ground else gone[i : i + SURE_END]
-                if len(gone) - i >= SURE_END and gone[i : i + SURE_END].all() and beyond.mean() >= MOSTLY:
+                beyond = (
+                    gone[i:] & one[columns[i:]] if is_ground else gone[i : i + SURE_END]
+                )
+                if (
+                    len(gone) - i >= SURE_END
+                    and gone[i : i + SURE_END].all()
+                    and beyond.mean() >= MOSTLY
+                ):
                     ends[k] = float(columns[i]) - 0.5 * way
                     break
         return min(inner[0], ends[0]), max(inner[1], ends[1])
@@ -398,7 +520,12 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
         return []
     boxes = np.array([bounds(t.outline) for t in objects])
     height, width = photo.labels.shape
-    free = boxes[:, 1].min(), width - 1 - boxes[:, 2].max(), height - 1 - boxes[:, 3].max(), boxes[:, 0].min()
+    free = (
+        boxes[:, 1].min(),
+        width - 1 - boxes[:, 2].max(),
+        height - 1 - boxes[:, 3].max(),
+        boxes[:, 0].min(),
+    )
     found = [_rail(np.rot90(photo.lab, turn), float(free[turn])) for turn in range(4)]
     if any("billiard" in t.label for t in objects):
         found = [rail or (0.0, -0.5) for rail in found]
@@ -409,12 +536,23 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
         slope, at = rail or (0.0, -0.5)
         points = np.array([[0.0, at], [1.0, at + slope]])
         for back in range(turn, 0, -1):  # rot90 takes the right side to the top
-            points = np.stack([(height if back % 2 == 0 else width) - 1 - points[:, 1], points[:, 0]], 1)
+            points = np.stack(
+                [(height if back % 2 == 0 else width) - 1 - points[:, 1], points[:, 0]],
+                1,
+            )
         lines.append(points)
     corners = [_crossing(lines[k - 1], lines[k]) for k in range(4)]
     reason = "the table's rail"
     return [
-        Wall(f"cushion-{k + 1}", (corners[k], corners[(k + 1) % 4]), 0.2, RAIL.bounce, 0.5, "edges", reason)
+        Wall(
+            f"cushion-{k + 1}",
+            (corners[k], corners[(k + 1) % 4]),
+            0.2,
+            RAIL.bounce,
+            0.5,
+            "edges",
+            reason,
+        )
         for k, rail in enumerate(found)
         if rail is not None
     ]
@@ -432,19 +570,33 @@ def _rail(lab: F32, free: float) -> tuple[float, float] | None:
     edges: list[tuple[float, float, float]] = []
     for slope in np.linspace(-RAIL.askew, RAIL.askew, RAIL.slopes):
         at = rows[:, None] + np.rint(slope * (across - width / 2)).astype(int)
-        above, below = (smooth[np.clip(at + off, 0, height - 1), across] for off in (-apart, apart))
+        above, below = (
+            smooth[np.clip(at + off, 0, height - 1), across] for off in (-apart, apart)
+        )
         change = below - above
         way = np.median(change, axis=1)
         way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-6)
-        step = np.percentile(np.einsum("rcl,rl->rc", change, way), 100 * (1 - MOSTLY), axis=1)
-        peaks = (step[1:-1] >= np.maximum(step[:-2], step[2:])) & (step[1:-1] >= RAIL.contrast)
-        edges += [(float(step[k]), float(slope), float(rows[k])) for k in np.flatnonzero(peaks) + 1]
+        step = np.percentile(
+            np.einsum("rcl,rl->rc", change, way), 100 * (1 - MOSTLY), axis=1
+        )
+        peaks = (step[1:-1] >= np.maximum(step[:-2], step[2:])) & (
+            step[1:-1] >= RAIL.contrast
+        )
+        edges += [
+            (float(step[k]), float(slope), float(rows[k]))
+            for k in np.flatnonzero(peaks) + 1
+        ]
     if not edges:
         return None
     innermost = max(row for _, _, row in edges)
-    edges = [edge for edge in edges if edge[2] >= innermost - RAIL.shade * max(height, width)]
+    edges = [
+        edge for edge in edges if edge[2] >= innermost - RAIL.shade * max(height, width)
+    ]
     sharpest = max(edges)[0]
-    _, slope, row = min((e for e in edges if e[0] >= RAIL.alike * sharpest), key=lambda e: (abs(e[1]), -e[0]))
+    _, slope, row = min(
+        (e for e in edges if e[0] >= RAIL.alike * sharpest),
+        key=lambda e: (abs(e[1]), -e[0]),
+    )
     return slope, row - slope * width / 2
 
 

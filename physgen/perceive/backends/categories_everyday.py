@@ -23,4 +23,6 @@ def everyday() -> Categories:
 
 
 def _everyday(rgb: Rgb) -> Sequence[Category]:
-    return [Category(noun, True) for noun in MOVABLE] + [Category(noun, False) for noun in STATIC]
+    return [Category(noun, True) for noun in MOVABLE] + [
+        Category(noun, False) for noun in STATIC
+    ]

@@ -61,7 +61,9 @@ def facing(vectors: Map) -> NDArray[np.float32]:
     vectors = vectors.astype(np.float64)  # squares of long vectors exceed float32
     vectors[..., 2] = np.maximum(vectors[..., 2], 0)
     vectors[(np.abs(vectors) < 1e-6).all(axis=2)] = (0, 0, 1)
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=2, keepdims=True), np.float32)
+    return np.asarray(
+        vectors / np.linalg.norm(vectors, axis=2, keepdims=True), np.float32
+    )
 
 
 def intrinsic(setup: Setup) -> roles.Intrinsic:
@@ -84,7 +86,9 @@ def parted(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
     """Albedo in 0..1 and shading from a photo and its shading (H, W); albedo above 1 is moved to the shading."""
     light = decode(rgb)
     final = np.maximum(_raised(shading), light.max(axis=2))
-    return Intrinsics(np.asarray(light / final[..., None], np.float32), np.asarray(final, np.float32))
+    return Intrinsics(
+        np.asarray(light / final[..., None], np.float32), np.asarray(final, np.float32)
+    )
 
 
 def _raised(shading: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -107,10 +111,15 @@ def inpaint(setup: Setup) -> roles.Inpaint:
 def _path(setup: Setup, role: str) -> Path:
     path = Path(setup.weights).expanduser()
     if not setup.weights:
-        raise InputError.of("--backend", f'"{role}=file"', "names no file", f"write {role}=file:PATH")
+        raise InputError.of(
+            "--backend", f'"{role}=file"', "names no file", f"write {role}=file:PATH"
+        )
     if not path.is_file():
         raise InputError.of(
-            "--backend", f'"{role}=file:{path}"', "is not there", "name a file, .npy or a picture"
+            "--backend",
+            f'"{role}=file:{path}"',
+            "is not there",
+            "name a file, .npy or a picture",
         )
     return path
 
@@ -130,14 +139,21 @@ def _raw(path: Path, what: str) -> Map:
     except (OSError, ValueError, EOFError, cv2.error):
         read = None
     if read is None:
-        kind, how = ("array of numbers", "with numpy.save") if _array(path) else ("picture", "as PNG or .npy")
+        kind, how = (
+            ("array of numbers", "with numpy.save")
+            if _array(path)
+            else ("picture", "as PNG or .npy")
+        )
         raise InputError.of(str(path), "", f"is no {kind}", f"save {what} {how}")
     return read[..., [2, 1, 0]] if read.ndim == 3 else read
 
 
 def _refused(raw: Map, path: Path, what: str, shape: str) -> InputError:
     return InputError.of(
-        str(path), f"{raw.shape} {raw.dtype}", f"is no map of {what}", f"save {shape} finite numbers"
+        str(path),
+        f"{raw.shape} {raw.dtype}",
+        f"is no map of {what}",
+        f"save {shape} finite numbers",
     )
 
 
@@ -156,7 +172,11 @@ def _grey(path: Path, what: str) -> NDArray[np.float32]:
     """One number a pixel; integers of pictures become 0..1, numbers of arrays stay."""
     raw = _raw(path, what)
     values = np.squeeze(_checked(raw, path, what, "(H, W)"))
-    values = values.mean(axis=2, dtype=np.float64).astype(np.float32) if values.ndim == 3 else values
+    values = (
+        values.mean(axis=2, dtype=np.float64).astype(np.float32)
+        if values.ndim == 3
+        else values
+    )
     if values.ndim != 2:
         raise _refused(raw, path, what, "(H, W)")
     whole = not _array(path) and raw.dtype.kind in "iu"
@@ -171,6 +191,8 @@ def _fit(values: Map, rgb: Rgb, path: Path) -> Map:
         return values
     if abs(wide * height / (tall * width) - 1) > ASPECT_TOLERANCE:
         expected = f"has other proportions than the photo's {width} x {height} px"
-        raise InputError.of(str(path), f"{wide} x {tall} px", expected, "save it in the photo's size")
+        raise InputError.of(
+            str(path), f"{wide} x {tall} px", expected, "save it in the photo's size"
+        )
     how = cv2.INTER_AREA if wide > width else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(values, (width, height), interpolation=how))

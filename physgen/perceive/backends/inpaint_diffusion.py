@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from physgen.perceive.backends.models import ModelBackend, load_pipeline, weight_ids
-from physgen.perceive.inpaint.painting import inpaint_windows, model_size, resize_picture, resize_window
+from physgen.perceive.inpaint.painting import (
+    inpaint_windows,
+    model_size,
+    resize_picture,
+    resize_window,
+)
 from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
 from physgen.registry import Options, Setup, read_options
@@ -40,7 +45,9 @@ class Diffusion(ModelBackend):
         super().__init__(setup, weights, "a diffusion model that inpaints", options)
 
     def _load(self, weights: str) -> Any:
-        pipe = load_pipeline(AutoPipelineForInpainting, weights, self._device, self._dtype)
+        pipe = load_pipeline(
+            AutoPipelineForInpainting, weights, self._device, self._dtype
+        )
         self._options["resolution"] = self._options["resolution"] or _native(pipe)
         return pipe
 
@@ -50,7 +57,10 @@ class Diffusion(ModelBackend):
             return rgb.copy()
         pipe = self._model
         return inpaint_windows(
-            rgb, hole, lambda part, wanted: self._paint(pipe, part, wanted), self._options["resolution"]
+            rgb,
+            hole,
+            lambda part, wanted: self._paint(pipe, part, wanted),
+            self._options["resolution"],
         )
 
     def _arguments(self, pipe: Any) -> dict[str, Any]:
@@ -62,7 +72,11 @@ class Diffusion(ModelBackend):
             "guidance_scale": self._options["guidance"],
             "strength": 1.0,  # nothing of the objects is kept
         }
-        return {key: value for key, value in known.items() if value is not None and key in takes}
+        return {
+            key: value
+            for key, value in known.items()
+            if value is not None and key in takes
+        }
 
     def _paint(self, pipe: Any, rgb: Rgb, wanted: Mask) -> Rgb:
         step = 2 * int(getattr(pipe, "vae_scale_factor", 8))
@@ -84,13 +98,21 @@ class Diffusion(ModelBackend):
         if any(getattr(found, "nsfw_content_detected", None) or ()):
             seed = f"diffusion.seed: {self._options['seed']}"
             fix = "choose another seed or prompt, or inpaint=fill"
-            raise InputError.of("physgen.toml", seed, "is withheld by the weights' safety checker", fix)
+            raise InputError.of(
+                "physgen.toml", seed, "is withheld by the weights' safety checker", fix
+            )
         picture = np.asarray(found.images[0], np.float32)
         if not np.isfinite(picture).all():
             dtype = str(self._dtype).removeprefix("torch.")
-            raise InputError.of("physgen.toml", dtype, "paints no finite colours", 'write dtype = "float32"')
+            raise InputError.of(
+                "physgen.toml",
+                dtype,
+                "paints no finite colours",
+                'write dtype = "float32"',
+            )
         return resize_picture(
-            np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8), (rgb.shape[0], rgb.shape[1])
+            np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8),
+            (rgb.shape[0], rgb.shape[1]),
         )
 
 
@@ -101,6 +123,10 @@ diffusion = Diffusion
 def _native(pipe: Any) -> int:
     """px: the side of a pipeline's training pictures."""
     network = getattr(pipe, "unet", None)
-    side = network.config.sample_size if network is not None else getattr(pipe, "default_sample_size", 128)
+    side = (
+        network.config.sample_size
+        if network is not None
+        else getattr(pipe, "default_sample_size", 128)
+    )
     side = side if isinstance(side, int) else max(side)
     return side * int(getattr(pipe, "vae_scale_factor", 8))

@@ -15,7 +15,13 @@ import numpy as np
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.patch_match import patch_match_fill
-from physgen.perceive.inpaint.poisson import blend_at_border, close_gaps, dilate, harmonic_fill, hole_pieces
+from physgen.perceive.inpaint.poisson import (
+    blend_at_border,
+    close_gaps,
+    dilate,
+    harmonic_fill,
+    hole_pieces,
+)
 from physgen.perceive.roles import Inpaint, Mask, Rgb
 
 
@@ -25,11 +31,15 @@ class _Limits:
 
     mixed: int = 2  # px beside the hole that are mixed with the object's edge
     band: int = 3  # px beyond them that are filled too, so that their difference from the photo is known
-    limit: float = 24.0  # levels of that difference, at most: more is no difference of light
+    limit: float = (
+        24.0  # levels of that difference, at most: more is no difference of light
+    )
     around: int = 12  # px around a piece of the hole in which smoothness is judged
     # levels: RMS distance from a quadratic surface up to which the surroundings are smooth
     smooth: float = 3.0
-    grain: float = 10.0  # px: standard deviation of the blur that separates grain from colour
+    grain: float = (
+        10.0  # px: standard deviation of the blur that separates grain from colour
+    )
     # level lines, as a shelf's edge: px along and beside them in which they are seen, levels by which they stand out,
     # shares of these by which their ends differ at most, and each along itself, and px beside their middle drawn
     line: tuple[int, int] = (4, 4)
@@ -56,7 +66,11 @@ def _fill(rgb: Rgb, hole: Mask) -> Rgb:
     if far.all():  # hardly anything is left to learn from
         near = far = hole
     borrowed = _smooth_pieces(photo, patch_match_fill(photo, far), far)
-    gap = np.where(near[:, :, None], np.float32(0), np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit))
+    gap = np.where(
+        near[:, :, None],
+        np.float32(0),
+        np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit),
+    )
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
     return blend_at_border(_carry_level_lines(filled, photo, near), rgb, hole)
 
@@ -67,17 +81,25 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
     found, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
     seen = np.where(hole[..., None], np.float32(np.nan), photo)
     for y in range(beside, len(hole) - beside):
-        rows, middle = slice(y - beside, y + beside + 1), slice(beside - thick, beside + thick + 1)
+        rows, middle = (
+            slice(y - beside, y + beside + 1),
+            slice(beside - thick, beside + thick + 1),
+        )
         borders = np.flatnonzero(np.diff(hole[y], prepend=False, append=False))
         for left, right in zip(borders[::2], borders[1::2], strict=True):
             if left < along or right > hole.shape[1] - along:
                 continue
-            ends = np.stack([seen[rows, left - along : left], seen[rows, right : right + along]])
+            ends = np.stack(
+                [seen[rows, left - along : left], seen[rows, right : right + along]]
+            )
             one, other = ends.mean(axis=2)
             both = ~np.isnan(one + other).any(axis=1)
             if not both[beside] or both.sum() <= beside:
                 continue
-            contrast, off = np.abs(one - one[beside])[both].max(), float(np.abs(one - other)[both].mean())
+            contrast, off = (
+                np.abs(one - one[beside])[both].max(),
+                float(np.abs(one - other)[both].mean()),
+            )
             uneven = np.abs(ends - ends.mean(axis=2, keepdims=True))[:, both].max()
             if (
                 contrast < LIMITS.contrast
@@ -86,7 +108,9 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
             ):
                 continue
             part = np.s_[y - thick : y + thick + 1, left:right]
-            away = np.where(both[middle], off + 3 * np.abs(np.arange(-thick, thick + 1)), np.inf)[:, None]
+            away = np.where(
+                both[middle], off + 3 * np.abs(np.arange(-thick, thick + 1)), np.inf
+            )[:, None]
             closer = hole[part] & (away < best[part])
             share = np.linspace(0, 1, right - left)[None, :, None]
             line = (1 - share) * one[middle, None] + share * other[middle, None]
@@ -99,14 +123,24 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
 
 def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
     """`borrowed` (H, W, 3), but a harmonic fill with grain of one place in pieces with smooth surroundings."""
-    smooth, own = np.zeros_like(hole), borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain)
+    smooth, own = (
+        np.zeros_like(hole),
+        borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain),
+    )
     grain = own.copy()
     for part, piece in hole_pieces(hole):
-        wide = tuple(slice(max(0, s.start - LIMITS.around), s.stop + LIMITS.around) for s in part)
+        wide = tuple(
+            slice(max(0, s.start - LIMITS.around), s.stop + LIMITS.around) for s in part
+        )
         inner = np.zeros_like(hole[wide])
-        here = tuple(slice(s.start - w.start, s.stop - w.start) for s, w in zip(part, wide, strict=True))
+        here = tuple(
+            slice(s.start - w.start, s.stop - w.start)
+            for s, w in zip(part, wide, strict=True)
+        )
         inner[here][piece] = True
-        rough = _roughness(photo[wide], dilate(inner, LIMITS.around) & ~dilate(hole[wide], 1))
+        rough = _roughness(
+            photo[wide], dilate(inner, LIMITS.around) & ~dilate(hole[wide], 1)
+        )
         if rough < LIMITS.smooth:
             smooth[wide] |= inner
             like = _like_place(own, hole, part, piece, rough)
@@ -129,9 +163,14 @@ def _like_place(
         for y in range(top % (h // 2), height - h + 1, h // 2)
         for x in range(left % (w // 2), width - w + 1, w // 2)
     ]
-    for y, x in sorted(corners, key=lambda at: (at[0] - top) ** 2 + (at[1] - left) ** 2):
+    for y, x in sorted(
+        corners, key=lambda at: (at[0] - top) ** 2 + (at[1] - left) ** 2
+    ):
         there = slice(y, y + h), slice(x, x + w)
-        if not hole[there][piece].any() and (grain[there][piece] ** 2).mean() < (1.2 * rough) ** 2:
+        if (
+            not hole[there][piece].any()
+            and (grain[there][piece] ** 2).mean() < (1.2 * rough) ** 2
+        ):
             return there
     return part
 

@@ -31,16 +31,22 @@ class _Priors:
     greyest: float = 1e-2  # and of ratios of colours
     calm: float = 1.5  # blur of colours before they are compared, against noise
     paint: float = 0.15  # change of colour a px at which a gradient is albedo's rather than shading's
-    shade: float = 0.6  # share of a gradient without a change of colour that is shading's
+    shade: float = (
+        0.6  # share of a gradient without a change of colour that is shading's
+    )
     outline: float = 0.2  # the same at an object's outline, where both change
-    within: float = 0.7  # share of the differences of light within one colour that are shading's
+    within: float = (
+        0.7  # share of the differences of light within one colour that are shading's
+    )
     between: float = 0.3  # and of those between colours
     colours: int = 64  # bins a side of the table of colours, over ratios of e^-3 to e^3
     reach: float = 3.0  # over which those differences are taken together
     hold: float = 0.03  # 1/px²: weight of differences far apart beside gradients
     trust: float = 0.6  # trust in Lambert's shading, on objects; around them normals are too uncertain
     upwards: float = -0.5  # y of the normals of tables
-    lift: float = 0.55  # light on a table over that behind it: lamps are above, and it faces them
+    lift: float = (
+        0.55  # light on a table over that behind it: lamps are above, and it faces them
+    )
     kept: float = 0.55  # share of how much lighter a table looks that is shading's, too
     stood: float = -0.15  # light on objects over that on the table they stand on
     flat: float = -0.15  # and over that behind them, without a table
@@ -65,32 +71,50 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
     scale = min(1.0, PRIORS.side / max(height, width))
     # cv2.dct wants even sides
     size = max(2, round(width * scale / 2)) * 2, max(2, round(height * scale / 2)) * 2
-    small = np.asarray(cv2.resize(linear, size, interpolation=cv2.INTER_AREA), np.float32)
+    small = np.asarray(
+        cv2.resize(linear, size, interpolation=cv2.INTER_AREA), np.float32
+    )
     level = _level(small)
     lambert = _lambert(linear, labels, normals, size)
-    ids = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16)
+    ids = np.asarray(
+        cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16
+    )
     log_shading = _levelled(_parted(small, level, lambert, ids), level, normals, ids)
-    shading = np.exp(cv2.resize(log_shading, (width, height), interpolation=cv2.INTER_LINEAR))
+    shading = np.exp(
+        cv2.resize(log_shading, (width, height), interpolation=cv2.INTER_LINEAR)
+    )
     most = linear.max(axis=2)
-    shading *= np.float32(max(float(np.percentile(most / shading, 99.5)), 1e-6) / PRIORS.brightest)
+    shading *= np.float32(
+        max(float(np.percentile(most / shading, 99.5)), 1e-6) / PRIORS.brightest
+    )
     shading = np.maximum(shading, most)  # no surface reflects more light than it gets
     albedo = linear / np.maximum(shading, 1e-6)[..., None]
-    return Intrinsics(np.clip(albedo, 0, 1).astype(np.float32), shading.astype(np.float32))
+    return Intrinsics(
+        np.clip(albedo, 0, 1).astype(np.float32), shading.astype(np.float32)
+    )
 
 
 def _level(linear: F32) -> F32:
-    return np.asarray(np.log(luminance(linear) + np.float32(PRIORS.darkest)), np.float32)
+    return np.asarray(
+        np.log(luminance(linear) + np.float32(PRIORS.darkest)), np.float32
+    )
 
 
 def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -> F32:
     """(h, w) on the grid: the logarithm of the shading by normals, weighted by the trust in it."""
     ids = [int(i) for i in np.flatnonzero(np.bincount(labels.ravel())) if i]
-    found = fit_light(pixel_pairs(linear, labels, dict.fromkeys(ids, False), normals)) if ids else None
+    found = (
+        fit_light(pixel_pairs(linear, labels, dict.fromkeys(ids, False), normals))
+        if ids
+        else None
+    )
     light = LIKELY if found is None or found.explained < 0.05 else found.light
     ambient = max(light.ambient, PRIORS.even)
     lit = DistantLight(light.direction, 1 - ambient, ambient)
     coarse = cv2.resize(normals, size, interpolation=cv2.INTER_AREA)
-    own = cv2.resize((labels > 0).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    own = cv2.resize(
+        (labels > 0).astype(np.float32), size, interpolation=cv2.INTER_AREA
+    )
     return np.asarray(PRIORS.trust * own * np.log(lit.shade(coarse)), np.float32)
 
 
@@ -128,7 +152,9 @@ def _parted(linear: F32, level: F32, lambert: F32, ids: Labels) -> F32:
     colour = np.log((linear[..., ::2] + np.float32(PRIORS.greyest)) / green[..., None])
     colour = np.asarray(cv2.GaussianBlur(colour, (0, 0), PRIORS.calm), np.float32)
     usual = _mean_level_of_colour(level, colour)
-    mixed = np.asarray(PRIORS.within * (level - usual) + PRIORS.between * usual, np.float32)
+    mixed = np.asarray(
+        PRIORS.within * (level - usual) + PRIORS.between * usual, np.float32
+    )
     far = cv2.GaussianBlur(mixed, (0, 0), PRIORS.reach)
     parts = []
     for axis in (1, 0):
@@ -143,18 +169,26 @@ def _parted(linear: F32, level: F32, lambert: F32, ids: Labels) -> F32:
 def _mean_level_of_colour(level: F32, colour: F32) -> F32:
     """(h, w): the mean level of all pixels of a pixel's colour (h, w, 2)."""
     bins_a_side = PRIORS.colours
-    place = np.clip((colour + 3) / 6 * (bins_a_side - 1), 0, bins_a_side - 1).astype(np.float32)
+    place = np.clip((colour + 3) / 6 * (bins_a_side - 1), 0, bins_a_side - 1).astype(
+        np.float32
+    )
     bins = np.rint(place).astype(np.intp)
     index = (bins[..., 0] * bins_a_side + bins[..., 1]).ravel()
     shape = bins_a_side, bins_a_side
     count, total = (
         cv2.GaussianBlur(
-            np.bincount(index, weights, bins_a_side**2).reshape(shape).astype(np.float32), (0, 0), 1.0
+            np.bincount(index, weights, bins_a_side**2)
+            .reshape(shape)
+            .astype(np.float32),
+            (0, 0),
+            1.0,
         )
         for weights in (None, level.ravel())
     )
     mean = total / np.maximum(count, 1e-6)
-    return np.asarray(cv2.remap(mean, place[..., 1], place[..., 0], cv2.INTER_LINEAR), np.float32)
+    return np.asarray(
+        cv2.remap(mean, place[..., 1], place[..., 0], cv2.INTER_LINEAR), np.float32
+    )
 
 
 def _screened_poisson(across: F32, down: F32, far: F32) -> F32:
@@ -168,5 +202,7 @@ def _screened_poisson(across: F32, down: F32, far: F32) -> F32:
     right[:, 1:] += across
     right[:-1] -= down
     right[1:] += down
-    waves = (2 - 2 * np.cos(np.pi * np.arange(h) / h))[:, None] + (2 - 2 * np.cos(np.pi * np.arange(w) / w))
+    waves = (2 - 2 * np.cos(np.pi * np.arange(h) / h))[:, None] + (
+        2 - 2 * np.cos(np.pi * np.arange(w) / w)
+    )
     return np.asarray(cv2.idct(cv2.dct(right) / (PRIORS.hold + waves)), np.float32)

@@ -34,7 +34,9 @@ class CropConstants:
 
     side: int = 224  # px, the network's own size
     margin: float = 0.1  # of the object's longer side, around it
-    dim: float = 0.35  # contrast of the background: surroundings help, neighbours confuse
+    dim: float = (
+        0.35  # contrast of the background: surroundings help, neighbours confuse
+    )
     middle: float = 127.0  # 8-bit code of the dimmed background; the input is (code - middle) / spread
     spread: float = 128.0
     least: int = 200  # px: smaller objects are named by shape
@@ -55,7 +57,9 @@ class Heads:
     """From (1280,) features to L labels, and "no label" after them."""
 
     labels: tuple[str, ...]
-    group: Any  # (1000,) label of each ImageNet class, L where the material table has none
+    group: (
+        Any  # (1000,) label of each ImageNet class, L where the material table has none
+    )
     weights: F32  # (1000, 1280) ImageNet's classifier
     bias: F32
     trust: float  # power to which ImageNet's probabilities are raised
@@ -70,11 +74,17 @@ class Heads:
         found as an object and taken for a person is none: it was a plant, a bench or a tie.
         """
         plain = np.zeros((len(features), len(self.labels) + 1), np.float32)
-        np.add.at(plain.T, self.group, _softmax(features @ self.weights.T + self.bias).T)
-        learned = _softmax(self.trust * np.log(plain + 1e-4) + features @ self.own.T + self.shift)
+        np.add.at(
+            plain.T, self.group, _softmax(features @ self.weights.T + self.bias).T
+        )
+        learned = _softmax(
+            self.trust * np.log(plain + 1e-4) + features @ self.own.T + self.shift
+        )
         best = np.arange(len(features)), learned[:, :-1].argmax(1)
         objects = np.array([label != "person" for label in self.labels])[best[1]]
-        return learned, np.asarray(objects * (learned[best] + plain[best]) / 2, np.float32)
+        return learned, np.asarray(
+            objects * (learned[best] + plain[best]) / 2, np.float32
+        )
 
 
 def imagenet() -> Label:
@@ -82,9 +92,16 @@ def imagenet() -> Label:
     return _imagenet
 
 
-def _imagenet(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mapping[int, Name]:
-    names = {i: replace(name, source="shape") for i, name in shape()(rgb, labels, objects).items()}
-    large = [item.id for item in objects if np.count_nonzero(labels == item.id) >= CROP.least]
+def _imagenet(
+    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
+) -> Mapping[int, Name]:
+    names = {
+        i: replace(name, source="shape")
+        for i, name in shape()(rgb, labels, objects).items()
+    }
+    large = [
+        item.id for item in objects if np.count_nonzero(labels == item.id) >= CROP.least
+    ]
     pool = _pool(rgb, [item.id for item in objects if isinstance(item.outline, Disc)])
     if not large:
         return names | pool
@@ -92,9 +109,15 @@ def _imagenet(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mappi
     seen = head.chances(np.stack([features(crop(rgb, labels == i)) for i in large]))
     for i, chances, sureness in zip(large, *seen, strict=True):
         best = np.argsort(-chances[:-1])[: CROP.likely + 1]
-        likely = [(head.labels[k], round(float(chances[k]), 2)) for k in best if chances[k] >= CROP.floor]
+        likely = [
+            (head.labels[k], round(float(chances[k]), 2))
+            for k in best
+            if chances[k] >= CROP.floor
+        ]
         if sureness >= head.sure:
-            names[i] = Name(likely[0][0], round(float(sureness), 2), tuple(likely[1:]), "imagenet")
+            names[i] = Name(
+                likely[0][0], round(float(sureness), 2), tuple(likely[1:]), "imagenet"
+            )
         else:
             names[i] = replace(names[i], likely=tuple(likely[: CROP.likely]))
     return names | pool
@@ -105,10 +128,14 @@ def _pool(rgb: Rgb, round_ones: Sequence[int]) -> dict[int, Name]:
     if len(round_ones) < CROP.rack:
         return {}
     head = heads()
-    whole = cv2.resize(rgb, (CROP.side, CROP.side), interpolation=cv2.INTER_AREA).astype(np.float32)
+    whole = cv2.resize(
+        rgb, (CROP.side, CROP.side), interpolation=cv2.INTER_AREA
+    ).astype(np.float32)
     chances = _softmax(features(whole)[None] @ head.weights.T + head.bias)[0]
     name = Name("billiard ball", CROP.certain, (), "imagenet")
-    return dict.fromkeys(round_ones, name) if chances[CROP.pool_table] >= CROP.pool else {}
+    return (
+        dict.fromkeys(round_ones, name) if chances[CROP.pool_table] >= CROP.pool else {}
+    )
 
 
 def crop(rgb: Rgb, mask: Mask) -> F32:
@@ -116,23 +143,35 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
     x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
     whole = max(w, h) * (1 + 2 * CROP.margin)
     left, top = max(int(x + w / 2 - whole / 2), 0), max(int(y + h / 2 - whole / 2), 0)
-    part = np.s_[top : int(y + h / 2 + whole / 2) + 2, left : int(x + w / 2 + whole / 2) + 2]
+    part = np.s_[
+        top : int(y + h / 2 + whole / 2) + 2, left : int(x + w / 2 + whole / 2) + 2
+    ]
     inside = mask[part].astype(np.float32)
     scale = CROP.side / whole
-    soft = np.maximum(cv2.GaussianBlur(inside, (0, 0), max(1.0, 1 / scale)), inside)[..., None]
+    soft = np.maximum(cv2.GaussianBlur(inside, (0, 0), max(1.0, 1 / scale)), inside)[
+        ..., None
+    ]
     middle = np.float32(CROP.middle)
     shown = middle + (rgb[part] - middle) * (CROP.dim + (1 - CROP.dim) * soft)
     size = max(round(shown.shape[1] * scale), 1), max(round(shown.shape[0] * scale), 1)
-    small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    small = cv2.resize(
+        shown, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    )
     centre = (x + w / 2 - left) * scale, (y + h / 2 - top) * scale
-    move = np.array([[1, 0, CROP.side / 2 - centre[0]], [0, 1, CROP.side / 2 - centre[1]]])
-    square = cv2.warpAffine(small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3)
+    move = np.array(
+        [[1, 0, CROP.side / 2 - centre[0]], [0, 1, CROP.side / 2 - centre[1]]]
+    )
+    square = cv2.warpAffine(
+        small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
+    )
     return np.asarray(square, np.float32)
 
 
 def features(shown: F32) -> F32:
     """(1280,) of a crop (side, side, 3)."""
-    blob = ((shown - np.float32(CROP.middle)) / np.float32(CROP.spread)).transpose(2, 0, 1)[None]
+    blob = ((shown - np.float32(CROP.middle)) / np.float32(CROP.spread)).transpose(
+        2, 0, 1
+    )[None]
     network = _network()
     with LOCK:  # a net holds state between the calls
         network.setInput(np.ascontiguousarray(blob))

@@ -32,7 +32,9 @@ def shape() -> Label:
     return _shape
 
 
-def _shape(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mapping[int, Name]:
+def _shape(
+    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
+) -> Mapping[int, Name]:
     return {item.id: _name(item.outline, item.cut) for item in objects}
 
 
@@ -42,7 +44,11 @@ def _name(outline: Outline, cut: bool) -> Name:
     long, short = box_sides(outline)
     if len(outline.rings) == 1:
         if mass_properties(outline).area / (long * short) > SHAPE.boxy:
-            return Name("stick", 0.3) if long > SHAPE.long * short and not cut else Name("block", 0.4)
+            return (
+                Name("stick", 0.3)
+                if long > SHAPE.long * short and not cut
+                else Name("block", 0.4)
+            )
         if not cut and _necked(outline):
             return Name("bottle", 0.35)
     return Name("object", 0.2)
@@ -58,8 +64,12 @@ def _necked(outline: Region) -> bool:
         return False
     middle = float(np.median((left + right) / 2))
     common = 2 * np.minimum(middle - left, right - middle).clip(0)
-    narrowing = np.diff(np.array([float(np.median(widths[k : k + 6])) for k in range(2, 40, 6)]))
-    return bool(common.sum() > SHAPE.alike * widths.sum() and (narrowing > -0.08 * body).all())
+    narrowing = np.diff(
+        np.array([float(np.median(widths[k : k + 6])) for k in range(2, 40, 6)])
+    )
+    return bool(
+        common.sum() > SHAPE.alike * widths.sum() and (narrowing > -0.08 * body).all()
+    )
 
 
 def _profile(outline: Region) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,15 @@ import numpy as np
 
 from physgen.geometry.polygon import Disc
 from physgen.maps import F32
-from physgen.perceive.roles import Intrinsics, Labels, Light, LightGuess, Mask, PhotoObject, Rgb
+from physgen.perceive.roles import (
+    Intrinsics,
+    Labels,
+    Light,
+    LightGuess,
+    Mask,
+    PhotoObject,
+    Rgb,
+)
 from physgen.photometry import DistantLight, decode, luminance
 
 FROM_ABOVE = DistantLight((0.0, -0.6, 0.8), 0.8, 0.4)
@@ -42,13 +50,19 @@ class _Tuning:
     ball_z: float = 0.2  # z of the normals under which a ball's are not trusted
     other_z: float = 0.4  # and those of all others
     elsewhere: float = 35.0  # degrees from a light at which others are its rivals
-    below: float = 0.1  # cost of a light from straight below: lamps and skies are mostly above
+    below: float = (
+        0.1  # cost of a light from straight below: lamps and skies are mostly above
+    )
     spot_gain: float = 0.25  # of highlights that all agree
     spot_angle: float = 12.0  # degrees within which they agree
-    spot_size: float = 0.3  # of a ball's radius: the size under which a bright spot is a highlight
+    spot_size: float = (
+        0.3  # of a ball's radius: the size under which a bright spot is a highlight
+    )
     bright: float = 0.2  # by which a highlight stands out, at least
     white: float = 0.35  # share of its light that is not white, at most
-    full: float = 1.2  # shading of a surface that faces the light: there it shows its own colour
+    full: float = (
+        1.2  # shading of a surface that faces the light: there it shows its own colour
+    )
     least: float = 0.1  # of the differences of light, that must be explained for a light to be found
     # of the same, from which only rivals make the light unsure: prints and reflections stay unexplained
     enough: float = 0.2
@@ -85,10 +99,16 @@ def shading() -> Light:
 
 
 def _shading(
-    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], normals: F32, intrinsics: Intrinsics
+    rgb: Rgb,
+    labels: Labels,
+    objects: Sequence[PhotoObject],
+    normals: F32,
+    intrinsics: Intrinsics,
 ) -> LightGuess:
     linear = decode(rgb)
-    pairs = pixel_pairs(linear, labels, {t.id: isinstance(t.outline, Disc) for t in objects}, normals)
+    pairs = pixel_pairs(
+        linear, labels, {t.id: isinstance(t.outline, Disc) for t in objects}, normals
+    )
     found = fit_light(pairs, highlights(linear, labels, objects))
     if found is None or (found.explained < TUNING.least and found.spots < 2):
         return LightGuess(FROM_ABOVE, 0.1)
@@ -104,7 +124,9 @@ def _shading(
     return LightGuess(scaled, sure)
 
 
-def fit_light(pairs: PixelPairs | None, spots: F32 | None = None) -> LightEstimate | None:
+def fit_light(
+    pairs: PixelPairs | None, spots: F32 | None = None
+) -> LightEstimate | None:
     """The best light for `pairs`, with `spots` (m, 3) the directions of highlights; None where nothing shows any."""
     spots = np.zeros((0, 3), np.float32) if spots is None else spots
     if pairs is None and len(spots) < 2:
@@ -113,23 +135,37 @@ def fit_light(pairs: PixelPairs | None, spots: F32 | None = None) -> LightEstima
     cost = _cost(pairs, sky, spots)
     best = sky[np.unravel_index(int(cost.argmin()), cost.shape)[0]]
     around = best + 0.12 * _directions(160, whole=True)
-    around = np.concatenate([best[None], around / np.linalg.norm(around, axis=1, keepdims=True)])
+    around = np.concatenate(
+        [best[None], around / np.linalg.norm(around, axis=1, keepdims=True)]
+    )
     around = around.astype(np.float32)
     fine = _cost(pairs, around, spots)
     low = np.unravel_index(int(fine.argmin()), fine.shape)
     direction, ratio = around[low[0]], float(AMBIENT[low[1]])
     agree = int((spots @ direction > np.cos(np.radians(2 * TUNING.spot_angle))).sum())
-    explained = 0.0 if pairs is None else 1 - float(_misfit(pairs, direction[None])[0, low[1]])
+    explained = (
+        0.0 if pairs is None else 1 - float(_misfit(pairs, direction[None])[0, low[1]])
+    )
     elsewhere = cost[sky @ direction < np.cos(np.radians(TUNING.elsewhere))]
-    worth = max(1 - float(elsewhere.min()), 0) / max(1 - float(cost.min()), 1e-6) if elsewhere.size else 0.0
+    worth = (
+        max(1 - float(elsewhere.min()), 0) / max(1 - float(cost.min()), 1e-6)
+        if elsewhere.size
+        else 0.0
+    )
     trust = 0.0 if pairs is None else pairs.trust
     return LightEstimate(
-        _light(direction, ratio), max(explained, 0.0), agree, trust, round(min(worth, 1.0), 3)
+        _light(direction, ratio),
+        max(explained, 0.0),
+        agree,
+        trust,
+        round(min(worth, 1.0), 3),
     )
 
 
 def _light(direction: F32, ratio: float) -> DistantLight:
-    x, y, z = (direction.astype(np.float64) / np.linalg.norm(direction.astype(np.float64))).tolist()
+    x, y, z = (
+        direction.astype(np.float64) / np.linalg.norm(direction.astype(np.float64))
+    ).tolist()
     return DistantLight((x, y, z), 1 / (1 + ratio), ratio / (1 + ratio))
 
 
@@ -142,7 +178,9 @@ def _cost(pairs: PixelPairs | None, sky: F32, spots: F32) -> F32:
     cost += np.float32(TUNING.below) * np.maximum(sky[:, 1], -0.3)[:, None]
     if len(spots):
         off = np.degrees(np.arccos(np.clip(sky @ spots.T, -1, 1)))
-        agree = np.exp(-0.5 * (off / TUNING.spot_angle) ** 2).sum(axis=1) / (len(spots) + 0.5)
+        agree = np.exp(-0.5 * (off / TUNING.spot_angle) ** 2).sum(axis=1) / (
+            len(spots) + 0.5
+        )
         cost -= np.float32(TUNING.spot_gain) * agree[:, None].astype(np.float32)
     return cost
 
@@ -154,7 +192,9 @@ def _misfit(pairs: PixelPairs, sky: F32) -> F32:
     found = np.empty((len(sky), len(AMBIENT)), np.float32)
     for k, ambient in enumerate(AMBIENT):
         predicted = np.log((one + ambient) / (two + ambient))
-        found[:, k] = pairs.weight @ np.minimum(np.abs(predicted - pairs.change[:, None]), TUNING.most)
+        found[:, k] = pairs.weight @ np.minimum(
+            np.abs(predicted - pairs.change[:, None]), TUNING.most
+        )
     return found / np.float32(max(even, 1e-9))
 
 
@@ -164,20 +204,28 @@ def _directions(count: int, whole: bool = False) -> F32:
     z = 1 - k / count * (2.0 if whole else 1.05)
     angle = k * np.pi * (3 - 5**0.5)
     wide = np.sqrt(1 - z * z)
-    return np.stack([wide * np.cos(angle), wide * np.sin(angle), z], -1).astype(np.float32)
+    return np.stack([wide * np.cos(angle), wide * np.sin(angle), z], -1).astype(
+        np.float32
+    )
 
 
-def pixel_pairs(linear: F32, labels: Labels, balls: dict[int, bool], normals: F32) -> PixelPairs | None:
+def pixel_pairs(
+    linear: F32, labels: Labels, balls: dict[int, bool], normals: F32
+) -> PixelPairs | None:
     """Pairs in the objects of `balls`, True for spheres; drawn at random, the same each time."""
     random = np.random.default_rng(0)
     level = np.log(luminance(linear) + np.float32(2e-3))
     small = linear + np.float32(4e-3)
-    chroma = np.log(np.stack([small[..., 0] / small[..., 1], small[..., 2] / small[..., 1]], -1))
+    chroma = np.log(
+        np.stack([small[..., 0] / small[..., 1], small[..., 2] / small[..., 1]], -1)
+    )
     full = linear.max(axis=2) < 0.98
     parts, trusts = [], 0.0
     each = max(60, TUNING.pairs // max(len(balls), 1))
     for i, ball in balls.items():
-        inner: Mask = cv2.erode((labels == i).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        inner: Mask = (
+            cv2.erode((labels == i).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        )
         rows, columns = np.nonzero(inner)
         least = TUNING.ball_z if ball else TUNING.other_z
         keep = (normals[rows, columns, 2] > least) & full[rows, columns]
@@ -188,18 +236,38 @@ def pixel_pairs(linear: F32, labels: Labels, balls: dict[int, bool], normals: F3
         kind = "ball" if ball else "bulging" if z < TUNING.bulging else "flat"
         a, b = random.integers(0, len(rows), (2, 12 * each))
         n, m = normals[rows[a], columns[a]], normals[rows[b], columns[b]]
-        same = np.abs(chroma[rows[a], columns[a]] - chroma[rows[b], columns[b]]).max(axis=1) < TUNING.alike
-        good = np.flatnonzero(same & (np.linalg.norm(n - m, axis=1) > TUNING.turned))[:each]
+        same = (
+            np.abs(chroma[rows[a], columns[a]] - chroma[rows[b], columns[b]]).max(
+                axis=1
+            )
+            < TUNING.alike
+        )
+        good = np.flatnonzero(same & (np.linalg.norm(n - m, axis=1) > TUNING.turned))[
+            :each
+        ]
         if len(good) < 20:
             continue
         a, b = a[good], b[good]
-        weight = TRUST[kind] * min(1.0, len(good) / each) * min(1.0, (len(rows) / 600) ** 0.5)
+        weight = (
+            TRUST[kind]
+            * min(1.0, len(good) / each)
+            * min(1.0, (len(rows) / 600) ** 0.5)
+        )
         trusts += weight
         change = level[rows[a], columns[a]] - level[rows[b], columns[b]]
-        parts.append((change, n[good], m[good], np.full(len(good), weight / len(good), np.float32)))
+        parts.append(
+            (
+                change,
+                n[good],
+                m[good],
+                np.full(len(good), weight / len(good), np.float32),
+            )
+        )
     if not parts:
         return None
-    change, first, second, weights = (np.concatenate(part) for part in zip(*parts, strict=True))
+    change, first, second, weights = (
+        np.concatenate(part) for part in zip(*parts, strict=True)
+    )
     return PixelPairs(change, first, second, weights, trusts)
 
 
@@ -212,7 +280,11 @@ def highlights(linear: F32, labels: Labels, objects: Sequence[PhotoObject]) -> F
     for item in objects:
         if not isinstance(item.outline, Disc) or item.outline.radius < 8:
             continue
-        x, y, r = float(item.outline.center[0]), float(item.outline.center[1]), float(item.outline.radius)
+        x, y, r = (
+            float(item.outline.center[0]),
+            float(item.outline.center[1]),
+            float(item.outline.radius),
+        )
         x0, y0 = max(0, int(x - r)), max(0, int(y - r))
         part = linear[y0 : int(y + r) + 2, x0 : int(x + r) + 2]
         own = labels[y0 : int(y + r) + 2, x0 : int(x + r) + 2] == item.id
@@ -246,4 +318,6 @@ def _white_spot(part: F32, own: Mask, radius: float) -> tuple[float, float] | No
         return None
     rows, columns = np.nonzero(blob)
     weight = stands[blob]
-    return float((columns * weight).sum() / weight.sum()), float((rows * weight).sum() / weight.sum())
+    return float((columns * weight).sum() / weight.sum()), float(
+        (rows * weight).sum() / weight.sum()
+    )

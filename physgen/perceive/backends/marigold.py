@@ -56,12 +56,23 @@ class _Marigold(ModelBackend):
         return torch.float16 if half else super()._number_type(setup)
 
     def _load(self, weights: str) -> Any:
-        pipe = load_pipeline(diffusers.DiffusionPipeline, weights, self._device, self._dtype)
+        pipe = load_pipeline(
+            diffusers.DiffusionPipeline, weights, self._device, self._dtype
+        )
         if not isinstance(pipe, getattr(diffusers, PIPELINES[self.role])):
-            is_a = {name: role for role, name in PIPELINES.items()}.get(type(pipe).__name__)
-            fix = f"write {is_a}=marigold:{self._weights}" if is_a else f"name a {PIPELINES[self.role]}"
+            is_a = {name: role for role, name in PIPELINES.items()}.get(
+                type(pipe).__name__
+            )
+            fix = (
+                f"write {is_a}=marigold:{self._weights}"
+                if is_a
+                else f"name a {PIPELINES[self.role]}"
+            )
             raise InputError.of(
-                "--backend", f'"{self._weights}"', f"is a {type(pipe).__name__}: not for {self.role}", fix
+                "--backend",
+                f'"{self._weights}"',
+                f"is a {type(pipe).__name__}: not for {self.role}",
+                fix,
             )
         if self._options["steps"] is None:
             self._options["steps"] = pipe.default_denoising_steps
@@ -110,7 +121,11 @@ class Normals(_Marigold):
     role = "normals"
 
     def __call__(
-        self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], setting: BoundaryGuess
+        self,
+        rgb: Rgb,
+        labels: Labels,
+        objects: Sequence[PhotoObject],
+        setting: BoundaryGuess,
     ) -> F32:
         """(H, W, 3) float32 unit. The pipeline's are +x right, +y UP, +z to the viewer."""
         theirs = self.predicted(rgb)[0][0]
@@ -130,7 +145,10 @@ class Intrinsic(_Marigold):
         found, small = self.predicted(rgb)
         properties = self._model.target_properties or {}
         names = properties.get("target_names") or []
-        maps = {name: linear(one, properties.get(name, {})) for name, one in zip(names, found, strict=False)}
+        maps = {
+            name: linear(one, properties.get(name, {}))
+            for name, one in zip(names, found, strict=False)
+        }
         if "albedo" not in maps:
             raise InputError.of(
                 "--backend",
@@ -139,7 +157,9 @@ class Intrinsic(_Marigold):
                 "choose prs-eth/marigold-iid-lighting-v1-1",
             )
         if "shading" in maps:
-            shading = lit(decode(small), maps["albedo"], maps["shading"], maps.get("residual"))
+            shading = lit(
+                decode(small), maps["albedo"], maps["shading"], maps.get("residual")
+            )
         else:
             paint = np.maximum(luminance(maps["albedo"]), np.float32(DARKEST))
             shading = np.asarray(luminance(decode(small)) / paint, np.float32)
@@ -152,7 +172,11 @@ depth, normals, intrinsic = Depth, Normals, Intrinsic
 
 def linear(values: F32, properties: Mapping[str, Any]) -> F32:
     """A target in 0..1 of the pipeline in linear light, by its entry in `target_properties`."""
-    return values if properties.get("prediction_space", "srgb") == "linear" else decode(np.clip(values, 0, 1))
+    return (
+        values
+        if properties.get("prediction_space", "srgb") == "linear"
+        else decode(np.clip(values, 0, 1))
+    )
 
 
 def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
@@ -165,9 +189,15 @@ def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
     matt = paint * fall
     gloss = np.zeros_like(matt) if residual is None else luminance(residual)
     seen = luminance(light)
-    a, b = np.linalg.lstsq(np.stack([matt.ravel(), gloss.ravel()], 1), seen.ravel(), rcond=None)[0]
+    a, b = np.linalg.lstsq(
+        np.stack([matt.ravel(), gloss.ravel()], 1), seen.ravel(), rcond=None
+    )[0]
     if b <= 0 or a <= 0:
-        a, b = float(matt.ravel() @ seen.ravel()) / max(float(matt.ravel() @ matt.ravel()), 1e-9), 0.0
+        a, b = (
+            float(matt.ravel() @ seen.ravel())
+            / max(float(matt.ravel() @ matt.ravel()), 1e-9),
+            0.0,
+        )
     return np.asarray(a * fall + b * gloss / np.maximum(paint, DARKEST), np.float32)
 
 
@@ -185,4 +215,6 @@ def shrunk(rgb: Rgb, resolution: int) -> Rgb:
 def _sized(values: F32, rgb: Rgb) -> F32:
     """A map in the photo's size."""
     how = cv2.INTER_AREA if values.shape[1] > rgb.shape[1] else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(values, rgb.shape[1::-1], interpolation=how), np.float32)
+    return np.asarray(
+        cv2.resize(values, rgb.shape[1::-1], interpolation=how), np.float32
+    )

@@ -27,13 +27,13 @@ class _Limits:
     reach: float = 1.0  # px from one half to 0 or 1
     shift: float = 2.75  # px by which the photo may move the border along some way ...
     unsure: float = 0.5  # ... less those by which shadows and texture pretend to
-    single: float = (
-        0.25  # px by which single pixels may then move it; by `shift` outwards, if their colour ...
-    )
+    single: float = 0.25  # px by which single pixels may then move it; by `shift` outwards, if their colour ...
     dimmed: float = 0.3  # ... differs from dimmed background's, by so much of square roots of linear light
     along: float = 32.0  # px, standard deviation: the way
     doubt: float = 0.1  # trust in the mask's border, beside the colours' 0..1
-    gain: float = 2.0  # of shares about one half: shadows beside an object reach that seldom
+    gain: float = (
+        2.0  # of shares about one half: shadows beside an object reach that seldom
+    )
     # difference of square roots of linear light from which colours separate object and background
     contrast: float = 0.08
 
@@ -59,7 +59,9 @@ def _edge(rgb: Rgb, labels: Labels) -> F32:
     moved = np.clip(mixed, _ramp(distance - LIMITS.single), _ramp(distance + out))
     near = np.abs(distance) < LIMITS.reach + out
     coverage = np.where(near, coverage + trust * (moved - coverage), coverage)
-    return np.asarray(np.round(coverage * 255) / 255, np.float32)  # as stored: 0 here is 0 in coverage.png
+    return np.asarray(
+        np.round(coverage * 255) / 255, np.float32
+    )  # as stored: 0 here is 0 in coverage.png
 
 
 def _shift(distance: F32, mixed: F32, trust: F32) -> F32:
@@ -68,8 +70,12 @@ def _shift(distance: F32, mixed: F32, trust: F32) -> F32:
     near = (np.abs(distance) < band).astype(np.float32)
     excess = blurred((mixed - _ramp(distance)) * trust * near, LIMITS.along)
     weight = blurred((trust + np.float32(LIMITS.doubt)) * near, LIMITS.along)
-    shift = np.clip(2 * band * excess / np.maximum(weight, 1e-6), -LIMITS.shift, LIMITS.shift)
-    return np.asarray(np.sign(shift) * np.maximum(np.abs(shift) - LIMITS.unsure, 0), np.float32)
+    shift = np.clip(
+        2 * band * excess / np.maximum(weight, 1e-6), -LIMITS.shift, LIMITS.shift
+    )
+    return np.asarray(
+        np.sign(shift) * np.maximum(np.abs(shift) - LIMITS.unsure, 0), np.float32
+    )
 
 
 def _ramp(distance: F32) -> F32:
@@ -98,7 +104,9 @@ def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32, F32]:
     trust = np.clip(np.sqrt(length) / LIMITS.contrast - 0.5, 0, 1)
     known = (front.sum(2) > 0) & (back.sum(2) > 0)
     smooth = cv2.GaussianBlur(np.clip(share, 0, 1).astype(np.float32), (0, 0), 0.5)
-    dim = np.einsum("ijk,ijk->ij", colour, back) / np.maximum(np.einsum("ijk,ijk->ij", back, back), 1e-6)
+    dim = np.einsum("ijk,ijk->ij", colour, back) / np.maximum(
+        np.einsum("ijk,ijk->ij", back, back), 1e-6
+    )
     off = np.square(colour - dim[..., None] * back).sum(2) / LIMITS.dimmed**2
     other = np.where(dim < 1, 1 - np.exp(-off), 1).astype(np.float32)
     return smooth, np.where(known, trust, 0).astype(np.float32), other

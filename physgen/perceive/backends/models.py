@@ -21,10 +21,18 @@ from physgen.registry import Setup, describe_error, find, in_hub_cache
 
 T = TypeVar("T")
 
-DTYPES = {"float32": torch.float32, "float16": torch.float16, "bfloat16": torch.bfloat16}
+DTYPES = {
+    "float32": torch.float32,
+    "float16": torch.float16,
+    "bfloat16": torch.bfloat16,
+}
 HUB_TIMEOUT = 3.0
 """s to wait for the hub; its library retries for about 20."""
-OUT_OF_MEMORY = ("can't allocate memory", "defaultcpuallocator: not enough memory", "out of memory")
+OUT_OF_MEMORY = (
+    "can't allocate memory",
+    "defaultcpuallocator: not enough memory",
+    "out of memory",
+)
 """Parts of error messages, in lower case; the allocators of the CPU and of Apple's GPU have no error type."""
 HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
 
@@ -40,13 +48,24 @@ class Flag:
 BACKEND = Flag("--backend", "ROLE=NAME:PATH")
 
 
-def weight_ids(role: str, name: str, setup: Setup, flag: Flag = BACKEND) -> tuple[str, ...]:
+def weight_ids(
+    role: str, name: str, setup: Setup, flag: Flag = BACKEND
+) -> tuple[str, ...]:
     """One id or path for each of the row's weights: `A,B` names both, `A` and `,B` one. Raises InputError for more."""
     defaults = [weights.id for weights in find(role, name).weights]
-    named = [part.strip() for part in setup.weights.split(",")] if len(defaults) > 1 else [setup.weights]
+    named = (
+        [part.strip() for part in setup.weights.split(",")]
+        if len(defaults) > 1
+        else [setup.weights]
+    )
     if len(named) > len(defaults):
         fix = f"write at most {len(defaults)}, with a comma between"
-        raise InputError.of(flag.name, f'"{setup.weights}"', f"names {len(named)} weights for {name}", fix)
+        raise InputError.of(
+            flag.name,
+            f'"{setup.weights}"',
+            f"names {len(named)} weights for {name}",
+            fix,
+        )
     named += [""] * (len(defaults) - len(named))
     return tuple(one or default for one, default in zip(named, defaults, strict=True))
 
@@ -58,13 +77,25 @@ def device_of(setup: Setup) -> str:
     'cpu'
     """
     name = setup.device
-    count = {"cpu": 1, "cuda": torch.cuda.device_count(), "mps": int(torch.backends.mps.is_available())}
+    count = {
+        "cpu": 1,
+        "cuda": torch.cuda.device_count(),
+        "mps": int(torch.backends.mps.is_available()),
+    }
     best = next(kind for kind in ("cuda", "mps", "cpu") if count[kind])
     kind, _, number = name.partition(":")
-    here = count.get(kind, 0) > (int(number) if number.isdigit() else 0) and (number.isdigit() or not number)
+    here = count.get(kind, 0) > (int(number) if number.isdigit() else 0) and (
+        number.isdigit() or not number
+    )
     if name != "auto" and not here:
-        fault = f"is not here: torch {torch.__version__} finds none" if kind in count else "is no device"
-        raise InputError.of("physgen.toml", f'device "{name}"', fault, f"choose auto or {best}")
+        fault = (
+            f"is not here: torch {torch.__version__} finds none"
+            if kind in count
+            else "is no device"
+        )
+        raise InputError.of(
+            "physgen.toml", f'device "{name}"', fault, f"choose auto or {best}"
+        )
     return best if name == "auto" else name
 
 
@@ -81,7 +112,9 @@ def dtype_of(setup: Setup, device: str) -> torch.dtype:
     return DTYPES[setup.dtype]
 
 
-def load_weights(load: Callable[[str], T], weights: str, what: str, flag: Flag = BACKEND) -> T:
+def load_weights(
+    load: Callable[[str], T], weights: str, what: str, flag: Flag = BACKEND
+) -> T:
     """`load(weights)`: a hub id or a folder or file, `~` allowed. `what` names the model in messages: `SAM`.
 
     Raises InputError with the id or path and how to get it, where the weights are missing, broken or of another model,
@@ -109,14 +142,18 @@ def load_weights(load: Callable[[str], T], weights: str, what: str, flag: Flag =
         return load(str(path) if local else weights)
     except InputError:
         raise
-    except Exception as error:  # libraries raise errors of every type for files that are no model
+    except (
+        Exception
+    ) as error:  # libraries raise errors of every type for files that are no model
         cause = describe_error(error)
         if is_out_of_memory(error):
             fix = 'choose a smaller model, or write dtype = "bfloat16" or device = "cpu" in physgen.toml'
             raise problem(f"does not fit into the memory: {cause}", fix) from error
         if not local and isinstance(error, OSError):
             raise problem(f"{absent} ({cause})") from error
-        raise problem(f"does not load as {what} ({cause})", "fetch it again" if local else get) from error
+        raise problem(
+            f"does not load as {what} ({cause})", "fetch it again" if local else get
+        ) from error
 
 
 def is_out_of_memory(error: BaseException) -> bool:
@@ -124,16 +161,25 @@ def is_out_of_memory(error: BaseException) -> bool:
     if isinstance(error, MemoryError | torch.cuda.OutOfMemoryError):
         return True
     text = str(error).lower()
-    return isinstance(error, RuntimeError) and any(part in text for part in OUT_OF_MEMORY)
+    return isinstance(error, RuntimeError) and any(
+        part in text for part in OUT_OF_MEMORY
+    )
 
 
-def run_note(device: str, dtype: torch.dtype, weights: str, options: Mapping[str, Any]) -> dict[str, Any]:
+def run_note(
+    device: str, dtype: torch.dtype, weights: str, options: Mapping[str, Any]
+) -> dict[str, Any]:
     """Device, number type, weights and options of a run, for the record.
 
     >>> run_note("cpu", torch.float32, "a/b", {"steps": 4})
     {'device': 'cpu', 'dtype': 'float32', 'weights': 'a/b', 'steps': 4}
     """
-    return {"device": device, "dtype": str(dtype).removeprefix("torch."), "weights": weights, **options}
+    return {
+        "device": device,
+        "dtype": str(dtype).removeprefix("torch."),
+        "weights": weights,
+        **options,
+    }
 
 
 def free_memory() -> None:
@@ -148,7 +194,9 @@ def free_memory() -> None:
 class ModelBackend:
     """A backend with one model, loaded by `_load` when `_model` is first needed and freed by `close`."""
 
-    def __init__(self, setup: Setup, weights: str, what: str, options: dict[str, Any]) -> None:
+    def __init__(
+        self, setup: Setup, weights: str, what: str, options: dict[str, Any]
+    ) -> None:
         """`what` names the model in messages. Raises InputError for missing weights and for an unknown device."""
         self._weights, self._what, self._options = weights, what, options
         self._device = device_of(setup)
@@ -194,7 +242,9 @@ def load_pipeline(kind: Any, weights: str, device: str, dtype: torch.dtype) -> A
     return load_pipeline_on_cpu(kind, weights, dtype).to(device)
 
 
-def load_pipeline_on_cpu(kind: Any, weights: str, dtype: torch.dtype, **parts: Any) -> Any:
+def load_pipeline_on_cpu(
+    kind: Any, weights: str, dtype: torch.dtype, **parts: Any
+) -> Any:
     """The pipeline on the CPU, with `parts` in place of its own components.
 
     Only safetensors are accepted: other formats are unpickled by the library, which runs code.

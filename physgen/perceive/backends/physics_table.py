@@ -21,7 +21,9 @@ def table() -> Physics:
     return _table
 
 
-def _table(rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | None) -> Mapping[int, Matter]:
+def _table(
+    rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | None
+) -> Mapping[int, Matter]:
     kinds = {item.id: kind(item.label) for item in objects}
     side = max(rgb.shape[:2])
     value = assumed_scale(side) if pixels_per_meter is None else pixels_per_meter
@@ -29,7 +31,9 @@ def _table(rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | N
     return {item.id: _matter(item, kinds[item.id], value, most) for item in objects}
 
 
-def _matter(item: PhotoObject, what: Kind, pixels_per_meter: float, most: float) -> Matter:
+def _matter(
+    item: PhotoObject, what: Kind, pixels_per_meter: float, most: float
+) -> Matter:
     solid, material = _solid(item.outline, what), what.material
     mass, confidence, reason = weigh(item.outline, what, pixels_per_meter)
     return Matter(

@@ -40,7 +40,9 @@ MEAN, SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 class GroundedConstants:
     """Constants of boxes and prompts."""
 
-    batch: int = 16  # prompts decoded together: the decoder copies the photo's features for each
+    batch: int = (
+        16  # prompts decoded together: the decoder copies the photo's features for each
+    )
     tokens: int = 256  # of Grounding DINO's text, at most; the model's own `max_text_len` where that is less
     least_score: float = 0.2  # of a box that is passed on to SAM
     boxes: int = 100  # of a photo, that are passed on
@@ -61,7 +63,9 @@ class Grounded:
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
         option = CONFIDENT, {"type": "number", "minimum": 0, "maximum": 1}
-        self._threshold = float(read_options(setup, NAME, {"threshold": option})["threshold"])
+        self._threshold = float(
+            read_options(setup, NAME, {"threshold": option})["threshold"]
+        )
         self._counts: dict[str, Any] = {}
 
     def __call__(self, rgb: Rgb, categories: Sequence[Category] = ()) -> Segments:
@@ -91,13 +95,18 @@ class Grounded:
         sam = self._sam
         sam.encode(rgb)
         corners = [(x, y, x + width, y + height) for x, y, width, height in boxes]
-        masks = [PromptedMask(mask, fit) for mask, fit in (*sam.boxes(corners), *sam.points(points))]
+        masks = [
+            PromptedMask(mask, fit)
+            for mask, fit in (*sam.boxes(corners), *sam.points(points))
+        ]
         sam.forget()
         return masks
 
     def note(self) -> Mapping[str, Any]:
         """Device, number type, weights and counts, for the record."""
-        return run_note(self._device, self._dtype, ",".join(self._weights), self._counts)
+        return run_note(
+            self._device, self._dtype, ",".join(self._weights), self._counts
+        )
 
     def close(self) -> None:
         """Free the models."""
@@ -120,7 +129,13 @@ grounded = Grounded
 
 def pixels(rgb: Rgb, size: tuple[int, int]) -> torch.Tensor:
     """(1, 3, h, w) float32: the photo stretched to `size` (h, w), its colours normalised."""
-    small = np.asarray(Image.fromarray(rgb).resize(size[::-1], Image.Resampling.BILINEAR), np.float32) / 255
+    small = (
+        np.asarray(
+            Image.fromarray(rgb).resize(size[::-1], Image.Resampling.BILINEAR),
+            np.float32,
+        )
+        / 255
+    )
     ready = (small - np.asarray(MEAN, np.float32)) / np.asarray(SPREAD, np.float32)
     return torch.from_numpy(ready.transpose(2, 0, 1)[None].copy())
 
@@ -143,20 +158,34 @@ class Sam:
         """Encode a photo for the prompts that follow."""
         self._photo = height, width = rgb.shape[0], rgb.shape[1]
         scale = self.side / max(height, width)
-        self._inner = max(1, int(height * scale + 0.5)), max(1, int(width * scale + 0.5))
-        ready = pad(pixels(rgb, self._inner), (0, self.side - self._inner[1], 0, self.side - self._inner[0]))
+        self._inner = (
+            max(1, int(height * scale + 0.5)),
+            max(1, int(width * scale + 0.5)),
+        )
+        ready = pad(
+            pixels(rgb, self._inner),
+            (0, self.side - self._inner[1], 0, self.side - self._inner[0]),
+        )
         half = self._dtype != torch.float32
         kind = self._device.partition(":")[0]
         with torch.inference_mode(), torch.autocast(kind, self._dtype, enabled=half):
-            self._features = self.model.get_image_embeddings(ready.to(self._device)).float()
+            self._features = self.model.get_image_embeddings(
+                ready.to(self._device)
+            ).float()
 
     def boxes(self, boxes: Sequence[Box]) -> Iterator[tuple[Mask, float]]:
         """For each box its mask and the mask's expected IoU, 0..1."""
-        corners = np.asarray(boxes, np.float32).reshape(-1, 4) * np.tile(self._scale(), 2)
+        corners = np.asarray(boxes, np.float32).reshape(-1, 4) * np.tile(
+            self._scale(), 2
+        )
         for k in range(0, len(corners), GROUNDED.batch):
-            yield from self._decoded(input_boxes=self._tensor(corners[k : k + GROUNDED.batch]))
+            yield from self._decoded(
+                input_boxes=self._tensor(corners[k : k + GROUNDED.batch])
+            )
 
-    def points(self, points: Sequence[tuple[float, float]]) -> Iterator[tuple[Mask, float]]:
+    def points(
+        self, points: Sequence[tuple[float, float]]
+    ) -> Iterator[tuple[Mask, float]]:
         """For each point the most likely mask and its expected IoU."""
         scaled = np.asarray(points, np.float32).reshape(-1, 2) * self._scale()
         for k in range(0, len(scaled), GROUNDED.batch):
@@ -171,19 +200,31 @@ class Sam:
     def _decoded(self, **prompts: torch.Tensor) -> list[tuple[Mask, float]]:
         """Of three masks a prompt (whole, part, part of a part) the one with the best expected IoU."""
         with torch.inference_mode():
-            output = self.model(image_embeddings=self._features, multimask_output=True, **prompts)
+            output = self.model(
+                image_embeddings=self._features, multimask_output=True, **prompts
+            )
         fits = output.iou_scores[0].float()
         best = fits.argmax(-1)
         return [
-            (self._restored(output.pred_masks[0, k, int(i)].float()), float(fits[k, i].clamp(0, 1)))
+            (
+                self._restored(output.pred_masks[0, k, int(i)].float()),
+                float(fits[k, i].clamp(0, 1)),
+            )
             for k, i in enumerate(best)
         ]
 
     def _restored(self, logits: torch.Tensor) -> Mask:
         """A mask (h, w) of the model at the photo's size."""
-        square = interpolate(logits[None, None], (self.side, self.side), mode="bilinear", align_corners=False)
+        square = interpolate(
+            logits[None, None],
+            (self.side, self.side),
+            mode="bilinear",
+            align_corners=False,
+        )
         inner = square[..., : self._inner[0], : self._inner[1]]
-        whole = interpolate(inner, self._photo, mode="bilinear", align_corners=False)[0, 0]
+        whole = interpolate(inner, self._photo, mode="bilinear", align_corners=False)[
+            0, 0
+        ]
         return np.asarray((whole > 0).cpu().numpy(), np.bool_)
 
     def _scale(self) -> NDArray[np.float32]:
@@ -207,18 +248,26 @@ class GroundingDino:
 
     def __init__(self, weights: str, device: str) -> None:
         """Raises InputError where the weights are missing."""
-        self.tokens, self._images, model = load_weights(_load_dino, weights, "Grounding DINO")
+        self.tokens, self._images, model = load_weights(
+            _load_dino, weights, "Grounding DINO"
+        )
         self.model: Any = model.eval().to(device)
         self._device = device
-        self._most = min(GROUNDED.tokens, int(getattr(model.config, "max_text_len", GROUNDED.tokens)))
+        self._most = min(
+            GROUNDED.tokens, int(getattr(model.config, "max_text_len", GROUNDED.tokens))
+        )
         self.dot = self.tokens.convert_tokens_to_ids(".")
 
     def __call__(self, rgb: Rgb, nouns: Sequence[str]) -> list[NounBox]:
         """Boxes of any of `nouns` without duplicates, the best score first."""
-        ready = self._images(images=Image.fromarray(rgb), return_tensors="pt").to(self._device)
+        ready = self._images(images=Image.fromarray(rgb), return_tensors="pt").to(
+            self._device
+        )
         found: list[NounBox] = []
         for some in self.texts(nouns):
-            found += self._boxes(ready, [plain_noun(nouns[k]) for k in some], some, rgb.shape[:2])
+            found += self._boxes(
+                ready, [plain_noun(nouns[k]) for k in some], some, rgb.shape[:2]
+            )
         boxes = np.array([one.box for one in found], np.float64).reshape(-1, 4)
         scores = np.array([one.score for one in found], np.float64)
         return [found[k] for k in distinct_boxes(boxes, scores)[: GROUNDED.boxes]]
@@ -241,31 +290,51 @@ class GroundingDino:
         return result
 
     def _boxes(
-        self, ready: Any, nouns: Sequence[str], indices: Sequence[int], size: tuple[int, ...]
+        self,
+        ready: Any,
+        nouns: Sequence[str],
+        indices: Sequence[int],
+        size: tuple[int, ...],
     ) -> list[NounBox]:
         """The boxes of one text. A query's noun is that of its strongest token."""
         text = self.tokens(
-            " ".join(f"{noun}." for noun in nouns), return_tensors="pt", return_token_type_ids=True
+            " ".join(f"{noun}." for noun in nouns),
+            return_tensors="pt",
+            return_token_type_ids=True,
         )
         with torch.inference_mode():
             output = self.model(**ready, **text.to(self._device))
         # phrases lie between the dots, after the token that begins the text
-        dots = [k for k, token in enumerate(text.input_ids[0].tolist()) if token == self.dot]
-        spans = [(a, b) for a, b in zip([1, *(k + 1 for k in dots)], dots, strict=False) if b > a]
+        dots = [
+            k for k, token in enumerate(text.input_ids[0].tolist()) if token == self.dot
+        ]
+        spans = [
+            (a, b)
+            for a, b in zip([1, *(k + 1 for k in dots)], dots, strict=False)
+            if b > a
+        ]
         if len(spans) != len(nouns):
             names = ", ".join(nouns)
-            raise ValueError(f"the tokenizer made {len(spans)} phrases of {len(nouns)} nouns: {names}")
+            raise ValueError(
+                f"the tokenizer made {len(spans)} phrases of {len(nouns)} nouns: {names}"
+            )
         chances = output.logits[0].float().sigmoid().cpu().numpy()
         scores = np.stack([chances[:, first:last].max(1) for first, last in spans], 1)
         best = scores.argmax(1)
         x, y, width, height = output.pred_boxes[0].float().cpu().numpy().T
-        corners = np.stack([x - width / 2, y - height / 2, x + width / 2, y + height / 2], 1)
+        corners = np.stack(
+            [x - width / 2, y - height / 2, x + width / 2, y + height / 2], 1
+        )
         corners = np.clip(corners, 0, 1) * [size[1], size[0], size[1], size[0]]
         found: list[NounBox] = []
         for k in np.flatnonzero(scores.max(1) >= GROUNDED.least_score).tolist():
             x0, y0, x1, y1 = corners[k].tolist()
             if x1 - x0 >= 1 and y1 - y0 >= 1:
-                found.append(NounBox((x0, y0, x1, y1), indices[best[k]], float(scores[k, best[k]])))
+                found.append(
+                    NounBox(
+                        (x0, y0, x1, y1), indices[best[k]], float(scores[k, best[k]])
+                    )
+                )
         return found
 
 

@@ -28,8 +28,17 @@ from physgen.perceive.roles import (
     Shadow,
     Shadows,
 )
-from physgen.perceive.shadow.ambient_shade import AmbientShade, extend_behind_objects, find_ambient_shade
-from physgen.perceive.shadow.shadow_fit import FULL, deviation_penalty, with_direct_share, with_direction
+from physgen.perceive.shadow.ambient_shade import (
+    AmbientShade,
+    extend_behind_objects,
+    find_ambient_shade,
+)
+from physgen.perceive.shadow.shadow_fit import (
+    FULL,
+    deviation_penalty,
+    with_direct_share,
+    with_direction,
+)
 from physgen.perceive.shadow.shadow_removal import (
     HUES,
     hue_weights,
@@ -69,14 +78,18 @@ def _geometry(
     light: LightGuess,
 ) -> Shadows:
     if boundaries.view is View.SIDE:
-        return side_view_shadows(background, coverage, labels, objects, matter, boundaries, light)
+        return side_view_shadows(
+            background, coverage, labels, objects, matter, boundaries, light
+        )
     at = partial(object_silhouettes, labels, objects, matter, boundaries)
     nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0)
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
     silhouettes = at(scale)
     if not silhouettes:
         return nothing
-    setting, score, factor = _search(_coarse_picture(background, coverage, silhouettes, scale), light)
+    setting, score, factor = _search(
+        _coarse_picture(background, coverage, silhouettes, scale), light
+    )
     if score < SURE or factor < 0.15:
         shade = find_ambient_shade(background, coverage, at, from_above=True)
         if shade is None:
@@ -84,16 +97,26 @@ def _geometry(
         return _remove_ambient(background, coverage, shade, at(1.0), light.light)
     scale = max(max(background.shape[:2]) / (FINER * COARSE), 1.0)
     picture = _coarse_picture(background, coverage, at(scale), scale)
-    setting, _, factor = _climb(replace(setting, size=picture.dark.shape[::-1]), picture, light, 1 / FINER)
-    setting = replace(_matched(setting, factor), size=(labels.shape[1], labels.shape[0]))
+    setting, _, factor = _climb(
+        replace(setting, size=picture.dark.shape[::-1]), picture, light, 1 / FINER
+    )
+    setting = replace(
+        _matched(setting, factor), size=(labels.shape[1], labels.shape[0])
+    )
     silhouettes = at(1.0)
-    clean = lightened(background, *_seen_darkness(background, coverage, silhouettes, setting))
+    clean = lightened(
+        background, *_seen_darkness(background, coverage, silhouettes, setting)
+    )
     casts = [
-        (what.id, *found) for what in silhouettes if (found := shadow_darkness(what, setting)) is not None
+        (what.id, *found)
+        for what in silhouettes
+        if (found := shadow_darkness(what, setting)) is not None
     ]
     owners = shadow_owners(background, clean, coverage, casts)
     sure = round(min(0.9, score), 2)
-    return Shadows(clean, owners, setting.light, round(setting.softness, 1), 4.0, None, sure)
+    return Shadows(
+        clean, owners, setting.light, round(setting.softness, 1), 4.0, None, sure
+    )
 
 
 def _remove_ambient(
@@ -105,13 +128,19 @@ def _remove_ambient(
 ) -> Shadows:
     """The shade of soft light about rims is too faint, and too near, to be seen but on the whole."""
     found = [
-        (what.id, *cast) for what in silhouettes if (cast := shadow_darkness(what, shade.setting)) is not None
+        (what.id, *cast)
+        for what in silhouettes
+        if (cast := shadow_darkness(what, shade.setting)) is not None
     ]
-    casts = [(i, box, np.asarray(shade.factor * dark, np.float32)) for i, box, dark in found]
+    casts = [
+        (i, box, np.asarray(shade.factor * dark, np.float32)) for i, box, dark in found
+    ]
     dark = np.zeros(coverage.shape, np.float32)
     for _, (x0, y0, x1, y1), values in casts:
         dark[y0:y1, x0:x1] += values
-    clean = encode_u8(decode(background) * np.exp(extend_behind_objects(dark, coverage))[..., None])
+    clean = encode_u8(
+        decode(background) * np.exp(extend_behind_objects(dark, coverage))[..., None]
+    )
     owners = shadow_owners_by_model(coverage, casts, dark)
     soft = shade.setting.softness
     return Shadows(clean, owners, light, soft, 4.0, None, shade.confidence, faint=True)
@@ -130,7 +159,9 @@ class _Picture:
         """Correlation of predicted and seen darkness, and the factor from one to the other."""
         model = np.minimum(predicted_darkness(self.silhouettes, setting), 2.5)
         side = 2 * round(0.7 * self.size) + 1
-        w = self.weight * cv2.dilate((model > 0.04).astype(np.uint8), np.ones((side, side), np.uint8))
+        w = self.weight * cv2.dilate(
+            (model > 0.04).astype(np.uint8), np.ones((side, side), np.uint8)
+        )
         count = max(float(w.sum()), 1.0)
         model = model - float((w * model).sum()) / count
         dark = self.dark - float((w * self.dark).sum()) / count
@@ -145,16 +176,26 @@ def _coarse_picture(
     h, w = (max(1, round(n / scale)) for n in background.shape[:2])
     light = np.log(luminance(decode(background)) + DARKEST)
     open_ = away_from_objects(coverage).astype(np.float32)
-    known = np.asarray(cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
-    small = np.asarray(cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
-    small = np.where(known > 0.05, small / np.maximum(known, 0.05), 0).astype(np.float32)
+    known = np.asarray(
+        cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32
+    )
+    small = np.asarray(
+        cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32
+    )
+    small = np.where(known > 0.05, small / np.maximum(known, 0.05), 0).astype(
+        np.float32
+    )
     size = typical_size(silhouettes)
     sigma = 1.2 * size
     sums = cv2.GaussianBlur(small * known, (0, 0), sigma)
-    around = np.asarray(sums / np.maximum(cv2.GaussianBlur(known, (0, 0), sigma), 1e-3), np.float32)
+    around = np.asarray(
+        sums / np.maximum(cv2.GaussianBlur(known, (0, 0), sigma), 1e-3), np.float32
+    )
     dark = np.clip(around - small, -0.3, 1.2)
     weight = known * (known > 0.5)
-    return _Picture(np.asarray(dark, np.float32), np.asarray(weight, np.float32), silhouettes, size)
+    return _Picture(
+        np.asarray(dark, np.float32), np.asarray(weight, np.float32), silhouettes, size
+    )
 
 
 def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float, float]:
@@ -163,7 +204,9 @@ def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float,
     start = ShadowSetting(light.light, 4.0, True, 0.1, inf, (w, h))
     tries = [one for one in _starts(start) if deviation_penalty(one.light, light) < inf]
     best = sorted(tries, key=lambda one: -picture.score(one)[0])[:2]
-    return max((_climb(one, picture, light) for one in best), key=lambda found: found[1])
+    return max(
+        (_climb(one, picture, light) for one in best), key=lambda found: found[1]
+    )
 
 
 def _climb(
@@ -210,11 +253,16 @@ def _matched(setting: ShadowSetting, factor: float) -> ShadowSetting:
     ambient = max(setting.light.ambient, 0.05)
     intensity = min(share / (1 - share) * ambient / max(z, 0.05), 100.0 * ambient)
     total = (intensity + ambient) / FULL
-    return replace(setting, light=DistantLight((x, y, z), intensity / total, ambient / total))
+    return replace(
+        setting, light=DistantLight((x, y, z), intensity / total, ambient / total)
+    )
 
 
 def _seen_darkness(
-    background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], setting: ShadowSetting
+    background: Rgb,
+    coverage: F32,
+    silhouettes: Sequence[Silhouette],
+    setting: ShadowSetting,
 ) -> tuple[F32, F32, F32]:
     """(H, W) -log of the light that the photo misses, within reach of what geometry predicts; (H, W, 3) the light of
     like surfaces in full light; (H, W) 1 where no object is near."""
@@ -225,12 +273,16 @@ def _seen_darkness(
     wide = cv2.dilate(model, disc)
     reach = blurred(np.asarray(wide, np.float32), max(2.0, 0.15 * size))
     linear = decode(background)
-    smooth = np.asarray(cv2.medianBlur(np.log(luminance(linear) + DARKEST), 5), np.float32)
+    smooth = np.asarray(
+        cv2.medianBlur(np.log(luminance(linear) + DARKEST), 5), np.float32
+    )
     free = away_from_objects(coverage)
     lit = _reference(linear, (reach <= 0.03) & free, size)
     # the light found may be a little off, so that shadows lie beside those of the model
     most = 1.7 * cv2.dilate(wide, disc) + 0.2
-    dark = np.clip(np.log(luminance(lit) + DARKEST) - smooth, 0, most) * np.clip(reach / 0.08, 0, 1)
+    dark = np.clip(np.log(luminance(lit) + DARKEST) - smooth, 0, most) * np.clip(
+        reach / 0.08, 0, 1
+    )
     return np.asarray(dark, np.float32), lit, free.astype(np.float32)
 
 
@@ -238,7 +290,10 @@ def _reference(linear: F32, known: Mask, size: float) -> F32:
     """(H, W, 3): the light of like-coloured surfaces nearby, from where it is `known`."""
     if np.count_nonzero(known) < HUES:
         return np.asarray(cv2.medianBlur(linear, 5), np.float32)
-    reaches = [(part * size, part * size, gain) for part, gain in ((0.4, 1.0), (1.0, 0.05), (3, 0.002))]
+    reaches = [
+        (part * size, part * size, gain)
+        for part, gain in ((0.4, 1.0), (1.0, 0.05), (3, 0.002))
+    ]
     kinds = hue_weights(linear, known, 8000)
 
     def blur(picture: F32, across: float, down: float) -> F32:
@@ -247,6 +302,9 @@ def _reference(linear: F32, known: Mask, size: float) -> F32:
     plain = known.astype(np.float32)
     logs = (cv2.medianBlur(np.log(part + DARKEST), 5) for part in cv2.split(linear))
     means = [
-        mean_of_kind(part, plain, kinds, reaches, tiny=1e-9, prior=(1e-6, 1e-6), blur=blur) for part in logs
+        mean_of_kind(
+            part, plain, kinds, reaches, tiny=1e-9, prior=(1e-6, 1e-6), blur=blur
+        )
+        for part in logs
     ]
     return np.asarray(np.exp(cv2.merge(means)) - DARKEST, np.float32)

@@ -60,18 +60,33 @@ class Constants:
     answer: int = 50_000  # characters of an answer that are read
     starts: int = 200  # brackets at which JSON decoding is tried before giving up
     categories: int = 48  # at most, of a photo
-    similar_size: float = 1.15  # ratio of lengths up to which two objects share one question
-    similar_colour: float = 20.0  # CIELAB distance up to which two objects have one colour
+    similar_size: float = (
+        1.15  # ratio of lengths up to which two objects share one question
+    )
+    similar_colour: float = (
+        20.0  # CIELAB distance up to which two objects have one colour
+    )
     named: float = 0.8  # confidence of a name
-    weighed: float = 0.49  # confidence of a mass judged by eye: its logarithm scatters by 0.6
-    same_length: float = 0.05  # relative difference in length up to which similar objects count as equal
+    weighed: float = (
+        0.49  # confidence of a mass judged by eye: its logarithm scatters by 0.6
+    )
+    same_length: float = (
+        0.05  # relative difference in length up to which similar objects count as equal
+    )
     name: int = 48  # characters of a name
     densest: float = 23.0  # g/cm³: osmium, the densest element (CRC)
     photo: int = 1024  # px: the longer side of a whole photo, at most
-    closeup: tuple[int, int] = (256, 512)  # px: the longer side of a close-up, at least and at most
+    closeup: tuple[int, int] = (
+        256,
+        512,
+    )  # px: the longer side of a close-up, at least and at most
     margin: float = 0.25  # around an object, as a share of its longer side
     surroundings: float = 0.4  # share of their light that an object's surroundings keep
-    ink: tuple[int, int, int] = (255, 0, 255)  # RGB of outlines: hardly any object is magenta
+    ink: tuple[int, int, int] = (
+        255,
+        0,
+        255,
+    )  # RGB of outlines: hardly any object is magenta
 
 
 VLM = Constants()
@@ -176,10 +191,14 @@ class _Role:
         parts, name = urlsplit(self._url), f"{self.role}=vlm"
         if not self._url or not self._model:
             fix = f"set {URL} and {MODEL} (its key in {KEY}), or write url and model below [vlm] in physgen.toml"
-            raise InputError.of("--backend", name, "lacks a server or a model to ask", fix)
+            raise InputError.of(
+                "--backend", name, "lacks a server or a model to ask", fix
+            )
         if parts.scheme not in ("http", "https") or not parts.hostname:
             fix = "write e.g. http://localhost:8000/v1"
-            raise InputError.of("--backend", name, f"is given a {URL} that is no address", fix)
+            raise InputError.of(
+                "--backend", name, f"is given a {URL} that is no address", fix
+            )
         self._where = f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
         self._sampling = SAMPLING
         self._usage: list[dict[str, int]] = []
@@ -187,7 +206,10 @@ class _Role:
     @cached_property
     def _server(self) -> openai.OpenAI:
         return openai.OpenAI(
-            base_url=self._url, api_key=self._key or "none", timeout=self._timeout, max_retries=VLM.retries
+            base_url=self._url,
+            api_key=self._key or "none",
+            timeout=self._timeout,
+            max_retries=VLM.retries,
         )
 
     def ask(self, queries: Sequence[Query]) -> list[Any]:
@@ -216,12 +238,16 @@ class _Role:
     def _answer(self, query: Query) -> Any:
         """A usable answer, from the cache where it was given before."""
         file = self._cache_file(query)
-        with suppress(OSError, UnicodeDecodeError, UnusableAnswerError):  # none there, or a broken one
+        with suppress(
+            OSError, UnicodeDecodeError, UnusableAnswerError
+        ):  # none there, or a broken one
             cached = parse_answer(file.read_text(), query)
             self._usage.append({"cached": 1})
             return cached
         answer = self._usable(query)
-        with suppress(OSError):  # a folder that cannot be written to is no reason to fail
+        with suppress(
+            OSError
+        ):  # a folder that cannot be written to is no reason to fail
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, json.dumps(answer, ensure_ascii=False).encode())
         return answer
@@ -252,20 +278,33 @@ class _Role:
         request: dict[str, Any] = {"model": self._model, "messages": turns}
         try:
             try:
-                reply = self._server.chat.completions.create(**request, **self._sampling)
+                reply = self._server.chat.completions.create(
+                    **request, **self._sampling
+                )
             except (openai.BadRequestError, openai.UnprocessableEntityError):
                 self._sampling = {}
                 reply = self._server.chat.completions.create(**request)
             message, usage = reply.choices[0].message, reply.usage
         except openai.OpenAIError as error:
             body = getattr(error, "body", None)
-            text = str(body.get("message") if isinstance(body, dict) else error.__cause__ or error)
+            text = str(
+                body.get("message")
+                if isinstance(body, dict)
+                else error.__cause__ or error
+            )
             status = getattr(error, "status_code", type(error).__name__)
             self._fail(query, f"fails ({status}: {plain_line(text, 160)})")
         except (ValueError, AttributeError, IndexError, TypeError):  # a web page
             self._fail(query, "gave what is no chat completion")
-        tokens = (getattr(usage, f"{kind}_tokens", None) or 0 for kind in ("prompt", "completion"))
-        self._usage.append(dict(zip(("requests", "tokens_in", "tokens_out"), (1, *tokens), strict=True)))
+        tokens = (
+            getattr(usage, f"{kind}_tokens", None) or 0
+            for kind in ("prompt", "completion")
+        )
+        self._usage.append(
+            dict(
+                zip(("requests", "tokens_in", "tokens_out"), (1, *tokens), strict=True)
+            )
+        )
         return message.content or getattr(message, "refusal", None) or ""
 
     def _fail(self, query: Query, what: str) -> NoReturn:
@@ -292,7 +331,9 @@ class Categories(_Role):
     def __call__(self, rgb: Rgb) -> Sequence[Category]:
         """Each noun once; a repeated one is movable if it is so each time. Raises InputError."""
         picture = _png(_resized(rgb, 0, VLM.photo))
-        query = Query("the photo", CATEGORIES_QUESTION, (picture,), CATEGORIES_SCHEMA, _nameless)
+        query = Query(
+            "the photo", CATEGORIES_QUESTION, (picture,), CATEGORIES_SCHEMA, _nameless
+        )
         (answer,) = self.ask([query])
         found: dict[str, bool] = {}
         for one in answer["categories"]:
@@ -306,13 +347,21 @@ class Label(_Role):
 
     role = "label"
 
-    def __call__(self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mapping[int, Name]:
+    def __call__(
+        self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
+    ) -> Mapping[int, Name]:
         """A name for every object, by id; similar objects share one question. Raises InputError."""
         masks = {item.id: np.asarray(labels == item.id) for item in objects}
         groups = similar_groups(rgb, objects, masks)
         queries = [label_query(rgb, masks[group[0].id]) for group in groups]
-        names = [Name(clean_name(answer["name"]), VLM.named) for answer in self.ask(queries)]
-        return {item.id: name for group, name in zip(groups, names, strict=True) for item in group}
+        names = [
+            Name(clean_name(answer["name"]), VLM.named) for answer in self.ask(queries)
+        ]
+        return {
+            item.id: name
+            for group, name in zip(groups, names, strict=True)
+            for item in group
+        }
 
 
 class Physics(_Role):
@@ -325,9 +374,14 @@ class Physics(_Role):
     ) -> Mapping[int, Matter]:
         """Matter of every object, by id; similar objects share one question. Raises InputError."""
         size = rgb.shape[1], rgb.shape[0]
-        masks = {item.id: raster.coverage(item.outline, size) >= 0.5 for item in objects}
+        masks = {
+            item.id: raster.coverage(item.outline, size) >= 0.5 for item in objects
+        }
         groups = similar_groups(rgb, objects, masks)
-        queries = [physics_query(rgb, masks[group[0].id], group[0], pixels_per_meter) for group in groups]
+        queries = [
+            physics_query(rgb, masks[group[0].id], group[0], pixels_per_meter)
+            for group in groups
+        ]
         result: dict[int, Matter] = {}
         for group, answer in zip(groups, self.ask(queries), strict=True):
             result |= group_matter(answer, group, self._model)
@@ -362,7 +416,9 @@ def similar_groups(
     return groups
 
 
-def group_matter(answer: Mapping[str, Any], group: Sequence[PhotoObject], model: str) -> Mapping[int, Matter]:
+def group_matter(
+    answer: Mapping[str, Any], group: Sequence[PhotoObject], model: str
+) -> Mapping[int, Matter]:
     """Matter of each of the similar objects of a group, by id, from the `answer` about the first.
 
     Mass is scaled by the cube of the length where an object is larger or smaller than that.
@@ -381,7 +437,9 @@ def group_matter(answer: Mapping[str, Any], group: Sequence[PhotoObject], model:
             elasticity=round(answer["elasticity"], 3),
             rolling=float(f"{answer['rolling']:.2g}"),
             # only circles have another moment than that of their area
-            solid=Solid(answer["solid"]) if isinstance(item.outline, Disc) else Solid.PLATE,
+            solid=Solid(answer["solid"])
+            if isinstance(item.outline, Disc)
+            else Solid.PLATE,
             confidence=VLM.weighed,
             reason=reason,
             surface=f"{material}, as {plain_line(model, 60)} judges",
@@ -399,11 +457,17 @@ def label_query(rgb: Rgb, mask: Mask) -> Query:
 
 def _nameless(answer: Mapping[str, Any]) -> list[str]:
     """A fault where no name is left of the answer."""
-    names = [answer["name"]] if "name" in answer else [one["noun"] for one in answer["categories"]]
+    names = (
+        [answer["name"]]
+        if "name" in answer
+        else [one["noun"] for one in answer["categories"]]
+    )
     return [] if any(map(clean_name, names)) else ["there is no name in it"]
 
 
-def physics_query(rgb: Rgb, mask: Mask, item: PhotoObject, pixels_per_meter: float | None) -> Query:
+def physics_query(
+    rgb: Rgb, mask: Mask, item: PhotoObject, pixels_per_meter: float | None
+) -> Query:
     """Material, mass and size of one object."""
     name = plain_line(item.label, VLM.name)
     label = f', "{name}",' if name else ""
@@ -412,7 +476,9 @@ def physics_query(rgb: Rgb, mask: Mask, item: PhotoObject, pixels_per_meter: flo
         hint = f"; by the photo's scale it is about {box_sides(item.outline)[0] / pixels_per_meter:.2g}"
     pictures = _outlined_photo(rgb, mask), _closeup(rgb, mask)
     text = PHYSICS_QUESTION.format(label=label, hint=hint)
-    return Query(name or "an object", text, pictures, PHYSICS_SCHEMA, mass_contradictions)
+    return Query(
+        name or "an object", text, pictures, PHYSICS_SCHEMA, mass_contradictions
+    )
 
 
 def mass_contradictions(answer: Mapping[str, Any]) -> list[str]:
@@ -439,7 +505,10 @@ def clean_name(text: str) -> str:
 def median_lab(rgb: Rgb, mask: Mask) -> NDArray[np.float64]:
     """(3,) an object's median colour in CIELAB, L in 0..100."""
     inside = rgb[mask] if mask.any() else rgb.reshape(-1, 3)
-    lab = cv2.cvtColor(np.median(inside, axis=0).astype(np.float32)[None, None] / 255, cv2.COLOR_RGB2LAB)
+    lab = cv2.cvtColor(
+        np.median(inside, axis=0).astype(np.float32)[None, None] / 255,
+        cv2.COLOR_RGB2LAB,
+    )
     return np.asarray(lab[0, 0], np.float64)
 
 
@@ -458,7 +527,10 @@ def _closeup(rgb: Rgb, mask: Mask) -> bytes:
     (y0, y1), (x0, x1) = ((int(line[0]), int(line[-1]) + 1) for line in (rows, columns))
     margin = max(ceil(VLM.margin * max(y1 - y0, x1 - x0)), 8)
     y0, x0 = max(y0 - margin, 0), max(x0 - margin, 0)
-    part, inside = rgb[y0 : y1 + margin, x0 : x1 + margin], mask[y0 : y1 + margin, x0 : x1 + margin]
+    part, inside = (
+        rgb[y0 : y1 + margin, x0 : x1 + margin],
+        mask[y0 : y1 + margin, x0 : x1 + margin],
+    )
     picture = _resized(np.ascontiguousarray(part), *VLM.closeup).copy()
     fitted = _fitted(inside, picture)
     picture[~fitted] = (picture[~fitted] * VLM.surroundings).astype(np.uint8)
@@ -500,19 +572,25 @@ def parse_answer(text: str, query: Query) -> Any:
 
     Raises UnusableAnswerError with the faults of the first JSON found.
     """
-    text = re.sub(r"<think>.*?(</think>|\Z)", " ", text[: VLM.answer], flags=re.DOTALL).strip()
+    text = re.sub(
+        r"<think>.*?(</think>|\Z)", " ", text[: VLM.answer], flags=re.DOTALL
+    ).strip()
     first = "" if text else "it was empty"
     for value in _json_objects(text):
         faults = _faults(value, query)
         if not faults:
             return value
         first = first or "; ".join(faults[:4])
-    raise UnusableAnswerError(first or f'it had no JSON in it, but "{plain_line(text, 60)}"')
+    raise UnusableAnswerError(
+        first or f'it had no JSON in it, but "{plain_line(text, 60)}"'
+    )
 
 
 def _json_objects(text: str) -> Iterator[Any]:
     """Every outermost JSON object in a text."""
-    decoder = json.JSONDecoder(parse_constant=lambda name: name)  # NaN and Infinity stay text
+    decoder = json.JSONDecoder(
+        parse_constant=lambda name: name
+    )  # NaN and Infinity stay text
     position = 0
     for _ in range(VLM.starts):
         if (start := text.find("{", position)) < 0:
@@ -545,4 +623,8 @@ def plain_line(text: str, most: int = 300) -> str:
     'a red # ball[0m'
     """
     line = " ".join("".join(c for c in text if c.isprintable() or c.isspace()).split())
-    return line if len(line) <= most else f"{line[:most].rpartition(' ')[0] or line[:most]} ..."
+    return (
+        line
+        if len(line) <= most
+        else f"{line[:most].rpartition(' ')[0] or line[:most]} ..."
+    )

@@ -33,13 +33,23 @@ class _Matching:
     """Thresholds of edges and of pairs; colours in levels of 0..255."""
 
     contrast: float = 22.0  # between the two sides (length of the difference) from which there is an edge
-    coherence: float = 0.75  # of the structure tensor, from which an edge has a direction
-    unmatched_contrast: float = 50.0  # the contrast from which an unmatched edge goes on
-    certain: float = 200.0  # the contrast from which it goes on to the hole's other side
-    similar: float = 25.0  # by which the more similar side of an edge may differ from end to end
+    coherence: float = (
+        0.75  # of the structure tensor, from which an edge has a direction
+    )
+    unmatched_contrast: float = (
+        50.0  # the contrast from which an unmatched edge goes on
+    )
+    certain: float = (
+        200.0  # the contrast from which it goes on to the hole's other side
+    )
+    similar: float = (
+        25.0  # by which the more similar side of an edge may differ from end to end
+    )
     max_doubt: float = 0.75  # that two ends belong to one edge: colours, turns that are no arc's, long bends
     bulge: float = 0.1  # bending from which an edge that only runs along the hole's border is not drawn
-    corner_sine: float = 0.5  # of the angle between two edges from which they make a corner
+    corner_sine: float = (
+        0.5  # of the angle between two edges from which they make a corner
+    )
 
     def similar_sides(self, near: float, contrasts: float) -> bool:
         """Whether the more similar side, off by `near`, may be the same; `contrasts` of both ends together."""
@@ -59,7 +69,9 @@ class BorderEnd:
     left: F64  # Mean colour to the left of `towards` (y down: the side of (ty, -tx))
     right: F64
     contrast: float
-    profile: F64  # (2 STRIP + 1, 3): colours across it, from left to right; NaN where hidden
+    profile: (
+        F64  # (2 STRIP + 1, 3): colours across it, from left to right; NaN where hidden
+    )
 
 
 @dataclass(frozen=True)
@@ -84,9 +96,13 @@ class KnownSurroundings:
         """Of `picture` (H, W, 3), unknown where `blocked` (H, W)."""
         smooth = cv2.GaussianBlur(picture, (0, 0), 1)
         known = (~dilate(blocked, 1)).astype(np.float32)[:, :, None]
-        gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=3) / 8 * known for d in ((1, 0), (0, 1)))
+        gx, gy = (
+            cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=3) / 8 * known
+            for d in ((1, 0), (0, 1))
+        )
         xx, xy, yy = (
-            cv2.GaussianBlur((a * b).sum(2), (0, 0), 3.5) for a, b in ((gx, gx), (gx, gy), (gy, gy))
+            cv2.GaussianBlur((a * b).sum(2), (0, 0), 3.5)
+            for a, b in ((gx, gx), (gx, gy), (gy, gy))
         )
         return cls(np.asarray(smooth, np.float32), blocked, (xx, xy, yy))
 
@@ -95,7 +111,9 @@ def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
     """`(H, W, 3)` with strips along the edges continued through `hole` (H, W), and where these strips are."""
     height, width = hole.shape
     edges = (PAD,) * 4
-    picture = np.asarray(cv2.copyMakeBorder(picture, *edges, cv2.BORDER_REPLICATE), np.float32)
+    picture = np.asarray(
+        cv2.copyMakeBorder(picture, *edges, cv2.BORDER_REPLICATE), np.float32
+    )
     hole = cv2.copyMakeBorder(hole.astype(np.uint8), *edges, cv2.BORDER_REPLICATE) > 0
     result, where = picture.copy(), np.zeros_like(hole)
     known = KnownSurroundings.of(picture, dilate(hole, 1))
@@ -113,9 +131,13 @@ def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
     picture, blocked = known.picture, known.blocked
     h, w = piece.shape
     r = OFFSET + SIDE + 2
-    wide = cv2.copyMakeBorder(piece.astype(np.uint8), r, r, r, r, cv2.BORDER_CONSTANT, value=0)
+    wide = cv2.copyMakeBorder(
+        piece.astype(np.uint8), r, r, r, r, cv2.BORDER_CONSTANT, value=0
+    )
     contours, _ = cv2.findContours(
-        np.asarray(dilate(wide > 0, OFFSET), np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        np.asarray(dilate(wide > 0, OFFSET), np.uint8),
+        cv2.RETR_EXTERNAL,
+        cv2.CHAIN_APPROX_NONE,
     )
     path = max(contours, key=len)[:, 0, :].astype(np.float64) - r
     x, y = path.astype(int).T
@@ -131,7 +153,10 @@ def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
     coherence = spread / np.maximum(xx + yy, 1e-6)
     # inward normal from the distance to the piece
     inward = cv2.GaussianBlur(wide.astype(np.float32), (0, 0), OFFSET)
-    nx, ny = (cv2.Sobel(inward, cv2.CV_32F, *d, ksize=3)[y + r, x + r] for d in ((1, 0), (0, 1)))
+    nx, ny = (
+        cv2.Sobel(inward, cv2.CV_32F, *d, ksize=3)[y + r, x + r]
+        for d in ((1, 0), (0, 1))
+    )
     tx, ty = -np.sin(angle), np.cos(angle)
     sign = np.where(tx * nx + ty * ny < 0, -1, 1)
     tx, ty = tx * sign, ty * sign
@@ -144,21 +169,36 @@ def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
         sy = path[:, 1, None] - turn * tx[:, None] * steps
         colours, legal = _sampled(picture, blocked, sx, sy)
         ok &= legal.sum(1) >= 3
-        sides.append((colours * legal[:, :, None]).sum(1) / np.maximum(legal.sum(1), 1)[:, None])
+        sides.append(
+            (colours * legal[:, :, None]).sum(1) / np.maximum(legal.sum(1), 1)[:, None]
+        )
     left, right = sides
     contrast = np.linalg.norm(left - right, axis=1)
-    ok &= (coherence > MATCHING.coherence) & (contrast > MATCHING.contrast) & (slant > 0.3)
+    ok &= (
+        (coherence > MATCHING.coherence)
+        & (contrast > MATCHING.contrast)
+        & (slant > 0.3)
+    )
     score = np.where(ok, spread, 0)
     for i in np.flatnonzero(ok):
         around = np.arange(i - 6, i + 7) % n
-        if score[i] == score[around].max() and not (score[around[:6]] == score[i]).any():
+        if (
+            score[i] == score[around].max()
+            and not (score[around[:6]] == score[i]).any()
+        ):
             towards = np.array([tx[i], ty[i]])
             across = border_profile(picture, blocked, path[i], towards)
             slope = np.linalg.norm(across[4:] - across[:-4], axis=1)[2:-2]
-            shift = 0 if np.isnan(slope).all() else int(np.nanargmax(slope)) - (len(slope) - 1) // 2
+            shift = (
+                0
+                if np.isnan(slope).all()
+                else int(np.nanargmax(slope)) - (len(slope) - 1) // 2
+            )
             at = path[i] + shift * np.array([-towards[1], towards[0]])
             across = border_profile(picture, blocked, at, towards)
-            yield BorderEnd(int(i), at, towards, left[i], right[i], float(contrast[i]), across)
+            yield BorderEnd(
+                int(i), at, towards, left[i], right[i], float(contrast[i]), across
+            )
 
 
 def _sampled(picture: F32, blocked: Mask, x: F64, y: F64) -> tuple[F32, Mask]:
@@ -187,21 +227,32 @@ def _lines(ends: list[BorderEnd], piece: Mask) -> Iterator[BorderLine]:
     drawn = np.zeros(piece.shape, bool)
     joined: set[int] = set()
     yield from _pairs(ends, piece, drawn, joined)
-    alone = [e for k, e in enumerate(ends) if k not in joined and e.contrast > MATCHING.unmatched_contrast]
+    alone = [
+        e
+        for k, e in enumerate(ends)
+        if k not in joined and e.contrast > MATCHING.unmatched_contrast
+    ]
     # an edge that ends at another's T comes second; what is left may be a corner
     for last in (False, False, True):
-        met = [(end, path) for end in alone if (path := straight_to_line(end, piece, drawn)) is not None]
+        met = [
+            (end, path)
+            for end in alone
+            if (path := straight_to_line(end, piece, drawn)) is not None
+        ]
         alone = [end for end in alone if all(end is not other for other, _ in met)]
         for end, path in met:
             _draw(drawn, path)
             yield BorderLine(path, end.profile, end.profile)
         for a, b, place in [] if last or met else corner_pairs(alone, piece, drawn):
             alone = [end for end in alone if end is not a and end is not b]
-            bent = np.concatenate([line_points(a.at, place), line_points(place, b.at)[1:]])
+            bent = np.concatenate(
+                [line_points(a.at, place), line_points(place, b.at)[1:]]
+            )
             _draw(drawn, bent)
             yield BorderLine(bent, a.profile, b.profile[::-1])
     for end in sorted(
-        (one for one in alone if one.contrast > MATCHING.certain), key=lambda one: -one.contrast
+        (one for one in alone if one.contrast > MATCHING.certain),
+        key=lambda one: -one.contrast,
     ):
         path, inside = straight_path(end.at, end.towards, piece)
         path = path[: np.flatnonzero(np.append(True, inside))[-1]]
@@ -211,7 +262,9 @@ def _lines(ends: list[BorderEnd], piece: Mask) -> Iterator[BorderLine]:
             yield BorderLine(path, end.profile, end.profile)
 
 
-def _pairs(ends: list[BorderEnd], piece: Mask, drawn: Mask, joined: set[int]) -> Iterator[BorderLine]:
+def _pairs(
+    ends: list[BorderEnd], piece: Mask, drawn: Mask, joined: set[int]
+) -> Iterator[BorderLine]:
     """Curves between ends that belong to one edge; adds to `drawn` and `joined`."""
     pairs = []
     bends: dict[tuple[int, int], float] = {}
@@ -224,15 +277,31 @@ def _pairs(ends: list[BorderEnd], piece: Mask, drawn: Mask, joined: set[int]) ->
             near, far = colour_differences(a, b)
             both = a.contrast + b.contrast
             length = float(np.hypot(*chord))
-            doubt = (1.5 * near + 0.5 * far) / both + 2 * abs(alpha + beta) + bend * length / 67
-            if length > 2 * OFFSET and MATCHING.similar_sides(near, both) and doubt < MATCHING.max_doubt:
+            doubt = (
+                (1.5 * near + 0.5 * far) / both
+                + 2 * abs(alpha + beta)
+                + bend * length / 67
+            )
+            if (
+                length > 2 * OFFSET
+                and MATCHING.similar_sides(near, both)
+                and doubt < MATCHING.max_doubt
+            ):
                 pairs.append((doubt + 7 * bend, i, j))
-    depth = cv2.distanceTransform(np.pad(piece, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    depth = cv2.distanceTransform(np.pad(piece, 1).astype(np.uint8), cv2.DIST_L2, 5)[
+        1:-1, 1:-1
+    ]
     chords: list[tuple[int, int]] = []
     for _, i, j in sorted(pairs):
-        if i in joined or j in joined or any((p < i < q) != (p < j < q) for p, q in chords):
+        if (
+            i in joined
+            or j in joined
+            or any((p < i < q) != (p < j < q) for p, q in chords)
+        ):
             continue
-        line = BorderLine(_cubic(ends[i], ends[j]), ends[i].profile, ends[j].profile[::-1])
+        line = BorderLine(
+            _cubic(ends[i], ends[j]), ends[i].profile, ends[j].profile[::-1]
+        )
         y, x = (
             np.clip(np.round(c).astype(int), 0, n - 1)
             for c, n in zip(line.points.T[::-1], piece.shape, strict=True)
@@ -259,7 +328,9 @@ def corner_pairs(
             gap = b.at - a.at
             u = (gap[0] * b.towards[1] - gap[1] * b.towards[0]) / sine
             v = (gap[0] * a.towards[1] - gap[1] * a.towards[0]) / sine
-            if min(u, v) <= 0 or not (_is_free(a, u, piece, drawn) and _is_free(b, v, piece, drawn)):
+            if min(u, v) <= 0 or not (
+                _is_free(a, u, piece, drawn) and _is_free(b, v, piece, drawn)
+            ):
                 continue
             near, far = colour_differences(a, b)
             both = a.contrast + b.contrast
@@ -287,7 +358,9 @@ def straight_path(at: F64, towards: F64, piece: Mask) -> tuple[F64, Mask]:
     h, w = piece.shape
     points = at + 0.5 * np.arange(2 * (h + w))[:, None] * towards
     x, y = np.round(points).astype(int).T
-    points = points[: int(np.argmax(np.append((x < 0) | (y < 0) | (x >= w) | (y >= h), True)))]
+    points = points[
+        : int(np.argmax(np.append((x < 0) | (y < 0) | (x >= w) | (y >= h), True)))
+    ]
     x, y = np.round(points).astype(int).T
     inside = piece[y, x]
     first = int(np.argmax(inside)) if inside.any() else 0
@@ -297,13 +370,18 @@ def straight_path(at: F64, towards: F64, piece: Mask) -> tuple[F64, Mask]:
 
 def colour_differences(a: BorderEnd, b: BorderEnd) -> tuple[float, float]:
     """Differences of colour between two ends: of the more similar side (the surface in front), and of the other."""
-    one, other = float(np.linalg.norm(a.left - b.right)), float(np.linalg.norm(a.right - b.left))
+    one, other = (
+        float(np.linalg.norm(a.left - b.right)),
+        float(np.linalg.norm(a.right - b.left)),
+    )
     return min(one, other), max(one, other)
 
 
 def line_points(at: F64, to: F64) -> F64:
     """Points (n, 2) from one place to another, half a px apart."""
-    return at + np.linspace(0, 1, int(2 * np.hypot(*(to - at))) + 2)[:, None] * (to - at)
+    return at + np.linspace(0, 1, int(2 * np.hypot(*(to - at))) + 2)[:, None] * (
+        to - at
+    )
 
 
 def _is_free(end: BorderEnd, length: float, piece: Mask, drawn: Mask) -> bool:
@@ -326,7 +404,12 @@ def _cubic(a: BorderEnd, b: BorderEnd) -> F64:
     handle = length / 3 * (1 + alpha * alpha / 24)  # about a circle's
     t = np.linspace(0, 1, int(2 * length) + 2)[:, None]
     p, q = a.at + handle * a.towards, b.at + handle * b.towards
-    return (1 - t) ** 3 * a.at + 3 * (1 - t) ** 2 * t * p + 3 * (1 - t) * t**2 * q + t**3 * b.at
+    return (
+        (1 - t) ** 3 * a.at
+        + 3 * (1 - t) ** 2 * t * p
+        + 3 * (1 - t) * t**2 * q
+        + t**3 * b.at
+    )
 
 
 def _draw(mask: Mask, points: F64) -> None:
@@ -348,7 +431,9 @@ def _paint_strip(result: F32, where: Mask, piece: Mask, line: BorderLine) -> Non
     step = max(CHUNK // len(line.points), 1)
     for k in range(0, len(x), step):
         part = slice(k, k + step)
-        gap = (x[part, None] + x0 - line.points[:, 0]) ** 2 + (y[part, None] + y0 - line.points[:, 1]) ** 2
+        gap = (x[part, None] + x0 - line.points[:, 0]) ** 2 + (
+            y[part, None] + y0 - line.points[:, 1]
+        ) ** 2
         near[part], away[part] = gap.argmin(1), gap.min(1)
     along = np.gradient(line.points, axis=0)[near]
     along /= np.hypot(along[:, 0], along[:, 1])[:, None]

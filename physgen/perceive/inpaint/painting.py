@@ -60,7 +60,9 @@ def windows(hole: Mask, least: int) -> list[tuple[slice, slice]]:
     """
     canvas = np.zeros_like(hole)
     for rows, columns in _rectangles(hole):
-        canvas[_around(rows, hole.shape[0], least), _around(columns, hole.shape[1], least)] = True
+        canvas[
+            _around(rows, hole.shape[0], least), _around(columns, hole.shape[1], least)
+        ] = True
     while True:  # touching windows are merged
         found = _rectangles(canvas)
         before = np.count_nonzero(canvas)
@@ -100,7 +102,9 @@ def resize_picture(picture: Rgb, size: tuple[int, int]) -> Rgb:
 
 def _rectangles(mask: Mask) -> list[tuple[slice, slice]]:
     """Rows and columns of each connected piece."""
-    _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(
+        mask.astype(np.uint8), connectivity=8
+    )
     return [(slice(y, y + h), slice(x, x + w)) for x, y, w, h, _ in stats[1:].tolist()]
 
 

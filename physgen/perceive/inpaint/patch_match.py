@@ -51,11 +51,18 @@ class _Tuning:
     max_depth: float = 4.5  # px that the hole may be deep at the coarsest scale
     # px: a coarsest scale with more is halved again (photos over three times as wide as high)
     wide: int = 30_000
-    grain_blur: float = 2.0  # px, standard deviation of the blur that separates grain from colour
+    grain_blur: float = (
+        2.0  # px, standard deviation of the blur that separates grain from colour
+    )
     grain_block: int = 16  # px a side of what is copied from one place
-    grain_most: float = 4.0  # times as strong as around the hole: more is no grain, but an edge
+    grain_most: float = (
+        4.0  # times as strong as around the hole: more is no grain, but an edge
+    )
     grain_margin: int = 10  # px around the hole whose grain it takes on
-    grain_gain: tuple[float, float] = (0.8, 1.6)  # by which its own grain is scaled, at least and at most
+    grain_gain: tuple[float, float] = (
+        0.8,
+        1.6,
+    )  # by which its own grain is scaled, at least and at most
 
 
 TUNING = _Tuning()
@@ -85,7 +92,9 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
     """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
     levels = list(image_pyramid(picture, hole, *continue_edges(picture, hole)))
     if not hole.any() or not levels or not patch_centres(levels[-1].hole, RADIUS).any():
-        return harmonic_fill(picture, hole)  # nowhere a whole patch is left to borrow from
+        return harmonic_fill(
+            picture, hole
+        )  # nowhere a whole patch is left to borrow from
     top = len(levels) - 1
     last, chosen = levels[-1], min(TUNING.chosen, top)
     shared = {k: _Search(levels[k], RADIUS if k else 2) for k in range(chosen, top + 1)}
@@ -97,10 +106,15 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
         return fill
 
     def started(start: F32, keep: bool) -> _Fill:
-        none = _Fill(start, None, np.ones(last.hole.shape, np.float32), np.zeros(0, np.float32))
+        none = _Fill(
+            start, None, np.ones(last.hole.shape, np.float32), np.zeros(0, np.float32)
+        )
         return refined(none, top, chosen, keep)
 
-    edges, rows = harmonic_fill(last.picture, last.hole & ~last.drawn), level_fill(last.picture, last.hole)
+    edges, rows = (
+        harmonic_fill(last.picture, last.hole & ~last.drawn),
+        level_fill(last.picture, last.hole),
+    )
     fills = [started(edges, keep=True)]
     if np.abs(edges - rows).max() > TUNING.same:
         fills.append(started(rows, keep=False))
@@ -116,16 +130,24 @@ def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
     h, w = level.hole.shape
     if field is not None:
         larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
-        guess = np.where((level.hole & ~(level.drawn & keep))[:, :, None], larger, level.picture)
+        guess = np.where(
+            (level.hole & ~(level.drawn & keep))[:, :, None], larger, level.picture
+        )
         field = _doubled(field, (h, w))
-        alike = np.asarray(cv2.resize(alike, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
+        alike = np.asarray(
+            cv2.resize(alike, (w, h), interpolation=cv2.INTER_LINEAR), np.float32
+        )
     for _ in range(TUNING.rounds[min(k, 3)]):
         if k or field is None:
             field, cost = search.nearest(guess, field)
-            alike[search.at[:, 0], search.at[:, 1]] = np.exp(-((cost / TUNING.unlike) ** 2))
+            alike[search.at[:, 0], search.at[:, 1]] = np.exp(
+                -((cost / TUNING.unlike) ** 2)
+            )
         else:
             field, cost = search.snapped(field)
-        guess = search.vote(level.picture, guess, field, (cost, alike), search.radius if k else 1)
+        guess = search.vote(
+            level.picture, guess, field, (cost, alike), search.radius if k else 1
+        )
         if keep:
             guess = np.where(level.drawn[:, :, None], level.picture, guess)
     return _Fill(guess, field, alike, cost)
@@ -135,7 +157,10 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
     """Of each piece of the hole, the fill whose patches are most like known ones; see TUNING."""
     level = search.level
     pieces, inside = nearest_piece(level.hole), level.hole
-    at, weight = pieces[search.at[:, 0], search.at[:, 1]], search.trust[search.at[:, 0], search.at[:, 1]]
+    at, weight = (
+        pieces[search.at[:, 0], search.at[:, 1]],
+        search.trust[search.at[:, 0], search.at[:, 1]],
+    )
     count = np.maximum(np.bincount(at, weight), 1e-9)
     area = np.maximum(np.bincount(pieces[inside], minlength=len(count)), 1)
     unlike = []
@@ -147,7 +172,8 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
         unlike.append(cost + TUNING.astray * astray + TUNING.seam * seam)
     at_best = np.argmin(unlike, axis=0)[pieces], *np.indices(pieces.shape)
     guess, alike, field = (
-        np.stack([getattr(fill, name) for fill in fills])[at_best] for name in ("guess", "alike", "field")
+        np.stack([getattr(fill, name) for fill in fills])[at_best]
+        for name in ("guess", "alike", "field")
     )
     return _Fill(guess, field, alike, fills[0].cost)
 
@@ -174,12 +200,17 @@ def _doubled(field: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int6
     """Places (H, W, 2) at twice the scale."""
     rows, columns = np.arange(size[0]), np.arange(size[1])
     near = field[
-        np.minimum(rows // 2, field.shape[0] - 1)[:, None], np.minimum(columns // 2, field.shape[1] - 1)
+        np.minimum(rows // 2, field.shape[0] - 1)[:, None],
+        np.minimum(columns // 2, field.shape[1] - 1),
     ]
-    return np.asarray(near * 2 + np.stack(np.meshgrid(rows % 2, columns % 2, indexing="ij"), -1))
+    return np.asarray(
+        near * 2 + np.stack(np.meshgrid(rows % 2, columns % 2, indexing="ij"), -1)
+    )
 
 
-def image_pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
+def image_pyramid(
+    picture: F32, hole: Mask, start: F32, strips: Mask
+) -> Iterator[Level]:
     """From the finest to the coarsest scale that still has whole known patches; there the hole is shallow."""
     known = (~hole).astype(np.float32)
     value = picture * known[:, :, None]
@@ -189,11 +220,18 @@ def image_pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterato
         now = known < (0.999 if k == 0 else 0.5)
         if patch_centres(now, RADIUS if k else 2).sum() < 64:
             return
-        mean, line = (v / np.maximum(p, 1e-6)[:, :, None] for v, p in ((value, known), (strip, part)))
+        mean, line = (
+            v / np.maximum(p, 1e-6)[:, :, None]
+            for v, p in ((value, known), (strip, part))
+        )
         drawn = now & (part > 0.35)
-        yield Level(np.where(drawn[:, :, None], line, mean).astype(np.float32), now, drawn)
+        yield Level(
+            np.where(drawn[:, :, None], line, mean).astype(np.float32), now, drawn
+        )
         depth = cv2.distanceTransform(now.astype(np.uint8), cv2.DIST_L2, 3).max()
-        if depth < TUNING.max_depth or min(now.shape) < (96 if now.size < TUNING.wide else 48):
+        if depth < TUNING.max_depth or min(now.shape) < (
+            96 if now.size < TUNING.wide else 48
+        ):
             return
         size = (now.shape[1] + 1) // 2, (now.shape[0] + 1) // 2
         value, known, strip, part = (
@@ -215,7 +253,9 @@ def _square(radius: int) -> NDArray[np.uint8]:
 
 def _halved(picture: F32, r: int) -> F32:
     """`picture` with a border of r px, in whole numbers from -64 to 64."""
-    return np.pad(np.round(picture / 2) - 64, ((r, r), (r, r), (0, 0)), mode="edge").astype(np.float32)
+    return np.pad(
+        np.round(picture / 2) - 64, ((r, r), (r, r), (0, 0)), mode="edge"
+    ).astype(np.float32)
 
 
 class _Search:
@@ -223,22 +263,31 @@ class _Search:
 
     def __init__(self, level: Level, radius: int) -> None:
         self.level, self.radius = level, radius
-        self.distance_cost = np.float32(TUNING.distance_cost / np.hypot(*level.hole.shape))
+        self.distance_cost = np.float32(
+            TUNING.distance_cost / np.hypot(*level.hole.shape)
+        )
         self.every: tuple[Places, F32, F32] | None = None
         self.sources = patch_centres(level.hole, radius)
         self.source_at: Places = np.argwhere(self.sources)
         touching = cv2.dilate(level.hole.astype(np.uint8), _square(radius)) > 0
         self.at: Places = np.argwhere(touching)
-        deep = cv2.distanceTransform(np.pad(level.hole, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
+        deep = cv2.distanceTransform(
+            np.pad(level.hole, 1).astype(np.uint8), cv2.DIST_L2, 3
+        )[1:-1, 1:-1]
         self.trust = np.asarray(TUNING.trust ** -np.minimum(deep, 20), np.float32)
-        whole = np.pad(np.maximum(np.round(7 * self.trust), 1), radius).astype(np.float32)
+        whole = np.pad(np.maximum(np.round(7 * self.trust), 1), radius).astype(
+            np.float32
+        )
         self.mask = self._patches(whole)[self.at[:, 0], self.at[:, 1]]
         halved = _halved(level.picture, radius)
         self.flat = halved.reshape(-1, 3)
         self.known = self._patches(halved)
         # nearest source of every pixel: a doubled place need not be one
         _, labels = cv2.distanceTransformWithLabels(
-            (~self.sources).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+            (~self.sources).astype(np.uint8),
+            cv2.DIST_L2,
+            5,
+            labelType=cv2.DIST_LABEL_PIXEL,
         )
         own = np.zeros((labels.max() + 1, 2), np.int64)
         own[labels[self.sources]] = self.source_at
@@ -256,13 +305,19 @@ class _Search:
         result[self.at[:, 0], self.at[:, 1]] = places
         return result
 
-    def nearest(self, guess: F32, field: NDArray[np.int64] | None) -> tuple[NDArray[np.int64], F32]:
+    def nearest(
+        self, guess: F32, field: NDArray[np.int64] | None
+    ) -> tuple[NDArray[np.int64], F32]:
         """Centres of the best known patches (H, W, 2), and their costs, one for each of `at`."""
-        target = self._patches(_halved(guess, self.radius))[self.at[:, 0], self.at[:, 1]]
+        target = self._patches(_halved(guess, self.radius))[
+            self.at[:, 0], self.at[:, 1]
+        ]
         if field is None or len(self.at) * len(self.source_at) < TUNING.max_pairs:
             best, cost = self._exhaustive(target)
         else:
-            some = np.s_[:, ::2, ::2]  # one pixel in four is enough, once the place is roughly known
+            some = np.s_[
+                :, ::2, ::2
+            ]  # one pixel in four is enough, once the place is roughly known
             best, cost = self._propagated(target[some], self.mask[some], field)
         return self._field(best), cost
 
@@ -273,21 +328,33 @@ class _Search:
         """
         h, w = self.level.hole.shape
         place = field[self.at[:, 0], self.at[:, 1]]
-        snapped = self.nearest_source[np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)]
+        snapped = self.nearest_source[
+            np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)
+        ]
         return self._field(snapped), np.zeros(len(place), np.float32)
 
     def _exhaustive(self, target: F32) -> tuple[Places, F32]:
         n, total = len(self.at), self.mask.sum((1, 2))
         if self.every is None:
-            places = thin_out(self.source_at, max(TUNING.max_first_pairs // max(n, 1), 64))
+            places = thin_out(
+                self.source_at, max(TUNING.max_first_pairs // max(n, 1), 64)
+            )
             there = self.known[places[:, 0], places[:, 1]]
             square = (there**2).sum(-1)
             down, right = (
-                np.subtract.outer(self.at[:, k].astype(np.float32), places[:, k].astype(np.float32))
+                np.subtract.outer(
+                    self.at[:, k].astype(np.float32), places[:, k].astype(np.float32)
+                )
                 for k in (0, 1)
             )
-            flat = np.concatenate([there.reshape(len(there), -1), square.reshape(len(there), -1)], 1)
-            self.every = places, flat, self.distance_cost * np.hypot(down, right, out=down)
+            flat = np.concatenate(
+                [there.reshape(len(there), -1), square.reshape(len(there), -1)], 1
+            )
+            self.every = (
+                places,
+                flat,
+                self.distance_cost * np.hypot(down, right, out=down),
+            )
         places, flat, far = self.every
         best, cost = np.zeros(n, np.int64), np.zeros(n, np.float32)
         step = max(TUNING.chunk // max(len(places), 1), 16)
@@ -296,7 +363,9 @@ class _Search:
             weighted = target[part] * self.mask[part][..., None]
             rows = len(weighted)
             own = (weighted * target[part]).sum((1, 2, 3)) / total[part]
-            both = np.concatenate([-2 * weighted.reshape(rows, -1), self.mask[part].reshape(rows, -1)], 1)
+            both = np.concatenate(
+                [-2 * weighted.reshape(rows, -1), self.mask[part].reshape(rows, -1)], 1
+            )
             gap = both @ flat.T
             gap /= total[part, None]
             gap += far[part]
@@ -304,7 +373,9 @@ class _Search:
             cost[part] = gap[np.arange(rows), best[part]] + own
         return places[best], cost
 
-    def _propagated(self, target: F32, mask: F32, field: NDArray[np.int64]) -> tuple[Places, F32]:
+    def _propagated(
+        self, target: F32, mask: F32, field: NDArray[np.int64]
+    ) -> tuple[Places, F32]:
         total = mask.sum((1, 2))
         h, w = self.level.hole.shape
         rows, columns = self.at[:, 0], self.at[:, 1]
@@ -316,15 +387,24 @@ class _Search:
         aim, part = target.reshape(len(target), -1, 3), mask.reshape(len(mask), -1)
 
         def attempt(place: Places) -> None:
-            place = np.stack([np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)], 1)
+            place = np.stack(
+                [np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)], 1
+            )
             place = self.nearest_source[place[:, 0], place[:, 1]]
             changed = np.flatnonzero((place != best).any(1) | ~np.isfinite(cost))
             there = place[changed]
-            gap = self.flat.take((there[:, 0] * wide + there[:, 1])[:, None] + offsets, axis=0)
+            gap = self.flat.take(
+                (there[:, 0] * wide + there[:, 1])[:, None] + offsets, axis=0
+            )
             gap -= aim.take(changed, axis=0)
             gap *= gap
-            got = np.einsum("nkc,nk->n", gap, part.take(changed, axis=0), optimize=False) / total[changed]
-            got += self.distance_cost * np.hypot(*(there - self.at[changed]).astype(np.float32).T)
+            got = (
+                np.einsum("nkc,nk->n", gap, part.take(changed, axis=0), optimize=False)
+                / total[changed]
+            )
+            got += self.distance_cost * np.hypot(
+                *(there - self.at[changed]).astype(np.float32).T
+            )
             better = got < cost[changed]
             best[changed[better]] = there[better]
             cost[changed[better]] = got[better]
@@ -332,7 +412,10 @@ class _Search:
         attempt(field[rows, columns])
         for step in (3, 1) if self.radius > 2 else (1,):
             for down, right in ((0, step), (step, 0), (0, -step), (-step, 0)):
-                y, x = np.clip(rows - down, 0, h - 1), np.clip(columns - right, 0, w - 1)
+                y, x = (
+                    np.clip(rows - down, 0, h - 1),
+                    np.clip(columns - right, 0, w - 1),
+                )
                 now = field.copy()
                 now[rows, columns] = best
                 attempt(now[y, x] + self.at - np.stack([y, x], 1))
@@ -342,11 +425,18 @@ class _Search:
 
     def weights(self, cost: F32) -> F32:
         """Weight of each patch in the vote."""
-        alike = np.maximum(np.exp(-cost / (2 * max(float(np.quantile(cost, 0.75)), 1.0))), 1e-4)
+        alike = np.maximum(
+            np.exp(-cost / (2 * max(float(np.quantile(cost, 0.75)), 1.0))), 1e-4
+        )
         return np.asarray(alike * self.trust[self.at[:, 0], self.at[:, 1]], np.float32)
 
     def vote(
-        self, values: F32, now: F32, field: NDArray[np.int64], found: tuple[F32, F32], reach: int
+        self,
+        values: F32,
+        now: F32,
+        field: NDArray[np.int64],
+        found: tuple[F32, F32],
+        reach: int,
     ) -> F32:
         """The mean of what the patches around each pixel of the hole would put there.
 
@@ -358,19 +448,25 @@ class _Search:
         there = field[self.at[:, 0], self.at[:, 1]]
         wide = w + 2 * reach
         weighed, kept = (
-            np.concatenate([part, np.ones((h, w, 1), np.float32)], 2).reshape(-1, 4) for part in (values, now)
+            np.concatenate([part, np.ones((h, w, 1), np.float32)], 2).reshape(-1, 4)
+            for part in (values, now)
         )
         votes = np.zeros((h + 2 * reach, wide, 4), np.float32)
         flat, by = votes.reshape(-1, 4), (weight * share)[:, None]
         unlike = np.flatnonzero(share < 1)
-        own, rest = self.at[unlike, 0] * w + self.at[unlike, 1], (weight * (1 - share))[unlike, None]
+        own, rest = (
+            self.at[unlike, 0] * w + self.at[unlike, 1],
+            (weight * (1 - share))[unlike, None],
+        )
         to, source = self.at[:, 0] * wide + self.at[:, 1], there[:, 0] * w + there[:, 1]
         stride = 2 if reach > 2 else 1  # one in four is enough, where so many overlap
         for down in range(-reach, reach + 1, stride):
             for right in range(-reach, reach + 1, stride):
                 place = to + ((down + reach) * wide + right + reach)
                 flat[place] += by * weighed.take(source + (down * w + right), axis=0)
-                flat[place[unlike]] += rest * kept.take(own + (down * w + right), axis=0, mode="clip")
+                flat[place[unlike]] += rest * kept.take(
+                    own + (down * w + right), axis=0, mode="clip"
+                )
         inside = (slice(reach, h + reach), slice(reach, w + reach))
         total, count = votes[inside][:, :, :3], votes[inside][:, :, 3:]
         mean = total / np.maximum(count, np.float32(1e-9))
@@ -384,14 +480,24 @@ def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) ->
     place alone, which keeps its spectrum, and made as strong as around the hole.
     """
     known = np.where(hole, np.float32(0), np.float32(1))
-    near = np.maximum(cv2.GaussianBlur(known, (0, 0), TUNING.grain_blur), np.float32(1e-3))
-    wide = cv2.GaussianBlur(picture * known[:, :, None], (0, 0), TUNING.grain_blur) / near[:, :, None]
+    near = np.maximum(
+        cv2.GaussianBlur(known, (0, 0), TUNING.grain_blur), np.float32(1e-3)
+    )
+    wide = (
+        cv2.GaussianBlur(picture * known[:, :, None], (0, 0), TUNING.grain_blur)
+        / near[:, :, None]
+    )
     own = np.asarray(picture - wide, np.float32)
     ring = cv2.dilate(hole.astype(np.uint8), _square(TUNING.grain_margin)) > 0
     around = _grain_strength(own[ring & ~hole])
     y, x = np.nonzero(hole)
-    fine, even = (own[rows, columns] for rows, columns in (field[y, x].T, _in_blocks(field, hole).T))
-    grain = np.maximum(np.abs(fine), np.abs(even)).max(axis=1) < TUNING.grain_most * around
+    fine, even = (
+        own[rows, columns]
+        for rows, columns in (field[y, x].T, _in_blocks(field, hole).T)
+    )
+    grain = (
+        np.maximum(np.abs(fine), np.abs(even)).max(axis=1) < TUNING.grain_most * around
+    )
     fine = np.where(grain[:, None], even, fine)
     inside = _grain_strength(fine)
     if around > 0 and inside > 0:
@@ -399,15 +505,21 @@ def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) ->
     copied = (grain | _coherent(field)[y, x])[:, None]
     result = guess.copy()
     result[y, x] = np.where(
-        copied, cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur)[y, x] + fine, guess[y, x]
+        copied,
+        cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur)[y, x] + fine,
+        guess[y, x],
     )
     return result
 
 
 def _coherent(field: NDArray[np.int64]) -> Mask:
     """(H, W): where neighbours are copied from neighbours: an edge from many places is no line."""
-    off = field.astype(np.float32) - np.moveaxis(np.indices(field.shape[:2], np.float32), 0, -1)
-    return np.asarray((cv2.dilate(off, _square(2)) - cv2.erode(off, _square(2))).max(axis=2) <= 2)
+    off = field.astype(np.float32) - np.moveaxis(
+        np.indices(field.shape[:2], np.float32), 0, -1
+    )
+    return np.asarray(
+        (cv2.dilate(off, _square(2)) - cv2.erode(off, _square(2))).max(axis=2) <= 2
+    )
 
 
 def _in_blocks(field: NDArray[np.int64], hole: Mask) -> Places:

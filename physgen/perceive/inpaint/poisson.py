@@ -37,10 +37,14 @@ class _Halo:
     widest: int = 12  # px: widest rim that is measured
     margin: int = 3
     """px beyond the measured rim: sharpening leaves a line there, and masks are off by as much."""
-    smooth: float = 1.5  # px, standard deviation of the blur over which photo and fill are compared
+    smooth: float = (
+        1.5  # px, standard deviation of the blur over which photo and fill are compared
+    )
     levels: float = 3.0
     """Difference from another program's background from which one is seen on an even surface ..."""
-    loud: float = 2.0  # ... and how many times as large as differences are by chance it is
+    loud: float = (
+        2.0  # ... and how many times as large as differences are by chance it is
+    )
 
 
 HALO = _Halo()
@@ -69,7 +73,9 @@ def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:
     reach, away = _reach_around(hole)
     gap = photo.astype(np.float32) - other
     free, beyond = ((away > far).astype(np.float32)[:, :, None] for far in (0, reach))
-    off = np.abs(_smoothed(gap, free, HALO.smooth) - _smoothed(gap, beyond, reach)).max(axis=2)
+    off = np.abs(_smoothed(gap, free, HALO.smooth) - _smoothed(gap, beyond, reach)).max(
+        axis=2
+    )
     chance = _smoothed(off[:, :, None] ** 2, beyond, reach)[:, :, 0] ** 0.5
     differs = (off > HALO.levels + HALO.loud * chance) & (away <= 2 * reach)
     whole = dilate(_joined_to(hole, differs), 1)
@@ -89,21 +95,31 @@ def _reach_around(hole: Mask) -> tuple[float, F32]:
 
 def rim_width(photo: Rgb, hole: Mask) -> int:
     """px beyond the border of `hole` (H, W) to which objects' blurred rims reach, by the photo's slopes across it."""
-    outside, inside = (cv2.distanceTransform(m.astype(np.uint8), cv2.DIST_L2, 5) for m in (~hole, hole))
+    outside, inside = (
+        cv2.distanceTransform(m.astype(np.uint8), cv2.DIST_L2, 5) for m in (~hole, hole)
+    )
     away = outside - inside
     across = np.gradient(cv2.GaussianBlur(away, (0, 0), 1))
     slopes = np.gradient(photo.astype(np.float32).mean(axis=2))
     slope = np.abs(slopes[0] * across[0] + slopes[1] * across[1])
     # no pixel lies at 0: the border is between 1 px inside and 1 px outside
-    steps = [-HALO.within + k for k in range(HALO.within)] + list(range(1, HALO.widest + 1))
-    rings = [slope[(away > d - 1) & (away <= d)] for d in steps if ((away > d - 1) & (away <= d)).any()]
+    steps = [-HALO.within + k for k in range(HALO.within)] + list(
+        range(1, HALO.widest + 1)
+    )
+    rings = [
+        slope[(away > d - 1) & (away <= d)]
+        for d in steps
+        if ((away > d - 1) & (away <= d)).any()
+    ]
     if len(rings) < len(steps):  # an object that fills the photo, or a tiny one
         return HALO.margin
     profile = np.array([ring.mean() for ring in rings])
     base = float(np.median(profile[-HALO.widest // 2 :]))
     top = int(np.argmax(profile[: HALO.within + 2]))
     low = np.flatnonzero(profile[top:] < base + HALO.edge * (profile[top] - base))
-    return HALO.margin + max(0, top + int(low[0]) - HALO.within if len(low) else HALO.widest)
+    return HALO.margin + max(
+        0, top + int(low[0]) - HALO.within if len(low) else HALO.widest
+    )
 
 
 def fill_behind(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
@@ -121,25 +137,36 @@ def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:
     """
     if not hole.any() or hole.all():
         return photo.copy()
-    dimmed = ((photo.astype(np.float32) + 1) / (np.maximum(filled, 0) + 1)).max(axis=2, keepdims=True)
-    loss = np.where(hole[:, :, None], np.float32(0), np.minimum(dimmed, 1) - 1).astype(np.float32)
+    dimmed = ((photo.astype(np.float32) + 1) / (np.maximum(filled, 0) + 1)).max(
+        axis=2, keepdims=True
+    )
+    loss = np.where(hole[:, :, None], np.float32(0), np.minimum(dimmed, 1) - 1).astype(
+        np.float32
+    )
     depth = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, 5)[:, :, None]
-    kept = 1 + harmonic_fill(loss, hole, tolerance=8e-3) * np.exp(-((depth / FADE) ** 2))
-    return np.where(hole[:, :, None], np.clip(filled * kept + 0.5, 0, 255).astype(np.uint8), photo)
+    kept = 1 + harmonic_fill(loss, hole, tolerance=8e-3) * np.exp(
+        -((depth / FADE) ** 2)
+    )
+    return np.where(
+        hole[:, :, None], np.clip(filled * kept + 0.5, 0, 255).astype(np.uint8), photo
+    )
 
 
 def _smoothed(picture: F32, known: F32, sigma: float) -> F32:
     """A blur of (H, W, C) from what is `known` (H, W, 1)."""
     shape = picture.shape
     sums, weights = (
-        cv2.GaussianBlur(part, (0, 0), sigma).reshape(*shape[:2], -1) for part in (picture * known, known)
+        cv2.GaussianBlur(part, (0, 0), sigma).reshape(*shape[:2], -1)
+        for part in (picture * known, known)
     )
     return np.asarray(sums / np.maximum(weights, 1e-3), np.float32)
 
 
 def _joined_to(hole: Mask, differs: Mask) -> Mask:
     """(H, W) the hole and what `differs` in one piece with it."""
-    _, names = cv2.connectedComponents((hole | differs).astype(np.uint8), connectivity=8)
+    _, names = cv2.connectedComponents(
+        (hole | differs).astype(np.uint8), connectivity=8
+    )
     kept = np.zeros(int(names.max()) + 1, bool)
     kept[names[hole]] = True
     return np.asarray(kept[names] & (hole | differs))
@@ -147,10 +174,14 @@ def _joined_to(hole: Mask, differs: Mask) -> Mask:
 
 def close_gaps(hole: Mask) -> Mask:
     """The hole with narrow gaps and small islands in it closed."""
-    shut = cv2.morphologyEx(np.pad(hole, ISLAND).astype(np.uint8), cv2.MORPH_CLOSE, _disc(ISLAND))
+    shut = cv2.morphologyEx(
+        np.pad(hole, ISLAND).astype(np.uint8), cv2.MORPH_CLOSE, _disc(ISLAND)
+    )
     shut = shut[ISLAND:-ISLAND, ISLAND:-ISLAND]
     count, ids, stats, _ = cv2.connectedComponentsWithStats(1 - shut, connectivity=4)
-    small = np.array([k > 0 and stats[k, cv2.CC_STAT_AREA] < 16 * ISLAND**2 for k in range(count)])
+    small = np.array(
+        [k > 0 and stats[k, cv2.CC_STAT_AREA] < 16 * ISLAND**2 for k in range(count)]
+    )
     return np.asarray(hole | (shut > 0) | small[ids])
 
 
@@ -161,12 +192,16 @@ def dilate(mask: Mask, radius: int) -> Mask:
 
 def _disc(radius: int) -> NDArray[np.uint8]:
     size = 2 * radius + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
+    return np.asarray(
+        cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8
+    )
 
 
 def hole_pieces(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
     """The connected pieces of `hole` (H, W): each as rows and columns with 1 px around, and its mask in there."""
-    count, ids, stats, _ = cv2.connectedComponentsWithStats(hole.astype(np.uint8), connectivity=4)
+    count, ids, stats, _ = cv2.connectedComponentsWithStats(
+        hole.astype(np.uint8), connectivity=4
+    )
     for k in range(1, count):
         x, y, w, h = (int(n) for n in stats[k, :4])
         part = slice(max(0, y - 1), y + h + 1), slice(max(0, x - 1), x + w + 1)
@@ -175,10 +210,15 @@ def hole_pieces(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
 
 def nearest_piece(hole: Mask) -> NDArray[np.int32]:
     """(H, W): the number, from 1 on, of the connected piece of `hole` that is nearest."""
-    return np.asarray(cv2.distanceTransformWithLabels((~hole).astype(np.uint8), cv2.DIST_L2, 5)[1], np.int32)
+    return np.asarray(
+        cv2.distanceTransformWithLabels((~hole).astype(np.uint8), cv2.DIST_L2, 5)[1],
+        np.int32,
+    )
 
 
-def seams(filled: F32, picture: F32, hole: Mask, pieces: NDArray[np.int32]) -> NDArray[np.float64]:
+def seams(
+    filled: F32, picture: F32, hole: Mask, pieces: NDArray[np.int32]
+) -> NDArray[np.float64]:
     """Levels by which the contrast of `filled` and `picture` (H, W, 3) across the border of each piece of `hole` (H, W)
     goes beyond that of most edges, on average; by piece. Not below the hole, where what carries an object may begin."""
     known = np.where(hole, np.float32(0), np.float32(1))
@@ -186,9 +226,13 @@ def seams(filled: F32, picture: F32, hole: Mask, pieces: NDArray[np.int32]) -> N
     share = cv2.filter2D(known, -1, around)
     sums = cv2.filter2D(picture * known[:, :, None], -1, around)
     rim = hole & (share > 0.01)
-    beyond = np.maximum(np.abs(filled[rim] - sums[rim] / share[rim][:, None]).mean(1) - JUMP, 0)
+    beyond = np.maximum(
+        np.abs(filled[rim] - sums[rim] / share[rim][:, None]).mean(1) - JUMP, 0
+    )
     most = int(pieces.max()) + 1
-    return np.bincount(pieces[rim], beyond, most) / np.maximum(np.bincount(pieces[rim], minlength=most), 1)
+    return np.bincount(pieces[rim], beyond, most) / np.maximum(
+        np.bincount(pieces[rim], minlength=most), 1
+    )
 
 
 def _pull_push(picture: F32, hole: Mask) -> F32:
@@ -199,7 +243,8 @@ def _pull_push(picture: F32, hole: Mask) -> F32:
     h, w = (n + n % 2 for n in hole.shape)
     pad, size = (0, h - hole.shape[0], 0, w - hole.shape[1]), (w // 2, h // 2)
     even = [
-        cv2.copyMakeBorder(part, *pad, cv2.BORDER_CONSTANT) for part in (known, picture * known[:, :, None])
+        cv2.copyMakeBorder(part, *pad, cv2.BORDER_CONSTANT)
+        for part in (known, picture * known[:, :, None])
     ]
     half, sums = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in even)
     mean = sums.reshape(h // 2, w // 2, -1) / np.maximum(half, 1e-9)[:, :, None]
@@ -244,7 +289,9 @@ def _grids(hole: Mask) -> list[_Grid]:
         grids.append(_Grid(hole.astype(np.float32), np.maximum(degree, 1)))
         if min(h, w) < 4 or not hole.any():
             return grids
-        even = cv2.copyMakeBorder(hole.view(np.uint8), 0, h % 2, 0, w % 2, cv2.BORDER_REPLICATE).view(bool)
+        even = cv2.copyMakeBorder(
+            hole.view(np.uint8), 0, h % 2, 0, w % 2, cv2.BORDER_REPLICATE
+        ).view(bool)
         hole = even[::2, ::2] & even[::2, 1::2] & even[1::2, ::2] & even[1::2, 1::2]
 
 
@@ -262,8 +309,17 @@ def _v_cycle(grids: list[_Grid], level: int, right: F32) -> F32:
     channels, h, w = right.shape
     rest = np.zeros((channels, h + h % 2, w + w % 2), np.float32)
     np.subtract(right, grid.apply(x), out=rest[:, :h, :w])
-    down = rest[:, ::2, ::2] + rest[:, ::2, 1::2] + rest[:, 1::2, ::2] + rest[:, 1::2, 1::2]
-    up = _v_cycle(grids, level + 1, down * grids[level + 1].free).repeat(2, axis=1).repeat(2, axis=2)
+    down = (
+        rest[:, ::2, ::2]
+        + rest[:, ::2, 1::2]
+        + rest[:, 1::2, ::2]
+        + rest[:, 1::2, 1::2]
+    )
+    up = (
+        _v_cycle(grids, level + 1, down * grids[level + 1].free)
+        .repeat(2, axis=1)
+        .repeat(2, axis=2)
+    )
     x += up[:, :h, :w] * grid.free
     for _ in range(rounds + 1):
         x += damp * (right - grid.apply(x))
@@ -294,6 +350,12 @@ def _solve(start: F32, hole: Mask, tolerance: float, max_iterations: int = 60) -
         rest -= step[:, None, None] * q
         z = _v_cycle(grids, 0, rest)
         new = _dot(rest, z)
-        p = z + np.where(rz > 0, new / np.where(rz > 0, rz, 1), 0).astype(np.float32)[:, None, None] * p
+        p = (
+            z
+            + np.where(rz > 0, new / np.where(rz > 0, rz, 1), 0).astype(np.float32)[
+                :, None, None
+            ]
+            * p
+        )
         rz = new
     return np.where(hole[:, :, None], np.moveaxis(values, 0, 2), start)

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from physgen.perceive.segment.gradient import Gradient
 from physgen.perceive.segment.network import F32, OFFSETS, NetworkMaps
-from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct, outline
+from physgen.perceive.segment.proposals import (
+    Mask,
+    Proposal,
+    cut_out,
+    distinct,
+    outline,
+)
 from physgen.perceive.segment.regions import (
     EDGE_CAP,
     basins,
@@ -42,7 +48,9 @@ RANGES = (range(0, 2), range(2, 6), range(6, 8))
 class CandidateConstants:
     """Constants of proposals from the network; areas are in px of its grid."""
 
-    surroundings: int = 3  # px of the grid around a proposal that count as its surroundings
+    surroundings: int = (
+        3  # px of the grid around a proposal that count as its surroundings
+    )
     on: float = 0.3  # foreground from which a basin may be part of an object
     border_share: float = 0.6
     """Share of the boundary map in the relief; the rest is the lack of affinity of neighbours."""
@@ -50,7 +58,9 @@ class CandidateConstants:
     score_middle: float = 0.8
     """Score of the selection by edges whose confidence is a half; chosen on tune and validation data."""
     score_width: float = 0.05  # width of the logistic from score to confidence
-    least_foreground: float = 0.2  # mean foreground of a proposal below which it is dropped
+    least_foreground: float = (
+        0.2  # mean foreground of a proposal below which it is dropped
+    )
     joining: int = 9  # px of the grid: pairs of pixels up to so far apart say which basins belong together
     whole: float = 0.4  # mean affinity from which parts are one object
     smallest: int = 14  # px of the network's grid, of the smallest proposal
@@ -63,9 +73,9 @@ def proposal_features(proposals: Sequence[Proposal], seen: NetworkMaps) -> Array
     """(n, len(FEATURES)) for proposals on the grid of the network's output."""
     rim = np.asarray(cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8)), np.float32)
     reach = max(max(abs(down), abs(right)) for down, right in OFFSETS)
-    return np.array([_features(proposal, seen, rim, reach) for proposal in proposals]).reshape(
-        -1, len(FEATURES)
-    )
+    return np.array(
+        [_features(proposal, seen, rim, reach) for proposal in proposals]
+    ).reshape(-1, len(FEATURES))
 
 
 def _features(one: Proposal, seen: NetworkMaps, rim: F32, reach: int) -> list[float]:
@@ -76,15 +86,29 @@ def _features(one: Proposal, seen: NetworkMaps, rim: F32, reach: int) -> list[fl
     mask = np.zeros(seen.foreground[box].shape, bool)
     mask[top - y0 : bottom - y0, left - x0 : right - x0] = one.mask
     near = np.s_[
-        max(top - CANDIDATES.surroundings - y0, 0) : bottom + CANDIDATES.surroundings - y0,
-        max(left - CANDIDATES.surroundings - x0, 0) : right + CANDIDATES.surroundings - x0,
+        max(top - CANDIDATES.surroundings - y0, 0) : bottom
+        + CANDIDATES.surroundings
+        - y0,
+        max(left - CANDIDATES.surroundings - x0, 0) : right
+        + CANDIDATES.surroundings
+        - x0,
     ]
     small = mask[near].astype(np.uint8)
     foreground, boundary = seen.foreground[box], seen.boundary[box]
     on = foreground[mask]
-    kernel = np.ones((2 * CANDIDATES.surroundings + 1, 2 * CANDIDATES.surroundings + 1), np.uint8)
+    kernel = np.ones(
+        (2 * CANDIDATES.surroundings + 1, 2 * CANDIDATES.surroundings + 1), np.uint8
+    )
     around = (cv2.dilate(small, kernel) > 0) & (small == 0)
-    inner = cv2.erode(small, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    inner = (
+        cv2.erode(
+            small,
+            np.ones((5, 5), np.uint8),
+            borderType=cv2.BORDER_CONSTANT,
+            borderValue=0,
+        )
+        > 0
+    )
     contour = outline(one.mask)
     x, y = contour[:, 0] + left, contour[:, 1] + top
     free = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
@@ -92,7 +116,10 @@ def _features(one: Proposal, seen: NetworkMaps, rim: F32, reach: int) -> list[fl
     inside = boundary[near][inner] if inner.any() else np.zeros(1, np.float32)
     together, others = _pairs(mask, foreground, seen.pairs[(slice(None), *box)])
     hull = cv2.convexHull(contour)
-    area, length = max(float(one.area), 1.0), max(float(cv2.arcLength(contour, True)), 1.0)
+    area, length = (
+        max(float(one.area), 1.0),
+        max(float(cv2.arcLength(contour, True)), 1.0),
+    )
     return [
         float(on.mean()),
         _lowest(on, 0.1),
@@ -169,7 +196,9 @@ def confidence(fit: Array) -> Array:
 def _judge() -> dict[str, Any]:
     numbers = json.loads(Path(__file__).with_name(JUDGE).read_text(encoding="utf-8"))
     return {
-        name: [np.array(part) for part in value] if name in ("weights", "biases") else np.array(value)
+        name: [np.array(part) for part in value]
+        if name in ("weights", "biases")
+        else np.array(value)
         for name, value in numbers.items()
         if not isinstance(value, str)
     }
@@ -182,11 +211,14 @@ def border_relief(seen: NetworkMaps) -> F32:
         if max(abs(down), abs(right)) <= 3:  # the border lies in the middle of the pair
             middle = np.array([[1, 0, right / 2], [0, 1, down / 2]])
             size = apart.shape[::-1]
-            there = cv2.warpAffine(1 - seen.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE)
+            there = cv2.warpAffine(
+                1 - seen.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE
+            )
             apart = np.maximum(apart, there)
     apart = apart * seen.foreground
     return np.asarray(
-        CANDIDATES.border_share * seen.boundary + (1 - CANDIDATES.border_share) * apart, np.float32
+        CANDIDATES.border_share * seen.boundary + (1 - CANDIDATES.border_share) * apart,
+        np.float32,
     )
 
 
@@ -198,10 +230,16 @@ def network_proposals(
     They are groups of basins by affinity; wholes are the largest groups whose parts all belong together.
     """
     height, width = seen.foreground.shape
-    labels = basins(cv2.GaussianBlur(border_relief(seen), (0, 0), 1.0).astype(np.float32))
+    labels = basins(
+        cv2.GaussianBlur(border_relief(seen), (0, 0), 1.0).astype(np.float32)
+    )
     pairs = []
     for (down, right), affinity in zip(OFFSETS, seen.pairs, strict=True):
-        if max(down, abs(right)) <= CANDIDATES.joining and down < height and abs(right) < width:
+        if (
+            max(down, abs(right)) <= CANDIDATES.joining
+            and down < height
+            and abs(right) < width
+        ):
             here = slice(0, height - down), slice(max(-right, 0), width - max(right, 0))
             there = slice(down, height), slice(max(right, 0), width + min(right, 0))
             pairs.append((here, there, 1 - affinity[here]))
@@ -211,22 +249,35 @@ def network_proposals(
     beyond = np.where(tree.parent >= 0, tree.height[tree.parent], 1.0)
     whole = (tree.height < apart) & (beyond >= apart)
     found = tree_regions(tree, labels, tree.without(kept), smallest, largest)
-    return [one for k, one in found if not whole[k]], [one for k, one in found if whole[k]]
+    return [one for k, one in found if not whole[k]], [
+        one for k, one in found if whole[k]
+    ]
 
 
-def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
+def guided_proposals(
+    gradient: Gradient, seen: NetworkMaps, smallest: int, largest: int
+) -> list[Proposal]:
     """Proposals on the photo's own grid: bounded by its edges, joined by the network's borders."""
     size = gradient.strength.shape[::-1]
-    border = cv2.dilate(border_relief(seen), np.ones((3, 3), np.uint8))  # the network may be a pixel off
+    border = cv2.dilate(
+        border_relief(seen), np.ones((3, 3), np.uint8)
+    )  # the network may be a pixel off
     border = np.clip(cv2.resize(border, size, interpolation=cv2.INTER_LINEAR), 0, 1)
-    foreground = np.clip(cv2.resize(seen.foreground, size, interpolation=cv2.INTER_LINEAR), 0, 1)
-    labels = basins(np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise))
+    foreground = np.clip(
+        cv2.resize(seen.foreground, size, interpolation=cv2.INTER_LINEAR), 0, 1
+    )
+    labels = basins(
+        np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise)
+    )
     share = np.float32(CANDIDATES.edge_share)
     sharp = np.minimum(gradient.strength, EDGE_CAP) / np.float32(EDGE_CAP)
     edge = np.float32(EDGE_CAP) * border * (1 - share + share * sharp)
     kept = _on_objects(labels, np.asarray(foreground, np.float32))
     tree = merge_tree(edge_borders(labels, edge.astype(np.float32), kept))
-    return [one for _, one in tree_regions(tree, labels, tree.without(kept), smallest, largest)]
+    return [
+        one
+        for _, one in tree_regions(tree, labels, tree.without(kept), smallest, largest)
+    ]
 
 
 def _on_objects(labels: NDArray[np.int32], foreground: F32) -> NDArray[np.bool_]:
@@ -245,7 +296,9 @@ class Candidates:
     edges: NDArray[np.float64]
     """(n,) 0..1: confidence of the selection by edges alone; 0 where it did not select the proposal."""
     movable: NDArray[np.float64]  # (n,) 0..1: mean movability
-    whole: NDArray[np.bool_]  # (n,): the largest groups whose parts the network sees as one
+    whole: NDArray[
+        np.bool_
+    ]  # (n,): the largest groups whose parts the network sees as one
 
 
 def candidates(by_edges: EdgeSearch, seen: NetworkMaps) -> Candidates:
@@ -253,9 +306,13 @@ def candidates(by_edges: EdgeSearch, seen: NetworkMaps) -> Candidates:
     shape, grid = by_edges.shape, seen.foreground.shape
     cells = grid[0] * grid[1]
     least, most = WIDEST_AREAS
-    own, wholes = network_proposals(seen, max(CANDIDATES.smallest, round(least * cells)), round(most * cells))
+    own, wholes = network_proposals(
+        seen, max(CANDIDATES.smallest, round(least * cells)), round(most * cells)
+    )
     bounds = (max(12, round(part * shape[0] * shape[1])) for part in (least, most))
-    both_ways = distinct([*by_edges.proposals, *guided_proposals(by_edges.gradient, seen, *bounds)])
+    both_ways = distinct(
+        [*by_edges.proposals, *guided_proposals(by_edges.gradient, seen, *bounds)]
+    )
     pool: list[tuple[Proposal | None, Proposal | None]] = [
         (one, rescaled(one, shape, grid)) for one in (*by_edges.chosen, *both_ways)
     ]
@@ -290,19 +347,29 @@ def _mean(values: F32, one: Proposal) -> float:
     return float(values[top:bottom, left:right][one.mask].mean())
 
 
-def rescaled(one: Proposal, shape: tuple[int, int], onto: tuple[int, int]) -> Proposal | None:
+def rescaled(
+    one: Proposal, shape: tuple[int, int], onto: tuple[int, int]
+) -> Proposal | None:
     """A proposal on a grid of `shape` (h, w) as it lies on the grid `onto`; None where nothing is left of it."""
     down, right = onto[0] / shape[0], onto[1] / shape[1]
     left, top, end, bottom = one.box
     x0, y0 = int(left * right), int(top * down)
-    x1, y1 = min(int(np.ceil(end * right)), onto[1]), min(int(np.ceil(bottom * down)), onto[0])
+    x1, y1 = (
+        min(int(np.ceil(end * right)), onto[1]),
+        min(int(np.ceil(bottom * down)), onto[0]),
+    )
     # canvas pixel centres to those of the proposal
     matrix = np.array(
-        [[1 / right, 0, (x0 + 0.5) / right - 0.5 - left], [0, 1 / down, (y0 + 0.5) / down - 0.5 - top]]
+        [
+            [1 / right, 0, (x0 + 0.5) / right - 0.5 - left],
+            [0, 1 / down, (y0 + 0.5) / down - 0.5 - top],
+        ]
     )
     soft = one.mask.astype(np.float32)
     if right < 1:  # many pixels become one
-        blur = cv2.GaussianBlur(soft, (0, 0), 0.4 / right, borderType=cv2.BORDER_CONSTANT)
+        blur = cv2.GaussianBlur(
+            soft, (0, 0), 0.4 / right, borderType=cv2.BORDER_CONSTANT
+        )
         soft = np.asarray(blur, np.float32)
     there = cv2.warpAffine(
         soft,

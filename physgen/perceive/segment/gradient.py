@@ -19,16 +19,24 @@ class Gradient:
     """The colour gradient of a photo, in CIELAB units per px."""
 
     strength: NDArray[np.float32]  # (H, W), never negative
-    angle: NDArray[np.float32]  # (H, W) rad, the direction in which colour changes fastest, modulo pi
+    angle: NDArray[
+        np.float32
+    ]  # (H, W) rad, the direction in which colour changes fastest, modulo pi
     tensor: NDArray[np.float32]
     """(H, W, 3): strength times 1, cos 2 angle, sin 2 angle; unlike the angle, it may be interpolated."""
-    ridge: NDArray[np.bool_]  # (H, W): edges thinned to their crest, well above the noise
+    ridge: NDArray[
+        np.bool_
+    ]  # (H, W): edges thinned to their crest, well above the noise
     noise: float  # The strength that grain and smooth shading alone reach: half of the photo is below it
 
     def across(self, x: Floats, y: Floats, normal: Floats) -> NDArray[np.float32]:
         """Strength at points x, y (any shape) of edges facing along `normal` (rad, broadcasts); 0 outside."""
-        one, cos, sin = np.moveaxis(sample(self.tensor, x, y, border=cv2.BORDER_CONSTANT), -1, 0)
-        strength: NDArray[np.float32] = (one + cos * np.cos(2 * normal) + sin * np.sin(2 * normal)) / 2
+        one, cos, sin = np.moveaxis(
+            sample(self.tensor, x, y, border=cv2.BORDER_CONSTANT), -1, 0
+        )
+        strength: NDArray[np.float32] = (
+            one + cos * np.cos(2 * normal) + sin * np.sin(2 * normal)
+        ) / 2
         return strength
 
     def support(self, strength: Floats) -> Floats:
@@ -45,14 +53,22 @@ def sample(
     points = np.zeros((2, rows * columns), np.float32)
     points[0, : x.size], points[1, : x.size] = x.ravel(), y.ravel()
     grid = points.reshape(2, rows, columns)
-    values = cv2.remap(image, grid[0], grid[1], cv2.INTER_LINEAR, borderMode=border, borderValue=0)
-    return values.reshape(rows * columns, -1)[: x.size].reshape(x.shape + image.shape[2:]).astype(np.float32)
+    values = cv2.remap(
+        image, grid[0], grid[1], cv2.INTER_LINEAR, borderMode=border, borderValue=0
+    )
+    return (
+        values.reshape(rows * columns, -1)[: x.size]
+        .reshape(x.shape + image.shape[2:])
+        .astype(np.float32)
+    )
 
 
 def smoothed_lab(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
     """CIELAB (H, W, 3) of an sRGB photo, grain smoothed but edges kept."""
     calm = cv2.bilateralFilter(np.ascontiguousarray(rgb), 5, 18, 2)
-    return cv2.cvtColor(calm.astype(np.float32) / 255, cv2.COLOR_RGB2LAB).astype(np.float32)
+    return cv2.cvtColor(calm.astype(np.float32) / 255, cv2.COLOR_RGB2LAB).astype(
+        np.float32
+    )
 
 
 def colour_gradient(colour: NDArray[np.float32]) -> Gradient:
@@ -74,5 +90,7 @@ def colour_gradient(colour: NDArray[np.float32]) -> Gradient:
     ahead = sample(strength, x + np.cos(angle), y + np.sin(angle))
     behind = sample(strength, x - np.cos(angle), y - np.sin(angle))
     ridge = (strength >= ahead) & (strength > behind) & (strength > 2 * noise)
-    tensor = np.stack([strength, strength * np.cos(2 * angle), strength * np.sin(2 * angle)], -1)
+    tensor = np.stack(
+        [strength, strength * np.cos(2 * angle), strength * np.sin(2 * angle)], -1
+    )
     return Gradient(strength, angle, tensor, ridge, noise)

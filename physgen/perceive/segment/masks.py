@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.roles import Name, Scenery, Segments
-from physgen.perceive.segment.proposals import Mask, Proposal, common, doubt_about, iou, overlap
+from physgen.perceive.segment.proposals import (
+    Mask,
+    Proposal,
+    common,
+    doubt_about,
+    iou,
+    overlap,
+)
 
 T = TypeVar("T", bound=np.generic)
 Box = tuple[float, float, float, float]
@@ -33,7 +40,9 @@ class CleanUp:
     least_area: int = 32  # px: smaller masks are dropped
     hole: float = 0.005  # of a mask: smaller holes are closed
     speck: float = 0.02  # of a mask's largest piece: smaller pieces are dropped
-    part: float = 0.1  # of a mask's largest piece: larger pieces are objects of their own
+    part: float = (
+        0.1  # of a mask's largest piece: larger pieces are objects of their own
+    )
     parts: int = 8  # pieces of a mask, at most
     visible: float = 0.2
     """Share of an object that others in front must leave; less is a heap, seen between its members."""
@@ -60,9 +69,17 @@ class Cut(Proposal):
 
     def with_mask(self, mask: Mask) -> Cut:
         """The cut with some of its pixels; `mask` has the size of its own."""
-        x, y, width, height = cv2.boundingRect(mask.view(np.uint8)) if mask.size else (0, 0, 0, 0)
+        x, y, width, height = (
+            cv2.boundingRect(mask.view(np.uint8)) if mask.size else (0, 0, 0, 0)
+        )
         part = mask[y : y + height, x : x + width].copy()
-        return replace(self, x=self.x + x, y=self.y + y, mask=part, area=int(np.count_nonzero(part)))
+        return replace(
+            self,
+            x=self.x + x,
+            y=self.y + y,
+            mask=part,
+            area=int(np.count_nonzero(part)),
+        )
 
     @property
     def confidence(self) -> float:
@@ -81,11 +98,15 @@ class Cut(Proposal):
         return photo[top:bottom, left:right]
 
 
-def distinct_boxes(boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> list[int]:
+def distinct_boxes(
+    boxes: NDArray[np.float64], scores: NDArray[np.float64]
+) -> list[int]:
     """Indices of boxes (N, 4) without duplicates, whatever their nouns; the most confident first."""
     some = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(1))
     sides = np.hstack([boxes[some, :2], boxes[some, 2:] - boxes[some, :2]])
-    kept = cv2.dnn.NMSBoxes(sides.tolist(), scores[some].tolist(), 0.0, CLEANUP.same_box)
+    kept = cv2.dnn.NMSBoxes(
+        sides.tolist(), scores[some].tolist(), 0.0, CLEANUP.same_box
+    )
     return [int(some[k]) for k in kept]
 
 
@@ -95,7 +116,9 @@ def smoothed(mask: Mask) -> Mask:
         return mask
     inside = np.pad(mask, 1).view(np.uint8)
     area = int(inside.sum())
-    count, pieces, stats, _ = cv2.connectedComponentsWithStats(1 - inside, connectivity=4)
+    count, pieces, stats, _ = cv2.connectedComponentsWithStats(
+        1 - inside, connectivity=4
+    )
     small = [
         k
         for k in range(1, count)
@@ -104,7 +127,11 @@ def smoothed(mask: Mask) -> Mask:
     inside[np.isin(pieces, small)] = 1
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
     large = max(stats[1:, cv2.CC_STAT_AREA])
-    kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large]
+    kept = [
+        k
+        for k in range(1, count)
+        if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large
+    ]
     return np.isin(pieces, kept)[1:-1, 1:-1]
 
 
@@ -116,7 +143,9 @@ def parts(mask: Mask) -> list[Mask]:
     count, pieces = cv2.connectedComponents(near, connectivity=8)
     areas = np.bincount(pieces[mask], minlength=count)
     order = [
-        int(k) for k in np.argsort(-areas, kind="stable") if k > 0 and areas[k] >= CLEANUP.part * areas.max()
+        int(k)
+        for k in np.argsort(-areas, kind="stable")
+        if k > 0 and areas[k] >= CLEANUP.part * areas.max()
     ]
     return [(pieces == k) & mask for k in order[: CLEANUP.parts]]
 
@@ -140,7 +169,8 @@ def distinct(cuts: Sequence[Cut]) -> list[Cut]:
         if cut.area and all(iou(cut, other) <= CLEANUP.same_mask for other in kept):
             kept.append(cut)
     inner_cuts = {
-        k: [i for i, cut in enumerate(kept) if i != k and _contains(one, cut)] for k, one in enumerate(kept)
+        k: [i for i, cut in enumerate(kept) if i != k and _contains(one, cut)]
+        for k, one in enumerate(kept)
     }
     gone = {k for k, inner in inner_cuts.items() if len(inner) > 1}
     for k, inner in inner_cuts.items():
@@ -156,23 +186,43 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
     """
     rest = list(cuts)
     while True:
-        left = [_behind(cut, [other for other in rest if other is not cut]) for cut in rest]
-        shares = [int(np.count_nonzero(piece)) / cut.area for piece, cut in zip(left, rest, strict=True)]
+        left = [
+            _behind(cut, [other for other in rest if other is not cut]) for cut in rest
+        ]
+        shares = [
+            int(np.count_nonzero(piece)) / cut.area
+            for piece, cut in zip(left, rest, strict=True)
+        ]
         if not shares or min(shares) >= CLEANUP.visible:
-            return [cut.with_mask(smoothed(piece)) for cut, piece in zip(rest, left, strict=True)]
+            return [
+                cut.with_mask(smoothed(piece))
+                for cut, piece in zip(rest, left, strict=True)
+            ]
         del rest[int(np.argmin(shares))]
 
 
-def segments(cuts: Iterable[Cut], size: tuple[int, int], confident: float = CONFIDENT) -> Segments:
+def segments(
+    cuts: Iterable[Cut], size: tuple[int, int], confident: float = CONFIDENT
+) -> Segments:
     """Segments from overlapping cuts: cleaned, split, without duplicates or overlaps; `size` is the photo's (H, W).
 
     `cuts` may be a generator. Ids run left to right by centroid. Cuts below `confident` are doubtful; cuts that are not
     movable are scenery.
     """
     least = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
-    smooth = [cut.with_mask(smoothed(cut.mask)) for cut in cuts if cut.confidence >= DOUBTFUL]
-    cuts = distinct([cut for cut in split(smooth) if cut.area >= least and cut.confidence >= DOUBTFUL])
-    objects = resolved([cut for cut in cuts if cut.movable and cut.confidence >= confident])
+    smooth = [
+        cut.with_mask(smoothed(cut.mask)) for cut in cuts if cut.confidence >= DOUBTFUL
+    ]
+    cuts = distinct(
+        [
+            cut
+            for cut in split(smooth)
+            if cut.area >= least and cut.confidence >= DOUBTFUL
+        ]
+    )
+    objects = resolved(
+        [cut for cut in cuts if cut.movable and cut.confidence >= confident]
+    )
     objects = [cut for cut in objects if cut.area >= least]
     objects.sort(key=lambda cut: cut.centroid)
     labels = np.zeros(size, np.uint16)
@@ -189,8 +239,14 @@ def segments(cuts: Iterable[Cut], size: tuple[int, int], confident: float = CONF
         labels,
         np.array([cut.confidence for cut in objects], np.float64),
         tuple(doubts[: CLEANUP.doubts]),
-        {k: Name(cut.noun, round(cut.confidence, 3)) for k, cut in enumerate(objects, 1)},
-        _scenery([cut for cut in cuts if not cut.movable and cut.confidence >= confident], labels),
+        {
+            k: Name(cut.noun, round(cut.confidence, 3))
+            for k, cut in enumerate(objects, 1)
+        },
+        _scenery(
+            [cut for cut in cuts if not cut.movable and cut.confidence >= confident],
+            labels,
+        ),
     )
 
 
@@ -201,7 +257,9 @@ def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
     for k, cut in enumerate(cuts, 1):
         cut.seen_in(seen)[cut.mask] = k
     seen[labels > 0] = 0
-    return Scenery(seen, {k: cut.noun for k, cut in enumerate(cuts, 1) if (seen == k).any()})
+    return Scenery(
+        seen, {k: cut.noun for k, cut in enumerate(cuts, 1) if (seen == k).any()}
+    )
 
 
 def _behind(cut: Cut, others: Sequence[Cut]) -> Mask:
@@ -224,5 +282,10 @@ def _before(one: Cut, other: Cut) -> bool:
 
 def _contains(one: Cut, other: Cut) -> bool:
     """Whether a movable object contains another of its kind."""
-    kind = one.movable and other.movable and one.noun == other.noun and one.area > other.area
+    kind = (
+        one.movable
+        and other.movable
+        and one.noun == other.noun
+        and one.area > other.area
+    )
     return kind and overlap(one, other) >= CLEANUP.inside * other.area

@@ -68,9 +68,14 @@ def _seen(codes: bytes, height: int, width: int) -> NetworkMaps:
     # their errors differ, and the mean of both is nearer to the truth
     passes = [(_pass(rgb, side) + mirrored(_pass(mirror, side))) / 2 for side in PASSES]
     h, w = passes[-1].shape[1:]
-    same = [cv2.resize(one.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR) for one in passes]
+    same = [
+        cv2.resize(one.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR)
+        for one in passes
+    ]
     mean = np.asarray(np.mean(same, axis=0), np.float32)
-    chances = np.asarray(1 / (1 + np.exp(-np.clip(mean, -30, 30))), np.float32).transpose(2, 0, 1)
+    chances = np.asarray(
+        1 / (1 + np.exp(-np.clip(mean, -30, 30))), np.float32
+    ).transpose(2, 0, 1)
     normals = mean[..., 10:13]
     normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
     # offsets mean longer distances in smaller passes: affinities come from the largest pass alone
@@ -89,7 +94,9 @@ def mirrored(maps: F32) -> F32:
     there = np.array(maps[:, :, ::-1])
     there[10] *= -1  # x of the normals
     for n, (down, right) in enumerate(OFFSETS, 2):
-        if down == 0:  # the other end of the pair comes first; pairs past the border stay as they are
+        if (
+            down == 0
+        ):  # the other end of the pair comes first; pairs past the border stay as they are
             there[n, :, :-right] = there[n, :, right:]
         elif right:
             there[n] = maps[2 + OFFSETS.index((down, -right)), :, ::-1]
@@ -111,7 +118,9 @@ def _pass(rgb: NDArray[np.uint8], side: int) -> F32:
 def as_input(rgb: NDArray[Any]) -> F32:
     """(H, W, 3) sRGB codes as the network takes them, (1, 3, H, W)."""
     codes = rgb.astype(np.float32)
-    return np.ascontiguousarray(((codes - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None])
+    return np.ascontiguousarray(
+        ((codes - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None]
+    )
 
 
 def _outputs(blob: F32) -> list[F32]:
@@ -134,12 +143,22 @@ def crop(
     height, width = image.shape[:2]
     found = np.full((side, side, *image.shape[2:]), beyond, np.uint8)
     part = image[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
-    x0, x1 = (round((x - left) / (right - left) * side) for x in (max(left, 0), min(right, width)))
-    y0, y1 = (round((y - top) / (bottom - top) * side) for y in (max(top, 0), min(bottom, height)))
+    x0, x1 = (
+        round((x - left) / (right - left) * side)
+        for x in (max(left, 0), min(right, width))
+    )
+    y0, y1 = (
+        round((y - top) / (bottom - top) * side)
+        for y in (max(top, 0), min(bottom, height))
+    )
     if part.size and x1 > x0 and y1 > y0:
         less = min(part.shape[1], x1 - x0), min(part.shape[0], y1 - y0)
-        part = np.asarray(cv2.resize(part, less, interpolation=cv2.INTER_AREA), np.uint8)
-        found[y0:y1, x0:x1] = cv2.resize(part, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR)
+        part = np.asarray(
+            cv2.resize(part, less, interpolation=cv2.INTER_AREA), np.uint8
+        )
+        found[y0:y1, x0:x1] = cv2.resize(
+            part, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR
+        )
     return found
 
 
@@ -147,7 +166,12 @@ def bounds(box: Sequence[float]) -> tuple[int, int, int, int]:
     """Left, top, right, bottom px of a box's crop, which may reach beyond the photo; 1 px across and down at least."""
     across, down = MARGIN * (box[2] - box[0]), MARGIN * (box[3] - box[1])
     left, top = round(box[0] - across), round(box[1] - down)
-    return left, top, max(round(box[2] + across), left + 1), max(round(box[3] + down), top + 1)
+    return (
+        left,
+        top,
+        max(round(box[2] + across), left + 1),
+        max(round(box[3] + down), top + 1),
+    )
 
 
 def mask_in_box(rgb: NDArray[np.uint8], box: Sequence[float]) -> PromptedMask:
@@ -158,7 +182,9 @@ def mask_in_box(rgb: NDArray[np.uint8], box: Sequence[float]) -> PromptedMask:
     return _segment(rgb, box, at_point=False)
 
 
-def mask_at_point(rgb: NDArray[np.uint8], point: tuple[float, float], side: float) -> PromptedMask:
+def mask_at_point(
+    rgb: NDArray[np.uint8], point: tuple[float, float], side: float
+) -> PromptedMask:
     """The same for the object at a point (x, y px), looked for in a square around it with sides of `side` px."""
     half = side / (1 + 2 * MARGIN) / 2
     x, y = point
@@ -171,7 +197,9 @@ def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     return x, y, x + width, y + height
 
 
-def _segment(rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool) -> PromptedMask:
+def _segment(
+    rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool
+) -> PromptedMask:
     height, width = rgb.shape[:2]
     mask = np.zeros((height, width), np.bool_)
     left, top, right, bottom = bounds(box)
@@ -182,12 +210,23 @@ def _segment(rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool) ->
     small = _chances(view, at_point)
     # errors of the mirror image differ
     other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
-    affine: NDArray[Any] = follow_edges(view, np.asarray((small + other[:, ::-1]) / 2, np.float32))
+    affine: NDArray[Any] = follow_edges(
+        view, np.asarray((small + other[:, ::-1]) / 2, np.float32)
+    )
     across, down = SIDE / (right - left), SIDE / (bottom - top)
-    there = np.array([[across, 0, (x - left + 0.5) * across - 0.5], [0, down, (y - top + 0.5) * down - 0.5]])
+    there = np.array(
+        [
+            [across, 0, (x - left + 0.5) * across - 0.5],
+            [0, down, (y - top + 0.5) * down - 0.5],
+        ]
+    )
     how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    affine = cv2.warpAffine(affine, there, (end - x, foot - y), flags=how, borderMode=cv2.BORDER_REPLICATE)
-    chances = np.clip((affine[..., :3] * rgb[y:foot, x:end]).sum(-1) + affine[..., 3], 0, 1)
+    affine = cv2.warpAffine(
+        affine, there, (end - x, foot - y), flags=how, borderMode=cv2.BORDER_REPLICATE
+    )
+    chances = np.clip(
+        (affine[..., :3] * rgb[y:foot, x:end]).sum(-1) + affine[..., 3], 0, 1
+    )
     piece = cut_out(chances >= 0.5, 0, 0, SMALLEST_OBJECT)
     if piece is None:
         return PromptedMask(mask, 0.0)
@@ -196,7 +235,9 @@ def _segment(rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool) ->
     return PromptedMask(mask, on / (float(inside.sum()) + float(chances.sum()) - on))
 
 
-def follow_edges(rgb: NDArray[np.uint8], chances: F32, radius: int = 3, noise: float = 4.0) -> F32:
+def follow_edges(
+    rgb: NDArray[np.uint8], chances: F32, radius: int = 3, noise: float = 4.0
+) -> F32:
     """(SIDE, SIDE, 4) that gives chances (h, w) at the photo's own edges: weights of red, green and blue and a sum.
 
     Coefficients of a guided filter (He and Sun 2015, Fast guided filter): around each pixel of the crop (SIDE, SIDE, 3)
@@ -204,14 +245,22 @@ def follow_edges(rgb: NDArray[np.uint8], chances: F32, radius: int = 3, noise: f
     """
 
     def mean(values: NDArray[Any]) -> F32:
-        return np.asarray(cv2.blur(values, (2 * radius + 1,) * 2, borderType=cv2.BORDER_REFLECT), np.float32)
+        return np.asarray(
+            cv2.blur(values, (2 * radius + 1,) * 2, borderType=cv2.BORDER_REFLECT),
+            np.float32,
+        )
 
     colours, known = rgb.astype(np.float32), cv2.resize(chances, rgb.shape[1::-1])
     middle, level = mean(colours), mean(known)
     shared = mean(colours * known[..., None]) - middle * level[..., None]
     pairs = (colours[..., :, None] * colours[..., None, :]).reshape(*known.shape, 9)
-    spread = np.dstack([mean(part) for part in np.split(pairs, 3, axis=-1)]).reshape(*known.shape, 3, 3)
-    spread += noise**2 * np.eye(3, dtype=np.float32) - middle[..., :, None] * middle[..., None, :]
+    spread = np.dstack([mean(part) for part in np.split(pairs, 3, axis=-1)]).reshape(
+        *known.shape, 3, 3
+    )
+    spread += (
+        noise**2 * np.eye(3, dtype=np.float32)
+        - middle[..., :, None] * middle[..., None, :]
+    )
     weights = np.linalg.solve(spread, shared[..., None])[..., 0]
     return mean(np.dstack([weights, level - (weights * middle).sum(-1)]))
 

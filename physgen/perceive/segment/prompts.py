@@ -34,12 +34,14 @@ Point = tuple[float, float]
 class PromptRule:
     """Constants of prompts, chosen on the validation homes and the tune half."""
 
-    weak: float = 0.33  # confidence below which what is pointed at makes the photo doubtful
-    likely: float = 0.7  # confidence from which a point takes the segmenter's object
-    whole: float = (
-        0.9  # share of the photo from which a mask is the photo and no object: it has nothing behind it
+    weak: float = (
+        0.33  # confidence below which what is pointed at makes the photo doubtful
     )
-    visible: float = 0.3  # share of a prompted object that the others must leave visible
+    likely: float = 0.7  # confidence from which a point takes the segmenter's object
+    whole: float = 0.9  # share of the photo from which a mask is the photo and no object: it has nothing behind it
+    visible: float = (
+        0.3  # share of a prompted object that the others must leave visible
+    )
     looks: tuple[float, ...] = (1.4, 0.7, 0.35, 0.175, 0.09)
     """Of the photo's longer side: sides of the squares around a point in which its object is looked for."""
 
@@ -63,7 +65,9 @@ class Segmenter:
         found: Segments = self.backends.call("segment", rgb, categories=categories)
         return found
 
-    def answers(self, rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point]) -> dict[int, PromptedMask]:
+    def answers(
+        self, rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point]
+    ) -> dict[int, PromptedMask]:
         """The masks of a backend that takes prompts itself, by their place in the order of boxes and points.
 
         Empty where one is off the photo, which is reported later.
@@ -77,17 +81,27 @@ class Segmenter:
         except InputError:
             return {}
         sides = [(x0, y0, x1 - x0, y1 - y0) for x0, y0, x1, y1 in corners]
-        masks = self.backends.run("segment", lambda backend: backend.meant(rgb, sides, points))
-        return {k: one for k, one in enumerate(masks) if np.count_nonzero(one.mask) >= SMALLEST_OBJECT}
+        masks = self.backends.run(
+            "segment", lambda backend: backend.meant(rgb, sides, points)
+        )
+        return {
+            k: one
+            for k, one in enumerate(masks)
+            if np.count_nonzero(one.mask) >= SMALLEST_OBJECT
+        }
 
 
-def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = None) -> Detections:
+def from_masks(
+    labels: NDArray[np.uint16], names: Mapping[int, str] | None = None
+) -> Detections:
     """The objects of a label map (H, W); `names` are known labels by id."""
     known = {i: Name(text, 1.0) for i, text in (names or {}).items()}
     return Detections(labels, "given", {}, known)
 
 
-def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segmenter) -> Detections:
+def from_prompts(
+    rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segmenter
+) -> Detections:
     """One object for each box and then for each point: ids 1, 2, ...
 
     A backend that takes prompts answers first; else a box is `segment_box`, and a point `segment_point`.
@@ -110,17 +124,24 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
     if problems:
         raise InputError(problems)
     labels = np.zeros(rgb.shape[:2], np.uint16)
-    for k in sorted(range(len(masks)), key=lambda k: -int(masks[k].mask.sum())):  # small objects in front
+    for k in sorted(
+        range(len(masks)), key=lambda k: -int(masks[k].mask.sum())
+    ):  # small objects in front
         labels[masks[k].mask] = k + 1
     places = [("box", box) for box in boxes] + [("point", point) for point in points]
     for k, (kind, place) in enumerate(places, 1):
         least = max(RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT)
         if np.count_nonzero(labels == k) < least:
             expected = "shows what another box or point shows"
-            problems += InputError.of(_flag(kind, place), "", expected, "leave one out").problems
+            problems += InputError.of(
+                _flag(kind, place), "", expected, "leave one out"
+            ).problems
     if problems:
         raise InputError(problems)
-    prompts = {k: {kind: [round(float(v), 2) for v in place]} for k, (kind, place) in enumerate(places, 1)}
+    prompts = {
+        k: {kind: [round(float(v), 2) for v in place]}
+        for k, (kind, place) in enumerate(places, 1)
+    }
     confidence = {k: one.confidence for k, one in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
 
@@ -147,13 +168,21 @@ def segment_point(
     x, y = _pixel(rgb, point)
     height, width = rgb.shape[:2]
     others = [(round(u), round(v)) for u, v in points]
-    others = [(u, v) for u, v in others if 0 <= u < width and 0 <= v < height and (u, v) != (x, y)]
+    others = [
+        (u, v)
+        for u, v in others
+        if 0 <= u < width and 0 <= v < height and (u, v) != (x, y)
+    ]
 
     def meant(mask: Mask) -> bool:
         return bool(mask[y, x]) and not any(mask[v, u] for u, v in others)
 
     found = []
-    if segments is not None and (i := int(segments.labels[y, x])) and meant(own := segments.labels == i):
+    if (
+        segments is not None
+        and (i := int(segments.labels[y, x]))
+        and meant(own := segments.labels == i)
+    ):
         found.append(PromptedMask(own, float(segments.confidence[i - 1])))
         if found[0].confidence >= RULE.likely:
             return found[0]
@@ -166,24 +195,35 @@ def segment_point(
         again = mask_in_box(rgb, box_of(own)) if own.any() else PromptedMask(own, 0.0)
         contested |= not meant(first.mask)
         if meant(again.mask) and again.mask.mean() < RULE.whole:
-            alike = np.count_nonzero(first.mask & again.mask) / np.count_nonzero(first.mask | again.mask)
-            found.append(PromptedMask(again.mask, float(first.confidence * again.confidence * alike)))
+            alike = np.count_nonzero(first.mask & again.mask) / np.count_nonzero(
+                first.mask | again.mask
+            )
+            found.append(
+                PromptedMask(
+                    again.mask, float(first.confidence * again.confidence * alike)
+                )
+            )
     if not found:
-        expected, fix = "shows no object that ends somewhere", "draw a box around it: --box x,y,w,h"
+        expected, fix = (
+            "shows no object that ends somewhere",
+            "draw a box around it: --box x,y,w,h",
+        )
         if contested:
             expected, fix = "shows what another box or point shows", "leave one out"
         raise InputError.of(_flag("point", point), "", expected, fix)
     return max(found, key=lambda one: one.confidence)
 
 
-def split(rgb: Rgb, mask: Mask, point: tuple[int, int], others: Sequence[tuple[int, int]]) -> Mask:
+def split(
+    rgb: Rgb, mask: Mask, point: tuple[int, int], others: Sequence[tuple[int, int]]
+) -> Mask:
     """(H, W): the part of a mask about a point, up to the edges between it and those of the `others` that it holds."""
     inside = [(x, y) for x, y in others if mask[y, x]]
     if not inside:
         return mask
-    markers = np.where(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, 0, 1).astype(
-        np.int32
-    )
+    markers = np.where(
+        cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, 0, 1
+    ).astype(np.int32)
     for k, (x, y) in enumerate((point, *inside), 2):
         cv2.circle(markers, (x, y), 2, k, -1)
     own = cv2.watershed(np.ascontiguousarray(rgb), markers) == 2
@@ -200,9 +240,15 @@ def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
     x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
     if x1 - x0 < 4 or y1 - y0 < 4:
-        outside = "is off" if min(box[2:]) >= 4 and (x1 <= x0 or y1 <= y0) else "leaves under 4 px of"
+        outside = (
+            "is off"
+            if min(box[2:]) >= 4 and (x1 <= x0 or y1 <= y0)
+            else "leaves under 4 px of"
+        )
         expected = f"{outside} the {width} x {height} photo"
-        raise InputError.of(_flag("box", box), "", expected, "write x,y,width,height in px")
+        raise InputError.of(
+            _flag("box", box), "", expected, "write x,y,width,height in px"
+        )
     return x0, y0, x1, y1
 
 
@@ -212,6 +258,9 @@ def _pixel(rgb: Rgb, point: Point) -> tuple[int, int]:
     x, y = round(point[0]), round(point[1])
     if not (0 <= x < width and 0 <= y < height):
         raise InputError.of(
-            _flag("point", point), "", f"is off the {width} x {height} photo", "write x,y in px"
+            _flag("point", point),
+            "",
+            f"is off the {width} x {height} photo",
+            "write x,y in px",
         )
     return x, y

@@ -41,12 +41,16 @@ class Proposal:
 
 def disc(radius: int) -> NDArray[np.uint8]:
     """The structuring element of a radius in px."""
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)).astype(np.uint8)
+    return cv2.getStructuringElement(
+        cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
+    ).astype(np.uint8)
 
 
 def outline(mask: Mask) -> NDArray[np.int32]:
     """(n, 2) int32: x, y of the pixels along the longest outer contour of a mask."""
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contours, _ = cv2.findContours(
+        mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
     return max(contours, key=len)[:, 0].astype(np.int32)
 
 
@@ -55,13 +59,17 @@ def polygons(contour: NDArray[np.int32]) -> list[NDArray[np.int32]]:
     found = [np.rint(cv2.boxPoints(cv2.minAreaRect(contour))).astype(np.int32)]
     hull, length = cv2.convexHull(contour), cv2.arcLength(contour, True)
     for tolerance in (0.02, 0.035, 0.06):
-        corners = cv2.approxPolyDP(hull, tolerance * length, True)[:, 0].astype(np.int32)
+        corners = cv2.approxPolyDP(hull, tolerance * length, True)[:, 0].astype(
+            np.int32
+        )
         if 4 <= len(corners) <= 6:
             found.append(corners)
     return found
 
 
-def cut_out(mask: Mask, x: int, y: int, smallest: int, opening: int = 0) -> Proposal | None:
+def cut_out(
+    mask: Mask, x: int, y: int, smallest: int, opening: int = 0
+) -> Proposal | None:
     """The largest part of a mask whose corner lies at (x, y), opened by a disc and its holes filled;
     None when it holds fewer than `smallest` px."""
     image = np.pad(mask, opening + 1).astype(np.uint8)
@@ -84,7 +92,10 @@ def cut_out(mask: Mask, x: int, y: int, smallest: int, opening: int = 0) -> Prop
 def common(a: Proposal, b: Proposal) -> tuple[slice, slice]:
     """The part of the mask of `a` that lies in the box of `b`; empty where they do not meet."""
     left, top, right, bottom = b.box
-    return (slice(max(top - a.y, 0), max(bottom - a.y, 0)), slice(max(left - a.x, 0), max(right - a.x, 0)))
+    return (
+        slice(max(top - a.y, 0), max(bottom - a.y, 0)),
+        slice(max(left - a.x, 0), max(right - a.x, 0)),
+    )
 
 
 def overlap(a: Proposal, b: Proposal) -> int:
@@ -93,11 +104,15 @@ def overlap(a: Proposal, b: Proposal) -> int:
     return int(np.count_nonzero(part & b.mask[common(b, a)])) if part.size else 0
 
 
-def doubt_about(one: Proposal, confidence: float, scale: tuple[float, float] = (1.0, 1.0)) -> list[Doubt]:
+def doubt_about(
+    one: Proposal, confidence: float, scale: tuple[float, float] = (1.0, 1.0)
+) -> list[Doubt]:
     """A doubtful object on a photo `scale` (across, down) times as large as the proposal's, with few corners; none
     where its outline is too thin."""
     contour = outline(one.mask)
-    corners = cv2.approxPolyDP(contour, STRAIGHT * cv2.arcLength(contour, True), True)[:, 0] + [one.x, one.y]
+    corners = cv2.approxPolyDP(contour, STRAIGHT * cv2.arcLength(contour, True), True)[
+        :, 0
+    ] + [one.x, one.y]
     if len(corners) < 3:
         return []
     points = np.round((corners + 0.5) * scale - 0.5, 1)
@@ -113,7 +128,10 @@ def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal
             first += 1
         slack = 4 + 0.12 * sum(one.mask.shape)
         for other in kept[first:]:
-            if sum(abs(p - q) for p, q in zip(one.box, other.box, strict=True)) <= slack:
+            if (
+                sum(abs(p - q) for p, q in zip(one.box, other.box, strict=True))
+                <= slack
+            ):
                 shared = overlap(one, other)
                 if shared > same * (one.area + other.area - shared):
                     break
@@ -137,7 +155,9 @@ class Scores:
     """(n,) float64 each."""
 
     score: NDArray[np.float64]  # About 0.6 for a doubtful object, 1 for a perfect one
-    compactness: NDArray[np.float64]  # Isoperimetric quotient: 1 for a disc, less for longer outlines
+    compactness: NDArray[
+        np.float64
+    ]  # Isoperimetric quotient: 1 for a disc, less for longer outlines
 
 
 def contour_normals(contour: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -153,7 +173,9 @@ def contour_normals(contour: NDArray[np.int32]) -> NDArray[np.float64]:
     return turn * np.stack([along[:, 1], -along[:, 0]], 1)
 
 
-def score_proposals(proposals: Sequence[Proposal], colour: NDArray[np.float32], gradient: Gradient) -> Scores:
+def score_proposals(
+    proposals: Sequence[Proposal], colour: NDArray[np.float32], gradient: Gradient
+) -> Scores:
     """The looks of each proposal, from its outline and shape. The score is a weighted geometric mean (weights
     chosen on photos): edges along all of the outline and along its weakest quarter, contrast between its two
     sides, solidity, likeness to an ellipse or a polygon of few corners, not being a mere line, and how little
@@ -165,7 +187,9 @@ def score_proposals(proposals: Sequence[Proposal], colour: NDArray[np.float32], 
     rim = np.zeros((len(proposals), POINTS, 4))
     for i, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
         at = np.linspace(0, len(contour), POINTS, endpoint=False).astype(int)
-        rim[i] = np.hstack([np.add(contour, (proposal.x, proposal.y)), contour_normals(contour)])[at]
+        rim[i] = np.hstack(
+            [np.add(contour, (proposal.x, proposal.y)), contour_normals(contour)]
+        )[at]
     x, y, nx, ny = np.moveaxis(rim, 2, 0)
     free = (x >= 2.5) & (y >= 2.5) & (x <= width - 3.5) & (y <= height - 3.5)
     count = np.maximum(free.sum(1), 1)
@@ -178,10 +202,15 @@ def score_proposals(proposals: Sequence[Proposal], colour: NDArray[np.float32], 
     support = np.where(free, gradient.support(edge), np.inf)
     cover = np.where(free, support, 0).sum(1) / count
     rising = np.sort(support, 1)
-    weakest = np.array([row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)])
+    weakest = np.array(
+        [row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)]
+    )
     weakest[free.sum(1) <= 8] = 0
 
-    soft, side = cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32), np.maximum(3, reach)
+    soft, side = (
+        cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32),
+        np.maximum(3, reach),
+    )
     inside, outside = (sample(soft, x + s * nx, y + s * ny) for s in (-side, side))
     step = np.linalg.norm(inside - outside, axis=2)
     contrast = (step / (step + 8) * free).sum(1) / count
@@ -199,20 +228,34 @@ def score_proposals(proposals: Sequence[Proposal], colour: NDArray[np.float32], 
     )
     score = np.exp(sum(weight * np.log(term) for weight, term in terms) / 2.4)
     left, top, right, bottom = np.array([proposal.box for proposal in proposals]).T
-    crosses = ((left <= 2) & (right >= width - 2)) | ((top <= 2) & (bottom >= height - 2))
+    crosses = ((left <= 2) & (right >= width - 2)) | (
+        (top <= 2) & (bottom >= height - 2)
+    )
     return Scores(np.where(crosses, 0.6, 1) * score, compactness)
 
 
 def _shape(mask: Mask, contour: NDArray[np.int32]) -> tuple[float, float, float]:
     """Solidity, likeness (intersection over union) to the ellipse or polygon that fits best, compactness."""
     area, length = cv2.contourArea(contour), cv2.arcLength(contour, True)
-    solidity = (area + length / 2 + 1) / (cv2.contourArea(cv2.convexHull(contour)) + length / 2 + 1)
+    solidity = (area + length / 2 + 1) / (
+        cv2.contourArea(cv2.convexHull(contour)) + length / 2 + 1
+    )
     y, x = np.nonzero(mask)
     spread = np.cov(x, y) + 0.08 * np.eye(2)
-    along, down = np.arange(mask.shape[1]) - x.mean(), np.arange(mask.shape[0])[:, None] - y.mean()
+    along, down = (
+        np.arange(mask.shape[1]) - x.mean(),
+        np.arange(mask.shape[0])[:, None] - y.mean(),
+    )
     form = np.linalg.inv(spread)
-    shapes = [form[0, 0] * along**2 + 2 * form[0, 1] * along * down + form[1, 1] * down**2 <= 4]
+    shapes = [
+        form[0, 0] * along**2 + 2 * form[0, 1] * along * down + form[1, 1] * down**2
+        <= 4
+    ]
     blank = np.zeros(mask.shape, np.uint8)
-    shapes += [cv2.fillPoly(blank.copy(), [corners], 1) > 0 for corners in polygons(contour)]
-    likeness = max(float((shape & mask).sum() / (shape | mask).sum()) for shape in shapes)
+    shapes += [
+        cv2.fillPoly(blank.copy(), [corners], 1) > 0 for corners in polygons(contour)
+    ]
+    likeness = max(
+        float((shape & mask).sum() / (shape | mask).sum()) for shape in shapes
+    )
     return float(solidity), likeness, float(4 * np.pi * area / max(length, 1) ** 2)

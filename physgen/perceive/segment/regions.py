@@ -24,18 +24,27 @@ LEAST = 0.13
 """Of a rim, that must vote for a circle."""
 
 
-def discs(gradient: Gradient, smallest: int, largest: int, most: int = 250) -> list[Proposal]:
+def discs(
+    gradient: Gradient, smallest: int, largest: int, most: int = 250
+) -> list[Proposal]:
     """The discs of an area within bounds (px) that the most of a rim supports, at most `most` of them."""
     height, width = gradient.strength.shape
-    circles = fit(gradient, vote(gradient, np.sqrt(smallest / np.pi), np.sqrt(largest / np.pi), 4 * most))
-    support = gradient.support(_across_rim(gradient, circles, np.linspace(0.97, 1.03, 5)).max(1)).mean(1)
+    circles = fit(
+        gradient,
+        vote(gradient, np.sqrt(smallest / np.pi), np.sqrt(largest / np.pi), 4 * most),
+    )
+    support = gradient.support(
+        _across_rim(gradient, circles, np.linspace(0.97, 1.03, 5)).max(1)
+    ).mean(1)
     x, y = np.arange(width), np.arange(height)[:, None]
     kept: list[Proposal] = []
     seen = np.zeros((0, 3))
     for i in np.argsort(-support, kind="stable"):
         one = circles[i]
         off = np.abs(seen - one)
-        double = (np.hypot(off[:, 0], off[:, 1]) < 0.12 * one[2]) & (off[:, 2] < 0.12 * one[2])
+        double = (np.hypot(off[:, 0], off[:, 1]) < 0.12 * one[2]) & (
+            off[:, 2] < 0.12 * one[2]
+        )
         if support[i] < 0.3 or len(kept) == most:
             break
         if double.any() or not (0 <= one[0] < width and 0 <= one[1] < height):
@@ -62,17 +71,28 @@ def vote(gradient: Gradient, smallest: float, largest: float, most: int) -> Circ
     across, down = np.cos(angle), np.sin(angle)
     found = []
     here: Layer | None = None
-    for level in range(len(radii) + 1):  # maxima over place, and over the next larger radius
+    for level in range(
+        len(radii) + 1
+    ):  # maxima over place, and over the next larger radius
         after = None
         if level < len(radii):
-            votes = _votes((height, width), rows, columns, across, down, weight, radii[level])
-            after = votes, np.asarray(cv2.dilate(votes, np.ones((5, 5), np.uint8)), np.float32)
+            votes = _votes(
+                (height, width), rows, columns, across, down, weight, radii[level]
+            )
+            after = (
+                votes,
+                np.asarray(cv2.dilate(votes, np.ones((5, 5), np.uint8)), np.float32),
+            )
         if here is not None:
             y, x = np.nonzero(here[0] > LEAST)
-            most_near = np.max([layer[1][y, x] for layer in (here, after) if layer is not None], axis=0)
+            most_near = np.max(
+                [layer[1][y, x] for layer in (here, after) if layer is not None], axis=0
+            )
             top = here[0][y, x] >= most_near
             y, x = y[top], x[top]
-            found.append(np.stack([x, y, np.full(len(x), radii[level - 1]), here[0][y, x]], 1))
+            found.append(
+                np.stack([x, y, np.full(len(x), radii[level - 1]), here[0][y, x]], 1)
+            )
         here = after
     every = np.concatenate(found).astype(np.float64)
     return every[np.argsort(-every[:, 3], kind="stable")[:most], :3]
@@ -100,7 +120,9 @@ def _votes(
         inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
         votes += np.bincount((y * width + x)[inside], weight[inside], height * width)
     sigma = max(0.8, 0.08 * radius)
-    blurred = cv2.GaussianBlur(votes.reshape(height, width).astype(np.float32), (0, 0), sigma)
+    blurred = cv2.GaussianBlur(
+        votes.reshape(height, width).astype(np.float32), (0, 0), sigma
+    )
     return np.asarray(blurred * (sigma * sigma / radius), np.float32)
 
 
@@ -117,13 +139,19 @@ def fit(gradient: Gradient, circles: Circles) -> Circles:
         weight = certain = np.minimum(strength, 5) * (strength > 2 * gradient.noise)
         for _ in range(3):
             normal = np.einsum("nt,ti,tj->nij", weight, RIM, RIM) + 1e-3 * np.eye(3)
-            move = np.linalg.solve(normal, np.einsum("nt,nt,ti->ni", weight, out, RIM)[..., None])[..., 0]
-            weight = certain / (1 + ((out - move @ RIM.T) / (0.025 * radius + 0.7)) ** 2)
+            move = np.linalg.solve(
+                normal, np.einsum("nt,nt,ti->ni", weight, out, RIM)[..., None]
+            )[..., 0]
+            weight = certain / (
+                1 + ((out - move @ RIM.T) / (0.025 * radius + 0.7)) ** 2
+            )
         circles = circles + np.clip(move, -0.2 * radius, 0.2 * radius)
     return circles
 
 
-def _across_rim(gradient: Gradient, circles: Circles, factor: NDArray[np.float64]) -> NDArray[np.float32]:
+def _across_rim(
+    gradient: Gradient, circles: Circles, factor: NDArray[np.float64]
+) -> NDArray[np.float32]:
     """(n, k, 72): edge strength across the rim of each circle, its radius multiplied by each of k factors."""
     radius = (circles[:, 2:] * factor)[..., None]
     x = circles[:, 0, None, None] + radius * np.cos(ANGLES)
@@ -147,7 +175,9 @@ def basins(height: NDArray[np.float32]) -> NDArray[np.int32]:
     lowest, target = height.copy(), index[1:-1, 1:-1].copy()
     for dy, dx in ((0, 1), (1, 0), (1, 2), (2, 1), (0, 0), (0, 2), (2, 0), (2, 2)):
         beside = wide[dy : dy + rows, dx : dx + columns]
-        target = np.where(beside < lowest, index[dy : dy + rows, dx : dx + columns], target)
+        target = np.where(
+            beside < lowest, index[dy : dy + rows, dx : dx + columns], target
+        )
         lowest = np.minimum(beside, lowest)
     bottom = lowest == height
     _, bottoms = cv2.connectedComponents(bottom.astype(np.uint8), connectivity=8)
@@ -156,7 +186,9 @@ def basins(height: NDArray[np.float32]) -> NDArray[np.int32]:
     flow = target.ravel()
     while not np.array_equal(flow, flow[flow]):
         flow = flow[flow]
-    return np.unique(flow, return_inverse=True)[1].reshape(height.shape).astype(np.int32)
+    return (
+        np.unique(flow, return_inverse=True)[1].reshape(height.shape).astype(np.int32)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +198,9 @@ class MergeTree:
     height: NDArray[np.float64]
     """(nodes,): the difference at which a node came about, CIELAB units; never below its children's."""
     parent: NDArray[np.int64]  # (nodes,), -1 for a root
-    span: NDArray[np.int64]  # (nodes, 2): the node holds the basins of rank first..last-1
+    span: NDArray[
+        np.int64
+    ]  # (nodes, 2): the node holds the basins of rank first..last-1
     rank: NDArray[np.int64]  # (basins,): the place of each basin in the tree's order
 
     def without(self, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -192,7 +226,10 @@ def merge_tree(
     count, beside = len(borders), borders
     area = [] if areas is None else areas.tolist()
     mean = [] if means is None else list(means)
-    owner, node = list(range(count)), list(range(count))  # a region keeps its number while others join it
+    owner, node = (
+        list(range(count)),
+        list(range(count)),
+    )  # a region keeps its number while others join it
     height, parent = [0.0] * count, [-1] * count
     children: dict[int, tuple[int, int]] = {}
 
@@ -206,7 +243,9 @@ def merge_tree(
         if not mean:
             return total / length
         step = mean[a] - mean[b]
-        return total / length + COLOUR_WEIGHT * min(EDGE_CAP, float(np.sqrt(step @ step)))
+        return total / length + COLOUR_WEIGHT * min(
+            EDGE_CAP, float(np.sqrt(step @ step))
+        )
 
     queue = [(difference(a, b), a, b) for a in range(count) for b in beside[a] if a < b]
     heapq.heapify(queue)
@@ -234,9 +273,14 @@ def merge_tree(
             del beside[other][b]
             if other != a:
                 before = beside[a].get(other, (0, 0.0))
-                beside[a][other] = beside[other][a] = before[0] + length, before[1] + total
+                beside[a][other] = beside[other][a] = (
+                    before[0] + length,
+                    before[1] + total,
+                )
                 heapq.heappush(queue, (difference(a, other), a, other))
-    return MergeTree(np.array(height), np.array(parent), *_spans(parent, children, count))
+    return MergeTree(
+        np.array(height), np.array(parent), *_spans(parent, children, count)
+    )
 
 
 def colour_tree(
@@ -244,17 +288,25 @@ def colour_tree(
 ) -> MergeTree:
     """The tree of basins `labels` (H, W) by the mean edge strength along their borders and their mean colour."""
     areas = np.bincount(labels.ravel())
-    means = np.stack([np.bincount(labels.ravel(), colour[..., c].ravel()) / areas for c in range(3)], 1)
+    means = np.stack(
+        [np.bincount(labels.ravel(), colour[..., c].ravel()) / areas for c in range(3)],
+        1,
+    )
     return merge_tree(edge_borders(labels, edge), areas, means)
 
 
 def edge_borders(
-    labels: NDArray[np.int32], edge: NDArray[np.float32], kept: NDArray[np.bool_] | None = None
+    labels: NDArray[np.int32],
+    edge: NDArray[np.float32],
+    kept: NDArray[np.bool_] | None = None,
 ) -> Borders:
     """Borders of basins `labels` (H, W) with the edge strength along them, up to EDGE_CAP; `kept` as `pair_borders`."""
     strength = np.minimum(edge, EDGE_CAP)
     sides = ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]))
-    pairs = [(here, there, np.maximum(strength[here], strength[there])) for here, there in sides]
+    pairs = [
+        (here, there, np.maximum(strength[here], strength[there]))
+        for here, there in sides
+    ]
     return pair_borders(labels, pairs, kept)
 
 
@@ -272,12 +324,16 @@ def pair_borders(
         across = ours != theirs
         if kept is not None:
             across &= kept[ours] & kept[theirs]
-        keys.append(np.minimum(ours, theirs)[across] * count + np.maximum(ours, theirs)[across])
+        keys.append(
+            np.minimum(ours, theirs)[across] * count + np.maximum(ours, theirs)[across]
+        )
         values.append(difference[across])
     unique, inverse = np.unique(np.concatenate(keys), return_inverse=True)
     lengths, totals = np.bincount(inverse), np.bincount(inverse, np.concatenate(values))
     beside: Borders = [{} for _ in range(count)]
-    for key, length, total in zip(unique.tolist(), lengths.tolist(), totals.tolist(), strict=True):
+    for key, length, total in zip(
+        unique.tolist(), lengths.tolist(), totals.tolist(), strict=True
+    ):
         a, b = divmod(key, count)
         beside[a][b] = beside[b][a] = (length, total)
     return beside
@@ -291,7 +347,9 @@ def _spans(
     for a, b in children.values():
         size.append(size[a] + size[b])
     first, start = [0] * len(size), 0
-    for node in reversed(range(len(size))):  # parents have larger numbers than their children
+    for node in reversed(
+        range(len(size))
+    ):  # parents have larger numbers than their children
         if parent[node] < 0:
             first[node], start = start, start + size[node]
         if node in children:
@@ -304,11 +362,18 @@ def stable_regions(
     colour: NDArray[np.float32], gradient: Gradient, smallest: int, largest: int
 ) -> list[Proposal]:
     """Every node of the merge tree of an area within bounds (px) that outlives a rise of the threshold."""
-    labels = basins(np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise))
+    labels = basins(
+        np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise)
+    )
     tree = colour_tree(labels, colour, gradient.strength)
     above = tree.height[tree.parent]
     stable = (tree.parent >= 0) & (above >= 1.08 * tree.height + 0.3)
-    return [region for _, region in tree_regions(tree, labels, stable, smallest, largest, opening=1)]
+    return [
+        region
+        for _, region in tree_regions(
+            tree, labels, stable, smallest, largest, opening=1
+        )
+    ]
 
 
 def tree_regions(
@@ -321,14 +386,18 @@ def tree_regions(
 ) -> list[tuple[int, Proposal]]:
     """Some `nodes` of the tree of basins `labels` (H, W), each with its largest part, of an area within bounds (px)."""
     ranks = tree.rank[labels]
-    sizes = np.concatenate([[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))])
+    sizes = np.concatenate(
+        [[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))]
+    )
     rows, columns = np.indices(ranks.shape)
     corners = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
     boxes = np.full((len(tree.rank), 4), np.iinfo(np.int64).max)
     np.minimum.at(boxes, ranks.ravel(), corners)
     areas = sizes[tree.span[:, 1]] - sizes[tree.span[:, 0]]
     found = []
-    for k in np.flatnonzero(nodes & (areas >= smallest) & (areas <= 1.2 * largest)).tolist():
+    for k in np.flatnonzero(
+        nodes & (areas >= smallest) & (areas <= 1.2 * largest)
+    ).tolist():
         first, last = tree.span[k].tolist()
         x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
         part = ranks[y : bottom + 1, x : right + 1]

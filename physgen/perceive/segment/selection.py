@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
-from physgen.perceive.segment.proposals import Proposal, Scores, distinct, outline, overlap, score_proposals
+from physgen.perceive.segment.proposals import (
+    Proposal,
+    Scores,
+    distinct,
+    outline,
+    overlap,
+    score_proposals,
+)
 from physgen.perceive.segment.regions import discs, stable_regions
 
 
@@ -51,7 +58,9 @@ class EdgeSearch:
 
     shape: tuple[int, int]
     gradient: Gradient
-    proposals: Sequence[Proposal]  # All of them, also larger and smaller ones than are selected from
+    proposals: Sequence[
+        Proposal
+    ]  # All of them, also larger and smaller ones than are selected from
     chosen: Sequence[Proposal]  # The best set of them
     scores: NDArray[np.float64]  # (n,) of the chosen ones
 
@@ -60,7 +69,9 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     """The proposals of a photo (H, W, 3) uint8 sRGB, and the best set of them."""
     height, width = rgb.shape[:2]
     scale = min(
-        1.0, (SELECTION.working_area / (height * width)) ** 0.5, SELECTION.working_side / max(height, width)
+        1.0,
+        (SELECTION.working_area / (height * width)) ** 0.5,
+        SELECTION.working_side / max(height, width),
     )
     size = max(1, round(width * scale)), max(1, round(height * scale))
     reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
@@ -73,7 +84,9 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     gradient = colour_gradient(colour)
     regions = stable_regions(colour, gradient, least, most)
     circles = discs(gradient, smallest, largest)
-    proposals = distinct([one for one in regions if smallest <= one.area <= largest] + circles)
+    proposals = distinct(
+        [one for one in regions if smallest <= one.area <= largest] + circles
+    )
     scores = score_proposals(proposals, colour, gradient)
     chosen, final = select(proposals, scores, shape)
     return EdgeSearch(shape, gradient, distinct(regions + circles), chosen, final)
@@ -107,11 +120,18 @@ def exclusions(proposals: Sequence[Proposal]) -> Flags:
     """(n, n): which proposals share too much to be chosen together; false on the diagonal."""
     boxes = np.array([proposal.box for proposal in proposals], np.float64)
     area = np.array([proposal.area for proposal in proposals], np.float64)
-    low, high = np.maximum(boxes[:, None, :2], boxes[:, :2]), np.minimum(boxes[:, None, 2:], boxes[:, 2:])
-    meeting = np.clip(high - low, 0, None).prod(-1) > SHARED * np.minimum(area[:, None], area)
+    low, high = (
+        np.maximum(boxes[:, None, :2], boxes[:, :2]),
+        np.minimum(boxes[:, None, 2:], boxes[:, 2:]),
+    )
+    meeting = np.clip(high - low, 0, None).prod(-1) > SHARED * np.minimum(
+        area[:, None], area
+    )
     excludes = np.zeros(meeting.shape, np.bool_)
     for i, j in np.argwhere(np.triu(meeting, 1)).tolist():
-        excludes[i, j] = excludes[j, i] = overlap(proposals[i], proposals[j]) > SHARED * min(area[i], area[j])
+        excludes[i, j] = excludes[j, i] = overlap(
+            proposals[i], proposals[j]
+        ) > SHARED * min(area[i], area[j])
     return excludes
 
 
@@ -153,17 +173,23 @@ def _fill(chosen: Flags, order: NDArray[np.intp], excludes: Flags) -> Flags:
     return chosen
 
 
-def _sets(score: Values, area: Values, compactness: Values, chosen: Flags, excludes: Flags) -> Values:
+def _sets(
+    score: Values, area: Values, compactness: Values, chosen: Flags, excludes: Flags
+) -> Values:
     """(n,): the bonus of proposals with the size and compactness of several selected ones."""
     size = np.log(area[:, None] / area[chosen]) / 0.12
     round_ = np.log(compactness[:, None] / compactness[chosen]) / 0.15
-    alike = np.exp(-(size**2) - round_**2) * np.clip((score[chosen] - SELECTION.threshold) / 0.2, 0, 1)
+    alike = np.exp(-(size**2) - round_**2) * np.clip(
+        (score[chosen] - SELECTION.threshold) / 0.2, 0, 1
+    )
     alike[(excludes | np.eye(len(area), dtype=np.bool_))[:, chosen]] = 0
     bonus: Values = SELECTION.set_bonus * np.minimum(alike.sum(1), 3) / 3
     return bonus
 
 
-def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tuple[int, int]) -> Values:
+def _gaps(
+    proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tuple[int, int]
+) -> Values:
     """(n,): the penalty of selected proposals next to larger selected ones along much of the outline."""
     reach = 3
     labels = np.zeros((shape[0] + 2 * reach, shape[1] + 2 * reach), np.int32)
@@ -178,9 +204,15 @@ def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tup
         others = (around > 0) & (around != i + 1)
         if not others.any():
             continue
-        near = cv2.dilate(others.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        near = cv2.dilate(
+            others.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+        )
         x, y = (outline(proposals[i].mask) + reach).T
         enclosed = max(0.0, float(near[y, x].mean()) - 0.3) / 0.7
         beside = float(np.median(area[np.unique(around[others]) - 1]))
-        penalty[i] = SELECTION.gap_penalty * enclosed * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
+        penalty[i] = (
+            SELECTION.gap_penalty
+            * enclosed
+            * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
+        )
     return penalty

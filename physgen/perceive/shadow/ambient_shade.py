@@ -40,10 +40,20 @@ class _Tuning:
     wide: float = 40.0  # degrees: half the width of such a light
     deep: float = 0.05  # predicted depth that is compared with ...
     faint: float = 0.02  # ... places of less than this
-    shaded: float = 0.03  # predicted depth from which a place is no reference for lit surfaces
-    beside_side: tuple[float, float] = (0.4, 0.15)  # reach of the comparison in a side view
+    shaded: float = (
+        0.03  # predicted depth from which a place is no reference for lit surfaces
+    )
+    beside_side: tuple[float, float] = (
+        0.4,
+        0.15,
+    )  # reach of the comparison in a side view
     beside_top: tuple[float, float] = (0.3, 0.3)  # and in a top view
-    nearby: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0)  # shifts at which shade might lie as well, by chance
+    nearby: tuple[float, ...] = (
+        0.5,
+        1.0,
+        1.5,
+        2.0,
+    )  # shifts at which shade might lie as well, by chance
     sure: float = 6.0  # times chance from which shade is believed (studio photos of the split `tune`)
     seen: float = 0.025  # contrast from which it is believed
     # of seen over predicted depth: what is darker is another surface, or the shade of what carries the objects
@@ -53,7 +63,11 @@ class _Tuning:
         (0.7, 0.08, 1.0), (2.0, 0.16, 0.05), (4.0, 0.6, 2e-3), (8.0, 2.0, 1e-5),
     )  # fmt: skip
     """Reach and weight of like surfaces on a floor seen from the side: a row is equally far."""
-    around: tuple[tuple[float, float, float], ...] = ((0.5, 0.5, 1.0), (1.0, 1.0, 0.05), (3.0, 3.0, 2e-3))
+    around: tuple[tuple[float, float, float], ...] = (
+        (0.5, 0.5, 1.0),
+        (1.0, 1.0, 0.05),
+        (3.0, 3.0, 2e-3),
+    )
     """The same on a table seen from above."""
     # px, standard deviations; from above the mean of both, both ways
     smooth: tuple[float, float] = (3.0, 1.2)
@@ -83,7 +97,11 @@ class AmbientShade:
 
 
 def find_ambient_shade(
-    background: Rgb, coverage: F32, at: Callable[[float], Sequence[Silhouette]], *, from_above: bool
+    background: Rgb,
+    coverage: F32,
+    at: Callable[[float], Sequence[Silhouette]],
+    *,
+    from_above: bool,
 ) -> AmbientShade | None:
     """`at` gives the silhouettes on a picture so many times smaller. None where no shade is seen."""
     H, W = coverage.shape
@@ -92,7 +110,9 @@ def find_ambient_shade(
     if not silhouettes:
         return None
     w, h = max(1, round(W / scale)), max(1, round(H / scale))
-    picture = np.asarray(cv2.resize(background, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
+    picture = np.asarray(
+        cv2.resize(background, (w, h), interpolation=cv2.INTER_AREA), np.uint8
+    )
     near = (~away_from_objects(coverage, MARGIN)).astype(np.float32)
     free = np.asarray(cv2.resize(near, (w, h), interpolation=cv2.INTER_AREA) == 0)
     size = typical_size(silhouettes)
@@ -108,15 +128,25 @@ def find_ambient_shade(
         shaded = model > TUNING.shaded
         beside = cv2.dilate(shaded.astype(np.uint8), np.ones(wide[::-1], np.uint8)) > 0
         beside &= model < TUNING.faint
-        dark = missing_light(picture, free.astype(np.float32), shaded, size, from_above=from_above)
-        contrast, sure = contrast_over_chance(dark, free, deep, beside, _shifts(size, from_above))
-        if contrast < TUNING.seen or sure < TUNING.sure or (best is not None and best.sure >= sure):
+        dark = missing_light(
+            picture, free.astype(np.float32), shaded, size, from_above=from_above
+        )
+        contrast, sure = contrast_over_chance(
+            dark, free, deep, beside, _shifts(size, from_above)
+        )
+        if (
+            contrast < TUNING.seen
+            or sure < TUNING.sure
+            or (best is not None and best.sure >= sure)
+        ):
             continue
         predicted = float(np.median(model[deep]) - np.median(model[beside & free]))
         factor = max(contrast / max(predicted, 1e-3), TUNING.least_factor)
         if factor > TUNING.most_factor:
             continue
-        full = np.asarray(cv2.resize(dark, (W, H), interpolation=cv2.INTER_LINEAR), np.float32)
+        full = np.asarray(
+            cv2.resize(dark, (W, H), interpolation=cv2.INTER_LINEAR), np.float32
+        )
         best = AmbientShade(_sky(direct, down, (W, H), from_above), factor, sure, full)
     return best
 
@@ -129,11 +159,15 @@ def extend_behind_objects(dark: F32, coverage: F32) -> F32:
     for sigma in TUNING.rims:
         near = cv2.GaussianBlur(free, (0, 0), sigma)
         hidden = (free == 0) & (near > 1e-3)
-        result[hidden] = (cv2.GaussianBlur(values, (0, 0), sigma) / np.maximum(near, 1e-6))[hidden]
+        result[hidden] = (
+            cv2.GaussianBlur(values, (0, 0), sigma) / np.maximum(near, 1e-6)
+        )[hidden]
     return np.asarray(result, np.float32)
 
 
-def _sky(direct: float, down: float, size: tuple[int, int], from_above: bool) -> ShadowSetting:
+def _sky(
+    direct: float, down: float, size: tuple[int, int], from_above: bool
+) -> ShadowSetting:
     towards = (0.0, 0.0, 1.0) if from_above else (0.0, -1.0, 0.0)
     light = DistantLight(towards, FULL * direct, FULL * (1 - direct))
     return ShadowSetting(light, TUNING.wide, from_above, tan(radians(down)), inf, size)
@@ -142,12 +176,21 @@ def _sky(direct: float, down: float, size: tuple[int, int], from_above: bool) ->
 def _shifts(size: float, from_above: bool) -> list[tuple[int, int]]:
     """px right and down: where else shade might lie. Seen from the side it is flat, and lies apart a row away."""
     steps = [0.0, *TUNING.nearby, *(-part for part in TUNING.nearby)]
-    downs = steps if from_above else [0.6 * part for part in steps if 0 < abs(part) <= 1]
+    downs = (
+        steps if from_above else [0.6 * part for part in steps if 0 < abs(part) <= 1]
+    )
     least = 1.0 if from_above else 0.3
-    return [(int(a * size), int(b * size)) for b in downs for a in steps if abs(a) + abs(b) >= least]
+    return [
+        (int(a * size), int(b * size))
+        for b in downs
+        for a in steps
+        if abs(a) + abs(b) >= least
+    ]
 
 
-def missing_light(background: Rgb, free: F32, shaded: Mask, size: float, *, from_above: bool) -> F32:
+def missing_light(
+    background: Rgb, free: F32, shaded: Mask, size: float, *, from_above: bool
+) -> F32:
     """(H, W) -log of the light that surfaces miss against like ones nearby, smooth.
 
     `free`: 1 where no object is near. `shaded`: places that may lie in shade, and are no reference.
@@ -155,11 +198,18 @@ def missing_light(background: Rgb, free: F32, shaded: Mask, size: float, *, from
     linear = decode(background)
     bright = np.log(luminance(linear) + DARKEST).astype(np.float32)
     plain = free * ~shaded
-    reaches = [(a * size, d * size, gain) for a, d, gain in (TUNING.around if from_above else TUNING.along)]
-    level = mean_of_kind(bright, plain, hue_weights(linear, plain, 4000), reaches, tiny=1e-9)
+    reaches = [
+        (a * size, d * size, gain)
+        for a, d, gain in (TUNING.around if from_above else TUNING.along)
+    ]
+    level = mean_of_kind(
+        bright, plain, hue_weights(linear, plain, 4000), reaches, tiny=1e-9
+    )
     across, down = (sum(TUNING.smooth) / 2,) * 2 if from_above else TUNING.smooth
     near = np.maximum(blur_wide(free, across, down), 1e-2)
-    return np.asarray(blur_wide((level - bright) * free, across, down) / near, np.float32)
+    return np.asarray(
+        blur_wide((level - bright) * free, across, down) / near, np.float32
+    )
 
 
 def contrast_over_chance(
@@ -172,7 +222,10 @@ def contrast_over_chance(
     """
     own = _contrast(dark, free, within, around)
     other = free & ~within
-    moved = [_contrast(dark, other, _moved(within, dx, dy), _moved(around, dx, dy)) for dx, dy in shifts]
+    moved = [
+        _contrast(dark, other, _moved(within, dx, dy), _moved(around, dx, dy))
+        for dx, dy in shifts
+    ]
     others = np.array([one for one in moved if one is not None])
     if own is None or len(others) < max(1, len(shifts) // 4) or own <= others.max():
         return own or 0.0, 0.0
@@ -183,7 +236,10 @@ def contrast_over_chance(
 
 def _contrast(dark: F32, free: Mask, within: Mask, around: Mask) -> float | None:
     seen, plain = within & free, around & free
-    if seen.sum() < max(TUNING.least, TUNING.visible * within.sum()) or plain.sum() < TUNING.least:
+    if (
+        seen.sum() < max(TUNING.least, TUNING.visible * within.sum())
+        or plain.sum() < TUNING.least
+    ):
         return None
     return float(np.median(dark[seen]) - np.median(dark[plain]))
 

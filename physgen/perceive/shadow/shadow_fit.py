@@ -49,7 +49,12 @@ class _Tuning:
     beyond: tuple[float, float] = (40.0, 2.5)
     pull: float = 0.02  # correlation that one standard deviation from it must gain
     telling: int = 3  # objects, or groups of them, that the light is searched by at first; the largest
-    wall_sizes: tuple[float, ...] = (1.0, 0.94, 0.88, 0.82)  # of shadows on a wall, in perspective
+    wall_sizes: tuple[float, ...] = (
+        1.0,
+        0.94,
+        0.88,
+        0.82,
+    )  # of shadows on a wall, in perspective
     farthest: float = 5.0  # from an object to its shadow on a wall
     in_sight: float = 0.5  # share of all outlines that must lie in the photo, and free
     # percentile of the photo's slopes: steeper ones are edges of objects, and cut to this
@@ -87,14 +92,19 @@ class LightGradients:
         sums = self._sums(model)
         alike = [both / max((own * seen) ** 0.5, 1e-9) for both, own, seen in sums]
         factors = [both / max(own, 1e-9) for both, own, _ in sums]
-        return (sum(alike) / len(sums), sum(factors) / len(sums)) if sums else (0.0, 0.0)
+        return (
+            (sum(alike) / len(sums), sum(factors) / len(sums)) if sums else (0.0, 0.0)
+        )
 
     def _sums(self, model: F32) -> list[tuple[float, float, float]]:
         """Of each width: products of predicted and seen slopes, squares of either, near what is predicted.
 
         Empty where hardly any of it is in sight.
         """
-        rows, columns = np.flatnonzero(model.max(axis=1) > 0.02), np.flatnonzero(model.max(axis=0) > 0.02)
+        rows, columns = (
+            np.flatnonzero(model.max(axis=1) > 0.02),
+            np.flatnonzero(model.max(axis=0) > 0.02),
+        )
         if len(rows) < 2 or len(columns) < 2:
             return []
         pad = int(3 * self.slopes[-1][0]) + 4
@@ -104,21 +114,34 @@ class LightGradients:
         within = self.within[part]
         found = []
         for width, near, right, down in self.slopes:
-            soft = cv2.GaussianBlur(model * known, (0, 0), width) / np.maximum(near[part], 0.05)
+            soft = cv2.GaussianBlur(model * known, (0, 0), width) / np.maximum(
+                near[part], 0.05
+            )
             dy, dx = np.gradient(soft)
             energy = np.asarray(dx * dx + dy * dy, np.float32)
             edges = energy > 0.01 * float((energy * within).max())
-            weight = within * cv2.dilate(edges.astype(np.uint8), np.ones((9, 9), np.uint8))
+            weight = within * cv2.dilate(
+                edges.astype(np.uint8), np.ones((9, 9), np.uint8)
+            )
             own = float((weight * energy).sum())
             if own <= TUNING.least_seen * float(energy.sum()):
                 return []
             both = -float((weight * (dx * right[part] + dy * down[part])).sum())
-            found.append((both, own, float((weight * (right[part] ** 2 + down[part] ** 2)).sum())))
+            found.append(
+                (
+                    both,
+                    own,
+                    float((weight * (right[part] ** 2 + down[part] ** 2)).sum()),
+                )
+            )
         return found
 
 
 def light_gradients(
-    background: Rgb, coverage: F32, longest: int, at: Callable[[float], Sequence[Silhouette]]
+    background: Rgb,
+    coverage: F32,
+    longest: int,
+    at: Callable[[float], Sequence[Silhouette]],
 ) -> LightGradients | None:
     """The photo at a scale; `at` gives the silhouettes at it. None where there are none."""
     scale = max(max(background.shape[:2]) / longest, 1.0)
@@ -128,17 +151,27 @@ def light_gradients(
     h, w = (max(1, round(n / scale)) for n in background.shape[:2])
     light = np.log(luminance(decode(background)) + DARKEST)
     open_ = away_from_objects(coverage).astype(np.float32)
-    share = np.asarray(cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
-    small = np.asarray(cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
+    share = np.asarray(
+        cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32
+    )
+    small = np.asarray(
+        cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32
+    )
     small = np.asarray(small / np.maximum(share, 0.05), np.float32)
     known = np.asarray(share * (share > 0.5), np.float32)
     slopes = []
     for part in TUNING.widths:
         width = max(part * typical_size(silhouettes), 1.0)
         near = np.asarray(cv2.GaussianBlur(known, (0, 0), width), np.float32)
-        down, right = np.gradient(cv2.GaussianBlur(small * known, (0, 0), width) / np.maximum(near, 0.05))
-        slopes.append((width, near, np.asarray(right, np.float32), np.asarray(down, np.float32)))
-    return LightGradients(scale, (w, h), known, slopes, silhouettes, join_silhouettes(silhouettes))
+        down, right = np.gradient(
+            cv2.GaussianBlur(small * known, (0, 0), width) / np.maximum(near, 0.05)
+        )
+        slopes.append(
+            (width, near, np.asarray(right, np.float32), np.asarray(down, np.float32))
+        )
+    return LightGradients(
+        scale, (w, h), known, slopes, silhouettes, join_silhouettes(silhouettes)
+    )
 
 
 @dataclass(frozen=True)
@@ -151,7 +184,9 @@ class LightFit:
     each: float = 1.0  # the same where the shadows of objects side by side are added up
 
 
-def search_light(gradients: Sequence[LightGradients], guess: LightGuess) -> tuple[int, LightFit]:
+def search_light(
+    gradients: Sequence[LightGradients], guess: LightGuess
+) -> tuple[int, LightFit]:
     """The index of the best of `gradients`, and the light in its px: coordinate steps from several directions.
 
     `gradients`: of one size, with floors in different places.
@@ -162,13 +197,21 @@ def search_light(gradients: Sequence[LightGradients], guess: LightGuess) -> tupl
     def rated(k: int, setting: ShadowSetting) -> LightFit:
         return _rated(gradients[k], telling[k], setting, guess)
 
-    starts = [(k, rated(k, setting)) for k in range(len(gradients)) for setting in _starts(first, guess)]
+    starts = [
+        (k, rated(k, setting))
+        for k in range(len(gradients))
+        for setting in _starts(first, guess)
+    ]
     starts.sort(key=lambda start: -start[1].likeness)
 
     def climbed(k: int, fit: LightFit) -> LightFit:
-        return _climbed(fit, _coarse_steps(fit.setting), lambda setting: rated(k, setting))
+        return _climbed(
+            fit, _coarse_steps(fit.setting), lambda setting: rated(k, setting)
+        )
 
-    k, best = max(((k, climbed(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness)
+    k, best = max(
+        ((k, climbed(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness
+    )
     for _ in range(2):
         before, best = best, climbed(k, best)
         if best.likeness < before.likeness + 0.005:
@@ -177,7 +220,10 @@ def search_light(gradients: Sequence[LightGradients], guess: LightGuess) -> tupl
 
 
 def _rated(
-    gradients: LightGradients, silhouettes: Sequence[Silhouette], setting: ShadowSetting, guess: LightGuess
+    gradients: LightGradients,
+    silhouettes: Sequence[Silhouette],
+    setting: ShadowSetting,
+    guess: LightGuess,
 ) -> LightFit:
     if (penalty := deviation_penalty(setting.light, guess)) == inf:
         return LightFit(setting, -inf, 0.0)
@@ -186,7 +232,9 @@ def _rated(
 
 
 def _climbed(
-    fit: LightFit, settings: Iterator[ShadowSetting], rated: Callable[[ShadowSetting], LightFit]
+    fit: LightFit,
+    settings: Iterator[ShadowSetting],
+    rated: Callable[[ShadowSetting], LightFit],
 ) -> LightFit:
     for setting in settings:
         if (other := rated(setting)).likeness > fit.likeness and other.factor > 0:
@@ -200,14 +248,18 @@ def deviation_penalty(light: DistantLight, guess: LightGuess) -> float:
         return 0.0
     sure = min((guess.confidence - TRUSTED) / (TUNING.well - TRUSTED), 1.0)
     deviation = TUNING.deviation[0] + sure * (TUNING.deviation[1] - TUNING.deviation[0])
-    cosine = sum(a * b for a, b in zip(light.direction, guess.light.direction, strict=True))
+    cosine = sum(
+        a * b for a, b in zip(light.direction, guess.light.direction, strict=True)
+    )
     angle = degrees(acos(min(max(cosine, -1.0), 1.0)))
     if angle > min(TUNING.beyond[0], TUNING.beyond[1] * deviation):
         return inf
     return TUNING.pull * (angle / deviation) ** 2
 
 
-def refine_light(fine: LightGradients, setting: ShadowSetting, guess: LightGuess) -> LightFit:
+def refine_light(
+    fine: LightGradients, setting: ShadowSetting, guess: LightGuess
+) -> LightFit:
     """Smaller steps from a setting, in px of `fine`, by the largest objects; its likeness by all."""
     telling = fine.telling
 
@@ -223,7 +275,9 @@ def refine_light(fine: LightGradients, setting: ShadowSetting, guess: LightGuess
                 break
     if fit.likeness == -inf:
         return fit
-    return LightFit(fit.setting, *fine.agreement(predicted_darkness(fine.joined, fit.setting)))
+    return LightFit(
+        fit.setting, *fine.agreement(predicted_darkness(fine.joined, fit.setting))
+    )
 
 
 def _oddness(setting: ShadowSetting, factor: float) -> float:
@@ -251,7 +305,14 @@ def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
     """The light turned about the upright, and higher and lower, by so many radians."""
     x, y, z = setting.light.direction
     turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
-    for around, up in ((step, 0), (-step, 0), (0, step), (0, -step), (step, -step), (-step, -step)):
+    for around, up in (
+        (step, 0),
+        (-step, 0),
+        (0, step),
+        (0, -step),
+        (step, -step),
+        (-step, -step),
+    ):
         a, e = turn + around / max(cos(rise), 0.3), rise + up
         if sin(e) > 0.1 and e < pi / 2:
             yield with_direction(setting, (cos(e) * cos(a), -sin(e), cos(e) * sin(a)))
@@ -275,7 +336,9 @@ def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
         yield replace(setting, softness=min(max(setting.softness * by, 0.5), 45.0))
     for by in (1 + 2 * step, 1 / (1 + 2 * step)):
         yield replace(setting, tilt=min(max(setting.tilt * by, 0.02), 0.5))
-    now = setting.light.intensity / max(setting.light.intensity + setting.light.ambient, 1e-6)
+    now = setting.light.intensity / max(
+        setting.light.intensity + setting.light.ambient, 1e-6
+    )
     for share in (min(now + step, 0.98), max(now - step, 0.02)):
         yield with_direct_share(setting, share)
 
@@ -284,7 +347,9 @@ def with_direction(setting: ShadowSetting, direction: Sequence[float]) -> Shadow
     """The same under a light from another direction (unit)."""
     x, y, z = (float(c) for c in direction)
     light = setting.light
-    return replace(setting, light=DistantLight((x, y, z), light.intensity, light.ambient))
+    return replace(
+        setting, light=DistantLight((x, y, z), light.intensity, light.ambient)
+    )
 
 
 def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
@@ -297,7 +362,9 @@ def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
 class WallShadow:
     """The objects' shadows on a wall behind, in px of the photo."""
 
-    shift: tuple[float, float]  # From an object to its shadow, in the middle of the photo
+    shift: tuple[
+        float, float
+    ]  # From an object to its shadow, in the middle of the photo
     size: float  # Of shadow to object, about the middle of the photo
     likeness: float = 0.0  # correlation of slopes along the outlines
     factor: float = 0.0  # -log of the light that is left
@@ -308,18 +375,29 @@ class WallShadow:
         return self.likeness >= float(0.5 + 0.35 / max(count, 1) ** 0.5)
 
 
-def cast_on_wall(what: Silhouette, shadow: WallShadow, scale: float, size: tuple[int, int]) -> F32:
+def cast_on_wall(
+    what: Silhouette, shadow: WallShadow, scale: float, size: tuple[int, int]
+) -> F32:
     """(h, w) coverage of the wall by its shadow, on a picture of `size` (w, h), 1 / scale of the photo's."""
     middle = (size[0] - 1) / 2, (size[1] - 1) / 2
     matrix = np.zeros((2, 3))
     for k in (0, 1):
         matrix[k, k] = shadow.size
-        matrix[k, 2] = shadow.size * (what.corner[k] - middle[k]) + middle[k] + shadow.shift[k] / scale
-    return np.asarray(cv2.warpAffine(what.coverage, matrix, size, flags=cv2.INTER_LINEAR), np.float32)
+        matrix[k, 2] = (
+            shadow.size * (what.corner[k] - middle[k])
+            + middle[k]
+            + shadow.shift[k] / scale
+        )
+    return np.asarray(
+        cv2.warpAffine(what.coverage, matrix, size, flags=cv2.INTER_LINEAR), np.float32
+    )
 
 
 def wall_coverage(
-    silhouettes: Sequence[Silhouette], shadow: WallShadow, scale: float, size: tuple[int, int]
+    silhouettes: Sequence[Silhouette],
+    shadow: WallShadow,
+    scale: float,
+    size: tuple[int, int],
 ) -> F32:
     """(h, w) coverage of the wall by all shadows, with sharp edges."""
     total = np.zeros(size[::-1], np.float32)
@@ -332,18 +410,29 @@ def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallSha
     """Smaller steps from a wall shadow, and the softness of its edges, on a finer picture."""
 
     def rated(one: WallShadow) -> WallShadow:
-        total = wall_coverage(gradients.silhouettes, one, gradients.scale, gradients.size)
+        total = wall_coverage(
+            gradients.silhouettes, one, gradients.scale, gradients.size
+        )
         soft = one.soft / gradients.scale
-        model = total if soft < 0.3 else np.asarray(cv2.GaussianBlur(total, (0, 0), soft), np.float32)
+        model = (
+            total
+            if soft < 0.3
+            else np.asarray(cv2.GaussianBlur(total, (0, 0), soft), np.float32)
+        )
         likeness, factor = gradients.agreement(model)
         return replace(one, likeness=likeness, factor=factor)
 
     def steps(one: WallShadow, step: float) -> list[WallShadow]:
         (dx, dy) = one.shift
         moved = [
-            replace(one, shift=(dx + a * step, dy + b * step)) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+            replace(one, shift=(dx + a * step, dy + b * step))
+            for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
         ]
-        return [*moved, replace(one, soft=one.soft * 1.5), replace(one, soft=one.soft / 1.5)]
+        return [
+            *moved,
+            replace(one, soft=one.soft * 1.5),
+            replace(one, soft=one.soft / 1.5),
+        ]
 
     best = rated(replace(shadow, soft=gradients.slopes[0][0] * gradients.scale))
     for step in (4.0, 2.0, 1.0):
@@ -352,7 +441,9 @@ def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallSha
         tries = steps(best, step)
         tries = [*tries[:4], *sizes, *tries[4:]]
         for _ in range(2):
-            best = max([best, *(rated(one) for one in tries)], key=lambda one: one.likeness)
+            best = max(
+                [best, *(rated(one) for one in tries)], key=lambda one: one.likeness
+            )
             tries = steps(best, step)
     return best
 
@@ -367,8 +458,14 @@ def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
         return None
     cut = np.minimum(1, np.percentile(free, TUNING.steepest) / np.maximum(steep, 1e-6))
     right, down = within * right * cut, within * down * cut
-    shape = (cv2.getOptimalDFTSize(2 * gradients.size[1]), cv2.getOptimalDFTSize(2 * gradients.size[0]))
-    spectra = [np.fft.rfft2(part, shape) for part in (right, down, right * right + down * down, within)]
+    shape = (
+        cv2.getOptimalDFTSize(2 * gradients.size[1]),
+        cv2.getOptimalDFTSize(2 * gradients.size[0]),
+    )
+    spectra = [
+        np.fft.rfft2(part, shape)
+        for part in (right, down, right * right + down * down, within)
+    ]
     rows, columns = (np.fft.fftfreq(n, 1 / n)[:, None] for n in shape)
     reach = TUNING.farthest * typical_size(gradients.silhouettes)
     allowed = (np.abs(columns.T) < reach) & (rows > -0.12 * reach) & (rows < reach)
@@ -378,18 +475,26 @@ def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
 
     best: WallShadow | None = None
     for size in TUNING.wall_sizes:
-        outline = wall_coverage(gradients.silhouettes, WallShadow((0.0, 0.0), size), 1.0, gradients.size)
+        outline = wall_coverage(
+            gradients.silhouettes, WallShadow((0.0, 0.0), size), 1.0, gradients.size
+        )
         dy, dx = np.gradient(cv2.GaussianBlur(outline, (0, 0), width))
         energy = dx * dx + dy * dy
         edges = (energy > 0.02 * energy.max()).astype(np.float32)
         band = np.asarray(cv2.dilate(edges, np.ones((5, 5), np.uint8)), np.float32)
         both = -(correlated(0, dx) + correlated(1, dy))
-        own, seen = np.maximum(correlated(3, energy), 1e-9), np.maximum(correlated(2, band), 1e-9)
+        own, seen = (
+            np.maximum(correlated(3, energy), 1e-9),
+            np.maximum(correlated(2, band), 1e-9),
+        )
         visible = allowed & (own > TUNING.in_sight * energy.sum())
         likeness = np.where(visible, both / np.sqrt(own * seen), -1.0)
         row, column = np.unravel_index(int(likeness.argmax()), likeness.shape)
         if likeness[row, column] > (best.likeness if best else 0.0):
-            shift = float(columns[column, 0]) * gradients.scale, float(rows[row, 0]) * gradients.scale
+            shift = (
+                float(columns[column, 0]) * gradients.scale,
+                float(rows[row, 0]) * gradients.scale,
+            )
             factor = float(both[row, column] / own[row, column])
             best = WallShadow(shift, size, float(likeness[row, column]), factor)
     return best

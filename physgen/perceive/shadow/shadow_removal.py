@@ -42,17 +42,30 @@ class _Tuning:
     reaches: tuple[tuple[float, float, float], ...] = (
         (0.6, 0.03, 1.0), (2.0, 0.06, 0.05), (5.0, 0.12, 2e-3), (1.5, 0.5, 1e-4), (6.0, 1.0, 1e-6),
     )  # fmt: skip
-    loud: float = 2.0  # standard deviations of the grain up to which a difference is grain
+    loud: float = (
+        2.0  # standard deviations of the grain up to which a difference is grain
+    )
     wide: float = 0.3  # a wider difference is a shadow that geometry missed, a finer one an edge, or grain
     faint: float = 0.1  # depth from which a patch is dark
     part: float = 0.45  # the same, of the depth predicted close by
     most: float = 1.7  # of the depth predicted close by: darker patches are no shadows
-    other: float = 2.5  # depth from which a dark patch is of another surface: no shadow is so deep
-    own: float = 0.3  # share of a dark patch that must be predicted; then all of it is removed
+    other: float = (
+        2.5  # depth from which a dark patch is of another surface: no shadow is so deep
+    )
+    own: float = (
+        0.3  # share of a dark patch that must be predicted; then all of it is removed
+    )
     astray: float = 0.15  # how far beside the prediction a shadow may lie; half as far above and below
-    rim: float = 3.0  # px in from its border over which a dark patch is believed as it is seen
-    smooth: float = 2.0  # px over which slopes are smoothed, so that grain does not count
-    tint: tuple[float, float] = (0.6, 1.35)  # of one channel's darkening over the average
+    rim: float = (
+        3.0  # px in from its border over which a dark patch is believed as it is seen
+    )
+    smooth: float = (
+        2.0  # px over which slopes are smoothed, so that grain does not count
+    )
+    tint: tuple[float, float] = (
+        0.6,
+        1.35,
+    )  # of one channel's darkening over the average
 
 
 @dataclass(frozen=True)
@@ -74,17 +87,19 @@ class _Refill:
 class _Reflection:
     """What a floor mirrors, chosen on the studio's photos: backgrounds of dominoes and bottle-book gain, none loses."""
 
-    another: float = (
-        0.3  # share of an object's width on another object from which it stands on that, on no floor
+    another: float = 0.3  # share of an object's width on another object from which it stands on that, on no floor
+    dark: float = (
+        0.01  # light added before logarithms, so that noise in the dark does not count
     )
-    dark: float = 0.01  # light added before logarithms, so that noise in the dark does not count
     smooth: float = 1.5  # px: finer differences are grain
     loud: float = 2.5  # times the texture of the rows around it, from which a difference is a reflection
     least: float = 0.1  # -log of light: a fainter one is not seen
     most: float = 0.5  # mean -log of light: a floor mirrors no more, what differs more is another surface
     inside: float = 0.9  # share of it that lies in the object's mirror image
     foot: float = 0.1  # of the object's height, that counts as its foot
-    wide: float = 0.7  # of the foot's width: a narrower difference is the floor's own pattern
+    wide: float = (
+        0.7  # of the foot's width: a narrower difference is the floor's own pattern
+    )
 
 
 TUNING, REFILL, REFLECTION = _Tuning(), _Refill(), _Reflection()
@@ -96,27 +111,43 @@ def hue_weights(linear: F32, plain: F32 | Mask, most: int) -> list[F32]:
     Kinds are learned from about `most` pixels where `plain` (h, w) is not 0.
     """
     grey = linear.sum(axis=2) + 3 * DARKEST
-    hue = cv2.GaussianBlur(np.dstack([(linear[..., c] + DARKEST) / grey for c in (0, 2)]), (0, 0), 2)
-    sample = np.ascontiguousarray(hue[plain > 0][:: max(1, int(plain.sum()) // most)], np.float32)
+    hue = cv2.GaussianBlur(
+        np.dstack([(linear[..., c] + DARKEST) / grey for c in (0, 2)]), (0, 0), 2
+    )
+    sample = np.ascontiguousarray(
+        hue[plain > 0][:: max(1, int(plain.sum()) // most)], np.float32
+    )
     if len(sample) < HUES:
         return [np.ones(plain.shape, np.float32)]
     cv2.setRNGSeed(1)
     start = np.zeros((len(sample), 1), np.int32)
-    _, names, centers = cv2.kmeans(sample, HUES, start, (3, 20, 1e-3), 1, cv2.KMEANS_PP_CENTERS)
+    _, names, centers = cv2.kmeans(
+        sample, HUES, start, (3, 20, 1e-3), 1, cv2.KMEANS_PP_CENTERS
+    )
     width = max(0.03, 2 * float(np.abs(sample - centers[names.ravel()]).mean()))
-    return [np.exp(-((hue - c) ** 2).sum(-1) / (2 * width * width)).astype(np.float32) for c in centers]
+    return [
+        np.exp(-((hue - c) ** 2).sum(-1) / (2 * width * width)).astype(np.float32)
+        for c in centers
+    ]
 
 
 def blur_wide(picture: F32, across: float, down: float) -> F32:
     """Gaussian blur of two widths, px; wide ones on a coarser grid."""
     h, w = picture.shape
-    right, lower = max(1, min(int(across / 3), w // 8)), max(1, min(int(down / 3), h // 8))
+    right, lower = (
+        max(1, min(int(across / 3), w // 8)),
+        max(1, min(int(down / 3), h // 8)),
+    )
     small = picture
     if right > 1 or lower > 1:
         size = (-(-w // right), -(-h // lower))
-        small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+        small = np.asarray(
+            cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32
+        )
     x, y = max(across / right, 0.3), max(down / lower, 0.3)
-    soft = cv2.GaussianBlur(small, (0, 0), sigmaX=x, sigmaY=y, borderType=cv2.BORDER_REFLECT)
+    soft = cv2.GaussianBlur(
+        small, (0, 0), sigmaX=x, sigmaY=y, borderType=cv2.BORDER_REFLECT
+    )
     if soft.shape != picture.shape:
         soft = cv2.resize(soft, (w, h), interpolation=cv2.INTER_LINEAR)
     return np.asarray(soft, np.float32)
@@ -136,7 +167,11 @@ def mean_of_kind(
 
     `tiny` weight of a pixel's own value where none is near; `prior`: the same, and a weight, where it is of no kind.
     """
-    result = np.float32(prior[0]) * values if prior[0] else np.zeros(values.shape, np.float32)
+    result = (
+        np.float32(prior[0]) * values
+        if prior[0]
+        else np.zeros(values.shape, np.float32)
+    )
     total = np.full(values.shape, prior[1], np.float32)
     for kind in kinds:
         sums, weights = tiny * values, np.full(values.shape, tiny, np.float32)
@@ -153,12 +188,16 @@ def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float) 
     """The background without shadows; `predicted` (H, W): -log of the light left; `size`: px of a typical object."""
     free = away_from_objects(coverage).astype(np.float32)
     shaded = predicted > 0.01
-    rows, columns = np.flatnonzero(shaded.any(axis=1)), np.flatnonzero(shaded.any(axis=0))
+    rows, columns = (
+        np.flatnonzero(shaded.any(axis=1)),
+        np.flatnonzero(shaded.any(axis=0)),
+    )
     if not len(rows):
         return background
     pad = int(4 * size)
     part = np.s_[
-        max(rows[0] - pad // 2, 0) : rows[-1] + pad // 2, max(columns[0] - pad, 0) : columns[-1] + pad
+        max(rows[0] - pad // 2, 0) : rows[-1] + pad // 2,
+        max(columns[0] - pad, 0) : columns[-1] + pad,
     ]
     linear = decode(background[part])
     dark, clean = _Removal(linear, free[part], predicted[part], size).darkness()
@@ -174,7 +213,9 @@ def lightened(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:
     """
     linear, gone, there = decode(background), 1 - np.exp(-dark), dark > 1e-3
     left = 1 - gone[..., None] * _tint(linear, clean, gone, free)
-    return np.where(there[..., None], encode_u8(linear / np.maximum(left, 0.04)), background)
+    return np.where(
+        there[..., None], encode_u8(linear / np.maximum(left, 0.04)), background
+    )
 
 
 def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
@@ -183,13 +224,23 @@ def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
     Less than 1 where a shadow's edges went; more where new edges came. 1 where nothing was removed.
     """
     free = away_from_objects(coverage, 3)
-    logs = [np.log(luminance(decode(picture)) + DARKEST) for picture in (background, clean)]
-    there = cv2.dilate((np.abs(logs[1] - logs[0]) > 0.02).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    logs = [
+        np.log(luminance(decode(picture)) + DARKEST) for picture in (background, clean)
+    ]
+    there = (
+        cv2.dilate(
+            (np.abs(logs[1] - logs[0]) > 0.02).astype(np.uint8),
+            np.ones((7, 7), np.uint8),
+        )
+        > 0
+    )
     known = free.astype(np.float32)
     near = np.maximum(cv2.GaussianBlur(known, (0, 0), TUNING.smooth), 0.05)
     sums = []
     for part in logs:
-        slopes = np.gradient(cv2.GaussianBlur(part * known, (0, 0), TUNING.smooth) / near)
+        slopes = np.gradient(
+            cv2.GaussianBlur(part * known, (0, 0), TUNING.smooth) / near
+        )
         sums.append(float(np.hypot(*slopes)[there & free].sum()))
     before, after = sums
     return after / before if before > 0 else 1.0
@@ -213,10 +264,17 @@ class _Removal:
         near = 3 * size, 0.5 * size
         level = self._level(bright, plain, kinds)
         noise = _mean(((level - bright) * plain) ** 2, plain, *near) ** 0.5
-        around = 2 * round(TUNING.astray * size) + 1, 2 * round(0.5 * TUNING.astray * size) + 1
-        expected = np.asarray(cv2.dilate(predicted, np.ones(around[::-1], np.uint8)), np.float32)
+        around = (
+            2 * round(TUNING.astray * size) + 1,
+            2 * round(0.5 * TUNING.astray * size) + 1,
+        )
+        expected = np.asarray(
+            cv2.dilate(predicted, np.ones(around[::-1], np.uint8)), np.float32
+        )
         least = np.maximum(2.5 * noise, TUNING.part * expected)
-        for _ in range(2):  # a place that turns out to be dark is no reference for lit ones
+        for _ in range(
+            2
+        ):  # a place that turns out to be dark is no reference for lit ones
             missing = np.asarray(cv2.medianBlur(level - bright, 3), np.float32)
             patch = _dark_patches(missing, free * (expected > 0.05), predicted, least)
             plain = plain * (1 - cv2.dilate(patch, np.ones((7, 7), np.uint8)))
@@ -238,26 +296,45 @@ class _Removal:
         depth = cv2.distanceTransform(patch, cv2.DIST_L2, 3)
         inside = np.clip((depth - TUNING.rim) / 2, 0, 1).astype(np.float32)
         even = _mean(missing * inside, inside, 0.12 * size, 0.04 * size)
-        seen = missing + inside * (even + _above_noise(missing - even, quiet, TUNING.loud) - missing)
-        belongs = blur_wide(cv2.dilate(patch, np.ones((5, 5), np.uint8)).astype(np.float32), 1.0, 1.0) * free
+        seen = missing + inside * (
+            even + _above_noise(missing - even, quiet, TUNING.loud) - missing
+        )
+        belongs = (
+            blur_wide(
+                cv2.dilate(patch, np.ones((5, 5), np.uint8)).astype(np.float32),
+                1.0,
+                1.0,
+            )
+            * free
+        )
         dark = belongs * seen + (1 - belongs) * dark
         other = cv2.dilate(
-            ((missing > TUNING.other) & (free > 0)).astype(np.uint8), np.ones((5, 5), np.uint8)
+            ((missing > TUNING.other) & (free > 0)).astype(np.uint8),
+            np.ones((5, 5), np.uint8),
         )
-        window = np.maximum(self._reach(), belongs) * (1 - blur_wide(other.astype(np.float32), 1.0, 1.0))
+        window = np.maximum(self._reach(), belongs) * (
+            1 - blur_wide(other.astype(np.float32), 1.0, 1.0)
+        )
         dark = np.clip(dark, 0, TUNING.most * expected + TUNING.faint) * window
         return np.asarray(dark, np.float32), clean
 
     def _level(self, values: F32, plain: F32, kinds: Sequence[F32]) -> F32:
         """(h, w): the mean of like surfaces nearby, along the rows first."""
-        reaches = [(a * self.size, max(d * self.size, 0.7), gain) for a, d, gain in TUNING.reaches]
+        reaches = [
+            (a * self.size, max(d * self.size, 0.7), gain)
+            for a, d, gain in TUNING.reaches
+        ]
         return mean_of_kind(values, plain, kinds, reaches, tiny=1e-12)
 
     def _reach(self) -> F32:
         """(h, w) 0..1: where shadows may be."""
         side = 2 * max(1, round(0.06 * self.size)) + 1
-        wide = cv2.dilate(self.predicted, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
-        soft = blur_wide(np.asarray(wide, np.float32), 0.05 * self.size, 0.03 * self.size)
+        wide = cv2.dilate(
+            self.predicted, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+        )
+        soft = blur_wide(
+            np.asarray(wide, np.float32), 0.05 * self.size, 0.03 * self.size
+        )
         return np.asarray(np.clip(soft / 0.06, 0, 1), np.float32)
 
 
@@ -267,7 +344,9 @@ def _above_noise(value: F32, variance: F32, times: float) -> F32:
     return np.asarray(value * share, np.float32)
 
 
-def _dark_patches(missing: F32, free: F32, predicted: F32, least: F32) -> NDArray[np.uint8]:
+def _dark_patches(
+    missing: F32, free: F32, predicted: F32, least: F32
+) -> NDArray[np.uint8]:
     """(h, w) 1 in dark patches that are predicted in part; `least`: the depth that counts as dark."""
     foreseen = (predicted > 0.02) & (free > 0)
     dark = ((missing > np.maximum(least, TUNING.faint)) & (free > 0)).astype(np.uint8)
@@ -282,7 +361,9 @@ def _dark_patches(missing: F32, free: F32, predicted: F32, least: F32) -> NDArra
 def _mean(values: F32, weight: F32, across: float, down: float) -> F32:
     """Local mean of what is known; `values` are 0 where it is not."""
     near = blur_wide(weight, across, max(down, 0.7))
-    return np.asarray(blur_wide(values, across, max(down, 0.7)) / np.maximum(near, 1e-3), np.float32)
+    return np.asarray(
+        blur_wide(values, across, max(down, 0.7)) / np.maximum(near, 1e-3), np.float32
+    )
 
 
 def _tint(linear: F32, clean: F32, gone: F32, free: F32) -> F32:
@@ -296,7 +377,11 @@ def _tint(linear: F32, clean: F32, gone: F32, free: F32) -> F32:
 
 
 def refill_background(
-    removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint, standing: Labels | None = None
+    removed: Rgb,
+    background: Rgb,
+    coverage: F32,
+    inpaint: Inpaint,
+    standing: Labels | None = None,
 ) -> Rgb:
     """The background with what lies behind and between objects filled again, from surroundings without shadows.
 
@@ -304,18 +389,26 @@ def refill_background(
     hole. Then reflections of objects that are `standing` on a floor (H, W) go.
     """
     refilled = _refilled(removed, background, coverage, inpaint)
-    return refilled if standing is None else remove_reflections(refilled, standing, coverage, inpaint)
+    return (
+        refilled
+        if standing is None
+        else remove_reflections(refilled, standing, coverage, inpaint)
+    )
 
 
 def _refilled(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) -> Rgb:
     def widened(mask: NDArray[np.uint8], by: int) -> NDArray[np.uint8]:
-        return np.asarray(cv2.dilate(mask, np.ones((2 * by + 1, 2 * by + 1), np.uint8)), np.uint8)
+        return np.asarray(
+            cv2.dilate(mask, np.ones((2 * by + 1, 2 * by + 1), np.uint8)), np.uint8
+        )
 
     covered = (coverage > 0).astype(np.uint8)
     changed = np.abs(removed.astype(np.int16) - background).max(axis=2) > REFILL.visible
     near = widened((changed & (covered == 0)).astype(np.uint8), REFILL.near)
     gap = np.ones((2 * REFILL.gap + 1, 2 * REFILL.gap + 1), np.uint8)
-    grown = np.asarray(cv2.morphologyEx(widened(covered, REFILL.ring), cv2.MORPH_CLOSE, gap), np.uint8)
+    grown = np.asarray(
+        cv2.morphologyEx(widened(covered, REFILL.ring), cv2.MORPH_CLOSE, gap), np.uint8
+    )
     left = (luminance(decode(background)) + 1e-3) / (luminance(decode(removed)) + 1e-3)
     deep = ((left < REFILL.deep) & (widened(covered, REFILL.near) > 0)).astype(np.uint8)
     hole = (covered | (grown & near) | widened(deep, 1)) > 0
@@ -327,14 +420,21 @@ def _refilled(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) ->
     filled = inpaint(old, new)
     brighter = (luminance(decode(filled)) + 1e-3) / (luminance(decode(old)) + 1e-3)
     for piece in np.unique(pieces[new]):
-        mine, beside = new & (pieces == piece), changed & (covered == 0) & (pieces == piece)
-        most = np.quantile(1 / left[beside], 1 - REFILL.outliers) if beside.any() else 0.0
+        mine, beside = (
+            new & (pieces == piece),
+            changed & (covered == 0) & (pieces == piece),
+        )
+        most = (
+            np.quantile(1 / left[beside], 1 - REFILL.outliers) if beside.any() else 0.0
+        )
         if np.quantile(brighter[mine], 1 - REFILL.outliers) > REFILL.brighter * most:
             new &= ~mine
     return np.where(new[..., None], filled, old)
 
 
-def remove_reflections(clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpaint) -> Rgb:
+def remove_reflections(
+    clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpaint
+) -> Rgb:
     """`clean` (H, W, 3) of a photo from the side, without what a floor mirrors of the objects on it.
 
     A reflection lies within the object's own mirror image below its foot, begins at the foot and differs from its rows
@@ -347,34 +447,58 @@ def remove_reflections(clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpai
         own = np.where(labels == number, number, 0).astype(labels.dtype)
         left, top, width, tall = cv2.boundingRect((own > 0).astype(np.uint8))
         foot, deep = top + tall, min(tall, height - top - tall)
-        on_another = np.mean(labels[min(foot + 2, height - 1), left : left + width] > 0) > REFLECTION.another
+        on_another = (
+            np.mean(labels[min(foot + 2, height - 1), left : left + width] > 0)
+            > REFLECTION.another
+        )
         if deep > REFILL.ring and not on_another:
             np.maximum(
-                mirrored[foot : foot + deep], own[foot - deep : foot][::-1], out=mirrored[foot : foot + deep]
+                mirrored[foot : foot + deep],
+                own[foot - deep : foot][::-1],
+                out=mirrored[foot : foot + deep],
             )
             widths[number] = np.ptp(
-                np.flatnonzero(own[foot - 1 - int(REFLECTION.foot * tall) : foot].any(axis=0))
+                np.flatnonzero(
+                    own[foot - 1 - int(REFLECTION.foot * tall) : foot].any(axis=0)
+                )
             )
-    mirrored = np.asarray(cv2.dilate(mirrored, np.ones((1, 2 * REFILL.ring + 1), np.uint8)), labels.dtype)
+    mirrored = np.asarray(
+        cv2.dilate(mirrored, np.ones((1, 2 * REFILL.ring + 1), np.uint8)), labels.dtype
+    )
     free = away_from_objects(coverage, REFILL.ring).astype(np.float32)
     plain = free * (mirrored == 0)
     reaches = [(a * size, max(d * size, 0.7), gain) for a, d, gain in TUNING.reaches]
     every = [np.ones_like(free)]
     logs = cv2.split(np.log(decode(clean) + REFLECTION.dark))
-    rests = [part - mean_of_kind(part, plain, every, reaches, tiny=1e-12) for part in logs]
-    rests = [_mean(rest * free, free, REFLECTION.smooth, REFLECTION.smooth) for rest in rests]
+    rests = [
+        part - mean_of_kind(part, plain, every, reaches, tiny=1e-12) for part in logs
+    ]
+    rests = [
+        _mean(rest * free, free, REFLECTION.smooth, REFLECTION.smooth) for rest in rests
+    ]
     differs = np.asarray(np.max(np.abs(rests), axis=0), np.float32)
     texture = np.sqrt(mean_of_kind(differs**2, plain, every, reaches[1:], tiny=1e-12))
-    seen = ((differs > np.maximum(REFLECTION.loud * texture, REFLECTION.least)) & (free > 0)).astype(np.uint8)
+    seen = (
+        (differs > np.maximum(REFLECTION.loud * texture, REFLECTION.least)) & (free > 0)
+    ).astype(np.uint8)
     count, names, stats, _ = cv2.connectedComponentsWithStats(seen, connectivity=4)
-    area, inside = stats[:, cv2.CC_STAT_AREA], np.bincount(names.ravel(), (mirrored > 0).ravel(), count)
+    area, inside = (
+        stats[:, cv2.CC_STAT_AREA],
+        np.bincount(names.ravel(), (mirrored > 0).ravel(), count),
+    )
     beside = (mirrored > 0) & ~away_from_objects(coverage, 2 * REFILL.ring)
     owner = np.zeros(count, np.int64)
     owner[names[beside]] = mirrored[beside]
     wide = stats[:, cv2.CC_STAT_WIDTH] > REFLECTION.wide * widths[owner]
-    level = np.abs(np.bincount(names.ravel(), np.mean(rests, axis=0).ravel(), count)) / area
+    level = (
+        np.abs(np.bincount(names.ravel(), np.mean(rests, axis=0).ravel(), count)) / area
+    )
     taken = (
-        (area > SPECK) & (inside > REFLECTION.inside * area) & (owner > 0) & wide & (level < REFLECTION.most)
+        (area > SPECK)
+        & (inside > REFLECTION.inside * area)
+        & (owner > 0)
+        & wide
+        & (level < REFLECTION.most)
     )
     taken[0] = False
     if not taken.any():
@@ -387,14 +511,19 @@ def remove_reflections(clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpai
 
 
 def shadow_owners(
-    background: Rgb, clean: Rgb, coverage: F32, casts: Iterable[tuple[int, PixelBox, F32]]
+    background: Rgb,
+    clean: Rgb,
+    coverage: F32,
+    casts: Iterable[tuple[int, PixelBox, F32]],
 ) -> Labels | None:
     """(H, W) the id of the object whose shadow lies there, 0 = none; None where no shadow is seen.
 
     `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
     """
     owner, most = _strongest(casts, coverage.shape)
-    dark = (1 - SHARE) * removed_light(background, clean, coverage) + SHARE * most > FAINT
+    dark = (1 - SHARE) * removed_light(
+        background, clean, coverage
+    ) + SHARE * most > FAINT
     return assign_regions(dark & (coverage < 0.5), owner)
 
 
@@ -406,7 +535,9 @@ def shadow_owners_by_model(
     return assign_regions((dark > FAINT) & (coverage < 0.5), owner)
 
 
-def _strongest(casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...]) -> tuple[Labels, F32]:
+def _strongest(
+    casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...]
+) -> tuple[Labels, F32]:
     """(H, W) the object that blocks most light, and -log of the light left."""
     owner, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
     for number, (x0, y0, x1, y1), values in casts:
@@ -422,14 +553,18 @@ def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
 
     Contact shadows lie there.
     """
-    logs = [np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)]
+    logs = [
+        np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)
+    ]
     free = away_from_objects(coverage).astype(np.float32)
     near = np.maximum(cv2.GaussianBlur(free, (0, 0), SMOOTH), 1e-2)
     removed, level = (
         cv2.GaussianBlur(part.astype(np.float32) * free, (0, 0), SMOOTH) / near
         for part in (logs[0] - logs[1], logs[0])
     )
-    contact = np.where((free == 0) & (near > 0.05), level - cv2.GaussianBlur(logs[1], (0, 0), 0.7), 0)
+    contact = np.where(
+        (free == 0) & (near > 0.05), level - cv2.GaussianBlur(logs[1], (0, 0), 0.7), 0
+    )
     return np.asarray(np.maximum(removed, contact), np.float32)
 
 
@@ -437,8 +572,12 @@ def assign_regions(dark: Mask, owner: Labels) -> Labels | None:
     """`owner` (H, W) where it is `dark`, elsewhere the nearest; specks left out. None where nothing is left."""
     if not owner.any():
         return None
-    count, names, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8), connectivity=8)
-    owned = np.bincount(names[owner > 0], minlength=count) > 0  # a patch that no object predicts is no shadow
+    count, names, stats, _ = cv2.connectedComponentsWithStats(
+        dark.astype(np.uint8), connectivity=8
+    )
+    owned = (
+        np.bincount(names[owner > 0], minlength=count) > 0
+    )  # a patch that no object predicts is no shadow
     kept = owned & (stats[:, cv2.CC_STAT_AREA] >= SPECK)
     kept[0] = False
     there = kept[names]

@@ -13,7 +13,15 @@ import numpy as np
 from physgen.geometry.polygon import bounds
 from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
 from physgen.maps import F32
-from physgen.perceive.roles import BoundaryGuess, Labels, LightGuess, Matter, PhotoObject, Rgb, Shadows
+from physgen.perceive.roles import (
+    BoundaryGuess,
+    Labels,
+    LightGuess,
+    Matter,
+    PhotoObject,
+    Rgb,
+    Shadows,
+)
 from physgen.perceive.shadow.ambient_shade import find_ambient_shade
 from physgen.perceive.shadow.shadow_fit import (
     COARSE,
@@ -62,7 +70,9 @@ class _Limits:
     seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
     faintest: float = 0.15  # depth of the faintest shadows
     darkest: float = 2.5  # depth of the darkest
-    rough: int = 240  # px: longer side of the picture in which shadows on a wall are searched
+    rough: int = (
+        240  # px: longer side of the picture in which shadows on a wall are searched
+    )
 
 
 LIMITS = _Limits()
@@ -78,7 +88,9 @@ class _Photo:
     objects: Sequence[PhotoObject]
     matter: Mapping[int, Matter]
     boundaries: BoundaryGuess
-    made: dict[tuple[int, float | None], LightGradients | None] = field(default_factory=dict)
+    made: dict[tuple[int, float | None], LightGradients | None] = field(
+        default_factory=dict
+    )
 
     @property
     def size(self) -> tuple[int, int]:
@@ -86,9 +98,13 @@ class _Photo:
         return self.labels.shape[1], self.labels.shape[0]
 
     def silhouettes(self, scale: float, floor: float | None = None) -> list[Silhouette]:
-        return object_silhouettes(self.labels, self.objects, self.matter, self.boundaries, scale, floor)
+        return object_silhouettes(
+            self.labels, self.objects, self.matter, self.boundaries, scale, floor
+        )
 
-    def gradients(self, longest: int, floor: float | None = None) -> LightGradients | None:
+    def gradients(
+        self, longest: int, floor: float | None = None
+    ) -> LightGradients | None:
         if (longest, floor) not in self.made:
             at = partial(self.silhouettes, floor=floor)
             made = light_gradients(self.background, self.coverage, longest, at)
@@ -122,13 +138,20 @@ def side_view_shadows(
         ratio = edge_ratio(background, clean, coverage)
         if ratio <= LIMITS.seen and (ratio <= LIMITS.calm or nothing.owners is None):
             casts = _casts(silhouettes, fit, wall, photo.size)
-            nothing = replace(nothing, owners=shadow_owners(background, clean, coverage, casts))
+            nothing = replace(
+                nothing, owners=shadow_owners(background, clean, coverage, casts)
+            )
         if ratio <= LIMITS.calm:
             setting, sure = _light(fit, wall, guess, photo.size)
             back = None if setting.backdrop == inf else round(setting.backdrop, 1)
-            tilt, softness = round(degrees(atan(setting.tilt)), 1), round(setting.softness, 1)
+            tilt, softness = (
+                round(degrees(atan(setting.tilt)), 1),
+                round(setting.softness, 1),
+            )
             sure = round(min(0.9, sure), 2)
-            return Shadows(clean, nothing.owners, setting.light, softness, tilt, back, sure)
+            return Shadows(
+                clean, nothing.owners, setting.light, softness, tilt, back, sure
+            )
     return _soft_shade(photo, guess) or nothing
 
 
@@ -147,33 +170,51 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     # a surface where shade is predicted, and that is no darker there, lies in none
     there = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
     predicted = np.asarray(dark * there, np.float32)
-    clean = remove_shadows(photo.background, photo.coverage, predicted, typical_size(silhouettes))
+    clean = remove_shadows(
+        photo.background, photo.coverage, predicted, typical_size(silhouettes)
+    )
     if edge_ratio(photo.background, clean, photo.coverage) > LIMITS.seen:
         return None
     seen = np.where(dark > PREDICTED, shade.missing, 0).astype(np.float32)
-    owners = shadow_owners_by_model(photo.coverage, _casts(silhouettes, fit, None, photo.size), seen)
+    owners = shadow_owners_by_model(
+        photo.coverage, _casts(silhouettes, fit, None, photo.size), seen
+    )
     tilt = round(degrees(atan(shade.setting.tilt)), 1)
-    return Shadows(clean, owners, guess.light, shade.setting.softness, tilt, None, shade.confidence)
+    return Shadows(
+        clean, owners, guess.light, shade.setting.softness, tilt, None, shade.confidence
+    )
 
 
 def _predicted(
-    silhouettes: Sequence[Silhouette], fit: LightFit | None, wall: WallShadow | None, size: tuple[int, int]
+    silhouettes: Sequence[Silhouette],
+    fit: LightFit | None,
+    wall: WallShadow | None,
+    size: tuple[int, int],
 ) -> F32:
     """(H, W) -log of the light that the objects leave, on floor and wall."""
     dark = np.zeros(size[::-1], np.float32)
     if fit is not None:
-        dark += np.float32(fit.factor) * predicted_darkness(join_silhouettes(silhouettes), fit.setting)
+        dark += np.float32(fit.factor) * predicted_darkness(
+            join_silhouettes(silhouettes), fit.setting
+        )
     if wall is not None:
-        dark += np.float32(wall.factor) * _softened(wall_coverage(silhouettes, wall, 1.0, size), wall)
+        dark += np.float32(wall.factor) * _softened(
+            wall_coverage(silhouettes, wall, 1.0, size), wall
+        )
     return np.minimum(dark, LIMITS.darkest)
 
 
 def _softened(coverage: F32, wall: WallShadow) -> F32:
-    return np.asarray(cv2.GaussianBlur(coverage, (0, 0), max(wall.soft, 0.5)), np.float32)
+    return np.asarray(
+        cv2.GaussianBlur(coverage, (0, 0), max(wall.soft, 0.5)), np.float32
+    )
 
 
 def _casts(
-    silhouettes: Sequence[Silhouette], fit: LightFit | None, wall: WallShadow | None, size: tuple[int, int]
+    silhouettes: Sequence[Silhouette],
+    fit: LightFit | None,
+    wall: WallShadow | None,
+    size: tuple[int, int],
 ) -> Casts:
     """Shadows of each object on floor and wall."""
     if fit is not None:
@@ -183,7 +224,11 @@ def _casts(
     if wall is not None:
         for what in silhouettes:
             soft = _softened(cast_on_wall(what, wall, 1.0, size), wall)
-            yield what.id, (0, 0, *size), np.asarray(np.float32(wall.factor) * soft, np.float32)
+            yield (
+                what.id,
+                (0, 0, *size),
+                np.asarray(np.float32(wall.factor) * soft, np.float32),
+            )
 
 
 def _floor_fit(
@@ -195,7 +240,9 @@ def _floor_fit(
     lowest = lowest_floor(photo.boundaries)
     if lowest is not None:
         row = lowest / given.scale
-        elsewhere = any(s.floor is None or abs(s.floor - row) > 2 for s in given.silhouettes)
+        elsewhere = any(
+            s.floor is None or abs(s.floor - row) > 2 for s in given.silhouettes
+        )
         other = photo.gradients(COARSE, lowest) if elsewhere else None
         if other is not None:
             coarse.append(other)
@@ -209,7 +256,9 @@ def _floor_fit(
     each = fit.factor
     if len(fine.joined) < len(fine.silhouettes):
         _, each = fine.agreement(predicted_darkness(fine.silhouettes, fit.setting))
-    return replace(fit, setting=replace(fit.setting, size=photo.size), each=each), floors[k]
+    return replace(
+        fit, setting=replace(fit.setting, size=photo.size), each=each
+    ), floors[k]
 
 
 def _is_sure(fine: LightGradients, fit: LightFit) -> bool:
@@ -233,7 +282,10 @@ def _wall_shadow(photo: _Photo) -> WallShadow | None:
 
 
 def _light(
-    fit: LightFit | None, wall: WallShadow | None, guess: LightGuess, size: tuple[int, int]
+    fit: LightFit | None,
+    wall: WallShadow | None,
+    guess: LightGuess,
+    size: tuple[int, int],
 ) -> tuple[ShadowSetting, float]:
     """The light and where its shadows fall, and its confidence."""
     if fit is None:
@@ -245,7 +297,9 @@ def _light(
     if wall is None:
         return setting, fit.likeness
     x, y, z = setting.light.direction
-    back = _distance_back(wall, np.array([-x / max(z, 0.2), -y / max(z, 0.2) - setting.tilt]))
+    back = _distance_back(
+        wall, np.array([-x / max(z, 0.2), -y / max(z, 0.2) - setting.tilt])
+    )
     sure = max(fit.likeness, wall.likeness)
     return (replace(setting, backdrop=back) if back > 1 else setting), sure
 
@@ -255,7 +309,9 @@ def _distance_back(wall: WallShadow, flat: np.ndarray) -> float:
     return float(flat @ np.array(wall.shift) / max(float(flat @ flat), 1e-3))
 
 
-def _light_of_wall(wall: WallShadow, guess: LightGuess, size: tuple[int, int]) -> ShadowSetting:
+def _light_of_wall(
+    wall: WallShadow, guess: LightGuess, size: tuple[int, int]
+) -> ShadowSetting:
     """The light of shadows that lie on a wall alone."""
     dx, dy = wall.shift
     x, y, z = guess.light.direction
@@ -266,15 +322,26 @@ def _light_of_wall(wall: WallShadow, guess: LightGuess, size: tuple[int, int]) -
     a, b, c = (direction / np.linalg.norm(direction)).tolist()
     far = back / max(c, 0.2) * float(np.hypot(1, 0.5 * hypot(a, b) / max(c, 0.2)))
     softness = min(max(degrees(atan(2 * max(wall.soft - 0.35, 0.0) / far)), 0.3), 45.0)
-    setting = ShadowSetting(DistantLight((a, b, c), 1.0, 0.2), softness, False, TILT, back, size)
+    setting = ShadowSetting(
+        DistantLight((a, b, c), 1.0, 0.2), softness, False, TILT, back, size
+    )
     return _with_share(setting, (0.0, 0.0, 1.0), 1 - float(np.exp(-wall.factor)))
 
 
-def _with_share(setting: ShadowSetting, facing: tuple[float, float, float], share: float) -> ShadowSetting:
+def _with_share(
+    setting: ShadowSetting, facing: tuple[float, float, float], share: float
+) -> ShadowSetting:
     """The same with so much of the light direct on a surface that faces there."""
     share = min(max(share, 0.02), 0.97)
     now = min(max(setting.direct(facing), 1e-3), 0.999)
     light = setting.light
-    ratio = light.intensity / max(light.ambient, 1e-3) * (share / (1 - share)) / (now / (1 - now))
+    ratio = (
+        light.intensity
+        / max(light.ambient, 1e-3)
+        * (share / (1 - share))
+        / (now / (1 - now))
+    )
     ambient = FULL / (1 + min(ratio, 100.0))
-    return replace(setting, light=DistantLight(light.direction, FULL - ambient, ambient))
+    return replace(
+        setting, light=DistantLight(light.direction, FULL - ambient, ambient)
+    )

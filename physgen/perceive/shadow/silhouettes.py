@@ -9,7 +9,12 @@ import cv2
 import numpy as np
 
 from physgen.geometry.polygon import Array, Disc, bounds, mass_properties
-from physgen.geometry.shadows import PixelBox, ShadowSetting, Silhouette, shadow_darkness
+from physgen.geometry.shadows import (
+    PixelBox,
+    ShadowSetting,
+    Silhouette,
+    shadow_darkness,
+)
 from physgen.maps import F32
 from physgen.perceive.roles import BoundaryGuess, Labels, Mask, Matter, PhotoObject
 from physgen.scene.scene import Solid, View
@@ -58,7 +63,9 @@ def object_silhouettes(
             ]
         )
         soft = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
-        small = np.asarray(cv2.warpAffine(soft, matrix, size, flags=cv2.INTER_LINEAR), np.float32)
+        small = np.asarray(
+            cv2.warpAffine(soft, matrix, size, flags=cv2.INTER_LINEAR), np.float32
+        )
         x, y = (mass_properties(item.outline).center / scale).tolist()
         radius = item.outline.radius / scale if isinstance(item.outline, Disc) else None
         ball = radius is not None and matter[item.id].solid is Solid.SPHERE
@@ -66,22 +73,38 @@ def object_silhouettes(
         thick = 2 * radius if radius is not None else 0.9 * (wide * high) ** 0.5
         if boundaries.view is View.TOP and not ball:
             thick *= 0.4 if radius is not None else 0.6
-        below = _row_below(grounds, x, y1 / scale - 0.5) if floor is None else floor / scale
-        found.append(Silhouette(small, corner, (x, y), radius if ball else None, thick, below, id=item.id))
+        below = (
+            _row_below(grounds, x, y1 / scale - 0.5) if floor is None else floor / scale
+        )
+        found.append(
+            Silhouette(
+                small,
+                corner,
+                (x, y),
+                radius if ball else None,
+                thick,
+                below,
+                id=item.id,
+            )
+        )
     return found
 
 
 def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
     """Each ball; then all others, those of one floor and like thickness as one: so are their shadows."""
     groups: list[list[Silhouette]] = []
-    for what in sorted((w for w in silhouettes if w.radius is None), key=lambda w: w.thick):
+    for what in sorted(
+        (w for w in silhouettes if w.radius is None), key=lambda w: w.thick
+    ):
         for group in groups:
             if _alike(group[0], what):
                 group.append(what)
                 break
         else:
             groups.append([what])
-    return [what for what in silhouettes if what.radius is not None] + [_union(group) for group in groups]
+    return [what for what in silhouettes if what.radius is not None] + [
+        _union(group) for group in groups
+    ]
 
 
 def _union(group: Sequence[Silhouette]) -> Silhouette:
@@ -114,11 +137,14 @@ def lowest_floor(boundaries: BoundaryGuess) -> float | None:
     return max(rows, default=None)
 
 
-def _row_below(grounds: Sequence[tuple[Array, Array]], x: float, bottom: float) -> float | None:
+def _row_below(
+    grounds: Sequence[tuple[Array, Array]], x: float, bottom: float
+) -> float | None:
     rows = [
         float(p[1] + (q[1] - p[1]) * (x - p[0]) / (q[0] - p[0]))
         for p, q in grounds
-        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1]) and min(p[0], q[0]) <= x <= max(p[0], q[0])
+        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1])
+        and min(p[0], q[0]) <= x <= max(p[0], q[0])
     ]
     return min((row for row in rows if row >= bottom - SUNK), default=None)
 
@@ -135,7 +161,9 @@ def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:
     return np.asarray(cv2.dilate((coverage > 0).astype(np.uint8), square) == 0)
 
 
-def predicted_darkness(silhouettes: Sequence[Silhouette], setting: ShadowSetting) -> F32:
+def predicted_darkness(
+    silhouettes: Sequence[Silhouette], setting: ShadowSetting
+) -> F32:
     """(h, w) -log of the light that objects leave."""
     w, h = setting.size
     model = np.zeros((h, w), np.float32)

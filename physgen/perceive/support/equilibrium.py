@@ -14,7 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Array, Disc, MassProperties, Outline, bounds, cross, mass_properties
+from physgen.geometry.polygon import (
+    Array,
+    Disc,
+    MassProperties,
+    Outline,
+    bounds,
+    cross,
+    mass_properties,
+)
 
 TILTED = np.radians(1.0)
 """Angle by which the photo may be turned without anything falling."""
@@ -32,7 +40,9 @@ class _Limits:
     inner: float = 1.5  # px, or a fifth of a face, by which its ends may be off
     overhead: float = 0.3  # sine of the angle by which a surface that lies above what it touches faces down
     spot: float = 0.04  # of its radius: half of the spot a ball rests on; more than the tangent of TILTED
-    one_face: float = float(np.cos(np.radians(12.0)))  # cosine between normals of contacts on one face
+    one_face: float = float(
+        np.cos(np.radians(12.0))
+    )  # cosine between normals of contacts on one face
     hold_rounds: int = 8  # in which some of a large pile are held, after which all are that do not stand yet
     passes: int = 60  # of the interior point method
     accuracy: float = 1e-7  # of complementarity and gradient: far below UNHELD
@@ -67,11 +77,15 @@ def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contac
     return found
 
 
-def wall_contacts(outlines: Sequence[Outline], boxes: Array, wall: Array) -> list[Contact]:
+def wall_contacts(
+    outlines: Sequence[Outline], boxes: Array, wall: Array
+) -> list[Contact]:
     """Contacts of outlines, with their `bounds` in `boxes` (N, 4), with one wall `(K, 2)` px."""
     found: list[Contact] = []
     for i in _near(boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])):
-        found += _face_ends(i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center))
+        found += _face_ends(
+            i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center)
+        )
     return found
 
 
@@ -105,7 +119,11 @@ def unstable_objects(
         key = (*group, *part)
         if key not in known:
             forces = _Forces(masses, part, friction, default, discs)
-            known[key] = _held(group, forces) if len(group) <= MANY else _held_of_many(group, forces)
+            known[key] = (
+                _held(group, forces)
+                if len(group) <= MANY
+                else _held_of_many(group, forces)
+            )
         unstable += known[key]
     return sorted(unstable, key=lambda i: -float(masses[i].center[1]))
 
@@ -113,7 +131,9 @@ def unstable_objects(
 def _held(group: Sequence[int], forces: _Forces) -> list[int]:
     """The fewest of a group that must be held, found one by one."""
     held: list[int] = []
-    while bad := forces.worst_first(forces.residual([i for i in group if i not in held])):
+    while bad := forces.worst_first(
+        forces.residual([i for i in group if i not in held])
+    ):
         held.append(bad[0])
     for i in list(held):
         if len(held) > 1:
@@ -174,7 +194,9 @@ def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]
 
 def _near(boxes: Array, box: Array) -> list[int]:
     """Indices of the boxes `(N, 4)` that may touch one."""
-    apart = (boxes[:, :2] >= box[2:] + LIMITS.touch) | (box[:2] >= boxes[:, 2:] + LIMITS.touch)
+    apart = (boxes[:, :2] >= box[2:] + LIMITS.touch) | (
+        box[:2] >= boxes[:, 2:] + LIMITS.touch
+    )
     return [int(i) for i in np.flatnonzero(~apart.any(axis=1))]
 
 
@@ -190,8 +212,18 @@ def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
         return [hit for points in _rings(b) for hit in _disc_on(a, points)]
     if isinstance(b, Disc):
         return [(p, -n) for points in _rings(a) for p, n in _disc_on(b, points)]
-    hits = [hit for mine in _rings(a) for other in _rings(b) for hit in _corners_on(mine, other)]
-    return hits + [(p, -n) for mine in _rings(a) for other in _rings(b) for p, n in _corners_on(other, mine)]
+    hits = [
+        hit
+        for mine in _rings(a)
+        for other in _rings(b)
+        for hit in _corners_on(mine, other)
+    ]
+    return hits + [
+        (p, -n)
+        for mine in _rings(a)
+        for other in _rings(b)
+        for p, n in _corners_on(other, mine)
+    ]
 
 
 def _rings(outline: Outline) -> list[Array]:
@@ -219,9 +251,13 @@ def _disc_on(disc: Disc, chain: Array) -> list[tuple[Array, Array]]:
 
 def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
     """Corners of one closed chain on edges of another; the normals point out of the other."""
-    low, high = points.min(axis=0) - LIMITS.touch - 1, points.max(axis=0) + LIMITS.touch + 1
+    low, high = (
+        points.min(axis=0) - LIMITS.touch - 1,
+        points.max(axis=0) + LIMITS.touch + 1,
+    )
     edges = np.flatnonzero(
-        (np.maximum(chain[:-1], chain[1:]) >= low).all(1) & (np.minimum(chain[:-1], chain[1:]) <= high).all(1)
+        (np.maximum(chain[:-1], chain[1:]) >= low).all(1)
+        & (np.minimum(chain[:-1], chain[1:]) <= high).all(1)
     )
     if not len(edges):
         return []
@@ -238,14 +274,18 @@ def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
     return hits
 
 
-def _on_chain(outline: Outline, chain: Array, center: Array) -> list[tuple[Array, Array]]:
+def _on_chain(
+    outline: Outline, chain: Array, center: Array
+) -> list[tuple[Array, Array]]:
     """Where an outline touches an open chain; normals towards the side that its centre is on."""
     if isinstance(outline, Disc):
         return _disc_on(outline, chain)
     hits = []
     closed = np.concatenate([chain, chain[-1:]])
     for ring in _rings(outline):
-        hits += _corners_on(ring, chain) + [(p, -n) for p, n in _corners_on(closed, ring)]
+        hits += _corners_on(ring, chain) + [
+            (p, -n) for p, n in _corners_on(closed, ring)
+        ]
     return [(p, n if (center - p) @ n >= 0 else -n) for p, n in hits]
 
 
@@ -273,7 +313,10 @@ def _face_ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Cont
             continue
         way = last[0] - first[0]
         inwards = way * min(0.2, LIMITS.inner / max(float(np.hypot(*way)), 1e-9))
-        found += [Contact(i, j, first[0] + inwards, first[1]), Contact(i, j, last[0] - inwards, last[1])]
+        found += [
+            Contact(i, j, first[0] + inwards, first[1]),
+            Contact(i, j, last[0] - inwards, last[1]),
+        ]
     return found
 
 
@@ -293,7 +336,9 @@ class _Forces:
     def worst_first(self, rest: Mapping[int, float]) -> list[int]:
         """Objects that do not stand, the least balanced of the lowest first: those on top may only lack them."""
         bad = [i for i in rest if rest[i] > UNHELD]
-        return sorted(bad, key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i]))
+        return sorted(
+            bad, key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i])
+        )
 
     def residual(self, free: Sequence[int]) -> dict[int, float]:
         """Share of each object's weight (or of a torque of its weight and size) that nothing balances.
@@ -330,12 +375,16 @@ class _Forces:
                     for k, (i, sign) in enumerate(zip(both, (1.0, -1.0), strict=True)):
                         if i in place:
                             mass = self.masses[i]
-                            arm = (contact.point + aside * along - mass.center) / np.sqrt(mass.area)
+                            arm = (
+                                contact.point + aside * along - mass.center
+                            ) / np.sqrt(mass.area)
                             part = np.array([force[0], force[1], cross(arm, force)])
                             column[k] = sign * part / mass.area
                     pairs.append([place.get(i, -1) for i in both])
                     parts.append(column / max(np.abs(column).max(), 1e-12))
-        return np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(-1, 2, 3)
+        return np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(
+            -1, 2, 3
+        )
 
 
 def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
@@ -353,7 +402,9 @@ def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
 
     def times(x: Array) -> Array:
         weighted = (parts * x[:, None, None]).ravel()
-        return np.asarray(np.bincount(spread.ravel(), weighted, 3 * count + 3)[:-3], np.float64)
+        return np.asarray(
+            np.bincount(spread.ravel(), weighted, 3 * count + 3)[:-3], np.float64
+        )
 
     def transposed(y: Array) -> Array:
         return np.asarray((parts * np.append(y, np.zeros(3))[spread]).sum((1, 2)))
@@ -406,11 +457,15 @@ class _System:
         order = np.concatenate(layers)
         place = np.empty(count + 1, np.int64)
         place[order], place[count] = np.arange(count), count
-        rows = (3 * place[np.where(pairs < 0, count, pairs)][:, :, None] + np.arange(3)).reshape(-1, 6)
+        rows = (
+            3 * place[np.where(pairs < 0, count, pairs)][:, :, None] + np.arange(3)
+        ).reshape(-1, 6)
         self.rows = (3 * order[:, None] + np.arange(3)).ravel()
         flat = parts.reshape(-1, 6)
         one, other = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
-        self.at, self.entry = np.unique((one * self.size + other).ravel(), return_inverse=True)
+        self.at, self.entry = np.unique(
+            (one * self.size + other).ravel(), return_inverse=True
+        )
         self.products = (flat[:, :, None] * flat[:, None, :]).reshape(-1, 36)
 
     def factor(self, weights: Array) -> None:

@@ -40,7 +40,9 @@ class _FootLimits:
     """Feet and the lines through them; slopes, px."""
 
     steepest: float = 0.75  # slope that friction may still hold: cardboard on wood slips at 0.5 to 0.8
-    broad: float = 0.5  # share of its width that a steep edge under an object on a slope has
+    broad: float = (
+        0.5  # share of its width that a steep edge under an object on a slope has
+    )
     short: float = 8.0  # px: the slope of a shorter edge is the raggedness of its mask
     ragged: float = 1.5  # px by which a mask's straight edge bulges
     invisible: float = 0.06  # px by which points are off a line that replaces them
@@ -97,7 +99,9 @@ class Foot:
     @cached_property
     def slope(self) -> float:
         """Of the edge that it stands on."""
-        return float((self.right[1] - self.left[1]) / max(self.right[0] - self.left[0], 1e-9))
+        return float(
+            (self.right[1] - self.left[1]) / max(self.right[0] - self.left[0], 1e-9)
+        )
 
     @cached_property
     def lowest(self) -> Array:
@@ -132,7 +136,10 @@ def find_foot(item: PhotoObject) -> Foot:
         return Foot(item, left, right, hull)
     first, last = _straight_part(hull, k)
     run, rise = hull[last] - hull[first]
-    if run >= max(FOOT.short, FOOT.broad * (hull[-1, 0] - hull[0, 0])) and abs(rise) <= FOOT.steepest * run:
+    if (
+        run >= max(FOOT.short, FOOT.broad * (hull[-1, 0] - hull[0, 0]))
+        and abs(rise) <= FOOT.steepest * run
+    ):
         return Foot(item, hull[first], hull[last], hull)
     x, y = hull[int(np.argmax(hull[:, 1]))]
     aside = 0.1 * (hull[-1, 0] - hull[0, 0])
@@ -145,7 +152,9 @@ def _straight_part(hull: Array, k: int) -> tuple[int, int]:
     for i in range(k + 1):
         for j in range(k + 1, len(hull)):
             along = hull[j] - hull[i]
-            off = np.abs(cross(along, hull[i : j + 1] - hull[i])) / max(float(np.hypot(*along)), 1e-9)
+            off = np.abs(cross(along, hull[i : j + 1] - hull[i])) / max(
+                float(np.hypot(*along)), 1e-9
+            )
             longer = hull[j, 0] - hull[i, 0] > hull[best[1], 0] - hull[best[0], 0]
             if off.max() <= FOOT.ragged and longer:
                 best = i, j
@@ -156,7 +165,10 @@ def lower_hull(outline: Outline) -> Array:
     """`(K, 2)` px: the lower side of its convex hull, left to right (Andrew's monotone chain)."""
     if isinstance(outline, Disc):
         angle = np.linspace(np.pi, 0, 65)
-        return np.asarray(outline.center + outline.radius * np.stack([np.cos(angle), np.sin(angle)], 1))
+        return np.asarray(
+            outline.center
+            + outline.radius * np.stack([np.cos(angle), np.sin(angle)], 1)
+        )
     points = np.concatenate([ring.outer for ring in outline.rings])
     points = points[np.lexsort((-points[:, 1], points[:, 0]))]
     chain: list[Array] = []
@@ -168,7 +180,9 @@ def lower_hull(outline: Outline) -> Array:
     return np.array(chain if len(chain) > 1 else [points[0], points[0] + (1e-3, 0.0)])
 
 
-def is_carried(item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]) -> bool:
+def is_carried(
+    item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
+) -> bool:
     """Whether other objects under it hold it: some on either side of its centre of mass, close below."""
     rows, columns = np.nonzero(labels == item.id)
     if not len(rows):
@@ -179,7 +193,9 @@ def is_carried(item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
     here = np.flatnonzero(bottom >= 0)
     gap = int(max(3, 0.06 * (rows.max() - rows.min() + 1)))
     center = mass_properties(item.outline).center
-    rows_below = np.minimum(bottom[here] + np.arange(1, gap + 1)[:, None], labels.shape[0] - 1)
+    rows_below = np.minimum(
+        bottom[here] + np.arange(1, gap + 1)[:, None], labels.shape[0] - 1
+    )
     below = labels[rows_below, here + left]
     seen = set(np.unique(below).tolist()) - {0, item.id}
     lowest = bounds(item.outline)[3]
@@ -192,11 +208,17 @@ def is_carried(item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
     return bool(x.min() <= center[0] + slack and x.max() >= center[0] - slack)
 
 
-def close_gaps_below(labels: Labels, objects: Sequence[PhotoObject]) -> dict[int, Outline]:
+def close_gaps_below(
+    labels: Labels, objects: Sequence[PhotoObject]
+) -> dict[int, Outline]:
     """Outlines, by id, of what ends just above its carrier and is no disc: it gets a foot there."""
     closed, feet = labels.copy(), set[int]()
     for item in objects:
-        if item.cut or isinstance(item.outline, Disc) or not is_carried(item, labels, objects):
+        if (
+            item.cut
+            or isinstance(item.outline, Disc)
+            or not is_carried(item, labels, objects)
+        ):
             continue
         own = labels == item.id
         columns = np.flatnonzero(own.any(axis=0))
@@ -212,7 +234,11 @@ def close_gaps_below(labels: Labels, objects: Sequence[PhotoObject]) -> dict[int
                 part[part == 0] = item.id
     if not feet:
         return {}
-    return {i: outline for i, outline in fit_outlines(closed, [t.id for t in objects]).items() if i in feet}
+    return {
+        i: outline
+        for i, outline in fit_outlines(closed, [t.id for t in objects]).items()
+        if i in feet
+    }
 
 
 def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[Foot]]]:
@@ -220,7 +246,10 @@ def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[
     left = list(feet)
     groups: list[tuple[Line, list[Foot]]] = []
     while left:
-        points, slopes = np.array([f.lowest for f in left]), np.array([f.slope for f in left])
+        points, slopes = (
+            np.array([f.lowest for f in left]),
+            np.array([f.slope for f in left]),
+        )
         lines = _largest_groups(points, slopes, tolerance)
         line, group = max(lines, key=lambda found: _quality(found[0], found[1], points))
         groups.append((line, [left[i] for i in group]))
@@ -229,7 +258,9 @@ def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[
     return groups
 
 
-def _largest_groups(points: Array, slopes: Array, tolerance: float) -> list[tuple[Line, list[int]]]:
+def _largest_groups(
+    points: Array, slopes: Array, tolerance: float
+) -> list[tuple[Line, list[int]]]:
     """Lines through pairs of the points `(N, 2)` with the most feet on them, and those; else each foot's own line."""
     order = np.argsort(points[:, 0], kind="stable")
     # of very many, neighbours and those across the photo are enough to find a line
@@ -242,7 +273,9 @@ def _largest_groups(points: Array, slopes: Array, tolerance: float) -> list[tupl
     on = np.zeros((len(slope), len(points)), bool)
     for some in np.array_split(np.arange(len(slope)), len(slope) // 4096 + 1):
         off = points[:, 1] - (slope[some, None] * points[:, 0] + height[some, None])
-        alike = (steep[some, None] <= STEEP) | (np.abs(slopes - slope[some, None]) <= AGREE)
+        alike = (steep[some, None] <= STEEP) | (
+            np.abs(slopes - slope[some, None]) <= AGREE
+        )
         on[some] = (np.abs(off) <= tolerance) & alike
     count = on.sum(axis=1)
     two_askew = (count < 3) & (steep > FOOT.two_tilt) & (steep <= STEEP)
@@ -250,7 +283,8 @@ def _largest_groups(points: Array, slopes: Array, tolerance: float) -> list[tupl
     if count.max(initial=0) < 2:
         own = np.where(np.abs(slopes) > STEEP, slopes, 0.0).tolist()
         return [
-            (Line(s, float(y - s * x)), [k]) for k, (s, (x, y)) in enumerate(zip(own, points, strict=True))
+            (Line(s, float(y - s * x)), [k])
+            for k, (s, (x, y)) in enumerate(zip(own, points, strict=True))
         ]
     found = []
     for k in np.flatnonzero(count == count.max()).tolist():
@@ -261,7 +295,9 @@ def _largest_groups(points: Array, slopes: Array, tolerance: float) -> list[tupl
     return found
 
 
-def _quality(line: Line, group: Sequence[int], points: Array) -> tuple[int, float, float]:
+def _quality(
+    line: Line, group: Sequence[int], points: Array
+) -> tuple[int, float, float]:
     """Many feet first, then a close fit, then the lower place."""
     x, y = points[list(group)].T
     rest = np.abs(y - (line.slope * x + line.height)).tolist()
@@ -273,7 +309,9 @@ def rounded_down(x: float, y: float) -> tuple[float, float]:
     return round(x, 2), float(np.ceil(y * 100 - 1e-6) / 100)
 
 
-def floor_points(line: Line, group: Sequence[Foot], ends: tuple[float, float]) -> list[tuple[float, float]]:
+def floor_points(
+    line: Line, group: Sequence[Foot], ends: tuple[float, float]
+) -> list[tuple[float, float]]:
     """A chain of points from x = `ends[0]` to `ends[1]` on which every object of a group stands, entering none."""
     chain = sorted((float(x), float(y)) for f in group for x, y in (f.left, f.right))
     for _ in range(8):
@@ -296,7 +334,9 @@ def floor_points(line: Line, group: Sequence[Foot], ends: tuple[float, float]) -
         (end, _clear_of_hulls(group, last, end, line.slope, 1)),
     ]
     rounded = [rounded_down(x, y) for x, y in chain]
-    return _without_straight_points([p for i, p in enumerate(rounded) if i == 0 or p[0] > rounded[i - 1][0]])
+    return _without_straight_points(
+        [p for i, p in enumerate(rounded) if i == 0 or p[0] > rounded[i - 1][0]]
+    )
 
 
 def _clear_of_hulls(
@@ -308,18 +348,27 @@ def _clear_of_hulls(
         beyond = f.hull[(f.hull[:, 0] - start[0]) * side > 0.05]
         for px, py in beyond:
             if abs(px - start[0]) <= abs(x - start[0]):
-                y = max(y, start[1] + float(py - start[1]) / float(px - start[0]) * (x - start[0]))
+                y = max(
+                    y,
+                    start[1]
+                    + float(py - start[1]) / float(px - start[0]) * (x - start[0]),
+                )
     return y
 
 
-def _without_straight_points(chain: list[tuple[float, float]]) -> list[tuple[float, float]]:
+def _without_straight_points(
+    chain: list[tuple[float, float]],
+) -> list[tuple[float, float]]:
     """Without the points on the line between their neighbours, to 0.005 px; two where all nearly lie on one line."""
     points = np.array(chain)
     (x0, y0), (x1, y1) = points[0], points[-1]
     off = points[:, 1] - (y0 + (y1 - y0) * (points[:, 0] - x0) / max(x1 - x0, 1e-9))
     if np.ptp(off) <= FOOT.invisible:
         down = float(off.max())
-        return [(x, float(np.ceil((y + down) * 100 - 1e-6) / 100)) for x, y in (chain[0], chain[-1])]
+        return [
+            (x, float(np.ceil((y + down) * 100 - 1e-6) / 100))
+            for x, y in (chain[0], chain[-1])
+        ]
     kept = [chain[0]]
     for i in range(1, len(chain) - 1):
         (x0, y0), (x, y), (x1, y1) = kept[-1], chain[i], chain[i + 1]
@@ -338,7 +387,9 @@ def stands_flat(foot: Foot) -> bool:
     x0, _, x1, _ = bounds(foot.item.outline)
     low = foot.hull[foot.hull[:, 1] >= foot.hull[:, 1].max() - LEVEL.band]
     run = float(foot.right[0] - foot.left[0])
-    level = abs(float(foot.right[1] - foot.left[1])) <= max(LEVEL.level * run, LEVEL.askew)
+    level = abs(float(foot.right[1] - foot.left[1])) <= max(
+        LEVEL.level * run, LEVEL.askew
+    )
     return level and float(np.ptp(low[:, 0])) >= LEVEL.wide * (x1 - x0)
 
 
@@ -346,7 +397,9 @@ def _height(foot: Foot) -> float:
     """y at which an object stands: a flat foot as its section through its middle, higher than its front edge."""
     x0, y0, x1, y1 = bounds(foot.item.outline)
     lift = min(LEVEL.max_lift, 0.5 * sin(radians(LEVEL.tilt)) * min(x1 - x0, y1 - y0))
-    return float(foot.hull[:, 1].max()) - lift * (stands_flat(foot) and not foot.item.top)
+    return float(foot.hull[:, 1].max()) - lift * (
+        stands_flat(foot) and not foot.item.top
+    )
 
 
 def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
@@ -355,7 +408,9 @@ def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
     return frozenset(discs - touching_objects(objects))
 
 
-def split_group(line: Line, group: Sequence[Foot], free: Collection[int]) -> list[tuple[Line, list[Foot]]]:
+def split_group(
+    line: Line, group: Sequence[Foot], free: Collection[int]
+) -> list[tuple[Line, list[Foot]]]:
     """The feet of a group that stand on one line, level unless most show its slope; each other foot by itself.
 
     One floor for all of them would be a chain of humps: as the floor is flat, the masks are wrong, or those objects
@@ -363,12 +418,16 @@ def split_group(line: Line, group: Sequence[Foot], free: Collection[int]) -> lis
     """
     if abs(line.slope) > STEEP or _askew(line, group):
         return [(line, list(group))]
-    level, tilted = (_near_line(group, slope, free, LEVEL.alike)[1] for slope in (0.0, line.slope))
+    level, tilted = (
+        _near_line(group, slope, free, LEVEL.alike)[1] for slope in (0.0, line.slope)
+    )
     # one object alone shows no slope
     slope = line.slope if len(tilted) >= len(level) + 2 else 0.0
     stood, kept = _near_line(group, slope, free, LEVEL.askew, LEVEL.nearer)
     alone = [f for f in group if len(kept) < 2 or f not in kept]
-    return [(stood, kept)] * (len(kept) > 1) + [(Line(0.0, round(_height(f), 2)), [f]) for f in alone]
+    return [(stood, kept)] * (len(kept) > 1) + [
+        (Line(0.0, round(_height(f), 2)), [f]) for f in alone
+    ]
 
 
 def _askew(line: Line, group: Sequence[Foot]) -> bool:
@@ -377,7 +436,11 @@ def _askew(line: Line, group: Sequence[Foot]) -> bool:
 
 
 def _near_line(
-    group: Sequence[Foot], slope: float, free: Collection[int], within: float, lower: float | None = None
+    group: Sequence[Foot],
+    slope: float,
+    free: Collection[int],
+    within: float,
+    lower: float | None = None,
 ) -> tuple[Line, list[Foot]]:
     """The line of a slope through most of a group, and those within `within` px of it, or that follow it and down to
     `lower`."""
@@ -385,27 +448,50 @@ def _near_line(
     line = Line(slope, round(float(np.median(off)), 2))
     follows = np.array([foot.item.id in free or stands_flat(foot) for foot in group])
     # a flat foot nearer to the camera is lower, and can be lifted
-    radii = [f.item.outline.radius if isinstance(f.item.outline, Disc) else np.inf for f in group]
-    reach = np.minimum(LEVEL.disc * np.array(radii), 3.6)  # else its pixels leave its circle
+    radii = [
+        f.item.outline.radius if isinstance(f.item.outline, Disc) else np.inf
+        for f in group
+    ]
+    reach = np.minimum(
+        LEVEL.disc * np.array(radii), 3.6
+    )  # else its pixels leave its circle
     most = np.where(follows, within if lower is None else lower, within)
-    near = (off - line.height >= -np.minimum(within, reach)) & (off - line.height <= np.minimum(most, reach))
-    ends = np.array([[f.left[1] - line.at(f.left[0]), f.right[1] - line.at(f.right[0])] for f in group])
+    near = (off - line.height >= -np.minimum(within, reach)) & (
+        off - line.height <= np.minimum(most, reach)
+    )
+    ends = np.array(
+        [
+            [f.left[1] - line.at(f.left[0]), f.right[1] - line.at(f.right[0])]
+            for f in group
+        ]
+    )
     near &= follows | (np.abs(ends).max(axis=1) <= LEVEL.alike)
     return line, [foot for foot, here in zip(group, near, strict=True) if here]
 
 
-def level_feet(line: Line, group: Sequence[Foot], free: Collection[int]) -> dict[int, Outline]:
+def level_feet(
+    line: Line, group: Sequence[Foot], free: Collection[int]
+) -> dict[int, Outline]:
     """Outlines with feet straight on the line of a group, by id, of those that stand flat, or as steep as it; `free`
     ones are resized down to it."""
     result: dict[int, Outline] = {}
     for foot in group:
         outline, steep = foot.item.outline, abs(line.slope) > STEEP
         follows = abs(foot.slope - line.slope) <= AGREE if steep else stands_flat(foot)
-        if isinstance(outline, Disc) and foot.item.id in free and line.slope == 0 and len(group) > 1:
+        if (
+            isinstance(outline, Disc)
+            and foot.item.id in free
+            and line.slope == 0
+            and len(group) > 1
+        ):
             x, y = outline.center
             r = (line.height - float(y) + outline.radius) / 2  # its top stays
             result[foot.item.id] = Disc(np.array([x, line.height - r]), r)
-        if isinstance(outline, Disc) or not follows or (_askew(line, group) and not steep):
+        if (
+            isinstance(outline, Disc)
+            or not follows
+            or (_askew(line, group) and not steep)
+        ):
             continue
         rise = abs(float(foot.right[1] - foot.left[1]))
         lift = line.at(float(foot.lowest[0])) - float(foot.hull[:, 1].max())
@@ -430,7 +516,9 @@ def straighten_foot(outline: Region, line: Line, band: float = LEVEL.band) -> Re
         if np.ptp(off) > band and (~inner).sum() >= 3:
             rings.append(Ring(points[~inner], ring.holes))
     borders = [part for ring in rings for part in (ring.outer, *ring.holes)]
-    if not rings or len(crossings([np.round(part, 2) for part in borders])):  # a thin neck is pressed flat
+    if not rings or len(
+        crossings([np.round(part, 2) for part in borders])
+    ):  # a thin neck is pressed flat
         return outline
     return Region(tuple(rings))
 
@@ -442,7 +530,12 @@ def cradle(item: PhotoObject, center: Array, hull: Array) -> list[tuple[float, f
         x, y, r = float(outline.center[0]), float(outline.center[1]), outline.radius
         a = np.radians(25.0)
         inner, side, up = r * np.tan(a / 2), r * np.sin(a), r * np.cos(a)
-        chain = [(x - side, y + up), (x - inner, y + r), (x + inner, y + r), (x + side, y + up)]
+        chain = [
+            (x - side, y + up),
+            (x - inner, y + r),
+            (x + inner, y + r),
+            (x + side, y + up),
+        ]
     else:
         x0, _, x1, _ = bounds(outline)
         reach = 0.3 * (x1 - x0)
@@ -473,7 +566,9 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
         box = None if item.id in touching or item.cut else fit_rectangle(item.outline)
         if box is not None:
             x0, y0, x1, y1 = bounds(box)
-            apart = (boxes[:, :2] > (x1, y1)).any(axis=1) | (boxes[:, 2:] < (x0, y0)).any(axis=1)
+            apart = (boxes[:, :2] > (x1, y1)).any(axis=1) | (
+                boxes[:, 2:] < (x0, y0)
+            ).any(axis=1)
             near = [outlines[i] for i in np.flatnonzero(~apart).tolist() if i != k]
             if all(overlap_depth(box, other) <= BOX.overlap for other in near):
                 result[item.id] = box
@@ -504,7 +599,9 @@ def fit_rectangle(outline: Outline) -> Region | None:
         return None
     away = np.minimum(np.abs(own - low), np.abs(own - high)).min(axis=1)
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
-    sharp = np.hypot(*(corners[:, None] - _dense(own)[None]).transpose(2, 0, 1)).min(axis=1)
+    sharp = np.hypot(*(corners[:, None] - _dense(own)[None]).transpose(2, 0, 1)).min(
+        axis=1
+    )
     if max(away.max(), sharp.max()) > min(BOX.rounded, 0.12 * min(size)):
         return None
     inside = np.clip(own, low, high)

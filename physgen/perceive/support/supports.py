@@ -15,7 +15,12 @@ import numpy as np
 
 from physgen.geometry.polygon import Array, Disc, Outline, bounds, mass_properties
 from physgen.perceive.roles import PhotoObject, Wall
-from physgen.perceive.support.equilibrium import Contact, contacts, unstable_objects, wall_contacts
+from physgen.perceive.support.equilibrium import (
+    Contact,
+    contacts,
+    unstable_objects,
+    wall_contacts,
+)
 from physgen.perceive.support.ground_contact import cradle, lower_hull, rounded_down
 
 Chain = Sequence[tuple[float, float]]
@@ -27,21 +32,29 @@ SOURCE = "what is at rest"
 class _Limits:
     """Sizes of supports; px unless stated."""
 
-    step: float = 0.5  # between the points at which a chain is tested against the objects
+    step: float = (
+        0.5  # between the points at which a chain is tested against the objects
+    )
     skin: float = 0.05  # that a chain may lie within an outline: rounding
     shortest: float = 1.5  # a shorter piece of a chain carries nothing
     # counted on; less than most objects have, so that what stands so stands for sure
     wall_friction: float = 0.4
     object_friction: float = 0.25  # the same between objects
-    slender: float = 0.75  # height over width from which an object may be leaning, not lying askew
+    slender: float = (
+        0.75  # height over width from which an object may be leaning, not lying askew
+    )
     many: int = 40  # objects, beyond which all that would fall get their ledges at once
     rounds: int = 5  # of that, after which what would still fall is held
-    from_below: float = 0.3  # sine of the angle by which a surface under an object faces up
+    from_below: float = (
+        0.3  # sine of the angle by which a surface under an object faces up
+    )
     lean: float = 0.35  # share of its height, from the top, in which an object leans against a neighbour
     # degrees; upright first: they carry nothing
     wedge_sides: tuple[float, ...] = (0.0, 180.0, 30.0, 150.0, 60.0, 120.0)
     wedge_length: float = 0.4  # of the object's radius: half the length of a wedge
-    wedge_rest: float = 0.15  # of its radius: the least length of a wedge on either side of the contact
+    wedge_rest: float = (
+        0.15  # of its radius: the least length of a wedge on either side of the contact
+    )
 
 
 LIMITS = _Limits()
@@ -62,22 +75,32 @@ def add_supports(
     boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
     fixed = {k for k, item in enumerate(objects) if item.cut}
     between = contacts(outlines, [])
-    on = [wall_contacts(outlines, boxes, np.array(w.points)) if w.name != "bottom" else [] for w in walls]
+    on = [
+        wall_contacts(outlines, boxes, np.array(w.points)) if w.name != "bottom" else []
+        for w in walls
+    ]
     known: dict[tuple[object, ...], list[int]] = {}
     tries: dict[int, int] = {}
     many = len(objects) > LIMITS.many
 
     def stands(found: Sequence[Contact], lost: int, chain: Array) -> bool:
         more = [*found, *wall_contacts(outlines, boxes, chain)]
-        return len(unstable_objects(outlines, more, _friction(objects, more, grip), fixed)) < lost
+        return (
+            len(unstable_objects(outlines, more, _friction(objects, more, grip), fixed))
+            < lost
+        )
 
     def wall_of(kind: str, chain: Chain, confidence: float, reason: str) -> Wall:
         name = f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in every)}"
-        return Wall(name, tuple(chain), friction, elasticity, confidence, SOURCE, reason)
+        return Wall(
+            name, tuple(chain), friction, elasticity, confidence, SOURCE, reason
+        )
 
     def falls(on: Sequence[Sequence[Contact]]) -> tuple[list[Contact], list[int]]:
         found = between + [one for wall in on for one in wall]
-        return found, unstable_objects(outlines, found, _friction(objects, found, grip), fixed, known=known)
+        return found, unstable_objects(
+            outlines, found, _friction(objects, found, grip), fixed, known=known
+        )
 
     for times in range(LIMITS.rounds if many else 4 * len(objects) + 1):
         found, lost = falls(on)
@@ -92,9 +115,15 @@ def add_supports(
             if tries[k] == 1 and (chain := _wall_to_lean_on(item, found, k, others)):
                 wall = wall_of("wall", chain, 0.4, "holds what leans")
             # an object that rolls off something seen needs no ledge under it
-            if wall is None and not many and (tries[k] == 3 or (tries[k] == 1 and _lies_on(found, k))):
+            if (
+                wall is None
+                and not many
+                and (tries[k] == 3 or (tries[k] == 1 and _lies_on(found, k)))
+            ):
                 chain = make_wedge(
-                    item, partial(free_parts, others=others), partial(stands, found, len(lost))
+                    item,
+                    partial(free_parts, others=others),
+                    partial(stands, found, len(lost)),
                 )
                 if chain:
                     wall = wall_of("stop", chain, 0.3, "else it rolls away")
@@ -119,7 +148,9 @@ def add_supports(
 def _lies_on(found: Sequence[Contact], k: int) -> bool:
     """Whether something is under an object."""
     return any(
-        c.normal[1] * (1 if c.body == k else -1) < -LIMITS.from_below for c in found if k in (c.body, c.other)
+        c.normal[1] * (1 if c.body == k else -1) < -LIMITS.from_below
+        for c in found
+        if k in (c.body, c.other)
     )
 
 
@@ -148,7 +179,11 @@ def _wall_to_lean_on(
     """A short upright wall beside the top of an object that stands on a wall and would tip over its edge."""
     if isinstance(item.outline, Disc):
         return None
-    feet = [float(c.point[0]) for c in found if c.body == k and c.other < 0 and c.normal[1] < -0.7]
+    feet = [
+        float(c.point[0])
+        for c in found
+        if c.body == k and c.other < 0 and c.normal[1] < -0.7
+    ]
     center = mass_properties(item.outline).center
     x0, y0, x1, y1 = bounds(item.outline)
     if not feet or y1 - y0 < LIMITS.slender * (x1 - x0):
@@ -166,7 +201,9 @@ def _wall_to_lean_on(
 
 
 def make_wedge(
-    item: PhotoObject, free: Callable[[Chain], list[Chain]], stands: Callable[[Array], bool]
+    item: PhotoObject,
+    free: Callable[[Chain], list[Chain]],
+    stands: Callable[[Array], bool],
 ) -> Chain | None:
     """The first wedge beside a round object that fits in and with which it stands.
 
@@ -181,9 +218,16 @@ def make_wedge(
         # rounding leaves a gap, not an overlap
         at = outline.center + (outline.radius + 0.01) * way
         reach = LIMITS.wedge_length * outline.radius * along
-        for part in free([(round(float(x), 2), round(float(y), 2)) for x, y in (at - reach, at + reach)]):
+        for part in free(
+            [
+                (round(float(x), 2), round(float(y), 2))
+                for x, y in (at - reach, at + reach)
+            ]
+        ):
             first, last = ((np.array(end) - at) @ along for end in (part[0], part[-1]))
-            if min(-first, last) >= LIMITS.wedge_rest * outline.radius and stands(np.array(part)):
+            if min(-first, last) >= LIMITS.wedge_rest * outline.radius and stands(
+                np.array(part)
+            ):
                 return part
     return None
 
@@ -212,7 +256,13 @@ def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
         first, last = at[start], at[stop - 1]
         if last - first >= LIMITS.shortest:
             kept = [p for p, a in zip(chain, along, strict=True) if first < a < last]
-            parts.append([_point_along(chain, along, first), *kept, _point_along(chain, along, last)])
+            parts.append(
+                [
+                    _point_along(chain, along, first),
+                    *kept,
+                    _point_along(chain, along, last),
+                ]
+            )
     return parts
 
 
@@ -220,24 +270,34 @@ def _point_along(chain: Chain, along: Array, way: float) -> tuple[float, float]:
     """The point of a chain at this length along it."""
     if way in (0, along[-1]):
         return chain[0 if way == 0 else -1]
-    return rounded_down(*(float(np.interp(way, along, [p[axis] for p in chain])) for axis in (0, 1)))
+    return rounded_down(
+        *(float(np.interp(way, along, [p[axis] for p in chain])) for axis in (0, 1))
+    )
 
 
 def depth_inside(outline: Outline, points: Array) -> Array:
     """`(N,)` px by which points `(N, 2)` lie within an outline, holes not counted; 0 outside."""
     if isinstance(outline, Disc):
-        return np.asarray(np.maximum(outline.radius - np.hypot(*(points - outline.center).T), 0.0))
+        return np.asarray(
+            np.maximum(outline.radius - np.hypot(*(points - outline.center).T), 0.0)
+        )
     depth: Array = np.zeros(len(points))
     x, y = points[:, 0, None], points[:, 1, None]
     for ring in outline.rings:
         a, b = ring.outer, np.roll(ring.outer, -1, axis=0)
         spans = (a[:, 1] > y) != (b[:, 1] > y)
         rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
-        inside = (spans & (x < (b[:, 0] - a[:, 0]) * (y - a[:, 1]) / rise + a[:, 0])).sum(1) % 2 > 0
+        inside = (
+            spans & (x < (b[:, 0] - a[:, 0]) * (y - a[:, 1]) / rise + a[:, 0])
+        ).sum(1) % 2 > 0
         if inside.any():
             way = b - a
             off = points[inside, None] - a[None]
-            share = np.clip((off * way).sum(-1) / np.maximum((way**2).sum(-1), 1e-12), 0, 1)
-            gap = np.hypot(*np.moveaxis(off - share[..., None] * way[None], -1, 0)).min(axis=1)
+            share = np.clip(
+                (off * way).sum(-1) / np.maximum((way**2).sum(-1), 1e-12), 0, 1
+            )
+            gap = np.hypot(*np.moveaxis(off - share[..., None] * way[None], -1, 0)).min(
+                axis=1
+            )
             depth[inside] = np.maximum(depth[inside], gap)
     return depth

@@ -15,7 +15,15 @@ import cv2
 import numpy as np
 
 from physgen.maps import F32
-from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Mask, PhotoObject, Rgb, Suitability
+from physgen.perceive.roles import (
+    BoundaryGuess,
+    Detections,
+    Labels,
+    Mask,
+    PhotoObject,
+    Rgb,
+    Suitability,
+)
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import RULE
 from physgen.perceive.support.equilibrium import contacts
@@ -54,19 +62,32 @@ CUES = {
 }  # fmt: skip
 
 
-def guess_view(rgb: Rgb, labels: Labels, normals: F32, aloft: int, stands: int) -> tuple[View, float, str]:
+def guess_view(
+    rgb: Rgb, labels: Labels, normals: F32, aloft: int, stands: int
+) -> tuple[View, float, str]:
     """The view, its confidence 0.5..0.98, and the two strongest cues.
 
     `normals` (h, w, 3) unit, +y down, of any size. `aloft`: the number of objects without anything below that holds
     them; `stands`: the number that stand upright on a level foot or on others.
     """
-    cues = _background_cues(rgb, labels, normals) | {"aloft": -max(aloft - 2, 0), "stands": stands}
-    odds = {k: float(np.clip(CUES[k].weight * v, -CUES[k].most, CUES[k].most)) for k, v in cues.items()}
+    cues = _background_cues(rgb, labels, normals) | {
+        "aloft": -max(aloft - 2, 0),
+        "stands": stands,
+    }
+    odds = {
+        k: float(np.clip(CUES[k].weight * v, -CUES[k].most, CUES[k].most))
+        for k, v in cues.items()
+    }
     total = PRIOR + sum(odds.values())
     side = total >= 0
-    agreeing = sorted((k for k in odds if (odds[k] > 0) == side and odds[k]), key=lambda k: -abs(odds[k]))
+    agreeing = sorted(
+        (k for k in odds if (odds[k] > 0) == side and odds[k]),
+        key=lambda k: -abs(odds[k]),
+    )
     reasons = [CUES[k].side if side else CUES[k].top for k in agreeing]
-    reason = " and ".join([text for text in reasons if text][:2]) or "there are few cues"
+    reason = (
+        " and ".join([text for text in reasons if text][:2]) or "there are few cues"
+    )
     # the cues are not independent: half the odds
     sure = round(min(1 / (1 + exp(-abs(total) / 2)), 0.98), 2)
     return (View.SIDE if side else View.TOP), sure, reason
@@ -76,25 +97,49 @@ def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]
     """Cues for the side view, of the background alone; none where too little of it is seen."""
     h, w = normals.shape[:2]
     lab = cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
-    colour: F32 = np.asarray(cv2.resize(lab, (w, h), interpolation=cv2.INTER_AREA), np.float32)
-    objects = cv2.resize((labels > 0).astype(np.uint8), (w, h), interpolation=cv2.INTER_AREA)
+    colour: F32 = np.asarray(
+        cv2.resize(lab, (w, h), interpolation=cv2.INTER_AREA), np.float32
+    )
+    objects = cv2.resize(
+        (labels > 0).astype(np.uint8), (w, h), interpolation=cv2.INTER_AREA
+    )
     free = cv2.dilate(objects, np.ones((5, 5), np.uint8)) == 0
     if np.count_nonzero(free) < LEAST:
         return {}
     low, high = slice(7 * h // 8, h), slice(0, h // 2)
     # shading alone makes weak layers of one surface
     clear = min(1.0, float(np.sqrt(colour[free].var(0).sum())) / SPREAD)
-    cues = {"layered": clear * (_explained(colour, free, 1) - _explained(colour, free, 0) - 0.1)}
+    cues = {
+        "layered": clear
+        * (_explained(colour, free, 1) - _explained(colour, free, 0) - 0.1)
+    }
     if min(np.count_nonzero(free[low]), np.count_nonzero(free[high])) >= LEAST:
         up = -normals[..., 1]
-        cues["faces"] = float(up[low][free[low]].mean() - up[high][free[high]].mean()) - 0.1
-    thirds = (np.s_[2 * h // 3 :], np.s_[: h // 3], np.s_[:, : w // 3], np.s_[:, 2 * w // 3 :])
+        cues["faces"] = (
+            float(up[low][free[low]].mean() - up[high][free[high]].mean()) - 0.1
+        )
+    thirds = (
+        np.s_[2 * h // 3 :],
+        np.s_[: h // 3],
+        np.s_[:, : w // 3],
+        np.s_[:, 2 * w // 3 :],
+    )
     if all(np.count_nonzero(free[part]) >= LEAST for part in thirds):
-        below, above, left, right = (np.median(colour[part][free[part]], axis=0) for part in thirds)
-        apart = [float(np.linalg.norm((a - b) * (0.5, 1, 1))) for a, b in ((below, above), (left, right))]
+        below, above, left, right = (
+            np.median(colour[part][free[part]], axis=0) for part in thirds
+        )
+        apart = [
+            float(np.linalg.norm((a - b) * (0.5, 1, 1)))
+            for a, b in ((below, above), (left, right))
+        ]
         cues["changed"] = log((apart[0] + 3) / (apart[1] + 3)) - 0.2
-        detail = np.abs(cv2.Laplacian(cv2.GaussianBlur(colour[..., 0], (0, 0), 1), cv2.CV_32F))
-        fine = [float(np.percentile(detail[part][free[part]], 90)) + 1e-3 for part in thirds[:2]]
+        detail = np.abs(
+            cv2.Laplacian(cv2.GaussianBlur(colour[..., 0], (0, 0), 1), cv2.CV_32F)
+        )
+        fine = [
+            float(np.percentile(detail[part][free[part]], 90)) + 1e-3
+            for part in thirds[:2]
+        ]
         cues["sharp"] = log(fine[0] / fine[1])
     return cues
 
@@ -126,8 +171,12 @@ class _Doubts:
     unsure: float = 0.65  # confidence of an object; a third of such are none
     unclear: float = 0.1  # doubtful regions, where they cover more than the objects do
     fixed: float = 0.1  # wholes that nobody moves
-    pointed: float = 0.5  # of what is pointed at: 187 of 192 people of COCO, 3 of 31 cups and bowls
-    sky: float = 0.125  # in the upper half; this and the next two of what is around the objects
+    pointed: float = (
+        0.5  # of what is pointed at: 187 of 192 people of COCO, 3 of 31 cups and bowls
+    )
+    sky: float = (
+        0.125  # in the upper half; this and the next two of what is around the objects
+    )
     foliage: float = 0.1
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
     view: float = 0.6  # confidence of the view
@@ -142,13 +191,19 @@ DOUBTS = _Doubts()
 
 
 def judge_suitability(
-    rgb: Rgb, found: Detections, objects: Sequence[PhotoObject], boundaries: BoundaryGuess
+    rgb: Rgb,
+    found: Detections,
+    objects: Sequence[PhotoObject],
+    boundaries: BoundaryGuess,
 ) -> Suitability:
     """Reasons to doubt that the photo shows loose objects at rest, from what perception knows of it.
 
     Masks that the user gave are sure, and so are those that are kept.
     """
-    size, view = np.bincount(found.labels.ravel(), minlength=1) / found.labels.size, boundaries.confidence
+    size, view = (
+        np.bincount(found.labels.ravel(), minlength=1) / found.labels.size,
+        boundaries.confidence,
+    )
     area = {t.id: float(size[t.id]) for t in objects}
     by_hand = found.source in ("given", "pointed at")
     reasons = [] if by_hand else _photo_doubts(rgb, found, objects, area)
@@ -161,13 +216,21 @@ def judge_suitability(
     if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
         reasons.append(f"one object fills {100 * largest:.0f} % of it")
     loose = [t for t in objects if not t.cut]
-    unseen = [w for w in boundaries.walls if w.source == SOURCE and w.name.startswith(("nest", "ledge"))]
+    unseen = [
+        w
+        for w in boundaries.walls
+        if w.source == SOURCE and w.name.startswith(("nest", "ledge"))
+    ]
     on = contacts([t.outline for t in loose], [np.array(w.points) for w in unseen])
     beneath = boundaries.held | {loose[c.body].id for c in on if c.other < 0}
     if (unheld := sum(t.id in beneath for t in loose)) > DOUBTS.unheld * len(loose):
-        reasons.append(f"no support is seen beneath {unheld} of {counted(len(loose), 'object')}")
+        reasons.append(
+            f"no support is seen beneath {unheld} of {counted(len(loose), 'object')}"
+        )
     if view < DOUBTS.view:
-        reasons.append("it is hard to tell whether it is seen from the side or from above")
+        reasons.append(
+            "it is hard to tell whether it is seen from the side or from above"
+        )
     return Suitability(tuple(reasons))
 
 
@@ -178,7 +241,10 @@ def _immovable(rgb: Rgb) -> Mask:
 
 
 def _photo_doubts(
-    rgb: Rgb, found: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
+    rgb: Rgb,
+    found: Detections,
+    objects: Sequence[PhotoObject],
+    area: Mapping[int, float],
 ) -> list[str]:
     """Doubts about what was found, and about the texture around it."""
     reasons, right = [], sum(found.confidence.get(t.id, 1.0) for t in objects)
@@ -195,16 +261,23 @@ def _photo_doubts(
     if fixed >= DOUBTS.fixed:
         reasons.append(f"what looks immovable fills {100 * fixed:.0f} % of it")
     small = cv2.resize(
-        rgb, (DOUBTS.side, max(round(DOUBTS.side * rgb.shape[0] / rgb.shape[1]), 2)), interpolation=3
+        rgb,
+        (DOUBTS.side, max(round(DOUBTS.side * rgb.shape[0] / rgb.shape[1]), 2)),
+        interpolation=3,
     )
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
     fine = cv2.blur(np.abs(cv2.Laplacian(grey, cv2.CV_32F)), (DOUBTS.patch,) * 2)
-    hue, saturation, value = np.moveaxis(cv2.cvtColor(small, cv2.COLOR_RGB2HSV).astype(int), 2, 0)
+    hue, saturation, value = np.moveaxis(
+        cv2.cvtColor(small, cv2.COLOR_RGB2HSV).astype(int), 2, 0
+    )
     # hues in steps of 2 degrees
     blue = (hue > 90) & (hue < 130) & (saturation > 30) & (value > 110)
     green, detailed = (hue > 25) & (hue < 90) & (saturation > 40), fine > DOUBTS.fine
     blue[len(blue) // 2 :] = False
-    around = cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST) == 0
+    around = (
+        cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+        == 0
+    )
     for what, part, most in (
         ("blue as of the sky", blue, DOUBTS.sky),
         ("green and fine as of leaves or grass", green & detailed, DOUBTS.foliage),
@@ -212,5 +285,8 @@ def _photo_doubts(
     ):
         share = np.count_nonzero(part & around) / max(int(around.sum()), 1)
         if share > most:
-            return [*reasons, f"{what} on {100 * share:.0f} % of what is around the objects"]
+            return [
+                *reasons,
+                f"{what} on {100 * share:.0f} % of what is around the objects",
+            ]
     return reasons

@@ -15,7 +15,12 @@ from typing import Any
 import diffusers
 import numpy as np
 import torch
-from diffusers import AnimateDiffVideoToVideoPipeline, AutoencoderKL, DDIMScheduler, MotionAdapter
+from diffusers import (
+    AnimateDiffVideoToVideoPipeline,
+    AutoencoderKL,
+    DDIMScheduler,
+    MotionAdapter,
+)
 from torch import Tensor
 
 from physgen.perceive.backends.models import (
@@ -75,7 +80,9 @@ class AnimateDiff:
 
     def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
         self.pipe, self._device, self._dtype = pipe, device, dtype
-        pipe.register_modules(motion_adapter=None)  # the network has it now: 1.7 GB twice
+        pipe.register_modules(
+            motion_adapter=None
+        )  # the network has it now: 1.7 GB twice
         # the authors' own: PNDM, which most such weights bring, takes steps twice. Spaced so, every step ends where the
         # next begins (with `linspace` 8 steps of 1000 end 18 early), and the last at the picture itself
         self._scheduler = DDIMScheduler.from_config(
@@ -95,7 +102,10 @@ class AnimateDiff:
     def encode(self, video: Tensor) -> Tensor:
         """(F, 3, H, W) in -1..1 on the processor -> (F, C, h, w): the mean of each frame, some at a time."""
         vae = self.pipe.vae
-        found = [vae.encode(part.to(self._device)).latent_dist.mode() for part in video.split(CHUNK)]
+        found = [
+            vae.encode(part.to(self._device)).latent_dist.mode()
+            for part in video.split(CHUNK)
+        ]
         return torch.cat(found) * vae.config.scaling_factor
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
@@ -108,7 +118,9 @@ class AnimateDiff:
         """(F, C, h, w): the network takes (1, C, F, h, w)."""
         z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
         words = text.repeat_interleave(len(latents), dim=0)
-        found: Tensor = self.pipe.unet(z, time.to(self._device), encoder_hidden_states=words).sample
+        found: Tensor = self.pipe.unet(
+            z, time.to(self._device), encoder_hidden_states=words
+        ).sample
         return found[0].transpose(0, 1)
 
 
@@ -119,8 +131,13 @@ def trained(weights: tuple[str, ...]) -> Trained:
     kind = str(motion.get("_class_name"))
     if kind != "MotionAdapter":
         fix = f"name a motion adapter first, e.g. {find('refine', 'animatediff').weights[0].id}"
-        raise InputError.of(REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix)
-    plain = found.get("unet", ["", ""])[1] == "UNet2DConditionModel" and "text_encoder_2" not in found
+        raise InputError.of(
+            REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix
+        )
+    plain = (
+        found.get("unet", ["", ""])[1] == "UNet2DConditionModel"
+        and "text_encoder_2" not in found
+    )
     unet = part_config(base, "unet", WHAT) if plain else {}
     if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
         what = f"is a {found.get('_class_name')} that the adapter does not fit"
@@ -130,7 +147,9 @@ def trained(weights: tuple[str, ...]) -> Trained:
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64
-    return Trained(Grid(cell, cell * levels, (side * cell) ** 2, min(FRAMES, most)), most)
+    return Trained(
+        Grid(cell, cell * levels, (side * cell) ** 2, min(FRAMES, most)), most
+    )
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDiff:
@@ -138,12 +157,17 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDi
     adapter, base = weights
 
     def motion(path: str) -> Any:
-        return as_dtype(MotionAdapter.from_pretrained(path, dtype=dtype, use_safetensors=True), dtype)
+        return as_dtype(
+            MotionAdapter.from_pretrained(path, dtype=dtype, use_safetensors=True),
+            dtype,
+        )
 
     part = load_weights(motion, adapter, WHAT, REFINE)
     kind = AnimateDiffVideoToVideoPipeline
     return AnimateDiff(
-        load_pipeline(kind, base, dtype, WHAT, AutoencoderKL, motion_adapter=part), device, dtype
+        load_pipeline(kind, base, dtype, WHAT, AutoencoderKL, motion_adapter=part),
+        device,
+        dtype,
     )
 
 
@@ -167,7 +191,10 @@ class Sampler:
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
         # are they here, or to be had
-        collect(partial(load_weights, lambda _: None, weights, WHAT, REFINE) for weights in self._weights)
+        collect(
+            partial(load_weights, lambda _: None, weights, WHAT, REFINE)
+            for weights in self._weights
+        )
         self._trained = trained(self._weights)
         self.grid = self._asked()
         self._offload = "none"
@@ -176,7 +203,11 @@ class Sampler:
 
     def _asked(self) -> Grid:
         """The grid with what the options say."""
-        grid, side, window = self._trained.grid, self._options["resolution"], self._options["window"]
+        grid, side, window = (
+            self._trained.grid,
+            self._options["resolution"],
+            self._options["window"],
+        )
         if side:
             grid = replace(grid, area=side * side)
         if window:
@@ -184,7 +215,10 @@ class Sampler:
                 found, most = f"{NAME}.window: {window}", self._trained.most
                 fix = f"write at most {most}"
                 raise InputError.of(
-                    "physgen.toml", found, f"is more than the {most} frames that the model can see", fix
+                    "physgen.toml",
+                    found,
+                    f"is more than the {most} frames that the model can see",
+                    fix,
                 )
             grid = replace(grid, window=window)
         return grid
@@ -199,12 +233,16 @@ class Sampler:
         self._offload = load_weights(place, self._weights[0], WHAT, REFINE)
         return network
 
-    def begin(self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int) -> F32:
+    def begin(
+        self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int
+    ) -> F32:
         """See `Denoiser`."""
         network = self._network
         with memory_errors():
             vae = network.pipe.vae
-            self._tiled = frames[0].shape[0] * frames[0].shape[1] > self._trained.grid.area
+            self._tiled = (
+                frames[0].shape[0] * frames[0].shape[1] > self._trained.grid.area
+            )
             vae.enable_tiling() if self._tiled else vae.disable_tiling()
             guidance = GUIDANCE if prompt.guidance is None else prompt.guidance
             text = network.encode_text(prompt.prompt)
@@ -218,7 +256,9 @@ class Sampler:
     def noised(self, latents: F32, noise: F32, k: int) -> F32:
         """See `Denoiser`."""
         schedule = self._at().schedule
-        return schedule.noised(latents, noise, k) if k < len(schedule.times) else latents
+        return (
+            schedule.noised(latents, noise, k) if k < len(schedule.times) else latents
+        )
 
     def predict(self, latents: F32, k: int) -> F32:
         """See `Denoiser`."""
@@ -228,7 +268,9 @@ class Sampler:
             guided = _array(network.predict(z, time, run.text))
             if run.negative is None:
                 return guided
-            free = _array(network.predict(z, time, run.negative))  # in turn: half the memory of both at once
+            free = _array(
+                network.predict(z, time, run.negative)
+            )  # in turn: half the memory of both at once
         return np.asarray(free + np.float32(run.guidance) * (guided - free), np.float32)
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
@@ -241,7 +283,11 @@ class Sampler:
         while True:
             with memory_errors():
                 part = next(parts, None)
-                frames = None if part is None else _array((part / 2 + 0.5).permute(0, 2, 3, 1))
+                frames = (
+                    None
+                    if part is None
+                    else _array((part / 2 + 0.5).permute(0, 2, 3, 1))
+                )
             if frames is None:
                 return
             yield frames
@@ -276,7 +322,9 @@ class Sampler:
 def memory_errors() -> Iterator[None]:
     """Inference; where a device's memory does not suffice, all is given back and MemoryError raised."""
     try:
-        with torch.no_grad():  # not inference_mode: offloading puts other tensors into parameters
+        with (
+            torch.no_grad()
+        ):  # not inference_mode: offloading puts other tensors into parameters
             yield
     except (RuntimeError, MemoryError) as error:
         if not is_out_of_memory(error):
@@ -289,7 +337,9 @@ def memory_errors() -> Iterator[None]:
 def _video(frames: Sequence[U8]) -> Tensor:
     """(F, 3, H, W) in -1..1."""
     shown = torch.empty((len(frames), 3, *frames[0].shape[:2]), dtype=torch.float32)
-    for place, frame in zip(shown, frames, strict=True):  # one by one: the clip is held once
+    for place, frame in zip(
+        shown, frames, strict=True
+    ):  # one by one: the clip is held once
         place.copy_(torch.from_numpy(frame).permute(2, 0, 1)).div_(127.5).sub_(1)
     return shown
 

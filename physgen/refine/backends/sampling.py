@@ -16,7 +16,12 @@ import torch
 from diffusers import AutoencoderKL, DiffusionPipeline
 from numpy.typing import NDArray
 
-from physgen.perceive.backends.models import Flag, as_dtype, load_pipeline_on_cpu, load_weights
+from physgen.perceive.backends.models import (
+    Flag,
+    as_dtype,
+    load_pipeline_on_cpu,
+    load_weights,
+)
 from physgen.problems import InputError
 from physgen.refine.denoiser import F32
 from physgen.registry import hub_folder
@@ -30,29 +35,44 @@ FULL = 0.7
 
 def pipeline_index(weights: str, what: str) -> dict[str, Any]:
     """`model_index.json`: which pipeline weights are of, and of which classes its parts are."""
-    found = load_weights(lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE)
+    found = load_weights(
+        lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE
+    )
     for part, kind in found.items():
-        if isinstance(kind, list) and kind[0] not in (None, *LIBRARIES):  # a module of its own: a program
+        if isinstance(kind, list) and kind[0] not in (
+            None,
+            *LIBRARIES,
+        ):  # a module of its own: a program
             reason = f"would run {kind[0]} for its {part}"
-            raise InputError.of(REFINE.name, f'"{weights}"', reason, "name weights of plain parts")
+            raise InputError.of(
+                REFINE.name, f'"{weights}"', reason, "name weights of plain parts"
+            )
     return found
 
 
 def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
     """`config.json` of a part, `""` for weights that are one."""
     at = {"subfolder": part} if part else {}
-    return load_weights(lambda path: dict(AutoencoderKL.load_config(path, **at)), weights, what, REFINE)
+    return load_weights(
+        lambda path: dict(AutoencoderKL.load_config(path, **at)), weights, what, REFINE
+    )
 
 
-def load_pipeline(kind: Any, weights: str, dtype: torch.dtype, what: str, vae: Any, **parts: Any) -> Any:
+def load_pipeline(
+    kind: Any, weights: str, dtype: torch.dtype, what: str, vae: Any, **parts: Any
+) -> Any:
     """The pipeline, on the processor, its VAE (of the class `vae`) in float32.
 
     In a VAE of bfloat16 a grey level is as much as its numbers' last bit, and what is shown are differences.
     """
 
     def load(path: str) -> Any:
-        fine = vae.from_pretrained(path, subfolder="vae", dtype=torch.float32, use_safetensors=True)
-        return load_pipeline_on_cpu(kind, path, dtype, vae=as_dtype(fine, torch.float32), **parts)
+        fine = vae.from_pretrained(
+            path, subfolder="vae", dtype=torch.float32, use_safetensors=True
+        )
+        return load_pipeline_on_cpu(
+            kind, path, dtype, vae=as_dtype(fine, torch.float32), **parts
+        )
 
     return load_weights(load, weights, what, REFINE)
 
@@ -76,8 +96,12 @@ def place_pipeline(pipe: Any, device: str) -> str:
 
 def _bytes(pipe: Any) -> int:
     """Of all weights."""
-    parts = [part for part in pipe.components.values() if isinstance(part, torch.nn.Module)]
-    return sum(p.numel() * p.element_size() for part in parts for p in part.parameters())
+    parts = [
+        part for part in pipe.components.values() if isinstance(part, torch.nn.Module)
+    ]
+    return sum(
+        p.numel() * p.element_size() for part in parts for p in part.parameters()
+    )
 
 
 @dataclass(frozen=True)
@@ -85,9 +109,15 @@ class Schedule:
     """The steps that run."""
 
     name: str  # the scheduler's class
-    times: torch.Tensor  # (count,): the level of noise that each step passes to the model
-    noised: Callable[[F32, F32, int], F32]  # latents, noise and step k -> latents as noisy as step k begins
-    stepped: Callable[[F32, F32, int], F32]  # the model's say, latents and step k -> latents after it
+    times: (
+        torch.Tensor
+    )  # (count,): the level of noise that each step passes to the model
+    noised: Callable[
+        [F32, F32, int], F32
+    ]  # latents, noise and step k -> latents as noisy as step k begins
+    stepped: Callable[
+        [F32, F32, int], F32
+    ]  # the model's say, latents and step k -> latents after it
 
 
 def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
@@ -99,7 +129,10 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
     config, kept = scheduler.config, scheduler.alphas_cumprod.numpy().astype(np.float64)
     times = levels(len(kept), steps, config.steps_offset)[-count:]
     a = np.append(kept[times], 1.0)
-    signal, noise_part = np.sqrt(a).astype(np.float32), np.sqrt(1 - a).astype(np.float32)
+    signal, noise_part = (
+        np.sqrt(a).astype(np.float32),
+        np.sqrt(1 - a).astype(np.float32),
+    )
 
     def noised(latents: F32, noise: F32, k: int) -> F32:
         return np.asarray(signal[k] * latents + noise_part[k] * noise, np.float32)

@@ -47,7 +47,8 @@ GLASS = Finish(gloss=0.9, sharpness=150, metal=0.08, clear=0.85)
 def any_finish(hand: Hand) -> Finish:
     """Matt, satin, glazed or lacquered."""
     return hand.one_of(
-        [MATT, SATIN, Finish(0.3, 35), GLAZED, Finish(0.8, 150, 0.06)], [0.3, 0.25, 0.2, 0.17, 0.08]
+        [MATT, SATIN, Finish(0.3, 35), GLAZED, Finish(0.8, 150, 0.06)],
+        [0.3, 0.25, 0.2, 0.17, 0.08],
     )
 
 
@@ -73,10 +74,17 @@ def egg(
     turn: Array | None = None,
 ) -> Ellipsoid:
     axes = np.diag(np.array(radii, np.float32))
-    return Ellipsoid(centre, axes if turn is None else (turn @ axes).astype(np.float32), paint, finish)
+    return Ellipsoid(
+        centre,
+        axes if turn is None else (turn @ axes).astype(np.float32),
+        paint,
+        finish,
+    )
 
 
-def ball(centre: Array, radius: float, paint: Paint, finish: Finish = MATT) -> Ellipsoid:
+def ball(
+    centre: Array, radius: float, paint: Paint, finish: Finish = MATT
+) -> Ellipsoid:
     return egg(centre, (radius, radius, radius), paint, finish)
 
 
@@ -85,7 +93,9 @@ def profile(points: Sequence[tuple[float, float]], smooth: int = 0) -> Array:
     line = np.array(points, np.float32)
     for _ in range(smooth):
         a, b = 0.75 * line[:-1] + 0.25 * line[1:], 0.25 * line[:-1] + 0.75 * line[1:]
-        line = np.concatenate([line[:1], np.stack([a, b], axis=1).reshape(-1, 2), line[-1:]])
+        line = np.concatenate(
+            [line[:1], np.stack([a, b], axis=1).reshape(-1, 2), line[-1:]]
+        )
     return line.astype(np.float32)
 
 
@@ -94,13 +104,19 @@ def loop(points: Sequence[tuple[float, float]], smooth: int = 0) -> Array:
     line = np.array(points, np.float32)
     for _ in range(smooth):
         after = np.roll(line, -1, axis=0)
-        line = np.stack([0.75 * line + 0.25 * after, 0.25 * line + 0.75 * after], axis=1).reshape(-1, 2)
+        line = np.stack(
+            [0.75 * line + 0.25 * after, 0.25 * line + 0.75 * after], axis=1
+        ).reshape(-1, 2)
     return line.astype(np.float32)
 
 
-def circle(x: float, y: float, radius: float, count: int = 20, flat: float = 1.0) -> Array:
+def circle(
+    x: float, y: float, radius: float, count: int = 20, flat: float = 1.0
+) -> Array:
     turn = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    return np.column_stack([x + radius * np.cos(turn), y + radius * flat * np.sin(turn)]).astype(np.float32)
+    return np.column_stack(
+        [x + radius * np.cos(turn), y + radius * flat * np.sin(turn)]
+    ).astype(np.float32)
 
 
 def rounded(width: float, height: float, corner: float) -> Array:
@@ -110,7 +126,9 @@ def rounded(width: float, height: float, corner: float) -> Array:
     quarters = []
     for k, (x, y) in enumerate([(w, h), (-w, h), (-w, -h), (w, -h)]):
         t = turns + k * np.pi / 2
-        quarters.append(np.column_stack([x + corner * np.cos(t), y + corner * np.sin(t)]))
+        quarters.append(
+            np.column_stack([x + corner * np.cos(t), y + corner * np.sin(t)])
+        )
     return np.concatenate(quarters).astype(np.float32)
 
 
@@ -119,11 +137,13 @@ def curve(points: Sequence[tuple[float, float, float]], count: int = 20) -> Arra
     line = np.array(points, np.float64)
     for _ in range(3):
         a, b = 0.75 * line[:-1] + 0.25 * line[1:], 0.25 * line[:-1] + 0.75 * line[1:]
-        line = np.concatenate([line[:1], np.stack([a, b], axis=1).reshape(-1, 3), line[-1:]])
+        line = np.concatenate(
+            [line[:1], np.stack([a, b], axis=1).reshape(-1, 3), line[-1:]]
+        )
     at = np.linspace(0, len(line) - 1, count)
-    return np.stack([np.interp(at, np.arange(len(line)), line[:, k]) for k in range(3)], axis=1).astype(
-        np.float32
-    )
+    return np.stack(
+        [np.interp(at, np.arange(len(line)), line[:, k]) for k in range(3)], axis=1
+    ).astype(np.float32)
 
 
 def wrapped(paint: Paint, turn: float = 0.0) -> Paint:

@@ -47,7 +47,9 @@ class Finish:
     """Share of light that passes through."""
 
     def row(self) -> Array:
-        return np.array([self.gloss, np.log(self.sharpness), self.metal, self.clear], np.float32)
+        return np.array(
+            [self.gloss, np.log(self.sharpness), self.metal, self.clear], np.float32
+        )
 
 
 @dataclass
@@ -71,12 +73,25 @@ class Canvas:
     def window(self, low: Array, high: Array) -> tuple[int, int, int, int]:
         """The box x0, y0, x1, y1 of whole pixels that holds (low, high), within the canvas; may be empty."""
         x0, y0 = max(0, int(low[0]) - 1), max(0, int(low[1]) - 1)
-        return x0, y0, min(self.width, int(high[0]) + 2), min(self.height, int(high[1]) + 2)
+        return (
+            x0,
+            y0,
+            min(self.width, int(high[0]) + 2),
+            min(self.height, int(high[1]) + 2),
+        )
 
     def nearer(self, y: Ints, x: Ints, depth: Array) -> NDArray[np.bool_]:
         return depth > self.depth.ravel()[y * self.width + x]
 
-    def put(self, y: Ints, x: Ints, depth: Array, normal: Array, colour: Array, finish: Finish) -> None:
+    def put(
+        self,
+        y: Ints,
+        x: Ints,
+        depth: Array,
+        normal: Array,
+        colour: Array,
+        finish: Finish,
+    ) -> None:
         """Set N pixels, which the caller found to be nearer; normal and colour are (N, 3)."""
         at = y * self.width + x  # one flat index is found quicker than two
         self.depth.reshape(-1)[at] = depth

@@ -43,7 +43,10 @@ def develop(hand: Hand, light: Array) -> NDArray[np.uint8]:
     light = light * fall[..., None]
     bright = float(np.percentile(light[::4, ::4], 92)) + 1e-4
     light = light * np.float32(
-        hand.one_of([hand.between(0.5, 0.95), hand.between(0.14, 0.4), hand.between(0.9, 1.5)], [7, 1.5, 1.2])
+        hand.one_of(
+            [hand.between(0.5, 0.95), hand.between(0.14, 0.4), hand.between(0.9, 1.5)],
+            [7, 1.5, 1.2],
+        )
         / max(bright, 0.12)
     )
     if hand.chance(0.4):
@@ -51,12 +54,16 @@ def develop(hand: Hand, light: Array) -> NDArray[np.uint8]:
     light = light * (1 + 0.05 * hand.rng.standard_normal(3).astype(np.float32))
     if hand.chance(0.6):
         strength = hand.between(0.004, 0.03)
-        light = light + _grain(hand, size) * np.float32(strength) * np.sqrt(np.maximum(light, 0.01))
+        light = light + _grain(hand, size) * np.float32(strength) * np.sqrt(
+            np.maximum(light, 0.01)
+        )
     knee = np.maximum(light - 0.7, 0)
     light = np.where(light > 0.7, 0.7 + 0.3 * knee / (knee + 0.3), np.maximum(light, 0))
     value = CURVE[np.minimum(light * 4095, 4095).astype(np.uint16)]
     if hand.chance(0.4):
-        value = value + hand.between(-0.5, 0.6) * value * (1 - value) * (value - 0.5) * 2  # contrast
+        value = (
+            value + hand.between(-0.5, 0.6) * value * (1 - value) * (value - 0.5) * 2
+        )  # contrast
     if hand.chance(0.12):
         low = hand.between(0.05, 0.35)
         value = low + value * hand.between(0.35, 0.95 - low)
@@ -71,6 +78,8 @@ def develop(hand: Hand, light: Array) -> NDArray[np.uint8]:
         soft = cv2.GaussianBlur(photo, (0, 0), 1.2)
         photo = cv2.addWeighted(photo, 1.6, soft, -0.6, 0)
     if hand.chance(0.55):
-        _, code = cv2.imencode(".jpg", photo[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, hand.whole(30, 95)])
+        _, code = cv2.imencode(
+            ".jpg", photo[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, hand.whole(30, 95)]
+        )
         photo = np.ascontiguousarray(cv2.imdecode(code, cv2.IMREAD_COLOR)[..., ::-1])
     return photo

@@ -30,18 +30,36 @@ class Box:
         return self.centre + (CORNERS * self.half) @ self.turn.T
 
     def draw(self, canvas: Canvas, pose: Pose) -> None:
-        axes = (pose.turn @ self.turn) * self.half * pose.scale  # columns: half-edges in px
+        axes = (
+            (pose.turn @ self.turn) * self.half * pose.scale
+        )  # columns: half-edges in px
         middle = pose.apply(self.centre[None])[0]
-        for k, paint in ((0, self.side or self.front), (1, self.top or self.front), (2, self.front)):
+        for k, paint in (
+            (0, self.side or self.front),
+            (1, self.top or self.front),
+            (2, self.front),
+        ):
             sign = 1.0 if axes[2, k] > 0 else -1.0
             if abs(axes[2, k]) < 1e-3 * np.linalg.norm(axes[:, k]):
                 continue
-            across, up = (axes[:, (k + 1) % 3], axes[:, (k + 2) % 3]) if k != 2 else (axes[:, 0], axes[:, 1])
+            across, up = (
+                (axes[:, (k + 1) % 3], axes[:, (k + 2) % 3])
+                if k != 2
+                else (axes[:, 0], axes[:, 1])
+            )
             if k == 0:
                 across, up = axes[:, 2], axes[:, 1]
             if k == 1:
                 across, up = axes[:, 0], axes[:, 2]
-            self._face(canvas, pose, middle + sign * axes[:, k], across, up, sign * axes[:, k], paint)
+            self._face(
+                canvas,
+                pose,
+                middle + sign * axes[:, k],
+                across,
+                up,
+                sign * axes[:, k],
+                paint,
+            )
 
     def _face(
         self,
@@ -53,15 +71,29 @@ class Box:
         outward: Array,
         paint: Paint,
     ) -> None:
-        quad = np.stack([centre + a * across + b * up for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+        quad = np.stack(
+            [
+                centre + a * across + b * up
+                for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+            ]
+        )
         x0, y0, x1, y1 = canvas.window(quad.min(axis=0), quad.max(axis=0))
         det = float(across[0] * up[1] - across[1] * up[0])
         if x1 <= x0 or y1 <= y0 or abs(det) < 1e-3:
             return
         mask = np.zeros((y1 - y0, x1 - x0), np.uint8)
-        cv2.fillConvexPoly(mask, np.round((quad[:, :2] - [x0, y0]) * 16).astype(np.int32), 1, cv2.LINE_8, 4)
+        cv2.fillConvexPoly(
+            mask,
+            np.round((quad[:, :2] - [x0, y0]) * 16).astype(np.int32),
+            1,
+            cv2.LINE_8,
+            4,
+        )
         rows, columns = np.nonzero(mask)
-        dx, dy = (columns + (x0 - centre[0])).astype(np.float32), (rows + (y0 - centre[1])).astype(np.float32)
+        dx, dy = (
+            (columns + (x0 - centre[0])).astype(np.float32),
+            (rows + (y0 - centre[1])).astype(np.float32),
+        )
         u, v = (
             (dx * up[1] - dy * up[0]) / np.float32(det),
             (dy * across[0] - dx * across[1]) / np.float32(det),
@@ -69,11 +101,17 @@ class Box:
         normal = np.repeat(unit(outward)[None], len(rows), axis=0)
         if self.bevel > 0:
             for s, edge in ((u, across), (v, up)):
-                over = np.maximum(np.abs(s) - (1 - self.bevel), 0) / self.bevel * np.sign(s)
+                over = (
+                    np.maximum(np.abs(s) - (1 - self.bevel), 0)
+                    / self.bevel
+                    * np.sign(s)
+                )
                 normal = normal + (0.8 * over[:, None] * unit(edge)).astype(np.float32)
             normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
         z = (centre[2] + u * across[2] + v * up[2]).astype(np.float32)
-        lay(canvas, pose, rows + y0, columns + x0, z, normal, (u, v), paint, self.finish)
+        lay(
+            canvas, pose, rows + y0, columns + x0, z, normal, (u, v), paint, self.finish
+        )
 
 
 @dataclass(frozen=True)
@@ -96,14 +134,21 @@ class Slab:
         return (self.centre + flat @ self.turn.T).astype(np.float32)
 
     def hull(self) -> Array:
-        return np.concatenate([self._corners(self.outline, s * self.thickness / 2) for s in (-1, 1)])
+        return np.concatenate(
+            [self._corners(self.outline, s * self.thickness / 2) for s in (-1, 1)]
+        )
 
     def draw(self, canvas: Canvas, pose: Pose) -> None:
         facing = unit(pose.turn @ self.turn[:, 2])
         sign = 1.0 if facing[2] > 0 else -1.0
         loops = [self.outline, *self.holes]
-        near = [pose.apply(self._corners(loop, sign * self.thickness / 2)) for loop in loops]
-        far = [pose.apply(self._corners(loop, -sign * self.thickness / 2)) for loop in loops]
+        near = [
+            pose.apply(self._corners(loop, sign * self.thickness / 2)) for loop in loops
+        ]
+        far = [
+            pose.apply(self._corners(loop, -sign * self.thickness / 2))
+            for loop in loops
+        ]
         every = np.concatenate(near + far)
         x0, y0, x1, y1 = canvas.window(every.min(axis=0), every.max(axis=0))
         if x1 <= x0 or y1 <= y0:
@@ -118,17 +163,33 @@ class Slab:
         shift = np.array([x0, y0], np.float32)
         for k, wall in enumerate(walls):
             cv2.fillConvexPoly(
-                index, np.round((wall[:, :2] - shift) * 16).astype(np.int32), k + 1, cv2.LINE_8, 4
+                index,
+                np.round((wall[:, :2] - shift) * 16).astype(np.int32),
+                k + 1,
+                cv2.LINE_8,
+                4,
             )
         face = np.zeros(index.shape, np.uint8)
         cv2.fillPoly(
-            face, [np.round((n[:, :2] - shift) * 16).astype(np.int32) for n in near], 1, cv2.LINE_8, 4
+            face,
+            [np.round((n[:, :2] - shift) * 16).astype(np.int32) for n in near],
+            1,
+            cv2.LINE_8,
+            4,
         )
         self._walls(canvas, pose, np.where(face > 0, 0, index), walls, x0, y0)
         if abs(facing[2]) > 1e-2:
             self._face(canvas, pose, face, sign * facing, near[0][0], x0, y0)
 
-    def _walls(self, canvas: Canvas, pose: Pose, index: Array, walls: list[Array], x0: int, y0: int) -> None:
+    def _walls(
+        self,
+        canvas: Canvas,
+        pose: Pose,
+        index: Array,
+        walls: list[Array],
+        x0: int,
+        y0: int,
+    ) -> None:
         rows, columns = np.nonzero(index)
         if not len(rows):
             return
@@ -147,7 +208,9 @@ class Slab:
             )
             / steep
         )
-        z = np.clip(z, stack[which, :, 2].min(axis=1), stack[which, :, 2].max(axis=1)).astype(np.float32)
+        z = np.clip(
+            z, stack[which, :, 2].min(axis=1), stack[which, :, 2].max(axis=1)
+        ).astype(np.float32)
         zero = np.zeros(len(rows), np.float32)
         lay(
             canvas,
@@ -162,13 +225,23 @@ class Slab:
         )
 
     def _face(
-        self, canvas: Canvas, pose: Pose, face: Array, facing: Array, corner: Array, x0: int, y0: int
+        self,
+        canvas: Canvas,
+        pose: Pose,
+        face: Array,
+        facing: Array,
+        corner: Array,
+        x0: int,
+        y0: int,
     ) -> None:
         rows, columns = np.nonzero(face)
         if not len(rows):
             return
         x, y = (columns + x0).astype(np.float32), (rows + y0).astype(np.float32)
-        z = corner[2] - (facing[0] * (x - corner[0]) + facing[1] * (y - corner[1])) / facing[2]
+        z = (
+            corner[2]
+            - (facing[0] * (x - corner[0]) + facing[1] * (y - corner[1])) / facing[2]
+        )
         normal = np.repeat(facing[None], len(rows), axis=0)
         if self.puff > 0:
             away = cv2.distanceTransform(np.pad(face, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
@@ -179,10 +252,16 @@ class Slab:
             )
             bend = self.puff * pose.scale * 0.9
             normal = normal.astype(np.float32)
-            normal[:, 0] -= bend * (cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=0.125)[rows, columns])
-            normal[:, 1] -= bend * (cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=0.125)[rows, columns])
+            normal[:, 0] -= (
+                bend * (cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=0.125)[rows, columns])
+            )
+            normal[:, 1] -= (
+                bend * (cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=0.125)[rows, columns])
+            )
             normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
-        own = (pose.own(np.stack([x, y, z.astype(np.float32)], axis=1)) - self.centre) @ self.turn
+        own = (
+            pose.own(np.stack([x, y, z.astype(np.float32)], axis=1)) - self.centre
+        ) @ self.turn
         lay(
             canvas,
             pose,

@@ -67,12 +67,18 @@ def billiard_ball(hand: Hand) -> Model:
     paint = over(paint, caps(np.stack([side, -side]), 0.9, centre), plain(IVORY))
     return sphere(
         hand,
-        over(paint, _spot_text(str(number), side, axis, centre, 0.3), plain(np.full(3, 0.02, np.float32))),
+        over(
+            paint,
+            _spot_text(str(number), side, axis, centre, 0.3),
+            plain(np.full(3, 0.02, np.float32)),
+        ),
         Finish(0.9, 200, 0.04),
     )
 
 
-def _spot_text(text: str, middle: Array, up: Array, centre: Array, size: float) -> Where:
+def _spot_text(
+    text: str, middle: Array, up: Array, centre: Array, size: float
+) -> Where:
     mask, across = numeral(text), np.cross(up, middle).astype(np.float32)
     flat = stamp(mask, 0, 0, size, size)
 
@@ -95,11 +101,19 @@ def toy_ball(hand: Hand) -> Model:
     )
     finish = any_finish(hand)
     if what == "stripe":
-        base = over(base, lambda s: (np.abs((s.own - centre) @ axis) < 0.16).astype(np.float32), other)
+        base = over(
+            base,
+            lambda s: (np.abs((s.own - centre) @ axis) < 0.16).astype(np.float32),
+            other,
+        )
     elif what == "spots":
         base = over(
             base,
-            caps(np.stack([hand.direction() for _ in range(16)]), hand.between(0.92, 0.98), centre),
+            caps(
+                np.stack([hand.direction() for _ in range(16)]),
+                hand.between(0.92, 0.98),
+                centre,
+            ),
             other,
         )
     elif what == "sectors":
@@ -110,10 +124,17 @@ def toy_ball(hand: Hand) -> Model:
         def angle(s: Surface) -> Array:
             return np.arctan2((s.own - centre) @ side, (s.own - centre) @ third)
 
-        base = over(base, lambda s: (np.sin(angle(s) * count) > 0).astype(np.float32), other)
-        base = over(base, caps(np.stack([axis, -axis]), 0.97, centre), plain(hand.colour()))
+        base = over(
+            base, lambda s: (np.sin(angle(s) * count) > 0).astype(np.float32), other
+        )
+        base = over(
+            base, caps(np.stack([axis, -axis]), 0.97, centre), plain(hand.colour())
+        )
     elif what == "seams":
-        b, dark = hand.direction(), plain(np.full(3, hand.one_of([0.02, 0.7]), np.float32))
+        b, dark = (
+            hand.direction(),
+            plain(np.full(3, hand.one_of([0.02, 0.7]), np.float32)),
+        )
         bow = hand.between(-1.2, 1.2)
 
         def bend(s: Surface) -> Array:
@@ -121,10 +142,21 @@ def toy_ball(hand: Hand) -> Model:
             return p @ axis + bow * (p @ b) ** 2 - bow * 0.4
 
         base = over(base, lambda s: (np.abs(bend(s)) < 0.05).astype(np.float32), dark)
-        base = over(base, lambda s: (np.abs((s.own - centre) @ b) < 0.025).astype(np.float32), dark)
+        base = over(
+            base,
+            lambda s: (np.abs((s.own - centre) @ b) < 0.025).astype(np.float32),
+            dark,
+        )
     elif what == "panels":
         golden = np.array(
-            [[0, 1, 1.618], [0, 1, -1.618], [1, 1.618, 0], [-1, 1.618, 0], [1.618, 0, 1], [-1.618, 0, 1]],
+            [
+                [0, 1, 1.618],
+                [0, 1, -1.618],
+                [1, 1.618, 0],
+                [-1, 1.618, 0],
+                [1.618, 0, 1],
+                [-1.618, 0, 1],
+            ],
             np.float32,
         )
         directions = np.concatenate([golden, -golden]) / np.linalg.norm(golden[0])
@@ -154,13 +186,20 @@ def toy_ball(hand: Hand) -> Model:
 
 def marble(hand: Hand) -> Model:
     return sphere(
-        hand, textured(hand, hand.bright(), "marble", 0.7, 0.8), Finish(0.9, 180, 0.1, hand.between(0, 0.6))
+        hand,
+        textured(hand, hand.bright(), "marble", 0.7, 0.8),
+        Finish(0.9, 180, 0.1, hand.between(0, 0.6)),
     )
 
 
 def coin(hand: Hand) -> Model:
     metal = hand.one_of(
-        [vec(0.75, 0.6, 0.25), vec(0.6, 0.3, 0.18), vec(0.65, 0.65, 0.63), vec(0.2, 0.15, 0.1)]
+        [
+            vec(0.75, 0.6, 0.25),
+            vec(0.6, 0.3, 0.18),
+            vec(0.65, 0.65, 0.63),
+            vec(0.2, 0.15, 0.1),
+        ]
     )
     relief = textured(
         hand,
@@ -175,16 +214,24 @@ def coin(hand: Hand) -> Model:
 
     face = over(relief, lambda s: (radial(s) > 0.43).astype(np.float32), plain(metal))
     face = over(
-        face, lambda s: (np.abs(radial(s) - hand_ring) < 0.012).astype(np.float32), plain(shade(metal, 0.5))
+        face,
+        lambda s: (np.abs(radial(s) - hand_ring) < 0.012).astype(np.float32),
+        plain(shade(metal, 0.5)),
     )
     hand_ring = hand.between(0.36, 0.44)
     if hand.chance(0.2):
-        face = over(face, lambda s: (radial(s) > 0.3).astype(np.float32), plain(vec(0.65, 0.65, 0.62)))
+        face = over(
+            face,
+            lambda s: (radial(s) > 0.3).astype(np.float32),
+            plain(vec(0.65, 0.65, 0.62)),
+        )
     h = hand.between(0.05, 0.1)
     return Model(
         (
             Lathe(
-                profile([(0, 0), (0.49, 0), (0.5, 0.01), (0.5, h - 0.01), (0.49, h), (0, h)]),
+                profile(
+                    [(0, 0), (0.49, 0), (0.5, 0.01), (0.5, h - 0.01), (0.49, h), (0, h)]
+                ),
                 face,
                 Finish(0.45, 25, 0.45),
             ),
@@ -194,7 +241,10 @@ def coin(hand: Hand) -> Model:
 
 def block(hand: Hand) -> Model:
     """A toy block: cube, bar, arch, cylinder, wedge; painted or of plain wood, with a letter or not."""
-    colour, finish = hand.one_of([hand.wood(), hand.bright(), hand.colour()]), any_finish(hand)
+    colour, finish = (
+        hand.one_of([hand.wood(), hand.bright(), hand.colour()]),
+        any_finish(hand),
+    )
     base = (
         textured(hand, colour, "wood", hand.between(0.1, 0.4), hand.between(0.5, 1.2))
         if hand.chance(0.5)
@@ -206,12 +256,26 @@ def block(hand: Hand) -> Model:
         if hand.chance(0.4):
             frame, ink = plain(hand.colour()), plain(hand.colour())
             face = over(
-                over(base, lambda s: (np.maximum(np.abs(s.u), np.abs(s.v)) > 0.8).astype(np.float32), frame),
+                over(
+                    base,
+                    lambda s: (np.maximum(np.abs(s.u), np.abs(s.v)) > 0.8).astype(
+                        np.float32
+                    ),
+                    frame,
+                ),
                 stamp(numeral(chr(hand.whole(65, 90))), 0, 0, 0.7, 0.7),
                 ink,
             )
         return Model(
-            (Box(vec(0, 0.5), vec(0.5, 0.5, 0.5), face, finish=finish, bevel=hand.between(0.02, 0.12)),)
+            (
+                Box(
+                    vec(0, 0.5),
+                    vec(0.5, 0.5, 0.5),
+                    face,
+                    finish=finish,
+                    bevel=hand.between(0.02, 0.12),
+                ),
+            )
         )
     if shape == "bar":
         h, d = hand.between(0.12, 0.4), hand.between(0.12, 0.35)
@@ -255,17 +319,31 @@ PIPS = {
 }
 
 
-def _pips(number: int, middle: float, spread_v: float, radius: float, stretch: float) -> list[Where]:
-    return [disc(0.5 * x, middle + spread_v * y, radius, stretch) for x, y in PIPS[number]]
+def _pips(
+    number: int, middle: float, spread_v: float, radius: float, stretch: float
+) -> list[Where]:
+    return [
+        disc(0.5 * x, middle + spread_v * y, radius, stretch) for x, y in PIPS[number]
+    ]
 
 
 def domino(hand: Hand) -> Model:
-    colour = hand.one_of([hand.white(), hand.grey(0.01, 0.04), hand.wood(), hand.colour()], [3, 2, 2, 2])
+    colour = hand.one_of(
+        [hand.white(), hand.grey(0.01, 0.04), hand.wood(), hand.colour()], [3, 2, 2, 2]
+    )
     dark = colour.mean() < 0.2
-    ink = plain(hand.white() if dark else hand.grey(0.01, 0.05) if hand.chance(0.8) else hand.bright())
+    ink = plain(
+        hand.white()
+        if dark
+        else hand.grey(0.01, 0.05)
+        if hand.chance(0.8)
+        else hand.bright()
+    )
     face: Paint = plain(colour)
     if hand.chance(0.75):
-        pips = _pips(hand.whole(0, 6), 0.5, 0.28, 0.15, 2.0) + _pips(hand.whole(0, 6), -0.5, 0.28, 0.15, 2.0)
+        pips = _pips(hand.whole(0, 6), 0.5, 0.28, 0.15, 2.0) + _pips(
+            hand.whole(0, 6), -0.5, 0.28, 0.15, 2.0
+        )
         face = over(face, anywhere([*pips, patch(0, 0, 0.8, 0.02)]), ink)
     return Model(
         (
@@ -285,10 +363,26 @@ def domino(hand: Hand) -> Model:
 def die(hand: Hand) -> Model:
     colour = hand.one_of([hand.white(), hand.bright()])
     faces = [
-        over(plain(colour), anywhere(_pips(k, 0, 0.5, 0.17, 1.0)), plain(hand.grey(0.01, 0.04)))
+        over(
+            plain(colour),
+            anywhere(_pips(k, 0, 0.5, 0.17, 1.0)),
+            plain(hand.grey(0.01, 0.04)),
+        )
         for k in (hand.whole(1, 6), hand.whole(1, 6), hand.whole(1, 6))
     ]
-    return Model((Box(vec(0, 0.5), vec(0.5, 0.5, 0.5), faces[0], faces[1], faces[2], GLAZED, bevel=0.15),))
+    return Model(
+        (
+            Box(
+                vec(0, 0.5),
+                vec(0.5, 0.5, 0.5),
+                faces[0],
+                faces[1],
+                faces[2],
+                GLAZED,
+                bevel=0.15,
+            ),
+        )
+    )
 
 
 def puzzle_cube(hand: Hand) -> Model:
@@ -307,13 +401,32 @@ def puzzle_cube(hand: Hand) -> Model:
         grid = hand.rng.integers(0, 6, (3, 3))
 
         def paint(s: Surface) -> Array:
-            x, y = (s.u * 1.4999 + 1.5).clip(0, 2.99), (s.v * 1.4999 + 1.5).clip(0, 2.99)
+            x, y = (
+                (s.u * 1.4999 + 1.5).clip(0, 2.99),
+                (s.v * 1.4999 + 1.5).clip(0, 2.99),
+            )
             seam = (np.abs(x % 1 - 0.5) > 0.44) | (np.abs(y % 1 - 0.5) > 0.44)
-            return np.where(seam[:, None], np.float32(0.015), colours[grid[y.astype(int), x.astype(int)]])
+            return np.where(
+                seam[:, None],
+                np.float32(0.015),
+                colours[grid[y.astype(int), x.astype(int)]],
+            )
 
         return paint
 
-    return Model((Box(vec(0, 0.5), vec(0.5, 0.5, 0.5), face(), face(), face(), GLAZED, bevel=0.04),))
+    return Model(
+        (
+            Box(
+                vec(0, 0.5),
+                vec(0.5, 0.5, 0.5),
+                face(),
+                face(),
+                face(),
+                GLAZED,
+                bevel=0.04,
+            ),
+        )
+    )
 
 
 def chess_piece(hand: Hand) -> Model:

@@ -32,17 +32,41 @@ from .paint import (
 from .parts import Ellipsoid, Lathe, Paint, Part, Slab, Tube
 
 
-def _shaft(points: list[tuple[float, float]], paint: Paint, finish: Finish, smooth: int = 0) -> Lathe:
+def _shaft(
+    points: list[tuple[float, float]], paint: Paint, finish: Finish, smooth: int = 0
+) -> Lathe:
     return Lathe(profile(points, smooth), paint, finish)
 
 
 def apple(hand: Hand) -> Model:
     colour = hand.one_of(
-        [vec(0.55, 0.02, 0.02), vec(0.35, 0.45, 0.05), vec(0.75, 0.5, 0.06), vec(0.5, 0.1, 0.04)]
+        [
+            vec(0.55, 0.02, 0.02),
+            vec(0.35, 0.45, 0.05),
+            vec(0.75, 0.5, 0.06),
+            vec(0.5, 0.1, 0.04),
+        ]
     )
-    skin = textured(hand, colour, hand.one_of(["blotches", "grain", "plain"]), hand.between(0.1, 0.6), 0.7)
+    skin = textured(
+        hand,
+        colour,
+        hand.one_of(["blotches", "grain", "plain"]),
+        hand.between(0.1, 0.6),
+        0.7,
+    )
     body = Lathe(
-        profile([(0, 0.05), (0.15, 0), (0.38, 0.2), (0.5, 0.55), (0.35, 0.88), (0.12, 0.9), (0.0, 0.8)], 3),
+        profile(
+            [
+                (0, 0.05),
+                (0.15, 0),
+                (0.38, 0.2),
+                (0.5, 0.55),
+                (0.35, 0.88),
+                (0.12, 0.9),
+                (0.0, 0.8),
+            ],
+            3,
+        ),
         skin,
         Finish(0.3, 30),
     )
@@ -52,7 +76,15 @@ def apple(hand: Hand) -> Model:
         plain(vec(0.12, 0.07, 0.03)),
     )
     leaf = (
-        [egg(vec(0.14, 1.0), (0.13, 0.02, 0.06), plain(hand.green()), SATIN, about("z", 25))]
+        [
+            egg(
+                vec(0.14, 1.0),
+                (0.13, 0.02, 0.06),
+                plain(hand.green()),
+                SATIN,
+                about("z", 25),
+            )
+        ]
         if hand.chance(0.3)
         else []
     )
@@ -61,10 +93,25 @@ def apple(hand: Hand) -> Model:
 
 def pear(hand: Hand) -> Model:
     skin = textured(
-        hand, hand.one_of([vec(0.5, 0.5, 0.08), vec(0.55, 0.4, 0.1), vec(0.4, 0.2, 0.08)]), "stone", 0.25, 1
+        hand,
+        hand.one_of([vec(0.5, 0.5, 0.08), vec(0.55, 0.4, 0.1), vec(0.4, 0.2, 0.08)]),
+        "stone",
+        0.25,
+        1,
     )
     body = Lathe(
-        profile([(0, 0), (0.25, 0.0), (0.4, 0.3), (0.3, 0.6), (0.16, 0.75), (0.12, 0.92), (0, 0.95)], 3),
+        profile(
+            [
+                (0, 0),
+                (0.25, 0.0),
+                (0.4, 0.3),
+                (0.3, 0.6),
+                (0.16, 0.75),
+                (0.12, 0.92),
+                (0, 0.95),
+            ],
+            3,
+        ),
         skin,
         SATIN,
     )
@@ -83,7 +130,14 @@ def pear(hand: Hand) -> Model:
 def citrus(hand: Hand) -> Model:
     skin = textured(
         hand,
-        hand.one_of([vec(0.85, 0.3, 0.01), vec(0.85, 0.65, 0.03), vec(0.35, 0.5, 0.04), vec(0.7, 0.1, 0.03)]),
+        hand.one_of(
+            [
+                vec(0.85, 0.3, 0.01),
+                vec(0.85, 0.65, 0.03),
+                vec(0.35, 0.5, 0.04),
+                vec(0.7, 0.1, 0.03),
+            ]
+        ),
         "carpet",
         0.15,
         1.5,
@@ -92,25 +146,52 @@ def citrus(hand: Hand) -> Model:
         return Model(
             (
                 Lathe(
-                    profile([(0, 0), (0.08, 0.03), (0.33, 0.3), (0.34, 0.65), (0.1, 0.95), (0, 1)], 3),
+                    profile(
+                        [
+                            (0, 0),
+                            (0.08, 0.03),
+                            (0.33, 0.3),
+                            (0.34, 0.65),
+                            (0.1, 0.95),
+                            (0, 1),
+                        ],
+                        3,
+                    ),
                     skin,
                     SATIN,
                 ),
             )
         )
-    spot = over(skin, caps(np.stack([vec(0, 1)]), 0.985, vec(0, 0.46)), plain(vec(0.15, 0.25, 0.05)))
+    spot = over(
+        skin,
+        caps(np.stack([vec(0, 1)]), 0.985, vec(0, 0.46)),
+        plain(vec(0.15, 0.25, 0.05)),
+    )
     return Model((egg(vec(0, 0.46), (0.5, 0.46, 0.5), spot, SATIN),))
 
 
 def banana(hand: Hand) -> Model:
-    skin = textured(hand, hand.one_of([vec(0.85, 0.62, 0.05), vec(0.6, 0.55, 0.08)]), "blotches", 0.15, 0.7)
+    skin = textured(
+        hand,
+        hand.one_of([vec(0.85, 0.62, 0.05), vec(0.6, 0.55, 0.08)]),
+        "blotches",
+        0.15,
+        0.7,
+    )
     skin = over(
-        skin, lambda s: ((s.v < 0.04) | (s.v > 0.95)).astype(np.float32), plain(vec(0.08, 0.05, 0.02))
+        skin,
+        lambda s: ((s.v < 0.04) | (s.v > 0.95)).astype(np.float32),
+        plain(vec(0.08, 0.05, 0.02)),
     )
     parts: list[Part] = []
     for k in range(hand.one_of([1, 1, 2, 3])):
         line = curve(
-            [(-0.5, 0.32, 0), (-0.3, 0.05 + 0.02 * k, 0.12 * k), (0.2, 0.05, 0.16 * k), (0.5, 0.3, 0.2 * k)],
+            [
+                (-0.5, 0.32, 0),
+                (-0.3, 0.05 + 0.02 * k, 0.12 * k),
+                (0.2, 0.05, 0.16 * k),
+                (0.5, 0.3, 0.2 * k),
+            ],
             24,
         )
         thick = 0.1 * np.sin(np.linspace(0.25, np.pi - 0.15, 24)) ** 0.5
@@ -119,7 +200,11 @@ def banana(hand: Hand) -> Model:
 
 
 def carrot(hand: Hand) -> Model:
-    skin = over(plain(vec(0.8, 0.22, 0.02)), stripes(vec(0, 1), 9, 0.1), plain(vec(0.5, 0.12, 0.01)))
+    skin = over(
+        plain(vec(0.8, 0.22, 0.02)),
+        stripes(vec(0, 1), 9, 0.1),
+        plain(vec(0.5, 0.12, 0.01)),
+    )
     leaves = [
         Tube(
             curve(
@@ -135,11 +220,23 @@ def carrot(hand: Hand) -> Model:
         )
         for _ in range(5)
     ]
-    return Model((_shaft([(0, 0), (0.03, 0.1), (0.1, 0.6), (0.08, 0.7), (0, 0.71)], skin, SATIN, 1), *leaves))
+    return Model(
+        (
+            _shaft(
+                [(0, 0), (0.03, 0.1), (0.1, 0.6), (0.08, 0.7), (0, 0.71)],
+                skin,
+                SATIN,
+                1,
+            ),
+            *leaves,
+        )
+    )
 
 
 def tomato(hand: Hand) -> Model:
-    colour = hand.one_of([vec(0.65, 0.04, 0.02), vec(0.7, 0.25, 0.02), vec(0.25, 0.02, 0.15)])
+    colour = hand.one_of(
+        [vec(0.65, 0.04, 0.02), vec(0.7, 0.25, 0.02), vec(0.25, 0.02, 0.15)]
+    )
     calyx = [
         egg(
             vec(0.12 * np.cos(a), 0.8, 0.12 * np.sin(a)),
@@ -159,7 +256,11 @@ def grapes(hand: Hand) -> Model:
         x, z = hand.between(-0.5, 0.5), hand.between(-0.25, 0.25)
         parts.append(
             ball(
-                vec(x * (1 - 0.4 * (k % 3) / 2), 0.11 + 0.13 * (k % 3), z * (1 - 0.5 * (k % 3) / 2)),
+                vec(
+                    x * (1 - 0.4 * (k % 3) / 2),
+                    0.11 + 0.13 * (k % 3),
+                    z * (1 - 0.5 * (k % 3) / 2),
+                ),
                 0.11,
                 plain(shade(colour, hand.between(0.7, 1.3))),
                 Finish(0.4, 40),
@@ -198,8 +299,18 @@ def mushroom(hand: Hand) -> Model:
     )
     return Model(
         (
-            _shaft([(0, 0), (0.16, 0), (0.12, 0.3), (0.13, 0.6), (0, 0.6)], plain(hand.white()), MATT, 1),
-            _shaft([(0.1, 0.5), (0.45, 0.5), (0.4, 0.72), (0.2, 0.92), (0, 0.95)], cap, SATIN, 1),
+            _shaft(
+                [(0, 0), (0.16, 0), (0.12, 0.3), (0.13, 0.6), (0, 0.6)],
+                plain(hand.white()),
+                MATT,
+                1,
+            ),
+            _shaft(
+                [(0.1, 0.5), (0.45, 0.5), (0.4, 0.72), (0.2, 0.92), (0, 0.95)],
+                cap,
+                SATIN,
+                1,
+            ),
         )
     )
 
@@ -246,11 +357,27 @@ def potted_plant(hand: Hand) -> Model:
             plain(vec(0.04, 0.025, 0.015)),
         )
     ]
-    green, what = hand.green(), hand.one_of(["leaves", "blades", "cactus", "bush", "flowers"])
+    green, what = (
+        hand.green(),
+        hand.one_of(["leaves", "blades", "cactus", "bush", "flowers"]),
+    )
     if what == "cactus":
-        prick = over(plain(green), stripes(vec(1, 0), 14, 0.25), plain(shade(green, 1.7)))
+        prick = over(
+            plain(green), stripes(vec(1, 0), 14, 0.25), plain(shade(green, 1.7))
+        )
         parts.append(
-            Lathe(profile([(r * 0.4, tall - 0.04), (r * 0.6, tall + 0.2), (r * 0.55, 0.9), (0, 1)], 2), prick)
+            Lathe(
+                profile(
+                    [
+                        (r * 0.4, tall - 0.04),
+                        (r * 0.6, tall + 0.2),
+                        (r * 0.55, 0.9),
+                        (0, 1),
+                    ],
+                    2,
+                ),
+                prick,
+            )
         )
         return Model(tuple(parts))
     for _ in range(hand.whole(9, 24)):
@@ -272,9 +399,22 @@ def potted_plant(hand: Hand) -> Model:
                 if what == "blades"
                 else vec(tip[0] * 0.4, tall + rise * (1 - tall) * 0.6, tip[2] * 0.4)
             )
-            parts.append(_leaf(base, tip, 0.025 if what == "blades" else hand.between(0.05, 0.1), paint))
+            parts.append(
+                _leaf(
+                    base,
+                    tip,
+                    0.025 if what == "blades" else hand.between(0.05, 0.1),
+                    paint,
+                )
+            )
             if what != "blades":
-                parts.append(Tube(np.stack([vec(0, tall - 0.04), base]), np.full(2, 0.01, np.float32), paint))
+                parts.append(
+                    Tube(
+                        np.stack([vec(0, tall - 0.04), base]),
+                        np.full(2, 0.01, np.float32),
+                        paint,
+                    )
+                )
         if what == "flowers" and hand.chance(0.4):
             parts += _blossom(hand, tip, hand.between(0.05, 0.1), hand.bright())
     return Model(tuple(parts))
@@ -288,8 +428,16 @@ def _blossom(hand: Hand, at: Array, size: float, colour: Array) -> list[Part]:
         turn = 2 * np.pi * k / count
         out = face @ vec(np.cos(turn), np.sin(turn))
         side = face @ vec(-np.sin(turn), np.cos(turn))
-        axes = np.column_stack([out * size, side * size * 0.5, np.cross(out, side) * size * 0.12])
-        parts.append(Ellipsoid((at + out * size * 1.1).astype(np.float32), axes.astype(np.float32), petal))
+        axes = np.column_stack(
+            [out * size, side * size * 0.5, np.cross(out, side) * size * 0.12]
+        )
+        parts.append(
+            Ellipsoid(
+                (at + out * size * 1.1).astype(np.float32),
+                axes.astype(np.float32),
+                petal,
+            )
+        )
     parts.append(
         ball(
             at + face @ vec(0, 0, 0.1 * size),
@@ -305,7 +453,10 @@ def flower(hand: Hand) -> Model:
     stem = curve([(0, 0, 0), (bend * 0.3, 0.5, 0), (bend, 0.85, 0)], 16)
     green = plain(hand.green())
     leaves = [
-        _leaf(stem[6], stem[6] + vec(s * 0.2, 0.15, hand.between(-0.1, 0.1)), 0.04, green) for s in (-1, 1)
+        _leaf(
+            stem[6], stem[6] + vec(s * 0.2, 0.15, hand.between(-0.1, 0.1)), 0.04, green
+        )
+        for s in (-1, 1)
     ]
     return Model(
         (

@@ -30,11 +30,18 @@ class Hand:
     def chance(self, share: float) -> bool:
         return bool(self.rng.random() < share)
 
-    def one_of(self, choices: Sequence[Choice], weights: Sequence[float] | None = None) -> Choice:
+    def one_of(
+        self, choices: Sequence[Choice], weights: Sequence[float] | None = None
+    ) -> Choice:
         if weights is None:
             return choices[self.whole(0, len(choices) - 1)]
         share = np.cumsum(weights) / np.sum(weights)
-        return choices[min(int(np.searchsorted(share, self.rng.random(), side="right")), len(choices) - 1)]
+        return choices[
+            min(
+                int(np.searchsorted(share, self.rng.random(), side="right")),
+                len(choices) - 1,
+            )
+        ]
 
     def direction(self) -> Array:
         """(3,) unit vector, all directions alike."""
@@ -46,32 +53,42 @@ class Hand:
     def grey(self, low: float = 0.02, high: float = 0.85) -> Array:
         """Whites, greys and blacks, hardly tinted; low and high are reflectances."""
         value = low * (high / low) ** self.rng.random()
-        return np.clip(value * (1 + 0.05 * self.rng.standard_normal(3)), 0.01, 0.95).astype(np.float32)
+        return np.clip(
+            value * (1 + 0.05 * self.rng.standard_normal(3)), 0.01, 0.95
+        ).astype(np.float32)
 
     def white(self) -> Array:
         return np.clip(
-            self.between(0.55, 0.9) * np.array([1, self.between(0.94, 1), self.between(0.8, 1)]), 0, 0.92
+            self.between(0.55, 0.9)
+            * np.array([1, self.between(0.94, 1), self.between(0.8, 1)]),
+            0,
+            0.92,
         ).astype(np.float32)
 
     def wood(self) -> Array:
-        return _hsv(self.between(0.05, 0.11), self.between(0.3, 0.75), self.between(0.25, 0.9))
+        return _hsv(
+            self.between(0.05, 0.11), self.between(0.3, 0.75), self.between(0.25, 0.9)
+        )
 
     def green(self) -> Array:
-        return _hsv(self.between(0.2, 0.42), self.between(0.3, 0.85), self.between(0.2, 0.7))
+        return _hsv(
+            self.between(0.2, 0.42), self.between(0.3, 0.85), self.between(0.2, 0.7)
+        )
 
     def muted(self) -> Array:
         return _hsv(self.rng.random(), self.between(0.1, 0.45), self.between(0.2, 0.9))
 
     def bright(self) -> Array:
-        hue = self.one_of([0.0, 0.03, 0.08, 0.14, 0.3, 0.38, 0.5, 0.58, 0.64, 0.75, 0.9]) + self.between(
-            -0.03, 0.03
-        )
+        hue = self.one_of(
+            [0.0, 0.03, 0.08, 0.14, 0.3, 0.38, 0.5, 0.58, 0.64, 0.75, 0.9]
+        ) + self.between(-0.03, 0.03)
         return _hsv(hue, self.between(0.6, 0.97), self.between(0.35, 0.98))
 
     def colour(self) -> Array:
         """(3,) reflectance of one of the things in a home: more whites, greys and browns than bright ones."""
         return self.one_of(
-            [self.white, self.grey, self.wood, self.muted, self.bright], [0.16, 0.16, 0.14, 0.24, 0.3]
+            [self.white, self.grey, self.wood, self.muted, self.bright],
+            [0.16, 0.16, 0.14, 0.24, 0.3],
         )()
 
 

@@ -6,7 +6,9 @@ from . import belongings, crockery, games, garden, kitchen, oddments, paper, too
 from .build import Kind
 
 CUPBOARDS = (crockery, kitchen, games, toys, oddments, paper, tools, belongings, garden)
-KINDS: dict[str, Kind] = {kind.name: kind for cupboard in CUPBOARDS for kind in cupboard.KINDS}
+KINDS: dict[str, Kind] = {
+    kind.name: kind for cupboard in CUPBOARDS for kind in cupboard.KINDS
+}
 
 COMMON = {
     "mug": 3,
@@ -67,8 +69,30 @@ RACKED = [
     "candle",
     "book",
 ]
-HOLDERS = ["mug", "mug", "mug", "vase", "vase", "tumbler", "basket", "bowl", "bowl", "cup_and_saucer"]
-TALL = ["pencil", "pen", "spoon", "fork", "knife", "brush", "flower", "screwdriver", "scissors", "wrench"]
+HOLDERS = [
+    "mug",
+    "mug",
+    "mug",
+    "vase",
+    "vase",
+    "tumbler",
+    "basket",
+    "bowl",
+    "bowl",
+    "cup_and_saucer",
+]
+TALL = [
+    "pencil",
+    "pen",
+    "spoon",
+    "fork",
+    "knife",
+    "brush",
+    "flower",
+    "screwdriver",
+    "scissors",
+    "wrench",
+]
 LOOSE = [
     "apple",
     "citrus",
@@ -108,5 +132,7 @@ FLAT = [
     "book",
 ]
 SEEN_BEFORE_A_WALL = [
-    n for n in NAMES if "stand" in KINDS[n].poses or "lean" in KINDS[n].poses or "side" in KINDS[n].poses
+    n
+    for n in NAMES
+    if "stand" in KINDS[n].poses or "lean" in KINDS[n].poses or "side" in KINDS[n].poses
 ]

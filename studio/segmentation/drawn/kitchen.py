@@ -49,14 +49,25 @@ def teapot(hand: Hand) -> Model:
     )
     spout = Tube(
         curve(
-            [(-0.3, tall * 0.25, 0), (-0.5, tall * 0.4, 0), (-0.52, tall * 0.8, 0), (-0.62, tall * 0.85, 0)]
+            [
+                (-0.3, tall * 0.25, 0),
+                (-0.5, tall * 0.4, 0),
+                (-0.52, tall * 0.8, 0),
+                (-0.62, tall * 0.85, 0),
+            ]
         ),
         np.linspace(0.09, 0.035, 20, dtype=np.float32),
         plain(colour),
         finish,
     )
     grip = curve(
-        [(0.28, tall * 0.75, 0), (0.65, tall * 0.9, 0), (0.6, tall * 0.2, 0), (0.3, tall * 0.2, 0)], 24
+        [
+            (0.28, tall * 0.75, 0),
+            (0.65, tall * 0.9, 0),
+            (0.6, tall * 0.2, 0),
+            (0.3, tall * 0.2, 0),
+        ],
+        24,
     )
     return Model(
         (
@@ -71,7 +82,9 @@ def teapot(hand: Hand) -> Model:
 def pan(hand: Hand) -> Model:
     h = hand.between(0.12, 0.45)
     finish = hand.one_of([STEEL, SATIN_METAL, MATT])
-    colour = hand.one_of([hand.grey(0.02, 0.1), np.full(3, 0.5, np.float32), hand.bright()])
+    colour = hand.one_of(
+        [hand.grey(0.02, 0.1), np.full(3, 0.5, np.float32), hand.bright()]
+    )
     body = [(0, 0), (0.36, 0), (0.4, h), (0.39, h - 0.003), (0.36, 0.03), (0, 0.03)]
     long = hand.between(0.4, 0.8)
     handle = Tube(
@@ -80,11 +93,17 @@ def pan(hand: Hand) -> Model:
         plain(hand.grey(0.02, 0.3)),
         SATIN_METAL,
     )
-    return Model((Lathe(profile(body), plain(colour), finish, plain(shade(colour, 0.8))), handle))
+    return Model(
+        (Lathe(profile(body), plain(colour), finish, plain(shade(colour, 0.8))), handle)
+    )
 
 
 def _flat(
-    points: list[tuple[float, float]], thick: float, paint: Paint, finish: Finish, smooth: int = 2
+    points: list[tuple[float, float]],
+    thick: float,
+    paint: Paint,
+    finish: Finish,
+    smooth: int = 2,
 ) -> Slab:
     return Slab(loop(points, smooth), thick, paint, finish=finish, puff=0.03)
 
@@ -94,10 +113,18 @@ def spoon(hand: Hand) -> Model:
     paint = (
         finishable(hand, hand.wood())
         if wooden
-        else plain(hand.one_of([np.full(3, 0.75, np.float32), hand.wood(), hand.bright()], [6, 1, 1]))
+        else plain(
+            hand.one_of(
+                [np.full(3, 0.75, np.float32), hand.wood(), hand.bright()], [6, 1, 1]
+            )
+        )
     )
     finish = MATT if wooden else STEEL
-    w, t, end = hand.between(0.07, 0.14), hand.between(0.012, 0.028), hand.between(1, 2.2)
+    w, t, end = (
+        hand.between(0.07, 0.14),
+        hand.between(0.012, 0.028),
+        hand.between(1, 2.2),
+    )
     tall = hand.between(0.1, 0.17)
     grip = [
         (-t, 0.25),
@@ -124,7 +151,12 @@ def fork(hand: Hand) -> Model:
     comb: list[tuple[float, float]] = []
     for k in range(count):
         x, half = w * (2 * k / (count - 1) - 1), w / count * 0.45
-        comb += [(x - half, 0.2), (x - half * 0.6, 0.0), (x + half * 0.6, 0.0), (x + half, 0.2)]
+        comb += [
+            (x - half, 0.2),
+            (x - half * 0.6, 0.0),
+            (x + half * 0.6, 0.0),
+            (x + half, 0.2),
+        ]
     body = [
         (t, 0.36),
         (t, 0.45),
@@ -135,12 +167,20 @@ def fork(hand: Hand) -> Model:
         (-t, 0.36),
         (-w, 0.3),
     ]
-    return Model((Slab(loop([*comb, (w, 0.3), *body], 0), 0.02, paint, finish=STEEL, puff=0.02),))
+    return Model(
+        (Slab(loop([*comb, (w, 0.3), *body], 0), 0.02, paint, finish=STEEL, puff=0.02),)
+    )
 
 
 def knife(hand: Hand) -> Model:
     w, split = hand.between(0.025, 0.07), hand.between(0.5, 0.65)
-    blade = [(-0.012, split), (-0.012, 0.05), (0.0, 0.0), (w, hand.between(0.08, 0.2)), (w, split)]
+    blade = [
+        (-0.012, split),
+        (-0.012, 0.05),
+        (0.0, 0.0),
+        (w, hand.between(0.08, 0.2)),
+        (w, split),
+    ]
     grip = [(-0.025, split), (0.03, split), (0.04, 0.97), (0.0, 1.0), (-0.03, 0.97)]
     own = hand.one_of([None, hand.grey(0.02, 0.2), hand.wood(), hand.bright()])
     metal = plain(np.full(3, 0.7, np.float32))
@@ -160,7 +200,16 @@ def candle(hand: Hand) -> Model:
         hand.one_of([hand.white(), hand.colour()]),
     )
     wax = Lathe(
-        profile([(0, 0), (r, 0), (r, h), (r * 0.9, h + 0.01), (r * 0.8, h - 0.02), (0, h - 0.03)]),
+        profile(
+            [
+                (0, 0),
+                (r, 0),
+                (r, h),
+                (r * 0.9, h + 0.01),
+                (r * 0.8, h - 0.02),
+                (0, h - 0.03),
+            ]
+        ),
         plain(colour),
         Finish(0.15, 20),
         plain(shade(colour, 0.9)),
@@ -177,7 +226,16 @@ def candle(hand: Hand) -> Model:
         holder = hand.colour()
         parts.append(
             Lathe(
-                profile([(0, 0), (0.22, 0), (0.24, 0.05), (r + 0.03, 0.06), (r + 0.03, 0.16), (0, 0.16)]),
+                profile(
+                    [
+                        (0, 0),
+                        (0.22, 0),
+                        (0.24, 0.05),
+                        (r + 0.03, 0.06),
+                        (r + 0.03, 0.16),
+                        (0, 0.16),
+                    ]
+                ),
                 plain(holder),
                 any_finish(hand),
             )
@@ -252,7 +310,9 @@ def salt_mill(hand: Hand) -> Model:
 def napkin_box(hand: Hand) -> Model:
     """A box of tissues with one pulled out."""
     h, colour = hand.between(0.3, 0.5), hand.colour()
-    pattern = textured(hand, colour, hand.one_of(["floral", "dots", "plain", "stripes"]), 0.5, 1.5)
+    pattern = textured(
+        hand, colour, hand.one_of(["floral", "dots", "plain", "stripes"]), 0.5, 1.5
+    )
     tuft = [
         Ellipsoid(
             vec(0.05 * k, h + 0.12),

@@ -25,7 +25,9 @@ def alone(p: Placer) -> None:
         if p.room.tilt > 1.1:
             y = size * hand.between(0.3, 0.7)
         if hand.chance(0.25):
-            x = size * hand.one_of([hand.between(-0.05, 0.15), hand.between(0.85, 1.05)])
+            x = size * hand.one_of(
+                [hand.between(-0.05, 0.15), hand.between(0.85, 1.05)]
+            )
         p.put(kind, x, max(y, p.room.horizon + 6), px, yaw=_facing(p))
 
 
@@ -37,7 +39,9 @@ def _facing(p: Placer) -> float | None:
 def scattered(p: Placer) -> None:
     """Few or many things, all sorts or a few sorts."""
     hand, size = p.hand, p.room.size
-    count = hand.one_of([hand.whole(2, 5), hand.whole(5, 12), hand.whole(12, 34)], [4, 4, 1.5])
+    count = hand.one_of(
+        [hand.whole(2, 5), hand.whole(5, 12), hand.whole(12, 34)], [4, 4, 1.5]
+    )
     kinds = [p.kind(p.room.tilt < 0.3) for _ in range(hand.one_of([1, 2, 4, 40]))]
     largest = size * hand.between(0.8, 1.3) / np.sqrt(count + 1)
     px_per_cm = largest / hand.between(14, 24)
@@ -72,15 +76,23 @@ def racked(p: Placer) -> None:
         hand.one_of([0.0, hand.between(0, 90)]) if p.room.tilt > 0.3 else 0.0,
         hand.one_of([0.0, hand.between(-30, 30)]),
     )
-    pose, shared = hand.one_of(kind.poses), kind.make(hand) if hand.chance(0.3) else None
-    x0, y0 = size * hand.between(0.35, 0.65), max(size * hand.between(0.4, 0.8), p.room.horizon + 8)
+    pose, shared = (
+        hand.one_of(kind.poses),
+        kind.make(hand) if hand.chance(0.3) else None,
+    )
+    x0, y0 = (
+        size * hand.between(0.35, 0.65),
+        max(size * hand.between(0.4, 0.8), p.room.horizon + 8),
+    )
     s, hexed = float(np.sin(p.room.tilt)), hand.chance(0.6)
     width: float | None = None
     c, d = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     for i in range(rows):
         for j in range(i + 1 if triangle else columns):
             step = px * gap if width is None else 2 * width * gap
-            u = (j - i / 2 if triangle else j - (columns - 1) / 2 + 0.5 * (i % 2) * hexed) * step
+            u = (
+                j - i / 2 if triangle else j - (columns - 1) / 2 + 0.5 * (i % 2) * hexed
+            ) * step
             v = (i - (rows - 1) / 2) * step * (0.866 if triangle or hexed else 1)
             if hand.chance(0.04):
                 continue
@@ -103,11 +115,27 @@ def stacked(p: Placer) -> None:
     for _ in range(hand.whole(1, 3)):
         name = hand.one_of(STACKED)
         kind, mixed = KINDS[name], hand.chance(0.25)
-        pose = {"book": "side", "domino": hand.one_of(["lie", "flat"]), "notebook": "flat"}.get(name, "stand")
+        pose = {
+            "book": "side",
+            "domino": hand.one_of(["lie", "flat"]),
+            "notebook": "flat",
+        }.get(name, "stand")
         px = size * hand.between(0.12, 0.42)
-        x, y = size * hand.between(0.2, 0.8), max(size * hand.between(0.65, 0.98), p.room.horizon + 8)
+        x, y = (
+            size * hand.between(0.2, 0.8),
+            max(size * hand.between(0.65, 0.98), p.room.horizon + 8),
+        )
         width, yaw = 1, hand.between(-40, 40)
-        if name in ("block", "carton", "die", "can", "mug", "gift", "domino", "puzzle_cube"):
+        if name in (
+            "block",
+            "carton",
+            "die",
+            "can",
+            "mug",
+            "gift",
+            "domino",
+            "puzzle_cube",
+        ):
             width = hand.one_of([1, 1, 2, 3, 4])
             px = min(px, size * 0.8 / width)
             yaw = yaw if width == 1 else 0.0
@@ -141,7 +169,10 @@ def shelved(p: Placer) -> None:
     """Rows on boards: books side by side, crockery, toys."""
     hand, size = p.hand, p.room.size
     wood = textured(
-        hand, hand.one_of([hand.wood(), hand.white(), hand.colour()]), "wood", hand.between(0, 0.3)
+        hand,
+        hand.one_of([hand.wood(), hand.white(), hand.colour()]),
+        "wood",
+        hand.between(0, 0.3),
     )
     camera, y = p.room.camera, hand.between(0.25, 0.45) * size
     gap = hand.between(0.26, 0.5) * size
@@ -166,7 +197,11 @@ def shelved(p: Placer) -> None:
 def _row(p: Placer, back: float, rise: float, tall: float) -> None:
     hand, size = p.hand, p.room.size
     x, books = hand.between(-0.05, 0.3) * size, hand.chance(0.45)
-    kinds = [KINDS["book"]] if books else [p.kind(True) for _ in range(hand.one_of([1, 2, 20]))]
+    kinds = (
+        [KINDS["book"]]
+        if books
+        else [p.kind(True) for _ in range(hand.one_of([1, 2, 20]))]
+    )
     space = hand.one_of([0.0, hand.between(0, 12), hand.between(5, 50)])
     end = size * hand.between(0.5, 1.05)
     y = (back + hand.between(0, 12)) * float(np.sin(p.room.tilt))
@@ -190,7 +225,9 @@ def _row(p: Placer, back: float, rise: float, tall: float) -> None:
         half = put[1]
         item = p.scene.items[-1]
         moved = item.pose.at + np.array([half, 0, 0], np.float32)
-        p.scene.items[-1] = Item(item.model, Pose(item.pose.turn, moved, item.pose.scale), name=item.name)
+        p.scene.items[-1] = Item(
+            item.model, Pose(item.pose.turn, moved, item.pose.scale), name=item.name
+        )
         x += 2 * half + space * hand.between(0.3, 1.2) + 0.5
 
 
@@ -198,24 +235,37 @@ def heaped(p: Placer) -> None:
     """A heap: things over things, of one sort or of all."""
     hand, size = p.hand, p.room.size
     flat = p.room.tilt > 0.7 and hand.chance(0.5)
-    names = [hand.one_of(FLAT if flat else NAMES) for _ in range(hand.one_of([1, 3, 12]))]
+    names = [
+        hand.one_of(FLAT if flat else NAMES) for _ in range(hand.one_of([1, 3, 12]))
+    ]
     count, spread = hand.whole(5, 22), size * hand.between(0.12, 0.35)
     px = size * hand.between(0.14, 0.4)
-    x0, y0 = size * hand.between(0.3, 0.7), max(size * hand.between(0.4, 0.8), p.room.horizon + 10)
+    x0, y0 = (
+        size * hand.between(0.3, 0.7),
+        max(size * hand.between(0.4, 0.8), p.room.horizon + 10),
+    )
     below: list[tuple[float, float, float, float]] = []  # x, y, half-width, top
     slant = float(np.sin(p.room.tilt))
     for _ in range(count):
         x = x0 + spread * hand.rng.standard_normal()
         y = max(y0 + spread * slant * hand.rng.standard_normal(), p.room.horizon + 4)
         tumbled = not flat and hand.chance(0.4)
-        tumble = about("x", hand.between(-180, 180)) @ about("z", hand.between(-180, 180))
+        tumble = about("x", hand.between(-180, 180)) @ about(
+            "z", hand.between(-180, 180)
+        )
         long = px * hand.between(0.5, 1.2)
         rests = [
-            top for a, b, half, top in below if np.hypot(x - a, (y - b) / slant) < 0.6 * half + 0.25 * long
+            top
+            for a, b, half, top in below
+            if np.hypot(x - a, (y - b) / slant) < 0.6 * half + 0.25 * long
         ]
-        height = 0.8 * max(rests, default=0.0)  # things sink into the gaps between those beneath
+        height = 0.8 * max(
+            rests, default=0.0
+        )  # things sink into the gaps between those beneath
         kind = KINDS[hand.one_of(names)]
-        put = p.put(kind, x, y, long, height=height, clear=None, lay=tumble if tumbled else None)
+        put = p.put(
+            kind, x, y, long, height=height, clear=None, lay=tumble if tumbled else None
+        )
         if put:
             below.append((x, y, put[1], min(height + 0.6 * put[0], size / 3)))
 
@@ -226,7 +276,10 @@ def nested(p: Placer) -> None:
     for _ in range(hand.one_of([1, 1, 2])):
         name = hand.one_of(HOLDERS)
         holder, px = KINDS[name], size * hand.between(0.25, 0.6)
-        x, y = size * hand.between(0.2, 0.8), max(size * hand.between(0.65, 0.95), p.room.horizon + 10)
+        x, y = (
+            size * hand.between(0.2, 0.8),
+            max(size * hand.between(0.65, 0.95), p.room.horizon + 10),
+        )
         made = holder.make(hand)
         put = p.put(holder, x, y, px, pose="stand", clear=0.9, model=made)
         if put is None:
@@ -252,7 +305,11 @@ def nested(p: Placer) -> None:
                     if kind.name in ("spoon", "fork", "knife") and hand.chance(0.4)
                     else about("z", 0)
                 )
-                lay = about("y", hand.between(0, 360)) @ about("z", hand.between(4, 16)) @ tip
+                lay = (
+                    about("y", hand.between(0, 360))
+                    @ about("z", hand.between(4, 16))
+                    @ tip
+                )
                 p.put(
                     kind,
                     x + half * hand.between(-0.12, 0.12),
@@ -274,14 +331,23 @@ def leaning(p: Placer) -> None:
         KINDS[hand.one_of(["carton", "book", "can", "jar", "mug", "block", "vase"])],
         size * hand.between(0.2, 0.45),
     )
-    x, y = size * hand.between(0.3, 0.7), max(size * hand.between(0.65, 0.92), p.room.horizon + 12)
+    x, y = (
+        size * hand.between(0.3, 0.7),
+        max(size * hand.between(0.65, 0.92), p.room.horizon + 12),
+    )
     put = p.put(prop, x, y, px, pose="stand", yaw=hand.between(-20, 20))
     half = put[1] if put else px / 3
     for side in hand.one_of([[-1], [1], [-1, 1], [-1, 1, 1]]):
-        kind = KINDS[hand.one_of([*TALL, "hammer", "phone", "notebook", "cutting_board", "star", "book"])]
+        kind = KINDS[
+            hand.one_of(
+                [*TALL, "hammer", "phone", "notebook", "cutting_board", "star", "book"]
+            )
+        ]
         tilt = hand.between(12, 40)
         long = px * hand.between(0.8, 1.6)
-        lay = about("z", side * tilt) @ (about("z", 180) if hand.chance(0.3) else about("z", 0))
+        lay = about("z", side * tilt) @ (
+            about("z", 180) if hand.chance(0.3) else about("z", 0)
+        )
         away = half + long * np.sin(np.radians(tilt)) * 0.5
         p.put(
             kind,
@@ -309,7 +375,18 @@ def laid_table(p: Placer) -> None:
         p.put(plate, x, y, px, clear=None)
         if hand.chance(0.4):
             p.put(
-                KINDS[hand.one_of(["bowl", "cup_and_saucer", "bread", "apple", "napkin_box", "fork"])],
+                KINDS[
+                    hand.one_of(
+                        [
+                            "bowl",
+                            "cup_and_saucer",
+                            "bread",
+                            "apple",
+                            "napkin_box",
+                            "fork",
+                        ]
+                    )
+                ],
                 x,
                 y,
                 px * hand.between(0.4, 0.65),
@@ -371,8 +448,13 @@ def in_a_row(p: Placer) -> None:
         hand.between(-80, 80),
         kind.make(hand) if hand.chance(0.5) else None,
     )
-    x, y = size * hand.between(-0.05, 0.35), max(size * hand.between(0.5, 0.95), p.room.horizon + 5)
-    fallen = hand.whole(0, count) if kind.name == "domino" and hand.chance(0.3) else count
+    x, y = (
+        size * hand.between(-0.05, 0.35),
+        max(size * hand.between(0.5, 0.95), p.room.horizon + 5),
+    )
+    fallen = (
+        hand.whole(0, count) if kind.name == "domino" and hand.chance(0.3) else count
+    )
     for k in range(count):
         lay = about("z", 0) if k < fallen else about("x", -hand.between(20, 75))
         p.put(
@@ -413,7 +495,9 @@ def furniture(p: Placer) -> None:
     colour = hand.one_of([hand.wood(), hand.white(), hand.grey()])
     front: Paint = textured(hand, colour, "wood", hand.between(0, 0.3), 0.01)
     w, h = size * hand.between(0.15, 0.5), size * hand.between(0.3, 1.2)
-    x = size * hand.one_of([hand.between(-0.1, 0.2), hand.between(0.8, 1.1), hand.between(0, 1)])
+    x = size * hand.one_of(
+        [hand.between(-0.1, 0.2), hand.between(0.8, 1.1), hand.between(0, 1)]
+    )
     deep = hand.between(10, 60)
     spot = camera @ np.array([x, 0, p.room.wall], np.float32)
     parts: list[Part] = [Box(vec(0, h), vec(w, h, deep), front, bevel=0)]
@@ -422,7 +506,14 @@ def furniture(p: Placer) -> None:
     for i in range(columns):
         for j in range(rows):
             cx, cy = w * (2 * (i + 0.5) / columns - 1), 2 * h * (j + 0.5) / rows
-            parts.append(Box(vec(cx, cy, deep), vec(w / columns - 4, h / rows - 4, 2), front, bevel=0.1))
+            parts.append(
+                Box(
+                    vec(cx, cy, deep),
+                    vec(w / columns - 4, h / rows - 4, 2),
+                    front,
+                    bevel=0.1,
+                )
+            )
             if hand.chance(0.8):
                 parts.append(
                     Lathe(

@@ -56,7 +56,9 @@ class Light:
             lamp = lamp + self.lamp * gloss * spot * 0.9
             around = self.mirrored(normal)
             edge = 0.05 + 0.5 * (1 - np.clip(normal[:, 2:], 0, 1)) ** 4
-            room = room * (1 - metal) + self.sky * around * (colour * metal + gloss * edge * 0.7)
+            room = room * (1 - metal) + self.sky * around * (
+                colour * metal + gloss * edge * 0.7
+            )
             lamp = lamp * (1 - 0.7 * metal)
         return room, lamp
 
@@ -65,7 +67,11 @@ def lit(hand: Hand, room: Room) -> Light:
     """A lamp somewhere above, hard or soft, with or against the room's light."""
     turn, height = hand.between(0, 6.283), np.radians(hand.between(22, 80))
     world = np.array(
-        [np.cos(turn) * np.cos(height), np.sin(height), np.sin(turn) * np.cos(height) * 0.8 + 0.2]
+        [
+            np.cos(turn) * np.cos(height),
+            np.sin(height),
+            np.sin(turn) * np.cos(height) * 0.8 + 0.2,
+        ]
     )
     world /= np.linalg.norm(world)
     share, strength = hand.between(0.15, 0.85), hand.between(0.8, 1.35)
@@ -133,5 +139,9 @@ def softened(dark: Array, same: NDArray[np.bool_], blur: float) -> Array:
     for part in (same, ~same):
         weight = part.astype(np.float32)
         spread = cv2.GaussianBlur(weight, (0, 0), blur)
-        out += weight * cv2.GaussianBlur(dark * weight, (0, 0), blur) / np.maximum(spread, 1e-3)
+        out += (
+            weight
+            * cv2.GaussianBlur(dark * weight, (0, 0), blur)
+            / np.maximum(spread, 1e-3)
+        )
     return out

@@ -34,13 +34,21 @@ from .parts import Ellipsoid, Lathe, Slab, Tube
 def stone(hand: Hand) -> Model:
     colour = hand.one_of([hand.grey(), hand.wood(), hand.muted()])
     paint = textured(
-        hand, colour, hand.one_of(["stone", "grain", "marble"]), hand.between(0.2, 0.6), hand.between(0.6, 2)
+        hand,
+        colour,
+        hand.one_of(["stone", "grain", "marble"]),
+        hand.between(0.2, 0.6),
+        hand.between(0.6, 2),
     )
     a, b, c = hand.between(0.3, 0.5), hand.between(0.15, 0.35), hand.between(0.25, 0.45)
     turn = about("y", hand.between(0, 180))
     bumps = [
         Ellipsoid(
-            vec(hand.between(-0.12, 0.12), b * hand.between(0.8, 1.1), hand.between(-0.1, 0.1)),
+            vec(
+                hand.between(-0.12, 0.12),
+                b * hand.between(0.8, 1.1),
+                hand.between(-0.1, 0.1),
+            ),
             (turn @ np.diag([a * 0.8, b * 0.9, c * 0.85])).astype(np.float32),
             paint,
         )
@@ -53,7 +61,9 @@ def ring_toy(hand: Hand) -> Model:
     """A ring one looks through: tape, bangle, washer, rubber ring, doughnut."""
     t = np.linspace(0, 2 * np.pi, 60)
     r = hand.between(0.06, 0.2)
-    line = np.column_stack([(0.5 - r) * np.cos(t), np.full(60, r), (0.5 - r) * np.sin(t)]).astype(np.float32)
+    line = np.column_stack(
+        [(0.5 - r) * np.cos(t), np.full(60, r), (0.5 - r) * np.sin(t)]
+    ).astype(np.float32)
     paint = finishable(hand, hand.colour())
     if hand.chance(0.4):
         paint = over(paint, stripes(hand.direction(), 6, 0.4), plain(hand.colour()))
@@ -66,7 +76,16 @@ def tape(hand: Hand) -> Model:
     return Model(
         (
             Lathe(
-                profile([(0.45, 0), (0.5, 0.01), (0.5, h), (r + 0.03, h), (r, h - 0.003), (r, 0)]),
+                profile(
+                    [
+                        (0.45, 0),
+                        (0.5, 0.01),
+                        (0.5, h),
+                        (r + 0.03, h),
+                        (r, h - 0.003),
+                        (r, 0),
+                    ]
+                ),
                 plain(colour),
                 any_finish(hand),
                 inner,
@@ -76,9 +95,16 @@ def tape(hand: Hand) -> Model:
 
 
 def button(hand: Hand) -> Model:
-    holes = [circle(x, y, 0.06, 10) for x, y in ((-0.11, -0.11), (0.11, -0.11), (0.11, 0.11), (-0.11, 0.11))]
-    base = over(finishable(hand, hand.colour()), ring(0, 0, 0.38, 0.03), plain(hand.colour()))
-    return Model((Slab(circle(0, 0, 0.5, 32), 0.1, base, holes=holes, finish=GLAZED, puff=0.05),))
+    holes = [
+        circle(x, y, 0.06, 10)
+        for x, y in ((-0.11, -0.11), (0.11, -0.11), (0.11, 0.11), (-0.11, 0.11))
+    ]
+    base = over(
+        finishable(hand, hand.colour()), ring(0, 0, 0.38, 0.03), plain(hand.colour())
+    )
+    return Model(
+        (Slab(circle(0, 0, 0.5, 32), 0.1, base, holes=holes, finish=GLAZED, puff=0.05),)
+    )
 
 
 def star(hand: Hand) -> Model:
@@ -87,13 +113,22 @@ def star(hand: Hand) -> Model:
     t = np.arange(2 * count) * np.pi / count + hand.between(0, 1)
     r = np.where(np.arange(2 * count) % 2, 0.5 * deep, 0.5)
     outline = loop(
-        [(float(a * np.cos(b)), float(a * np.sin(b))) for a, b in zip(r, t, strict=True)], hand.whole(0, 2)
+        [
+            (float(a * np.cos(b)), float(a * np.sin(b)))
+            for a, b in zip(r, t, strict=True)
+        ],
+        hand.whole(0, 2),
     )
     paint = finishable(hand, hand.one_of([hand.wood(), hand.colour()]))
     if hand.chance(0.3):
         paint = over(
             paint,
-            anywhere([disc(hand.between(-0.3, 0.3), hand.between(-0.3, 0.3), 0.06) for _ in range(6)]),
+            anywhere(
+                [
+                    disc(hand.between(-0.3, 0.3), hand.between(-0.3, 0.3), 0.06)
+                    for _ in range(6)
+                ]
+            ),
             plain(hand.colour()),
         )
     return Model(

@@ -19,7 +19,9 @@ def plain(colour: Array) -> Paint:
     return lambda s: np.broadcast_to(colour, (len(s.u), 3))
 
 
-def textured(hand: Hand, colour: Array, name: str, strength: float = 0.4, repeat: float = 1.0) -> Paint:
+def textured(
+    hand: Hand, colour: Array, name: str, strength: float = 0.4, repeat: float = 1.0
+) -> Paint:
     """The colour varied by a texture laid over the solid in its own space; `repeat` textures a unit."""
     variant, dark = hand.whole(0, 9), colour * np.float32(1 - strength)
     light = np.minimum(colour * np.float32(1 + strength), 0.95)
@@ -59,27 +61,37 @@ def band(low: float, high: float) -> Where:
 
 def patch(u: float, v: float, half_u: float, half_v: float) -> Where:
     """A rectangle in u, v."""
-    return lambda s: ((np.abs(s.u - u) <= half_u) & (np.abs(s.v - v) <= half_v)).astype(np.float32)
+    return lambda s: ((np.abs(s.u - u) <= half_u) & (np.abs(s.v - v) <= half_v)).astype(
+        np.float32
+    )
 
 
 def disc(u: float, v: float, radius: float, stretch: float = 1.0) -> Where:
     """A round spot in u, v; `stretch` = height of the face over its width."""
-    return lambda s: (np.hypot(s.u - u, (s.v - v) * stretch) <= radius).astype(np.float32)
+    return lambda s: (np.hypot(s.u - u, (s.v - v) * stretch) <= radius).astype(
+        np.float32
+    )
 
 
 def ring(u: float, v: float, radius: float, width: float) -> Where:
-    return lambda s: (np.abs(np.hypot(s.u - u, s.v - v) - radius) <= width).astype(np.float32)
+    return lambda s: (np.abs(np.hypot(s.u - u, s.v - v) - radius) <= width).astype(
+        np.float32
+    )
 
 
 def anywhere(patterns: Sequence[Where]) -> Where:
-    return lambda s: np.max([p(s) for p in patterns], axis=0) if patterns else np.zeros(len(s.u), np.float32)
+    return lambda s: (
+        np.max([p(s) for p in patterns], axis=0)
+        if patterns
+        else np.zeros(len(s.u), np.float32)
+    )
 
 
 def stripes(direction: Array, count: float, share: float, phase: float = 0.0) -> Where:
     """Planes across the solid's own space: `count` stripes a unit, `share` of them filled."""
-    return lambda s: (((s.own @ direction) * np.float32(count) + np.float32(phase)) % 1 < share).astype(
-        np.float32
-    )
+    return lambda s: (
+        ((s.own @ direction) * np.float32(count) + np.float32(phase)) % 1 < share
+    ).astype(np.float32)
 
 
 def caps(directions: Array, cosine: float, centre: Array) -> Where:
@@ -102,7 +114,9 @@ def stamp(mask: Array, u: float, v: float, half_u: float, half_v: float) -> Wher
         y = (0.5 - (s.v - v) / (2 * half_v)) * height
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
         out = np.zeros(len(s.u), np.float32)
-        out[inside] = mask[y[inside].astype(int), x[inside].astype(int)].astype(np.float32) / 255
+        out[inside] = (
+            mask[y[inside].astype(int), x[inside].astype(int)].astype(np.float32) / 255
+        )
         return out
 
     return pattern
@@ -132,7 +146,16 @@ def numeral(text: str) -> Array:
     mask = np.zeros((64, 64), np.uint8)
     size = 1.6 if len(text) == 1 else 1.1
     (w, h), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, size, 4)
-    cv2.putText(mask, text, (32 - w // 2, 32 + h // 2), cv2.FONT_HERSHEY_DUPLEX, size, 255, 4, cv2.LINE_AA)
+    cv2.putText(
+        mask,
+        text,
+        (32 - w // 2, 32 + h // 2),
+        cv2.FONT_HERSHEY_DUPLEX,
+        size,
+        255,
+        4,
+        cv2.LINE_AA,
+    )
     return mask
 
 
@@ -146,17 +169,31 @@ def printed(hand: Hand, base: Paint) -> Paint:
             lines = hand.whole(1, 3)
             base = over(
                 base,
-                stamp(words(hand, lines, hand.whole(3, 9)), u * 0.3, v, hand.between(0.3, 0.8), 0.16 * lines),
+                stamp(
+                    words(hand, lines, hand.whole(3, 9)),
+                    u * 0.3,
+                    v,
+                    hand.between(0.3, 0.8),
+                    0.16 * lines,
+                ),
                 ink,
             )
         elif what == "block":
-            base = over(base, patch(u, v, hand.between(0.1, 0.8), hand.between(0.05, 0.5)), ink)
+            base = over(
+                base, patch(u, v, hand.between(0.1, 0.8), hand.between(0.05, 0.5)), ink
+            )
         elif what == "disc":
             base = over(base, disc(u, v, hand.between(0.1, 0.6)), ink)
         elif what == "band":
             base = over(base, band(v - hand.between(0.03, 0.3), v + 0.1), ink)
         else:
-            base = over(base, stamp(255 - texture("text", hand.whole(0, 9))[:200, :200], 0, v, 0.8, 0.3), ink)
+            base = over(
+                base,
+                stamp(
+                    255 - texture("text", hand.whole(0, 9))[:200, :200], 0, v, 0.8, 0.3
+                ),
+                ink,
+            )
     return base
 
 
@@ -165,6 +202,7 @@ def finishable(hand: Hand, colour: Array) -> Paint:
     if hand.chance(0.55):
         return plain(colour)
     name = hand.one_of(
-        ["plain", "grain", "wood", "weave", "stone", "blotches", "carpet"], [3, 3, 2, 2, 1, 1, 1]
+        ["plain", "grain", "wood", "weave", "stone", "blotches", "carpet"],
+        [3, 3, 2, 2, 1, 1, 1],
     )
     return textured(hand, colour, name, hand.between(0.08, 0.45), hand.between(0.4, 2))

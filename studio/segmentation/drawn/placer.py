@@ -20,7 +20,8 @@ LAY: dict[str, Callable[[Hand], Array]] = {
     "side": lambda hand: about("z", 90),
     "flat": lambda hand: about("x", -90),
     "lean": lambda hand: (
-        about("z", hand.one_of([-1, 1]) * hand.between(8, 40)) @ about("x", hand.between(-12, 0))
+        about("z", hand.one_of([-1, 1]) * hand.between(8, 40))
+        @ about("x", hand.between(-12, 0))
     ),
 }
 
@@ -37,7 +38,9 @@ class Placer:
         """Things farther up a slanting floor look smaller."""
         if self.room.tilt > 1.2 or self.room.horizon < 0:
             return 1.0
-        return 0.7 + 0.45 * (y - self.room.horizon) / max(self.room.size - self.room.horizon, 1)
+        return 0.7 + 0.45 * (y - self.room.horizon) / max(
+            self.room.size - self.room.horizon, 1
+        )
 
     def kind(self, side_view: bool = False) -> Kind:
         while True:
@@ -73,13 +76,26 @@ class Placer:
             spot = self.room.camera @ np.array([x, 0, world_z], np.float32)
         if clear is not None:
             for a, b, c, d in self.taken:
-                if max(abs(x - a) / (half_x + c + 1e-6), abs(world_z - b) / (half_z + d + 1e-6)) < clear:
+                if (
+                    max(
+                        abs(x - a) / (half_x + c + 1e-6),
+                        abs(world_z - b) / (half_z + d + 1e-6),
+                    )
+                    < clear
+                ):
                     return None
             self.taken.append((x, world_z, half_x, half_z))
-        offset = np.array([-(low[0] + high[0]) / 2, height - low[1], -(low[2] + high[2]) / 2], np.float32)
+        offset = np.array(
+            [-(low[0] + high[0]) / 2, height - low[1], -(low[2] + high[2]) / 2],
+            np.float32,
+        )
         at = (spot + self.room.camera @ offset).astype(np.float32)
         self.scene.add(
-            Item(made, Pose((self.room.camera @ world).astype(np.float32), at, scale), name=kind.name)
+            Item(
+                made,
+                Pose((self.room.camera @ world).astype(np.float32), at, scale),
+                name=kind.name,
+            )
         )
         self.names.append(kind.name)
         return float(high[1] - low[1]), half_x

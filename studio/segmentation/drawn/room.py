@@ -52,16 +52,16 @@ class Room:
         y = np.arange(self.size, dtype=np.float32)
         s, c = np.sin(self.tilt), np.cos(self.tilt)
         wall = s * (s * self.wall - y) / max(c, 1e-3) + c * self.wall
-        return np.repeat(np.where(self.is_floor(), y * c / s, wall)[:, None], self.size, axis=1).astype(
-            np.float32
-        )
+        return np.repeat(
+            np.where(self.is_floor(), y * c / s, wall)[:, None], self.size, axis=1
+        ).astype(np.float32)
 
     def normals(self) -> Array:
         """(H, W, 3) of floor and wall."""
         up, out = self.camera[:, 1], self.camera[:, 2]
-        return np.repeat(np.where(self.is_floor()[:, None], up, out)[:, None], self.size, axis=1).astype(
-            np.float32
-        )
+        return np.repeat(
+            np.where(self.is_floor()[:, None], up, out)[:, None], self.size, axis=1
+        ).astype(np.float32)
 
 
 def furnish(hand: Hand, view: str, size: int) -> Room:
@@ -82,14 +82,18 @@ def furnish(hand: Hand, view: str, size: int) -> Room:
     albedo = LINEAR[image]
     if horizon > 0:
         soft = hand.between(0.5, 5)
-        rows = slice(max(0, int(horizon - 3 * soft)), min(size, int(horizon + 3 * soft) + 1))
+        rows = slice(
+            max(0, int(horizon - 3 * soft)), min(size, int(horizon + 3 * soft) + 1)
+        )
         if hand.chance(0.5):
             albedo[rows] = cv2.GaussianBlur(albedo, (0, 0), soft)[rows]
     mirror = hand.between(0.08, 0.45) if hand.chance(0.25) else 0.0
     return Room(size, float(tilt), float(horizon), albedo, mirror, tuple(drawn))
 
 
-def _floor(hand: Hand, size: int, tilt: float, horizon: float, drawn: list[str]) -> NDArray[np.uint8]:
+def _floor(
+    hand: Hand, size: int, tilt: float, horizon: float, drawn: list[str]
+) -> NDArray[np.uint8]:
     side = int(size * 1.4)
     plan = surface(hand, TABLES, TABLE_ODDS, side)
     if hand.chance(0.4):
@@ -100,15 +104,22 @@ def _floor(hand: Hand, size: int, tilt: float, horizon: float, drawn: list[str])
     turn = np.radians(hand.one_of([0.0, 0.0, hand.between(-60, 60)]))
     narrow = hand.between(0.05, 0.45) * (1 - s)
     near = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * side * 1.3
-    near = near @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    near = near @ np.array(
+        [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    )
     depth = (near[:, 1] / side + 0.5).clip(-0.8, 1.8)
     tall = max(size - top, 20.0)
     x = size / 2 + near[:, 0] * (1 - narrow * (1 - depth)) * (1.0 if s > 0.4 else 1.6)
     y = top + tall / 2 + near[:, 1] / side * max(tall, side * s) * 1.3
     source = np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float32)
-    warp = cv2.getPerspectiveTransform(source, np.stack([x, y], axis=1).astype(np.float32))
+    warp = cv2.getPerspectiveTransform(
+        source, np.stack([x, y], axis=1).astype(np.float32)
+    )
     back = np.linalg.inv(warp).astype(np.float32)
-    rows, columns = np.arange(size, dtype=np.float32)[:, None], np.arange(size, dtype=np.float32)[None]
+    rows, columns = (
+        np.arange(size, dtype=np.float32)[:, None],
+        np.arange(size, dtype=np.float32)[None],
+    )
     u, v, w = (back[k, 0] * columns + back[k, 1] * rows + back[k, 2] for k in range(3))
     w = np.where(np.abs(w) < 1e-4, np.float32(1e-4), w)
     folded = [
@@ -125,7 +136,13 @@ def _wall(hand: Hand, size: int, horizon: int, drawn: list[str]) -> NDArray[np.u
         for _ in range(hand.whole(1, 3)):
             drawn.append(hang(hand, wall, horizon))
     if hand.chance(0.25):  # skirting board, or the table's far edge
-        cv2.rectangle(wall, (0, horizon - hand.whole(2, 22)), (size, horizon), srgb8(hand.colour()), -1)
+        cv2.rectangle(
+            wall,
+            (0, horizon - hand.whole(2, 22)),
+            (size, horizon),
+            srgb8(hand.colour()),
+            -1,
+        )
     if hand.chance(0.5):
         drawn.append("defocused wall")
         if hand.chance(0.5):
@@ -134,6 +151,8 @@ def _wall(hand: Hand, size: int, horizon: int, drawn: list[str]) -> NDArray[np.u
                 if hand.chance(0.5):
                     cv2.circle(wall, (x, y), r, srgb8(hand.colour()), -1, cv2.LINE_AA)
                 else:
-                    cv2.rectangle(wall, (x, y), (x + r, y + 2 * r), srgb8(hand.colour()), -1)
+                    cv2.rectangle(
+                        wall, (x, y), (x + r, y + 2 * r), srgb8(hand.colour()), -1
+                    )
         wall = cv2.GaussianBlur(wall, (0, 0), hand.between(1.5, 9))
     return wall

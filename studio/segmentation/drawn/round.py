@@ -35,7 +35,9 @@ class Ellipsoid:
         back = np.linalg.inv(stretch.astype(np.float64)).astype(np.float32)
         x = (np.arange(x0, x1, dtype=np.float32) - middle[0])[None, :, None]
         y = (np.arange(y0, y1, dtype=np.float32) - middle[1])[:, None, None]
-        flat = x * back[:, 0] + y * back[:, 1]  # of the unit sphere, at depth 0; depth adds back[:, 2]
+        flat = (
+            x * back[:, 0] + y * back[:, 1]
+        )  # of the unit sphere, at depth 0; depth adds back[:, 2]
         a = float(back[:, 2] @ back[:, 2])
         b = flat @ back[:, 2]
         root = b * b - a * (np.einsum("ijk,ijk->ij", flat, flat) - 1)
@@ -46,8 +48,21 @@ class Ellipsoid:
         ball = flat[rows, columns] + z[:, None] * back[:, 2]
         normal = ball @ back
         normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
-        uv = np.arctan2(ball[:, 0], ball[:, 2]) / np.float32(np.pi), ball[:, 1] * 0.5 + 0.5
-        lay(canvas, pose, rows + y0, columns + x0, z + middle[2], normal, uv, self.paint, self.finish)
+        uv = (
+            np.arctan2(ball[:, 0], ball[:, 2]) / np.float32(np.pi),
+            ball[:, 1] * 0.5 + 0.5,
+        )
+        lay(
+            canvas,
+            pose,
+            rows + y0,
+            columns + x0,
+            z + middle[2],
+            normal,
+            uv,
+            self.paint,
+            self.finish,
+        )
 
 
 @dataclass(frozen=True)
@@ -71,7 +86,9 @@ class Lathe:
         turns = np.linspace(0, 2 * np.pi, 16, endpoint=False)
         ring = np.cos(turns)[:, None] * side + np.sin(turns)[:, None] * other
         few = self.profile[:: max(1, len(self.profile) // 16)]
-        few = np.vstack([few, self.profile[-1:], self.profile[np.argmax(self.profile, axis=0)]])
+        few = np.vstack(
+            [few, self.profile[-1:], self.profile[np.argmax(self.profile, axis=0)]]
+        )
         points = self.foot + few[:, 1, None, None] * axis + few[:, 0, None, None] * ring
         return points.reshape(-1, 3).astype(np.float32)
 
@@ -86,10 +103,14 @@ class Lathe:
             else np.array([1, 0, 0], np.float32)
         )
         front = np.cross(perp, axis)
-        front = (front if front[2] > 0 or (front[2] == 0 and front[1] > 0) else -front).astype(np.float32)
+        front = (
+            front if front[2] > 0 or (front[2] == 0 and front[1] > 0) else -front
+        ).astype(np.float32)
         centres = foot + height[:, None] * axis
         reach = float(radius.max()) + 1
-        x0, y0, x1, y1 = canvas.window(centres.min(axis=0) - reach, centres.max(axis=0) + reach)
+        x0, y0, x1, y1 = canvas.window(
+            centres.min(axis=0) - reach, centres.max(axis=0) + reach
+        )
         if x1 <= x0 or y1 <= y0:
             return
         index = self._painted(
@@ -106,7 +127,10 @@ class Lathe:
             return
         ring = index[rows, columns] - 1
         r, c = np.maximum(radius[ring], 1e-3), centres[ring]
-        dx, dy = (columns + x0).astype(np.float32) - c[:, 0], (rows + y0).astype(np.float32) - c[:, 1]
+        dx, dy = (
+            (columns + x0).astype(np.float32) - c[:, 0],
+            (rows + y0).astype(np.float32) - c[:, 1],
+        )
         cos = np.clip((dx * perp[0] + dy * perp[1]) / r, -1, 1)
         across = dx * front[0] + dy * front[1]
         sin = np.sqrt(1 - cos * cos)
@@ -121,9 +145,15 @@ class Lathe:
             normal[cap] = axis if axis[2] > 0 else -axis
             z[cap] = c[cap, 2] - (axis[0] * dx[cap] + axis[1] * dy[cap]) / axis[2]
         along = (height[ring] - height.min()) / max(float(np.ptp(height)), 1e-6)
-        uv = np.arctan2(cos, sin).astype(np.float32) / np.float32(np.pi), along.astype(np.float32)
+        uv = (
+            np.arctan2(cos, sin).astype(np.float32) / np.float32(np.pi),
+            along.astype(np.float32),
+        )
         within = ring > rim
-        for chosen, paint in ((~within, self.paint), (within, self.inside or self.paint)):
+        for chosen, paint in (
+            (~within, self.paint),
+            (within, self.inside or self.paint),
+        ):
             if chosen.any():
                 lay(
                     canvas, pose, rows[chosen] + y0, columns[chosen] + x0, z[chosen].astype(np.float32),
@@ -133,7 +163,13 @@ class Lathe:
     def _rings(self, scale: float, tilt: float) -> tuple[Array, Array, Array, int]:
         """Radii and heights (px) dense enough to leave no gaps, outward normals (radial, axial), index of the rim."""
         r, h = self.profile[:, 0] * scale, self.profile[:, 1] * scale
-        steps = np.ceil((np.abs(np.diff(h)) * np.sqrt(1 - tilt**2) + np.abs(np.diff(r)) * (0.3 + tilt)) / 0.9)
+        steps = np.ceil(
+            (
+                np.abs(np.diff(h)) * np.sqrt(1 - tilt**2)
+                + np.abs(np.diff(r)) * (0.3 + tilt)
+            )
+            / 0.9
+        )
         steps = np.clip(steps, 1, 200).astype(int)
         radii, heights, slopes = [], [], []
         for k, n in enumerate(steps):
@@ -145,7 +181,11 @@ class Lathe:
         slope = np.concatenate([*slopes, slopes[-1][-1:]])
         slope = cv2.blur(slope, (1, 3), borderType=cv2.BORDER_REPLICATE)
         slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-6)
-        top = int(np.argmax(self.profile[:, 1])) if self.inside is not None else len(steps)
+        top = (
+            int(np.argmax(self.profile[:, 1]))
+            if self.inside is not None
+            else len(steps)
+        )
         rim = int(steps[:top].sum())
         return (
             np.append(np.concatenate(radii), r[-1]).astype(np.float32),
@@ -166,16 +206,22 @@ class Lathe:
     ) -> Array:
         """(h, w) int32: 1 + the ring seen at each pixel, 0 = none; the painter goes from the far end to the near one."""
         index = np.zeros(shape, np.int32)
-        turns = np.linspace(0, 2 * np.pi, int(np.clip(radius.max() * 1.5, 12, 64)), endpoint=False)
+        turns = np.linspace(
+            0, 2 * np.pi, int(np.clip(radius.max() * 1.5, 12, 64)), endpoint=False
+        )
         circle = np.cos(turns)[:, None] * perp[:2] + np.sin(turns)[:, None] * front[:2]
-        corners = np.round((centres[:, None, :2] + radius[:, None, None] * circle) * 16).astype(np.int32)
+        corners = np.round(
+            (centres[:, None, :2] + radius[:, None, None] * circle) * 16
+        ).astype(np.int32)
         order = range(rim + 1) if tilt >= 0 else range(rim, -1, -1)
         for k in order:
             cv2.fillConvexPoly(index, corners[k], k + 1, cv2.LINE_8, 4)
         if rim == len(radius) - 1 or tilt <= 0.01:
             return index
         mouth = np.zeros(shape, np.uint8)
-        cv2.fillConvexPoly(mouth, corners[min(rim + 1, len(radius) - 1)], 1, cv2.LINE_8, 4)
+        cv2.fillConvexPoly(
+            mouth, corners[min(rim + 1, len(radius) - 1)], 1, cv2.LINE_8, 4
+        )
         within = np.zeros(shape, np.int32)
         for k in range(rim + 1, len(radius)):
             cv2.fillConvexPoly(within, corners[k], k + 1, cv2.LINE_8, 4)
@@ -195,19 +241,25 @@ class Tube:
 
     def hull(self) -> Array:
         most = float(self.radius.max())
-        return np.concatenate([self.points + most * d for d in np.vstack([np.eye(3), -np.eye(3)])]).astype(
-            np.float32
-        )
+        return np.concatenate(
+            [self.points + most * d for d in np.vstack([np.eye(3), -np.eye(3)])]
+        ).astype(np.float32)
 
     def draw(self, canvas: Canvas, pose: Pose) -> None:
         line = pose.apply(self.points)
-        length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
+        length = np.concatenate(
+            [[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))]
+        )
         count = max(2, int(length[-1] * 1.5) + 2)
         at = np.linspace(0, length[-1], count)
         if length[-1] < 0.5:
             at, length = np.linspace(0, 1, count), np.linspace(0, 1, len(line))
-        path = np.stack([np.interp(at, length, line[:, k]) for k in range(3)], axis=1).astype(np.float32)
-        thick = np.maximum(np.interp(at, length, self.radius) * pose.scale, 0.7).astype(np.float32)
+        path = np.stack(
+            [np.interp(at, length, line[:, k]) for k in range(3)], axis=1
+        ).astype(np.float32)
+        thick = np.maximum(np.interp(at, length, self.radius) * pose.scale, 0.7).astype(
+            np.float32
+        )
         most = float(thick.max())
         x0, y0 = (np.floor(path[:, :2].min(axis=0) - most).astype(int) - 1).tolist()
         x1, y1 = (np.ceil(path[:, :2].max(axis=0) + most).astype(int) + 2).tolist()
@@ -221,11 +273,15 @@ class Tube:
             return
         order = np.argsort(path[:, 2], kind="stable")
         nearest = np.zeros((y1 - y0, x1 - x0), np.int32)
-        nearest[np.round(path[order, 1]).astype(int) - y0, np.round(path[order, 0]).astype(int) - x0] = (
-            order + 1
-        )
+        nearest[
+            np.round(path[order, 1]).astype(int) - y0,
+            np.round(path[order, 0]).astype(int) - x0,
+        ] = order + 1
         away, label = cv2.distanceTransformWithLabels(
-            (nearest == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+            (nearest == 0).astype(np.uint8),
+            cv2.DIST_L2,
+            5,
+            labelType=cv2.DIST_LABEL_PIXEL,
         )
         table = np.zeros(int(label.max()) + 1, np.int32)
         on = nearest > 0
@@ -239,10 +295,19 @@ class Tube:
         )
         rows, columns = rows[inside], columns[inside]
         k = table[label[rows, columns]]
-        dx, dy = (columns + x0).astype(np.float32) - path[k, 0], (rows + y0).astype(np.float32) - path[k, 1]
+        dx, dy = (
+            (columns + x0).astype(np.float32) - path[k, 0],
+            (rows + y0).astype(np.float32) - path[k, 1],
+        )
         left = thick[k] ** 2 - dx * dx - dy * dy
         keep = left > 0
-        rows, columns, k, dx, dy = rows[keep], columns[keep], k[keep], dx[keep], dy[keep]
+        rows, columns, k, dx, dy = (
+            rows[keep],
+            columns[keep],
+            k[keep],
+            dx[keep],
+            dy[keep],
+        )
         rise = np.sqrt(left[keep])
         normal = np.stack([dx, dy, rise], axis=1) / thick[k][:, None]
         v = (k / (count - 1)).astype(np.float32)

@@ -67,13 +67,21 @@ def drawn(item: Item, size: int) -> Sprite | None:
     width, height = ((high - low) * fine).tolist()
     canvas = Canvas(height, width)
     shift = np.array([low[0], low[1], 0], np.float32)
-    at = (item.pose.at - shift) * fine + np.array([0.5, 0.5, 0], np.float32) * (fine - 1)
+    at = (item.pose.at - shift) * fine + np.array([0.5, 0.5, 0], np.float32) * (
+        fine - 1
+    )
     pose = Pose(item.pose.turn, at.astype(np.float32), item.pose.scale * fine)
     for part in item.model.parts:
         part.draw(canvas, pose)
     sprite = reduced(canvas, int(low[0]), int(low[1]), fine)
     return Sprite(
-        sprite.x0, sprite.y0, sprite.cover, sprite.depth / fine, sprite.normal, sprite.colour, sprite.finish
+        sprite.x0,
+        sprite.y0,
+        sprite.cover,
+        sprite.depth / fine,
+        sprite.normal,
+        sprite.colour,
+        sprite.finish,
     )
 
 
@@ -93,13 +101,22 @@ class Scene:
         normals = self.room.normals()
         # a row has one normal, so the light on it is one colour
         by_room, by_lamp = self.light.shade(
-            np.ones((size, 3), np.float32), normals[:, 0], np.zeros((size, 4), np.float32)
+            np.ones((size, 3), np.float32),
+            normals[:, 0],
+            np.zeros((size, 4), np.float32),
         )
-        self.by_room, self.by_lamp = self.room.albedo * by_room[:, None], self.room.albedo * by_lamp[:, None]
+        self.by_room, self.by_lamp = (
+            self.room.albedo * by_room[:, None],
+            self.room.albedo * by_lamp[:, None],
+        )
         self.depth, self.normals = self.room.depth(), normals
         self.near = np.full((size, size), -np.inf, np.float32)
         self.labels = np.zeros((size, size), np.uint16)
-        far = [s for s in (drawn(item, size) for item in self.items[:blurred]) if s is not None]
+        far = [
+            s
+            for s in (drawn(item, size) for item in self.items[:blurred])
+            if s is not None
+        ]
         for sprite in far:
             self._lay(sprite, 0)
         if far:
@@ -131,12 +148,19 @@ class Scene:
         """Composite a sprite where it is nearer than what is there."""
         size = self.room.size
         y0, x0 = max(0, sprite.y0), max(0, sprite.x0)
-        y1, x1 = min(size, sprite.y0 + sprite.cover.shape[0]), min(size, sprite.x0 + sprite.cover.shape[1])
+        y1, x1 = (
+            min(size, sprite.y0 + sprite.cover.shape[0]),
+            min(size, sprite.x0 + sprite.cover.shape[1]),
+        )
         if y1 <= y0 or x1 <= x0:
             return
-        inner = (slice(y0 - sprite.y0, y1 - sprite.y0), slice(x0 - sprite.x0, x1 - sprite.x0))
+        inner = (
+            slice(y0 - sprite.y0, y1 - sprite.y0),
+            slice(x0 - sprite.x0, x1 - sprite.x0),
+        )
         rows, columns = np.nonzero(
-            (sprite.cover[inner] > 0.02) & (sprite.depth[inner] > self.near[y0:y1, x0:x1])
+            (sprite.cover[inner] > 0.02)
+            & (sprite.depth[inner] > self.near[y0:y1, x0:x1])
         )
         if not len(rows):
             return
@@ -177,8 +201,12 @@ class Scene:
         """Glass: what lies behind, bent by the surface, tinted, darker at grazing angles; highlights stay on top."""
         size, clear = self.room.size, finish[:, 3:4]
         bend = self.hand.between(3, 14)
-        y = np.clip(at[0] + normal[:, 1] * bend * (1.2 - normal[:, 2]), 0, size - 1).astype(int)
-        x = np.clip(at[1] + normal[:, 0] * bend * (1.2 - normal[:, 2]), 0, size - 1).astype(int)
+        y = np.clip(
+            at[0] + normal[:, 1] * bend * (1.2 - normal[:, 2]), 0, size - 1
+        ).astype(int)
+        x = np.clip(
+            at[1] + normal[:, 0] * bend * (1.2 - normal[:, 2]), 0, size - 1
+        ).astype(int)
         through = clear * colour * (0.35 + 0.65 * np.clip(normal[:, 2:], 0, 1) ** 0.7)
         shine_room, shine_lamp = self.light.shade(np.zeros_like(colour), normal, finish)
         return (
@@ -211,7 +239,9 @@ class Scene:
             if not len(rows):
                 continue
             a, b = self.light.shade(
-                sprite.colour[rows, columns], sprite.normal[rows, columns], sprite.finish[rows, columns]
+                sprite.colour[rows, columns],
+                sprite.normal[rows, columns],
+                sprite.finish[rows, columns],
             )
             fade = np.exp(-height[keep] / 120)[:, None]
             seen[below, x] = np.concatenate([(a + b) * fade, fade], axis=1)
@@ -221,7 +251,9 @@ class Scene:
         self.by_room = self.by_room * (1 - share) + image * share
         self.by_lamp = self.by_lamp * (1 - share)
 
-    def _finish(self, sprites: list[tuple[float, int, Sprite, Item]], clouds: list[Array]) -> Rendered:
+    def _finish(
+        self, sprites: list[tuple[float, int, Sprite, Item]], clouds: list[Array]
+    ) -> Rendered:
         size, room = self.room.size, self.room
         points = np.concatenate(clouds) if clouds else np.zeros((0, 3), np.float32)
         y, x = np.mgrid[:size, :size].astype(np.float32)
@@ -230,15 +262,29 @@ class Scene:
         dark = softened(cast(self.light, points, seen, 3.0), floor, self.light.softness)
         dark = np.maximum(dark, self._foreign())
         near = _contact(points, room, size) * floor
-        lamp, around = cv2.transform(self.by_lamp, GREY), cv2.transform(self.by_room, GREY)
+        lamp, around = (
+            cv2.transform(self.by_lamp, GREY),
+            cv2.transform(self.by_room, GREY),
+        )
         shadow = dark * lamp / np.maximum(lamp + around, 1e-4)
         touch = near * self.hand.between(0.2, 0.75)
         light = (
-            self.by_room * (1 - touch)[..., None] + self.by_lamp * ((1 - dark) * (1 - 0.5 * touch))[..., None]
+            self.by_room * (1 - touch)[..., None]
+            + self.by_lamp * ((1 - dark) * (1 - 0.5 * touch))[..., None]
         )
         labels, unsaid = self._judged(sprites)
-        outside = tuple(n for _, n, _, item in sprites if n and _reaches_out(item, size))
-        return Rendered(light, labels, unsaid, self.normals, np.clip(shadow, 0, 1), self.depth, outside)
+        outside = tuple(
+            n for _, n, _, item in sprites if n and _reaches_out(item, size)
+        )
+        return Rendered(
+            light,
+            labels,
+            unsaid,
+            self.normals,
+            np.clip(shadow, 0, 1),
+            self.depth,
+            outside,
+        )
 
     def _foreign(self) -> Array:
         """Shadows of what is not in the picture: a window's bars, a person, a leaf."""
@@ -253,7 +299,9 @@ class Scene:
                     -size // 2, size + size // 2, (self.hand.whole(3, 5), 2)
                 ).astype(np.int32)
                 cv2.fillPoly(out, [cv2.convexHull(corners)], 1.0)
-            out = cv2.GaussianBlur(out, (0, 0), self.hand.between(1, 8)) * self.hand.between(0.4, 1)
+            out = cv2.GaussianBlur(
+                out, (0, 0), self.hand.between(1, 8)
+            ) * self.hand.between(0.4, 1)
         return out
 
     def _judged(
@@ -268,8 +316,14 @@ class Scene:
         for _, number, sprite, item in sorted(sprites, key=lambda entry: entry[1]):
             if not number or not count[number]:
                 continue
-            whole = sprite.cover[max(0, -sprite.y0) : size - sprite.y0, max(0, -sprite.x0) : size - sprite.x0]
-            if count[number] < max(14, 0.06 * float((whole >= 0.5).sum())) or not item.alike:
+            whole = sprite.cover[
+                max(0, -sprite.y0) : size - sprite.y0,
+                max(0, -sprite.x0) : size - sprite.x0,
+            ]
+            if (
+                count[number] < max(14, 0.06 * float((whole >= 0.5).sum()))
+                or not item.alike
+            ):
                 drop[number] = True
             else:
                 new[number] = self.kept[number] = len(self.kept) + 1
@@ -301,7 +355,9 @@ def _cloud(sprite: Sprite, item: Item) -> Array:
     hull = item.hull[:, 2]
     back = np.maximum(2 * float(hull.mean()) - z, float(hull.min()))
     front = np.stack([columns + sprite.x0, rows + sprite.y0, z], axis=1)
-    hidden = np.stack([columns + sprite.x0, rows + sprite.y0, np.minimum(back, z)], axis=1)
+    hidden = np.stack(
+        [columns + sprite.x0, rows + sprite.y0, np.minimum(back, z)], axis=1
+    )
     return np.concatenate([front, hidden]).astype(np.float32)
 
 
@@ -312,9 +368,14 @@ def _contact(points: Array, room: Room, size: int) -> Array:
     if len(points):
         world = points @ room.camera
         low = world[(world[:, 1] < 9) & (world[:, 1] > -9)]
-        x, y = (low[:, 0] / 2).astype(int), (low[:, 2] * np.sin(room.tilt) / 2).astype(int)
+        x, y = (
+            (low[:, 0] / 2).astype(int),
+            (low[:, 2] * np.sin(room.tilt) / 2).astype(int),
+        )
         inside = (x >= 0) & (x < half) & (y >= 0) & (y < half)
         mark[y[inside], x[inside]] = 1
         mark = cv2.morphologyEx(mark, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-        mark = 0.6 * cv2.GaussianBlur(mark, (0, 0), 1.2) + 0.4 * cv2.GaussianBlur(mark, (0, 0), 4)
+        mark = 0.6 * cv2.GaussianBlur(mark, (0, 0), 1.2) + 0.4 * cv2.GaussianBlur(
+            mark, (0, 0), 4
+        )
     return cv2.resize(mark, (size, size), interpolation=cv2.INTER_LINEAR)

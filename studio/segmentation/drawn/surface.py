@@ -45,7 +45,9 @@ def unit(v: Array) -> Array:
     return (v / max(float(v @ v) ** 0.5, 1e-9)).astype(np.float32)
 
 
-CORNERS = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], np.float32)
+CORNERS = np.array(
+    [[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], np.float32
+)
 
 
 def origin() -> Array:
@@ -76,7 +78,13 @@ def lay(
     if not keep.any():
         return
     if not keep.all():
-        y, x, z, normal, uv = y[keep], x[keep], z[keep], normal[keep], (uv[0][keep], uv[1][keep])
+        y, x, z, normal, uv = (
+            y[keep],
+            x[keep],
+            z[keep],
+            normal[keep],
+            (uv[0][keep], uv[1][keep]),
+        )
     points = np.stack([x.astype(np.float32), y.astype(np.float32), z], axis=1)
     surface = Surface(pose.own(points), uv[0], uv[1], 1 / pose.scale)
     canvas.put(y, x, z, normal, paint(surface), finish)

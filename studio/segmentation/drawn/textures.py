@@ -21,7 +21,9 @@ def _noise(hand: Hand, cell: float, stretch: float = 1.0) -> Array:
     """(SIDE, SIDE) smooth noise of deviation about 1 whose grain is `cell` texels wide and `stretch` times as tall."""
     shape = (max(3, int(SIDE / cell / stretch) + 2), max(3, int(SIDE / cell) + 2))
     return cv2.resize(
-        hand.rng.standard_normal(shape, np.float32), (SIDE, SIDE), interpolation=cv2.INTER_CUBIC
+        hand.rng.standard_normal(shape, np.float32),
+        (SIDE, SIDE),
+        interpolation=cv2.INTER_CUBIC,
     )
 
 
@@ -31,7 +33,10 @@ def _grid() -> tuple[Array, Array]:
 
 
 def grain(hand: Hand) -> Array:
-    return sum((_noise(hand, c) * c**0.4 for c in (2, 6, 20, 70)), np.zeros((SIDE, SIDE), np.float32))
+    return sum(
+        (_noise(hand, c) * c**0.4 for c in (2, 6, 20, 70)),
+        np.zeros((SIDE, SIDE), np.float32),
+    )
 
 
 def wood(hand: Hand) -> Array:
@@ -59,7 +64,9 @@ def weave(hand: Hand) -> Array:
     y, x = _grid()
     k = hand.between(0.6, 1.6)
     return (
-        np.sin(k * x) * np.sin(k * y) + 0.5 * _noise(hand, 2) + 0.5 * cv2.blur(_noise(hand, 2), (31, 1)) * 3
+        np.sin(k * x) * np.sin(k * y)
+        + 0.5 * _noise(hand, 2)
+        + 0.5 * cv2.blur(_noise(hand, 2), (31, 1)) * 3
     )
 
 
@@ -68,7 +75,9 @@ def stripes(hand: Hand) -> Array:
     period = hand.between(12, 70)
     thin = np.sin(x * 6.283 / period * hand.one_of([2, 3, 5])) > hand.between(0.2, 0.9)
     return (
-        np.where(np.sin(x * 6.283 / period) > hand.between(-0.6, 0.8), 1.0, -1.0).astype(np.float32)
+        np.where(
+            np.sin(x * 6.283 / period) > hand.between(-0.6, 0.8), 1.0, -1.0
+        ).astype(np.float32)
         + hand.between(0, 0.6) * thin
     )
 
@@ -99,7 +108,9 @@ def tiles(hand: Hand) -> Array:
     row = (y / tall).astype(int)
     shifted = x + (row % 2) * wide / 2 * (tall < wide)
     seam = (shifted % wide < hand.between(2, 5)) | (y % tall < 3)
-    tone = hand.rng.standard_normal((32, 32)).astype(np.float32)[row % 32, (shifted / wide).astype(int) % 32]
+    tone = hand.rng.standard_normal((32, 32)).astype(np.float32)[
+        row % 32, (shifted / wide).astype(int) % 32
+    ]
     return (
         hand.one_of([-4.0, 3.0]) * seam
         + hand.between(0, 0.6) * tone
@@ -109,21 +120,28 @@ def tiles(hand: Hand) -> Array:
 
 def carpet(hand: Hand) -> Array:
     return (
-        _noise(hand, 1.5) + 0.7 * _noise(hand, 3) + 0.5 * _noise(hand, 60) + hand.between(0, 1) * dots(hand)
+        _noise(hand, 1.5)
+        + 0.7 * _noise(hand, 3)
+        + 0.5 * _noise(hand, 60)
+        + hand.between(0, 1) * dots(hand)
     )
 
 
 def stone(hand: Hand) -> Array:
-    speck = np.where(_noise(hand, hand.between(2, 6)) > hand.between(0.8, 1.6), hand.one_of([-2.5, 2.0]), 0)
+    speck = np.where(
+        _noise(hand, hand.between(2, 6)) > hand.between(0.8, 1.6),
+        hand.one_of([-2.5, 2.0]),
+        0,
+    )
     return grain(hand) * 0.4 + speck + 0.4 * _noise(hand, 2)
 
 
 def marble(hand: Hand) -> Array:
     y, x = _grid()
     bend = _noise(hand, 120) * 60 + _noise(hand, 30) * 15
-    return -(np.abs(np.sin((x * hand.between(0.3, 1) + y + bend) * 0.02)) ** 0.25) * 3 + 0.3 * _noise(
-        hand, 60
-    )
+    return -(
+        np.abs(np.sin((x * hand.between(0.3, 1) + y + bend) * 0.02)) ** 0.25
+    ) * 3 + 0.3 * _noise(hand, 60)
 
 
 def grass(hand: Hand) -> Array:
@@ -159,7 +177,9 @@ def floral(hand: Hand) -> Array:
 
 
 def blotches(hand: Hand) -> Array:
-    return np.tanh((_noise(hand, hand.between(15, 60)) - hand.between(0.2, 1)) * 6) + 0.1 * _noise(hand, 3)
+    return np.tanh(
+        (_noise(hand, hand.between(15, 60)) - hand.between(0.2, 1)) * 6
+    ) + 0.1 * _noise(hand, 3)
 
 
 def text(hand: Hand) -> Array:
@@ -171,7 +191,8 @@ def text(hand: Hand) -> Array:
         if hand.chance(0.12):
             continue
         words = " ".join(
-            "".join(chr(hand.whole(97, 122)) for _ in range(hand.whole(2, 9))) for _ in range(12)
+            "".join(chr(hand.whole(97, 122)) for _ in range(hand.whole(2, 9)))
+            for _ in range(12)
         )
         cv2.putText(
             page,

@@ -69,7 +69,9 @@ def shot(seed: int, long_side: int) -> Shot:
         kinds += ["scan"] * len(kinds)
     count = int(rng.choice([0, 1, 2, 3, *range(4, 13), *range(4, 13), *range(13, 26)]))
     placed: list[Placed] = []
-    shares = [count] if len(room.supports) == 1 else split(rng, count, len(room.supports))
+    shares = (
+        [count] if len(room.supports) == 1 else split(rng, count, len(room.supports))
+    )
     for support, share in zip(room.supports, shares, strict=True):
         placed += arrange(support, share, kinds, rng)
     return Shot(room, placed, camera(rng, room, placed, long_side))
@@ -91,20 +93,28 @@ def camera(rng: Rng, room: Room, placed: list[Placed], long_side: int) -> Camera
     """Looks at what is placed, from where the room says, so near that most of it fills the photo."""
     sides = [4 / 3, 3 / 2, 1.0, 3 / 4, 4 / 3]
     aspect = float(rng.choice(sides))
-    size = (long_side, round(long_side / aspect)) if aspect >= 1 else (round(long_side * aspect), long_side)
+    size = (
+        (long_side, round(long_side / aspect))
+        if aspect >= 1
+        else (round(long_side * aspect), long_side)
+    )
     first = room.supports[0]
     wide = first.size[0]
     near = placed
     if placed:
         if rng.random() < CLOSE:
             near = [placed[int(rng.integers(len(placed)))]]
-        points = np.concatenate([part.solid.vertices[::7] for p in near for part in p.parts])
+        points = np.concatenate(
+            [part.solid.vertices[::7] for p in near for part in p.parts]
+        )
         low, high = points.min(0), points.max(0)
     else:
         low, high = support_box(first)
     middle = (low + high) / 2
     spread = max(
-        (high - low)[0], (high - low)[2] * aspect * 0.9, *((0.3 * wide, 0.14) if near is placed else ())
+        (high - low)[0],
+        (high - low)[2] * aspect * 0.9,
+        *((0.3 * wide, 0.14) if near is placed else ()),
     )
     if room.elevation[1] > 45:
         spread = max(spread, (high - low)[1] * aspect)
@@ -114,9 +124,15 @@ def camera(rng: Rng, room: Room, placed: list[Placed], long_side: int) -> Camera
     elevation = np.radians(rng.uniform(*room.elevation))
     azimuth = np.radians(rng.uniform(-room.azimuth, room.azimuth))
     visible = spread if aspect >= 1 else spread / aspect
-    distance = 0.5 * visible / np.tan(np.radians(fov / 2)) + 0.5 * (high - low)[1] * np.cos(elevation)
+    distance = 0.5 * visible / np.tan(np.radians(fov / 2)) + 0.5 * (high - low)[
+        1
+    ] * np.cos(elevation)
     toward = np.array(
-        [np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
+        [
+            np.sin(azimuth) * np.cos(elevation),
+            -np.cos(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+        ]
     )
     roll = np.radians(rng.normal(0, 3))
     if elevation > np.radians(70):
@@ -130,7 +146,9 @@ def camera(rng: Rng, room: Room, placed: list[Placed], long_side: int) -> Camera
     up = level * np.cos(roll) + side * np.sin(roll)
     blurred = rng.random() < 0.4
     aperture = distance * (rng.uniform(0.004, 0.014) if blurred else 0.0005)
-    return Camera(target + toward * distance, target, up, float(fov), float(aperture), size)
+    return Camera(
+        target + toward * distance, target, up, float(fov), float(aperture), size
+    )
 
 
 def support_box(support: Support) -> tuple[np.ndarray, np.ndarray]:

@@ -16,8 +16,14 @@ def finish(light: np.ndarray, rng: Rng) -> NDArray[np.uint8]:
     grey = light.mean(-1)
     key = 0.5 * np.exp(np.log(grey + 1e-3).mean()) + 0.5 * np.median(grey)
     bright = np.percentile(grey, 97)
-    value = light * min(0.2 / max(key, 1e-4), 1.5 / max(bright, 1e-4)) * np.exp(rng.normal(0, 0.35))
-    balance = np.exp(rng.normal(0, 0.09, 3) + np.array([1, 0, -1]) * rng.normal(0, 0.07))
+    value = (
+        light
+        * min(0.2 / max(key, 1e-4), 1.5 / max(bright, 1e-4))
+        * np.exp(rng.normal(0, 0.35))
+    )
+    balance = np.exp(
+        rng.normal(0, 0.09, 3) + np.array([1, 0, -1]) * rng.normal(0, 0.07)
+    )
     cast = (value.reshape(-1, 3).mean(0) + 1e-6) / value.mean()
     value = value * balance / cast ** rng.uniform(0.4, 0.9)
     height, width = value.shape[:2]
@@ -29,14 +35,20 @@ def finish(light: np.ndarray, rng: Rng) -> NDArray[np.uint8]:
     value = value + noise[...] * rng.standard_normal(value.shape)
     knee = 0.6
     over = np.maximum(value - knee, 0)
-    value = np.clip(np.where(value < knee, value, knee + (1 - knee) * over / (over + 1 - knee)), 0, 1)
+    value = np.clip(
+        np.where(value < knee, value, knee + (1 - knee) * over / (over + 1 - knee)),
+        0,
+        1,
+    )
     shown = encode(value)
     contrast = rng.uniform(0, 0.6)
     shown = shown + contrast * (shown * shown * (3 - 2 * shown) - shown)
     photo = np.round(np.clip(shown, 0, 1) * 255).astype(np.uint8)
     if rng.random() < 0.7:
         _, packed = cv2.imencode(
-            ".jpg", photo[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(55, 96))]
+            ".jpg",
+            photo[..., ::-1],
+            [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(55, 96))],
         )
         photo = cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1]
     return np.ascontiguousarray(photo)

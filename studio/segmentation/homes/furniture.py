@@ -70,7 +70,12 @@ def board(
 
 
 def panel(
-    corner: object, right: object, up: object, finish: str, skin: np.ndarray, metres: float | None = None
+    corner: object,
+    right: object,
+    up: object,
+    finish: str,
+    skin: np.ndarray,
+    metres: float | None = None,
 ) -> Part:
     """A flat sheet from a corner along two edges (3,) m; one print over it, or one every `metres` m."""
     corner, right, up = (np.asarray(v, float) for v in (corner, right, up))
@@ -83,7 +88,9 @@ def panel(
     return Part(Solid(points, uv, np.array([[0, 1, 2], [0, 2, 3]])), finish, skin)
 
 
-def wall(y: float, finish: str, skin: np.ndarray, metres: float, floor: float = 0.0) -> Part:
+def wall(
+    y: float, finish: str, skin: np.ndarray, metres: float, floor: float = 0.0
+) -> Part:
     return panel([-3, y, floor], [6, 0, 0], [0, 0, 3], finish, skin, metres)
 
 
@@ -92,15 +99,24 @@ def frame(rng: Rng, x: float, y: float, z: float) -> list[Part]:
     w, h = rng.uniform(0.12, 0.5, 2)
     bar, deep = rng.uniform(0.01, 0.03), 0.015
     tone = prints.plain(prints.colour(rng))
-    bars = [box([w, deep, bar], 0.001).moved([x, y - deep / 2, z + s]) for s in (-h / 2, h / 2 - bar)]
+    bars = [
+        box([w, deep, bar], 0.001).moved([x, y - deep / 2, z + s])
+        for s in (-h / 2, h / 2 - bar)
+    ]
     bars += [
-        box([bar, deep, h - 2 * bar], 0.001).moved([x + s, y - deep / 2, z - h / 2 + bar])
+        box([bar, deep, h - 2 * bar], 0.001).moved(
+            [x + s, y - deep / 2, z - h / 2 + bar]
+        )
         for s in (-w / 2 + bar / 2, w / 2 - bar / 2)
     ]
     mirror = rng.random() < 0.2
     image = prints.plain([225, 228, 228]) if mirror else prints.pattern(rng)
     sheet = panel(
-        [x - w / 2, y - 0.004, z - h / 2], [w, 0, 0], [0, 0, h], "mirror" if mirror else "satin", image
+        [x - w / 2, y - 0.004, z - h / 2],
+        [w, 0, 0],
+        [0, 0, h],
+        "mirror" if mirror else "satin",
+        image,
     )
     return [Part(join(bars), "satin", tone), sheet]
 
@@ -108,14 +124,18 @@ def frame(rng: Rng, x: float, y: float, z: float) -> list[Part]:
 def socket(x: float, y: float, z: float) -> list[Part]:
     lay = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     plate = box([0.08, 0.01, 0.08], 0.003).moved([x, y - 0.005, z - 0.04])
-    ring = lathe([[0, 0], [0.02, 0], [0.02, 0.001], [0, 0.001]], 24).moved([x, y - 0.0105, z], lay)
+    ring = lathe([[0, 0], [0.02, 0], [0.02, 0.001], [0, 0.001]], 24).moved(
+        [x, y - 0.0105, z], lay
+    )
     return [
         Part(plate, "satin", prints.plain([238, 238, 234])),
         Part(ring, "satin", prints.plain([205, 205, 202])),
     ]
 
 
-def fronts(rng: Rng, width: float, height: float, y: float, top: float, skin: np.ndarray) -> list[Part]:
+def fronts(
+    rng: Rng, width: float, height: float, y: float, top: float, skin: np.ndarray
+) -> list[Part]:
     """Drawers or doors below a counter, with handles; their faces at `y`, their upper edge at `top`."""
     columns, rows = int(rng.integers(2, 5)), int(rng.integers(1, 4))
     w, h = width / columns, height / rows
@@ -124,31 +144,60 @@ def fronts(rng: Rng, width: float, height: float, y: float, top: float, skin: np
     for i in range(columns):
         for j in range(rows):
             x, z = -width / 2 + (i + 0.5) * w, top - (j + 1) * h
-            leaves.append(papered(box([w - 0.005, 0.018, h - 0.005], 0.002), 0.6, 0).moved([x, y, z]))
+            leaves.append(
+                papered(box([w - 0.005, 0.018, h - 0.005], 0.002), 0.6, 0).moved(
+                    [x, y, z]
+                )
+            )
             if rows > 1 or rng.random() < 0.5:
                 bar = min(0.16, w * 0.5)
                 a = np.array([x - bar / 2, y - 0.035, z + h * 0.75])
-                grips.append(sweep([a, a + [bar / 2, 0, 0], a + [bar, 0, 0]], 0.005, around=8))
+                grips.append(
+                    sweep([a, a + [bar / 2, 0, 0], a + [bar, 0, 0]], 0.005, around=8)
+                )
             else:
-                grips.append(box([0.025, 0.03, 0.025], 0.006).moved([x + w * 0.4, y - 0.02, z + h * 0.8]))
+                grips.append(
+                    box([0.025, 0.03, 0.025], 0.006).moved(
+                        [x + w * 0.4, y - 0.02, z + h * 0.8]
+                    )
+                )
     return [Part(join(leaves), "satin", skin), Part(join(grips), "brushed", metal)]
 
 
-def curtain(rng: Rng, x: float, y: float, width: float, low: float, skin: np.ndarray) -> Part:
+def curtain(
+    rng: Rng, x: float, y: float, width: float, low: float, skin: np.ndarray
+) -> Part:
     """Folds of cloth hanging down from far above."""
     u = np.linspace(0, 1, 60)
     folds = 0.02 * np.sin(u * rng.uniform(30, 60)) + 0.01 * np.sin(u * 17 + 1)
-    points = np.concatenate([np.column_stack([x + u * width, y + folds, np.full(60, z)]) for z in (low, 2.6)])
+    points = np.concatenate(
+        [
+            np.column_stack([x + u * width, y + folds, np.full(60, z)])
+            for z in (low, 2.6)
+        ]
+    )
     uv = np.concatenate([np.column_stack([u * 2, np.full(60, v)]) for v in (0.0, 4.0)])
     i = np.arange(59)
-    faces = np.concatenate([np.stack([i, i + 1, i + 61], 1), np.stack([i, i + 61, i + 60], 1)])
+    faces = np.concatenate(
+        [np.stack([i, i + 1, i + 61], 1), np.stack([i, i + 61, i + 60], 1)]
+    )
     return Part(Solid(points, uv, faces), "matt", skin)
 
 
 def rug(
-    rng: Rng, x: float, y: float, w: float, d: float, z: float, skin: np.ndarray, turned: float = 0.0
+    rng: Rng,
+    x: float,
+    y: float,
+    w: float,
+    d: float,
+    z: float,
+    skin: np.ndarray,
+    turned: float = 0.0,
 ) -> Part:
     """A flat cloth or rug with one print over it."""
     a = np.radians(turned)
-    right, up = np.array([np.cos(a), np.sin(a), 0]) * w, np.array([-np.sin(a), np.cos(a), 0]) * d
+    right, up = (
+        np.array([np.cos(a), np.sin(a), 0]) * w,
+        np.array([-np.sin(a), np.cos(a), 0]) * d,
+    )
     return panel(np.array([x, y, z]) - right / 2 - up / 2, right, up, "matt", skin)

@@ -7,12 +7,25 @@ import numpy as np
 from studio.segmentation.homes import prints
 from studio.segmentation.homes.parts import Part, Thing, flat, standing
 from studio.segmentation.homes.prints import Rng
-from studio.segmentation.homes.solids import ball, box, extrude, join, lathe, rounded, sweep, turn
+from studio.segmentation.homes.solids import (
+    ball,
+    box,
+    extrude,
+    join,
+    lathe,
+    rounded,
+    sweep,
+    turn,
+)
 
 
 def book(rng: Rng) -> Thing:
     """Standing upright with its back to the viewer; (width, depth, height) = thickness, page width, height."""
-    thick, deep, tall = rng.uniform(0.008, 0.05), rng.uniform(0.1, 0.19), rng.uniform(0.15, 0.28)
+    thick, deep, tall = (
+        rng.uniform(0.008, 0.05),
+        rng.uniform(0.1, 0.19),
+        rng.uniform(0.15, 0.28),
+    )
     face = prints.cover(rng)
     base = face[2:6, 2:6].mean((0, 1))
     back = prints.spine(rng, base)
@@ -20,14 +33,25 @@ def book(rng: Rng) -> Thing:
     skin = prints.net([back, face, rim, rim, face[::-1, ::-1], rim])
     inset = min(0.003, thick * 0.15)
     board = min(0.0025, thick * 0.15)
-    sides = [box([board, deep, tall], 0.0006).moved([s * (thick - board) / 2, 0, 0]) for s in (-1, 1)]
+    sides = [
+        box([board, deep, tall], 0.0006).moved([s * (thick - board) / 2, 0, 0])
+        for s in (-1, 1)
+    ]
     spine = box([thick, board * 1.3, tall], 0.001).moved([0, -(deep - board) / 2, 0])
-    pages = box([thick - 1.6 * board, deep - 2 * inset, tall - 2 * inset], 0.0005).moved([0, 0, inset])
-    paper = prints.plain(rng.choice([[238, 230, 212], [246, 244, 238], [222, 205, 170]]))
-    lines = np.repeat(paper, 32, 1) * rng.uniform(0.8, 1.0, (1, 64, 1)).astype(np.float32)
+    pages = box(
+        [thick - 1.6 * board, deep - 2 * inset, tall - 2 * inset], 0.0005
+    ).moved([0, 0, inset])
+    paper = prints.plain(
+        rng.choice([[238, 230, 212], [246, 244, 238], [222, 205, 170]])
+    )
+    lines = np.repeat(paper, 32, 1) * rng.uniform(0.8, 1.0, (1, 64, 1)).astype(
+        np.float32
+    )
     finish = str(rng.choice(["satin", "matt", "glossy"]))
     return standing(
-        "book", [Part(join([*sides, spine]), finish, skin), Part(pages, "matt", lines)], leans=True
+        "book",
+        [Part(join([*sides, spine]), finish, skin), Part(pages, "matt", lines)],
+        leans=True,
     )
 
 
@@ -81,24 +105,40 @@ def block(rng: Rng) -> Thing:
             [a, a],
             [-a, a],
         ]
-        body, top = extrude(arch, a * 0.8, 0.0015).moved(turn=turn("x", 90)), (2 * a, 0.8 * a)
+        body, top = (
+            extrude(arch, a * 0.8, 0.0015).moved(turn=turn("x", 90)),
+            (2 * a, 0.8 * a),
+        )
     elif kind == 3:
         body, top = (
-            extrude([[-a, 0], [a, 0], [a if rng.random() < 0.5 else 0, a]], a, 0.0015).moved(
-                turn=turn("x", 90)
-            ),
+            extrude(
+                [[-a, 0], [a, 0], [a if rng.random() < 0.5 else 0, a]], a, 0.0015
+            ).moved(turn=turn("x", 90)),
             None,
         )
     else:
         body = lathe(rounded([[0, 0], [a / 2, 0], [a / 2, a * 1.5], [0, a * 1.5]], 0))
-    return standing("block", [Part(body, str(rng.choice(["satin", "matt", "glossy"])), skin)], top=top)
+    return standing(
+        "block",
+        [Part(body, str(rng.choice(["satin", "matt", "glossy"])), skin)],
+        top=top,
+    )
 
 
 def candle(rng: Rng) -> Thing:
     r, h = rng.uniform(0.01, 0.04), rng.uniform(0.04, 0.2)
-    wax = lathe(rounded([[0, 0], [r, 0], [r, h], [r * 0.8, h + 0.001], [0, h - 0.004]], 1), 30)
-    wick = sweep([[0, 0, h - 0.006], [0.001, 0, h + 0.006], [0.003, 0, h + 0.012]], 0.0009, around=6)
-    parts = [Part(wax, "satin", flat(rng)), Part(wick, "matt", prints.plain([40, 34, 30]))]
+    wax = lathe(
+        rounded([[0, 0], [r, 0], [r, h], [r * 0.8, h + 0.001], [0, h - 0.004]], 1), 30
+    )
+    wick = sweep(
+        [[0, 0, h - 0.006], [0.001, 0, h + 0.006], [0.003, 0, h + 0.012]],
+        0.0009,
+        around=6,
+    )
+    parts = [
+        Part(wax, "satin", flat(rng)),
+        Part(wick, "matt", prints.plain([40, 34, 30])),
+    ]
     if r < 0.02 or rng.random() < 0.3:
         dish = lathe(
             rounded(
@@ -123,9 +163,20 @@ def pencil(rng: Rng) -> Thing:
     length, r = rng.uniform(0.1, 0.18), rng.uniform(0.0032, 0.006)
     around = 6 if rng.random() < 0.5 else 16
     body = lathe([[0, 0], [r, 0], [r, length * 0.88], [0, length * 0.88]], around)
-    tip = lathe([[0, length * 0.88], [r * 0.98, length * 0.88], [r * 0.25, length], [0, length]], around)
+    tip = lathe(
+        [
+            [0, length * 0.88],
+            [r * 0.98, length * 0.88],
+            [r * 0.25, length],
+            [0, length],
+        ],
+        around,
+    )
     lay = turn("y", 90)
-    parts = [Part(body, "satin", flat(rng)), Part(tip, "matt", prints.plain([214, 178, 130]))]
+    parts = [
+        Part(body, "satin", flat(rng)),
+        Part(tip, "matt", prints.plain([214, 178, 130])),
+    ]
     return standing("pencil", [p.moved(turn=lay) for p in parts], rod=length)
 
 
@@ -146,14 +197,24 @@ def driver(rng: Rng) -> Thing:
         ),
         10,
     )
-    shaft = lathe([[0, length * 0.4], [0.003, length * 0.4], [0.003, length], [0, length]], 12)
-    parts = [Part(grip, "glossy", flat(rng)), Part(shaft, "steel", prints.plain([200, 200, 205]))]
+    shaft = lathe(
+        [[0, length * 0.4], [0.003, length * 0.4], [0.003, length], [0, length]], 12
+    )
+    parts = [
+        Part(grip, "glossy", flat(rng)),
+        Part(shaft, "steel", prints.plain([200, 200, 205])),
+    ]
     return standing("driver", [p.moved(turn=turn("y", 90)) for p in parts], rod=length)
 
 
 def hammer(rng: Rng) -> Thing:
     length = rng.uniform(0.18, 0.28)
-    shaft = sweep([[-length / 2, 0, 0], [0, 0, 0], [length / 2, 0, 0]], [0.011, 0.009, 0.009], 0.7, 14)
+    shaft = sweep(
+        [[-length / 2, 0, 0], [0, 0, 0], [length / 2, 0, 0]],
+        [0.011, 0.009, 0.009],
+        0.7,
+        14,
+    )
     head = lathe(
         rounded(
             [
@@ -171,7 +232,11 @@ def hammer(rng: Rng) -> Thing:
     )
     parts = [
         Part(shaft, "satin", flat(rng)),
-        Part(head.moved([length / 2 - 0.012, 0, 0], turn("x", 90)), "brushed", prints.plain([120, 120, 125])),
+        Part(
+            head.moved([length / 2 - 0.012, 0, 0], turn("x", 90)),
+            "brushed",
+            prints.plain([120, 120, 125]),
+        ),
     ]
     return standing("hammer", parts)
 
@@ -183,7 +248,8 @@ def _corners(w: float, h: float, r: float) -> np.ndarray:
     spots = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
     return np.concatenate(
         [
-            quarter @ turn("z", 90 * k)[:2, :2].T + [s[0] * (w / 2 - r), s[1] * (h / 2 - r)]
+            quarter @ turn("z", 90 * k)[:2, :2].T
+            + [s[0] * (w / 2 - r), s[1] * (h / 2 - r)]
             for k, s in enumerate(spots)
         ]
     )
@@ -206,7 +272,11 @@ def dice(rng: Rng) -> Thing:
         for spot in spots:
             prints.cv2.circle(cell, spot, 5, ink.tolist(), -1)
         cells.append(cell)
-    return standing("dice", [Part(box([a, a, a], a * 0.12), "glossy", prints.net(cells, 48))], top=(a, a))
+    return standing(
+        "dice",
+        [Part(box([a, a, a], a * 0.12), "glossy", prints.net(cells, 48))],
+        top=(a, a),
+    )
 
 
 def gadget(rng: Rng) -> Thing:
@@ -234,5 +304,11 @@ def gadget(rng: Rng) -> Thing:
             else box([a, a * 0.7, a * rng.uniform(0.3, 2)], 0.002)
         )
         spin = turn("x", 90) if at[1] == -d / 2 else np.eye(3)
-        parts.append(Part(knob.moved(at, spin), str(rng.choice(["matt", "satin", "steel"])), flat(rng)))
+        parts.append(
+            Part(
+                knob.moved(at, spin),
+                str(rng.choice(["matt", "satin", "steel"])),
+                flat(rng),
+            )
+        )
     return standing("gadget", parts, faces=True)

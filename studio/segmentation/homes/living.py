@@ -7,7 +7,17 @@ import numpy as np
 from studio.segmentation.homes import prints
 from studio.segmentation.homes.parts import Part, Thing, flat, standing
 from studio.segmentation.homes.prints import Rng
-from studio.segmentation.homes.solids import Solid, ball, extrude, hollow, join, lathe, rounded, sweep, turn
+from studio.segmentation.homes.solids import (
+    Solid,
+    ball,
+    extrude,
+    hollow,
+    join,
+    lathe,
+    rounded,
+    sweep,
+    turn,
+)
 
 
 def skin(rng: Rng, codes: list, spots: float = 0.05) -> np.ndarray:
@@ -37,7 +47,11 @@ def apple(rng: Rng) -> Thing:
         )
         * r
     )
-    stem = sweep([[0, 0, 1.4 * r], [0.05 * r, 0, 1.7 * r], [0.2 * r, 0, 2.05 * r]], 0.0016, around=7)
+    stem = sweep(
+        [[0, 0, 1.4 * r], [0.05 * r, 0, 1.7 * r], [0.2 * r, 0, 2.05 * r]],
+        0.0016,
+        around=7,
+    )
     tones = [
         [[170, 30, 35], [205, 90, 60]],
         [[120, 160, 50], [160, 185, 80]],
@@ -60,16 +74,32 @@ def orange(rng: Rng) -> Thing:
     ]
     body = ball([r, r, r * rng.uniform(0.92, 1.0)])
     if rng.random() < 0.5:
-        line = rounded([[0, 0], [0.18, 0.1], [0.75, 0.6], [0.78, 1.5], [0.2, 2.2], [0, 2.35]], 2) * r
-        body = lathe(line, 28).moved(turn=turn("y", 90)).moved(turn=turn("z", rng.uniform(0, 360)))
-    return standing("citrus", [Part(body, "satin", skin(rng, tones[rng.integers(len(tones))], 0.1))], True)
+        line = (
+            rounded(
+                [[0, 0], [0.18, 0.1], [0.75, 0.6], [0.78, 1.5], [0.2, 2.2], [0, 2.35]],
+                2,
+            )
+            * r
+        )
+        body = (
+            lathe(line, 28)
+            .moved(turn=turn("y", 90))
+            .moved(turn=turn("z", rng.uniform(0, 360)))
+        )
+    return standing(
+        "citrus",
+        [Part(body, "satin", skin(rng, tones[rng.integers(len(tones))], 0.1))],
+        True,
+    )
 
 
 def leaf(length: float, width: float, droop: float, rng: Rng, lobes: int = 0) -> Solid:
     """A closed thin blade from the origin along +x that droops; droop 0 is straight up, 1.5 hangs."""
     t = np.linspace(0, 1, 11)
     half = (
-        width * np.sin(np.pi * t ** rng.uniform(0.7, 1.2)) * (1 + 0.25 * np.sin(t * np.pi * lobes) ** 2)
+        width
+        * np.sin(np.pi * t ** rng.uniform(0.7, 1.2))
+        * (1 + 0.25 * np.sin(t * np.pi * lobes) ** 2)
         + 0.0008
     )
     x = np.concatenate([t, t[::-1]]) * length
@@ -81,7 +111,11 @@ def leaf(length: float, width: float, droop: float, rng: Rng, lobes: int = 0) ->
         angle = np.pi / 2 - droop * s - 0.3
         fold = np.abs(p[:, 1]) * 0.35
         return np.column_stack(
-            [s * length * np.cos(angle), p[:, 1], s * length * np.sin(angle) + fold + p[:, 2]]
+            [
+                s * length * np.cos(angle),
+                p[:, 1],
+                s * length * np.sin(angle) + fold + p[:, 2],
+            ]
         )
 
     return blade.bent(law)
@@ -89,9 +123,18 @@ def leaf(length: float, width: float, droop: float, rng: Rng, lobes: int = 0) ->
 
 def pot(rng: Rng, radius: float, height: float) -> list[Part]:
     """A flower pot about z with its soil."""
-    line = [[radius * rng.uniform(0.6, 0.85), 0], [radius, height * 0.8], [radius, height]]
+    line = [
+        [radius * rng.uniform(0.6, 0.85), 0],
+        [radius, height * 0.8],
+        [radius, height],
+    ]
     if rng.random() < 0.5:
-        line = [[radius * 0.7, 0], [radius * 0.9, height * 0.75], [radius, height * 0.75], [radius, height]]
+        line = [
+            [radius * 0.7, 0],
+            [radius * 0.9, height * 0.75],
+            [radius, height * 0.75],
+            [radius, height],
+        ]
     clay = (
         prints.plain([178, 98, 64])
         if rng.random() < 0.35
@@ -109,7 +152,11 @@ def pot(rng: Rng, radius: float, height: float) -> list[Part]:
         24,
     )
     return [
-        Part(lathe(hollow(np.array(line), 0.004, 0.006)), str(rng.choice(["matt", "glossy", "satin"])), clay),
+        Part(
+            lathe(hollow(np.array(line), 0.004, 0.006)),
+            str(rng.choice(["matt", "glossy", "satin"])),
+            clay,
+        ),
         Part(soil, "matt", prints.plain([52, 38, 28])),
     ]
 
@@ -154,12 +201,21 @@ def plant(rng: Rng) -> Thing:
     elif rng.random() < 0.35:  # a clipped bush
         for _ in range(rng.integers(3, 9)):
             a = rng.uniform(0.3, 0.7) * r
-            leaves.append(ball(a, 12, 7).moved(rng.normal(0, 0.4 * r, 3) + [0, 0, h + r * 0.7]))
-        stems.append(sweep([[0, 0, h * 0.8], [0, 0, h + r * 0.4], [0, 0, h + r * 0.8]], 0.004))
+            leaves.append(
+                ball(a, 12, 7).moved(rng.normal(0, 0.4 * r, 3) + [0, 0, h + r * 0.7])
+            )
+        stems.append(
+            sweep([[0, 0, h * 0.8], [0, 0, h + r * 0.4], [0, 0, h + r * 0.8]], 0.004)
+        )
     else:
         count, long = int(rng.integers(6, 20)), rng.uniform(0.06, 0.2)
         for k in range(count):
-            blade = leaf(long * rng.uniform(0.6, 1), rng.uniform(0.008, 0.03), rng.uniform(0.2, 1.9), rng)
+            blade = leaf(
+                long * rng.uniform(0.6, 1),
+                rng.uniform(0.008, 0.03),
+                rng.uniform(0.2, 1.9),
+                rng,
+            )
             leaves.append(blade.moved([0, 0, h * 0.86], turn("z", 137.5 * k)))
     tone = green(rng)
     parts.append(Part(join(leaves), "satin", tone))
@@ -172,9 +228,14 @@ def plant(rng: Rng) -> Thing:
 def mushroom(rng: Rng) -> Thing:
     r = rng.uniform(0.02, 0.05)
     stem = lathe(rounded([[0, 0], [r * 0.4, 0], [r * 0.3, r], [0, r]], 1), 24)
-    cap = lathe(rounded([[0, r * 0.9], [r, r * 0.8], [r * 0.9, r * 1.4], [0, r * 1.8]], 2), 32)
+    cap = lathe(
+        rounded([[0, r * 0.9], [r, r * 0.8], [r * 0.9, r * 1.4], [0, r * 1.8]], 2), 32
+    )
     return standing(
         "mushroom",
-        [Part(stem, "matt", prints.plain([230, 220, 200])), Part(cap, "satin", prints.pattern(rng))],
+        [
+            Part(stem, "matt", prints.plain([230, 220, 200])),
+            Part(cap, "satin", prints.pattern(rng)),
+        ],
         True,
     )

@@ -27,7 +27,10 @@ def write(folder: Path, stem: str, photo: object) -> None:
     from studio.darkroom import png
 
     png(folder / f"{stem}.labels.png", photo.labels)
-    png(folder / f"{stem}.normals.png", np.clip(np.round(photo.normals * 127 + 128), 0, 255).astype(np.uint8))
+    png(
+        folder / f"{stem}.normals.png",
+        np.clip(np.round(photo.normals * 127 + 128), 0, 255).astype(np.uint8),
+    )
     png(folder / f"{stem}.shadow.png", np.round(photo.shadow * 255).astype(np.uint8))
     (folder / f"{stem}.json").write_text(
         json.dumps({"kinds": photo.kinds, "truncated": photo.truncated}) + "\n"
@@ -52,7 +55,10 @@ def work(arguments: argparse.Namespace, first: int, step: int) -> None:
             print(f"{stem}: {type(problem).__name__}: {problem}", flush=True)
             continue
         write(arguments.out, stem, photo)
-        print(f"{stem}: {len(photo.kinds)} things, {time.monotonic() - start:.1f} s", flush=True)
+        print(
+            f"{stem}: {len(photo.kinds)} things, {time.monotonic() - start:.1f} s",
+            flush=True,
+        )
         del photo
         gc.collect()  # scenes that linger would join in the next one's kernel
 
@@ -75,7 +81,8 @@ def main() -> None:
         return
     command = [sys.executable, *sys.argv]
     started = [
-        subprocess.Popen([*command, "--job", str(k)], env=dict(os.environ)) for k in range(arguments.jobs)
+        subprocess.Popen([*command, "--job", str(k)], env=dict(os.environ))
+        for k in range(arguments.jobs)
     ]
     sys.exit(max(process.wait() for process in started))
 

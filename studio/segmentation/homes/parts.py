@@ -51,7 +51,9 @@ class Thing:
     """A slab (thin along y) that can lean on a wall."""
     extra: dict = field(default_factory=dict)
 
-    def moved(self, by: object = (0, 0, 0), turn: np.ndarray | None = None) -> list[Part]:
+    def moved(
+        self, by: object = (0, 0, 0), turn: np.ndarray | None = None
+    ) -> list[Part]:
         return [part.moved(by, turn) for part in self.parts]
 
 
@@ -72,7 +74,9 @@ def extent(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
     return points.min(0), points.max(0)
 
 
-def standing(kind: str, parts: list[Part], round_foot: bool = False, **more: object) -> Thing:
+def standing(
+    kind: str, parts: list[Part], round_foot: bool = False, **more: object
+) -> Thing:
     """A thing of parts, shifted to stand on z = 0 over the origin, with its footprint: its box seen from above, or
     with `round_foot` its disc about the axis."""
     low, high = extent(parts)
@@ -83,7 +87,13 @@ def standing(kind: str, parts: list[Part], round_foot: bool = False, **more: obj
     else:
         shift = np.array([*(-(low + high)[:2] / 2), -low[2]])
         foot = rectangle(*(high - low)[:2])
-    return Thing(kind, [part.moved(shift) for part in parts], foot, float(high[2] - low[2]), **more)
+    return Thing(
+        kind,
+        [part.moved(shift) for part in parts],
+        foot,
+        float(high[2] - low[2]),
+        **more,
+    )
 
 
 def flat(rng: np.random.Generator) -> np.ndarray:

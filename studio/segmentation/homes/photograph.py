@@ -52,27 +52,50 @@ def surface(name: str, print_: dict) -> dict:
         inner = {"type": "diffuse", "reflectance": print_}
     elif name in ("satin", "glossy"):
         alpha = 0.3 if name == "satin" else 0.06
-        inner = {"type": "roughplastic", "alpha": alpha, "diffuse_reflectance": print_, "nonlinear": True}
+        inner = {
+            "type": "roughplastic",
+            "alpha": alpha,
+            "diffuse_reflectance": print_,
+            "nonlinear": True,
+        }
     elif name == "glass":
         return {"type": "thindielectric", "specular_transmittance": print_}
     else:
         alpha = {"steel": 0.1, "brushed": 0.3, "mirror": 0.02}[name]
-        inner = {"type": "roughconductor", "material": "none", "alpha": alpha, "specular_reflectance": print_}
+        inner = {
+            "type": "roughconductor",
+            "material": "none",
+            "alpha": alpha,
+            "specular_reflectance": print_,
+        }
     return {"type": "twosided", "bsdf": inner}
 
 
 def bitmap(image: np.ndarray) -> dict:
-    return {"type": "bitmap", "bitmap": mi.Bitmap(np.ascontiguousarray(image, np.float32)), "raw": True}
+    return {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(np.ascontiguousarray(image, np.float32)),
+        "raw": True,
+    }
 
 
-def mesh(name: str, solid: Solid, bsdf: dict, part: np.ndarray, emitter: object = None) -> object:
+def mesh(
+    name: str, solid: Solid, bsdf: dict, part: np.ndarray, emitter: object = None
+) -> object:
     """A Mitsuba mesh, its triangles' corners each a vertex."""
     props = mi.Properties()
     props["bsdf"] = mi.load_dict(bsdf)
     if emitter is not None:
         props["emitter"] = mi.load_dict(emitter)
     count = len(solid.faces)
-    shape = mi.Mesh(name, 3 * count, count, has_vertex_normals=True, has_vertex_texcoords=True, props=props)
+    shape = mi.Mesh(
+        name,
+        3 * count,
+        count,
+        has_vertex_normals=True,
+        has_vertex_texcoords=True,
+        props=props,
+    )
     slots = mi.traverse(shape)
     slots["vertex_positions"] = solid.vertices[solid.faces].astype(np.float32).ravel()
     slots["vertex_normals"] = corner_normals(solid, part).astype(np.float32).ravel()
@@ -100,20 +123,27 @@ def atlas(parts: list[Part]) -> tuple[np.ndarray, list[Solid]]:
     for p in parts:
         (left, top), (h, w) = cells[id(p.print)], p.print.shape[:2]
         uv = np.clip(p.solid.uv, 0, 1) * [w - 1, h - 1] + [left + 0.5, top + 0.5]
-        solids.append(Solid(p.solid.vertices, uv / [width, sheet.shape[0]], p.solid.faces))
+        solids.append(
+            Solid(p.solid.vertices, uv / [width, sheet.shape[0]], p.solid.faces)
+        )
     return sheet, solids
 
 
 def emitter(light: Light) -> dict:
     aim = T().look_at(
-        origin=list(map(float, light.at)), target=list(map(float, light.target)), up=[0.01, 0.02, 1]
+        origin=list(map(float, light.at)),
+        target=list(map(float, light.target)),
+        up=[0.01, 0.02, 1],
     )
     return {
         "type": "rectangle",
         "to_world": aim @ T().scale([light.size[0] / 2, light.size[1] / 2, 1]),
         "emitter": {
             "type": "area",
-            "radiance": {"type": "rgb", "value": np.asarray(light.radiance, float).tolist()},
+            "radiance": {
+                "type": "rgb",
+                "value": np.asarray(light.radiance, float).tolist(),
+            },
         },
     }
 
@@ -137,7 +167,9 @@ class Scene:
         fixed: dict = {"type": "scene"}
         spare = Part(
             Solid(
-                np.array([[0, 0, -50.0], [1, 0, -50], [0, 1, -50]]), np.zeros((3, 2)), np.array([[0, 1, 2]])
+                np.array([[0, 0, -50.0], [1, 0, -50], [0, 1, -50]]),
+                np.zeros((3, 2)),
+                np.array([[0, 1, 2]]),
             ),
             "matt",
             np.ones((2, 2, 3), np.float32),
@@ -148,18 +180,31 @@ class Scene:
         ]  # few counts of shapes, few kernels
         for k, part in enumerate(scenery):
             number = np.zeros(len(part.solid.faces), int)
-            fixed[f"set-{k}"] = mesh(f"set-{k}", part.solid, surface(part.finish, bitmap(part.print)), number)
-        spare_lights = [Light((0, 0, -60 - k), (0, 0, -70), (1, 1), np.full(3, 1e-3)) for k in range(LIGHTS)]
+            fixed[f"set-{k}"] = mesh(
+                f"set-{k}", part.solid, surface(part.finish, bitmap(part.print)), number
+            )
+        spare_lights = [
+            Light((0, 0, -60 - k), (0, 0, -70), (1, 1), np.full(3, 1e-3))
+            for k in range(LIGHTS)
+        ]
         for k, light in enumerate([*taken.room.lights, *spare_lights][:LIGHTS]):
             fixed[f"light-{k}"] = unbuilt(mi.load_dict(emitter(light)))
-        glow = {"type": "constant", "radiance": {"type": "rgb", "value": taken.room.ambient.tolist()}}
+        glow = {
+            "type": "constant",
+            "radiance": {"type": "rgb", "value": taken.room.ambient.tolist()},
+        }
         fixed["ambient"] = unbuilt(mi.load_dict(glow))
         world, owners = dict(fixed), {}
         for name in FINISHES:
             pairs = [
-                (k, p) for k, thing in enumerate(taken.placed, 1) for p in thing.parts if p.finish == name
+                (k, p)
+                for k, thing in enumerate(taken.placed, 1)
+                for p in thing.parts
+                if p.finish == name
             ]
-            pairs = pairs or [(0, spare)]  # every kind of surface in every scene: one kernel for all
+            pairs = pairs or [
+                (0, spare)
+            ]  # every kind of surface in every scene: one kernel for all
             sheet, solids = atlas([p for _, p in pairs])
             sizes = [len(s.faces) for s in solids]
             shape = mesh(
@@ -184,7 +229,11 @@ class Scene:
         ours = shape < len(self.known)
         ours &= self.known[np.where(ours, shape, 0)]
         return np.where(
-            ours, self.table[np.where(ours, self.start[np.where(ours, shape, 0)] + triangle, 0)], 0
+            ours,
+            self.table[
+                np.where(ours, self.start[np.where(ours, shape, 0)] + triangle, 0)
+            ],
+            0,
         )
 
 
@@ -196,7 +245,11 @@ def rays(camera: Camera, side: int) -> object:
     """side x side sharp rays on a grid in every pixel; those of one pixel follow each other."""
     width, height = camera.size
     n = dr.arange(mi.UInt32, width * height * side * side)
-    pixel, sub, wide = n // (side * side), n % (side * side), dr.opaque(mi.UInt32, width)
+    pixel, sub, wide = (
+        n // (side * side),
+        n % (side * side),
+        dr.opaque(mi.UInt32, width),
+    )
     x = mi.Float(pixel % wide) + (mi.Float(sub % side) + 0.5) / side
     y = mi.Float(pixel // wide) + (mi.Float(sub // side) + 0.5) / side
     return towards(camera, x, y, mi.Point3f(*opaque(camera.eye)))
@@ -213,7 +266,8 @@ def towards(camera: Camera, x: object, y: object, start: object) -> object:
     far = np.linalg.norm(camera.target - camera.eye)
     right, down = camera.axes[:2] * far * np.array(camera.slopes)[:, None]
     middle, right, down = (
-        opaque(v) for v in (camera.target - right - down, right * 2 / width, down * 2 / height)
+        opaque(v)
+        for v in (camera.target - right - down, right * 2 / width, down * 2 / height)
     )
     focus = [middle[k] + x * right[k] + y * down[k] for k in range(3)]
     return mi.RayDifferential3f(start, dr.normalize(mi.Point3f(*focus) - start))
@@ -230,10 +284,16 @@ def trace(
     n = dr.arange(mi.UInt32, width * height * samples) // samples
     offset = sampler.next_2d()
     lens = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
-    eye, right, down = (opaque(v) for v in (camera.eye, *(camera.axes[:2] * camera.aperture)))
-    start = mi.Point3f(*(eye[k] + lens.x * right[k] + lens.y * down[k] for k in range(3)))
+    eye, right, down = (
+        opaque(v) for v in (camera.eye, *(camera.axes[:2] * camera.aperture))
+    )
+    start = mi.Point3f(
+        *(eye[k] + lens.x * right[k] + lens.y * down[k] for k in range(3))
+    )
     wide = dr.opaque(mi.UInt32, width)
-    ray = towards(camera, mi.Float(n % wide) + offset.x, mi.Float(n // wide) + offset.y, start)
+    ray = towards(
+        camera, mi.Float(n % wide) + offset.x, mi.Float(n // wide) + offset.y, start
+    )
     hit = scene.full.ray_intersect(ray)
     albedo = dr.select(hit.is_valid(), hit.bsdf(ray).eval_diffuse_reflectance(hit), 0)
     albedo = dr.select(dr.max(albedo) < 1e-3, 1, albedo)  # metal and glass have none
@@ -241,15 +301,23 @@ def trace(
     light, _, _ = integrator.sample(scene.full, sampler, ray)
     values = [mi.Float(v) for v in (*light, *albedo, *normal)]
     dr.eval(*values)
-    found = np.stack([np.nan_to_num(np.array(v)).reshape(height, width, samples) for v in values])
+    found = np.stack(
+        [np.nan_to_num(np.array(v)).reshape(height, width, samples) for v in values]
+    )
     top = (
         20 * np.percentile(found[:3].mean((0, 3)), 95) + 1e-3
     )  # a path that finds a lamp by chance leaves no spark
     found[:3] = np.minimum(found[:3], top)
-    return tuple(np.moveaxis(found.mean(-1).reshape(3, 3, height, width), 1, -1).astype(np.float32))  # type: ignore[return-value]
+    return tuple(
+        np.moveaxis(found.mean(-1).reshape(3, 3, height, width), 1, -1).astype(
+            np.float32
+        )
+    )  # type: ignore[return-value]
 
 
-def truth(scene: Scene, camera: Camera, side: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+def truth(
+    scene: Scene, camera: Camera, side: int, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Labels (H, W) and normals (H, W, 3) in the camera's frame."""
     width, height = camera.size
     hit = scene.full.ray_intersect(rays(camera, side))
@@ -257,7 +325,9 @@ def truth(scene: Scene, camera: Camera, side: int, count: int) -> tuple[np.ndarr
     values = [number, hit.prim_index, hit.is_valid(), *hit.sh_frame.n]
     dr.eval(*values)
     shape, triangle, valid, *normal = (np.array(v) for v in values)
-    owner = np.where(valid, scene.owner(shape.astype(np.int64), triangle.astype(np.int64)), 0)
+    owner = np.where(
+        valid, scene.owner(shape.astype(np.int64), triangle.astype(np.int64)), 0
+    )
     owner = owner.reshape(height * width, side * side)
     share = np.stack([(owner == k).mean(1) for k in range(count + 1)], 1)
     labels = share.argmax(1)
@@ -266,10 +336,14 @@ def truth(scene: Scene, camera: Camera, side: int, count: int) -> tuple[np.ndarr
     world = np.where(valid[:, None] & np.isfinite(world), world, 0)
     world *= np.where(world[:, 2:] < 0, -1, 1)
     world = world.reshape(height * width, side * side, 3)
-    mine = (owner == np.where(labels == UNSAID, owner[:, 0], labels)[:, None])[..., None]
+    mine = (owner == np.where(labels == UNSAID, owner[:, 0], labels)[:, None])[
+        ..., None
+    ]
     mean = (world * mine).sum(1)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-6)
-    return labels.reshape(height, width).astype(np.uint16), mean.reshape(height, width, 3).astype(np.float32)
+    return labels.reshape(height, width).astype(np.uint16), mean.reshape(
+        height, width, 3
+    ).astype(np.float32)
 
 
 def shadows(scene: Scene, camera: Camera, side: int) -> np.ndarray:
@@ -278,13 +352,19 @@ def shadows(scene: Scene, camera: Camera, side: int) -> np.ndarray:
     hit = scene.empty.ray_intersect(rays(camera, side))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(dr.opaque(mi.UInt32, 1), width * height * side * side)
-    toward, weight = scene.empty.sample_emitter_direction(hit, sampler.next_2d(), True, hit.is_valid())
+    toward, weight = scene.empty.sample_emitter_direction(
+        hit, sampler.next_2d(), True, hit.is_valid()
+    )
     facing = dr.maximum(dr.abs(dr.dot(toward.d, hit.sh_frame.n)), 0)
     light = dr.select(hit.is_valid(), dr.mean(weight) * facing, 0)
     light = dr.select(dr.isfinite(light), light, 0)
-    kept = dr.select(scene.full.ray_test(hit.spawn_ray_to(toward.p)) & (light > 0), light, 0)
+    kept = dr.select(
+        scene.full.ray_test(hit.spawn_ray_to(toward.p)) & (light > 0), light, 0
+    )
     dr.eval(light, kept)
-    light, kept = (np.array(v).reshape(height, width, -1).mean(-1) for v in (light, kept))
+    light, kept = (
+        np.array(v).reshape(height, width, -1).mean(-1) for v in (light, kept)
+    )
     soft = [cv2.GaussianBlur(v.astype(np.float32), (0, 0), 1.2) for v in (kept, light)]
     return np.clip(soft[0] / np.maximum(soft[1], 1e-6), 0, 1)
 

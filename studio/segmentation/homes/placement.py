@@ -54,9 +54,17 @@ def apart(a: np.ndarray, b: np.ndarray, gap: float = GAP) -> bool:
     """Whether two convex polygons (K, 2), (L, 2) keep at least `gap` m along some edge's normal."""
     for polygon in (a, b):
         edges = np.roll(polygon, -1, 0) - polygon
-        normals = np.stack([edges[:, 1], -edges[:, 0]], 1) / np.maximum(np.hypot(*edges.T), 1e-12)[:, None]
-        ranges = [(p @ normals.T).min(0) for p in (a, b)], [(p @ normals.T).max(0) for p in (a, b)]
-        if np.any(ranges[0][1] - ranges[1][0] >= gap) or np.any(ranges[0][0] - ranges[1][1] >= gap):
+        normals = (
+            np.stack([edges[:, 1], -edges[:, 0]], 1)
+            / np.maximum(np.hypot(*edges.T), 1e-12)[:, None]
+        )
+        ranges = (
+            [(p @ normals.T).min(0) for p in (a, b)],
+            [(p @ normals.T).max(0) for p in (a, b)],
+        )
+        if np.any(ranges[0][1] - ranges[1][0] >= gap) or np.any(
+            ranges[0][0] - ranges[1][1] >= gap
+        ):
             return True
     return False
 
@@ -75,10 +83,19 @@ class Arrangement:
 
     def fits(self, foot: np.ndarray, height: float, overhang: float = 0.0) -> bool:
         """Inside the support and apart from all others."""
-        inside = np.abs(foot - self.support.at[:2]) <= np.array(self.support.size) / 2 + overhang
-        return bool(inside.all()) and height < self.support.clear and all(apart(foot, t) for t in self.taken)
+        inside = (
+            np.abs(foot - self.support.at[:2])
+            <= np.array(self.support.size) / 2 + overhang
+        )
+        return (
+            bool(inside.all())
+            and height < self.support.clear
+            and all(apart(foot, t) for t in self.taken)
+        )
 
-    def spot(self, foot: np.ndarray, height: float, close: float = 0.6) -> np.ndarray | None:
+    def spot(
+        self, foot: np.ndarray, height: float, close: float = 0.6
+    ) -> np.ndarray | None:
         """(2,) m, world, where a footprint is free; with the chance `close` it slides up to a neighbour."""
         size, middle = np.array(self.support.size), np.array(self.support.at[:2])
         for _ in range(14):
@@ -87,7 +104,9 @@ class Arrangement:
                 continue
             if self.taken and self.rng.random() < close:
                 goal = self.taken[self.rng.integers(len(self.taken))].mean(0)
-                for share in np.linspace(0.95, 0.1, 12):  # as near as it fits on the way there
+                for share in np.linspace(
+                    0.95, 0.1, 12
+                ):  # as near as it fits on the way there
                     near = goal + (at - goal) * (1 - share)
                     if self.fits(foot + near, height):
                         return near
@@ -95,7 +114,12 @@ class Arrangement:
         return None
 
     def put(
-        self, thing: Thing, at: np.ndarray, spin: float, base: float | None = None, held: bool = False
+        self,
+        thing: Thing,
+        at: np.ndarray,
+        spin: float,
+        base: float | None = None,
+        held: bool = False,
     ) -> Placed:
         z = self.support.at[2] if base is None else base
         matrix = turn("z", spin)
@@ -115,7 +139,11 @@ class Arrangement:
         thing = self.make(kinds)
         if thing.kind in LIES and self.rng.random() < 0.12:
             thing = laid(thing)
-        spin = self.rng.uniform(-35, 35) if thing.faces or thing.kind in FRONTAL else self.rng.uniform(0, 360)
+        spin = (
+            self.rng.uniform(-35, 35)
+            if thing.faces or thing.kind in FRONTAL
+            else self.rng.uniform(0, 360)
+        )
         foot = thing.foot @ turn("z", spin)[:2, :2].T
         at = self.spot(foot, thing.height)
         if at is None:
@@ -128,7 +156,9 @@ class Arrangement:
             self.pile(thing, at, below, kinds)
         return True
 
-    def pile(self, thing: Thing, at: np.ndarray, below: Placed, kinds: list[str]) -> None:
+    def pile(
+        self, thing: Thing, at: np.ndarray, below: Placed, kinds: list[str]
+    ) -> None:
         """Smaller things upon its flat top, the first in the middle."""
         level, top = below.base + thing.height, np.asarray(thing.top)
         if thing.kind == "plate":
@@ -143,14 +173,22 @@ class Arrangement:
                 continue
             if upper.rod is not None or upper.kind in ("plate", "bowl"):
                 continue
-            self.put(upper, at + self.rng.normal(0, 0.04, 2) * top, self.rng.uniform(-40, 40), level, True)
+            self.put(
+                upper,
+                at + self.rng.normal(0, 0.04, 2) * top,
+                self.rng.uniform(-40, 40),
+                level,
+                True,
+            )
             if upper.top is None:
                 return
             level, top = level + upper.height, np.asarray(upper.top)
 
     def fill(self, vessel: Thing, at: np.ndarray, below: Placed) -> None:
         """Long things that lean from the bottom of a vessel over its rim, each along its own chord."""
-        kinds = [k for k in ("cutlery", "pencil", "brush", "driver") if k in self.makers]
+        kinds = [
+            k for k in ("cutlery", "pencil", "brush", "driver") if k in self.makers
+        ]
         radius, depth = vessel.well  # type: ignore[misc]
         kind, start = str(self.rng.choice(kinds)), self.rng.uniform(0, 360)
         for k in range(int(self.rng.integers(1, 5))):
@@ -161,11 +199,20 @@ class Arrangement:
                 continue
             lean = np.degrees(np.arctan2(depth, run))
             way = turn("z", start + 95 * k) @ turn("y", -lean)
-            low = turn("z", start + 95 * k) @ np.array([-run / 2, 0.3 * (radius - thick) * (-1) ** k, 0])
+            low = turn("z", start + 95 * k) @ np.array(
+                [-run / 2, 0.3 * (radius - thick) * (-1) ** k, 0]
+            )
             middle = np.array([*at, below.base + vessel.height - depth + 0.003]) + low
             parts = rod.moved([rod.rod / 2, 0, -rod.height / 2])
             self.placed.append(
-                Placed(rod.kind, [p.moved(middle, way) for p in parts], below.foot, below.base, rod.rod, True)
+                Placed(
+                    rod.kind,
+                    [p.moved(middle, way) for p in parts],
+                    below.foot,
+                    below.base,
+                    rod.rod,
+                    True,
+                )
             )
 
     def row(self, count: int) -> None:
@@ -181,13 +228,20 @@ class Arrangement:
             y = at[1] + size[1] / 2 - deep / 2 - setback - rng.uniform(0, 0.012)
             angle = rng.uniform(4, 22) if k > 1 and rng.random() < 0.15 else 0.0
             lean = turn("y", -angle)
-            reach = min(height * np.cos(np.radians(angle)), tall) * np.tan(np.radians(angle))
+            reach = min(height * np.cos(np.radians(angle)), tall) * np.tan(
+                np.radians(angle)
+            )
             wide = reach + thick * np.cos(np.radians(angle))
             foot = rectangle(wide, deep) + [x + wide / 2, y]
             if not self.fits(foot, height):
                 return
-            parts = [p.moved([thick / 2, 0, 0]).moved([x + reach, y, at[2]], lean) for p in thing.parts]
-            self.placed.append(Placed("book", parts, foot, at[2], float(height), angle > 0))
+            parts = [
+                p.moved([thick / 2, 0, 0]).moved([x + reach, y, at[2]], lean)
+                for p in thing.parts
+            ]
+            self.placed.append(
+                Placed("book", parts, foot, at[2], float(height), angle > 0)
+            )
             self.taken.append(foot)
             x, tall = x + wide + GAP + 0.0002, height
             if angle:
@@ -221,7 +275,17 @@ class Arrangement:
             upper = self.make(
                 [
                     k
-                    for k in ("mug", "apple", "candle", "key", "phone", "ball", "dice", "clock", "citrus")
+                    for k in (
+                        "mug",
+                        "apple",
+                        "candle",
+                        "key",
+                        "phone",
+                        "ball",
+                        "dice",
+                        "clock",
+                        "citrus",
+                    )
                     if k in self.makers
                 ]
             )
@@ -240,15 +304,24 @@ class Arrangement:
         angle = np.radians(self.rng.uniform(6, 18))
         deep = height * np.sin(angle) + thick * np.cos(angle)
         wide = (high - low)[0]
-        x = self.support.at[0] + self.rng.uniform(-0.5, 0.5) * (self.support.size[0] - wide)
+        x = self.support.at[0] + self.rng.uniform(-0.5, 0.5) * (
+            self.support.size[0] - wide
+        )
         back = self.support.at[1] + self.support.size[1] / 2 - 0.001
         foot = rectangle(wide, deep) + [x, back - deep / 2]
         if not self.fits(foot, height):
             return
         lean = turn("x", -np.degrees(angle))
-        pivot = [p.moved([0, -high[1], 0]) for p in parts]  # its back lower edge on the origin
-        placed = [p.moved([x, back - height * np.sin(angle), self.support.at[2]], lean) for p in pivot]
-        self.placed.append(Placed(thing.kind, placed, foot, self.support.at[2], float(height), True))
+        pivot = [
+            p.moved([0, -high[1], 0]) for p in parts
+        ]  # its back lower edge on the origin
+        placed = [
+            p.moved([x, back - height * np.sin(angle), self.support.at[2]], lean)
+            for p in pivot
+        ]
+        self.placed.append(
+            Placed(thing.kind, placed, foot, self.support.at[2], float(height), True)
+        )
         self.taken.append(foot)
 
 
@@ -259,7 +332,13 @@ def laid(thing: Thing, axis: str = "x") -> Thing:
     shift = np.array([*(-(low + high)[:2] / 2), -low[2]])
     size = high - low
     top = (float(size[0]), float(size[1])) if thing.kind == "book" else None
-    return Thing(thing.kind, [p.moved(shift) for p in parts], rectangle(*size[:2]), float(size[2]), top=top)
+    return Thing(
+        thing.kind,
+        [p.moved(shift) for p in parts],
+        rectangle(*size[:2]),
+        float(size[2]),
+        top=top,
+    )
 
 
 def arrange(support: Support, count: int, kinds: list[str], rng: Rng) -> list[Placed]:

@@ -61,7 +61,9 @@ FONTS = (
 def linear(code: object) -> np.ndarray:
     """sRGB 0..255 -> linear 0..1, float32."""
     value = np.asarray(code, np.float32) / 255
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return np.where(
+        value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4
+    ).astype(np.float32)
 
 
 def colour(rng: Rng) -> np.ndarray:
@@ -70,7 +72,10 @@ def colour(rng: Rng) -> np.ndarray:
     if pick < 0.25:  # whites, greys, blacks with a tinge
         return np.clip(rng.uniform(15, 250) + rng.normal(0, 6, 3), 8, 250)
     saturation = rng.uniform(0.1, 0.5) if pick < 0.6 else rng.uniform(0.5, 0.95)
-    return np.array(colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(0.2, 1.0))) * 255
+    return (
+        np.array(colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(0.2, 1.0)))
+        * 255
+    )
 
 
 def plain(code: object) -> np.ndarray:
@@ -81,7 +86,9 @@ def plain(code: object) -> np.ndarray:
 def noise(shape: tuple[int, int], cell: object, rng: Rng) -> np.ndarray:
     """(H, W) smooth noise of deviation about 1; `cell` px (y, x) or one number is the size of its lumps."""
     cy, cx = np.broadcast_to(np.asarray(cell, float), 2)
-    small = rng.standard_normal((int(shape[0] / cy) + 3, int(shape[1] / cx) + 3)).astype(np.float32)
+    small = rng.standard_normal(
+        (int(shape[0] / cy) + 3, int(shape[1] / cx) + 3)
+    ).astype(np.float32)
     return cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
 
 
@@ -90,7 +97,12 @@ def _canvas(height: int, width: int, code: np.ndarray) -> np.ndarray:
 
 
 def write(
-    image: np.ndarray, text: str, at: tuple[float, float], height: float, code: np.ndarray, font: int
+    image: np.ndarray,
+    text: str,
+    at: tuple[float, float],
+    height: float,
+    code: np.ndarray,
+    font: int,
 ) -> None:
     """Letters `height` px tall centred `at` (x, y), at most as wide as the image."""
     scale = height / 22
@@ -101,7 +113,9 @@ def write(
     place = (int(at[0] - wide / 2), int(at[1] + tall / 2))
     stencil = np.zeros(image.shape[:2], np.uint8)
     cv2.putText(stencil, text, place, font, scale, 255, thick, cv2.LINE_AA)
-    image += (np.asarray(code, np.float32) - image) * (stencil[..., None] / np.float32(255))
+    image += (np.asarray(code, np.float32) - image) * (
+        stencil[..., None] / np.float32(255)
+    )
 
 
 def pattern(rng: Rng, height: int = 96, width: int = 96) -> np.ndarray:
@@ -130,23 +144,47 @@ def pattern(rng: Rng, height: int = 96, width: int = 96) -> np.ndarray:
         image[lumps > 1.0] = c
     elif kind == 5:
         for _ in range(rng.integers(2, 9)):
-            spot, size = rng.uniform(0, [width, height]).astype(int), int(rng.uniform(4, width / 3))
+            spot, size = (
+                rng.uniform(0, [width, height]).astype(int),
+                int(rng.uniform(4, width / 3)),
+            )
             filled = -1 if rng.random() < 0.5 else int(rng.integers(1, 5))
             code = (b if rng.random() < 0.5 else c).tolist()
             if rng.random() < 0.5:
                 cv2.circle(image, spot.tolist(), size, code, filled, cv2.LINE_AA)
             else:
-                cv2.rectangle(image, spot.tolist(), (spot + [size, size // 2]).tolist(), code, filled)
+                cv2.rectangle(
+                    image,
+                    spot.tolist(),
+                    (spot + [size, size // 2]).tolist(),
+                    code,
+                    filled,
+                )
     elif kind == 6:
         image[int(height * 0.3) : int(height * 0.7)] = b
-        write(image, _babble(rng), (width / 2, height / 2), rng.uniform(12, 30), c, FONTS[rng.integers(3)])
+        write(
+            image,
+            _babble(rng),
+            (width / 2, height / 2),
+            rng.uniform(12, 30),
+            c,
+            FONTS[rng.integers(3)],
+        )
     else:
         image += (b - a) * np.clip(wave / (max(height, width) / pitch), 0, 1)[..., None]
-    return linear(np.clip(image + noise((height, width), 2, rng)[..., None] * rng.uniform(0, 6), 0, 255))
+    return linear(
+        np.clip(
+            image + noise((height, width), 2, rng)[..., None] * rng.uniform(0, 6),
+            0,
+            255,
+        )
+    )
 
 
 def _babble(rng: Rng) -> str:
-    return "".join(rng.choice(list("ABEGHKLMNOPRSTXZaegknost0123456789"), rng.integers(1, 6)))
+    return "".join(
+        rng.choice(list("ABEGHKLMNOPRSTXZaegknost0123456789"), rng.integers(1, 6))
+    )
 
 
 def surface_print(rng: Rng, size: int = 256) -> np.ndarray:
@@ -155,13 +193,24 @@ def surface_print(rng: Rng, size: int = 256) -> np.ndarray:
     if rng.random() < 0.5:  # woods
         a = (
             np.array(
-                colorsys.hsv_to_rgb(rng.uniform(0.04, 0.12), rng.uniform(0.15, 0.7), rng.uniform(0.2, 0.95))
+                colorsys.hsv_to_rgb(
+                    rng.uniform(0.04, 0.12),
+                    rng.uniform(0.15, 0.7),
+                    rng.uniform(0.2, 0.95),
+                )
             )
             * 255
         )
-        grain = noise((size, size), (rng.uniform(1.5, 5), size / rng.uniform(2, 6)), rng)
+        grain = noise(
+            (size, size), (rng.uniform(1.5, 5), size / rng.uniform(2, 6)), rng
+        )
         broad = noise((size, size), (rng.uniform(8, 40), size / 2), rng)
-        image = a * (1 + rng.uniform(0.02, 0.13) * grain + rng.uniform(0.0, 0.14) * broad)[..., None]
+        image = (
+            a
+            * (1 + rng.uniform(0.02, 0.13) * grain + rng.uniform(0.0, 0.14) * broad)[
+                ..., None
+            ]
+        )
         if rng.random() < 0.5:
             boards = int(rng.integers(2, 9))
             row = np.arange(size) * boards // size
@@ -178,8 +227,13 @@ def surface_print(rng: Rng, size: int = 256) -> np.ndarray:
         )
     elif kind == 1:
         pitch = size / rng.integers(2, 9)
-        image = _canvas(size, size, a) * (1 + 0.05 * noise((size, size), pitch, rng))[..., None]
-        gap = np.minimum(x % pitch, y % (pitch * rng.choice([1, 0.5]))) < rng.uniform(1.5, 5)
+        image = (
+            _canvas(size, size, a)
+            * (1 + 0.05 * noise((size, size), pitch, rng))[..., None]
+        )
+        gap = np.minimum(x % pitch, y % (pitch * rng.choice([1, 0.5]))) < rng.uniform(
+            1.5, 5
+        )
         image[gap] = b
     elif kind == 2:
         speck = noise((size, size), rng.uniform(1, 5), rng)
@@ -188,10 +242,17 @@ def surface_print(rng: Rng, size: int = 256) -> np.ndarray:
         fibre = noise((size, size), (1.2, 6), rng) + noise((size, size), (6, 1.2), rng)
         image = a * (1 + rng.uniform(0.03, 0.1) * fibre)[..., None]
     elif kind == 4:
-        veins = np.abs(noise((size, size), size / 5, rng) + 0.4 * noise((size, size), size / 16, rng))
-        image = a + (b - a) * np.clip(1 - veins * rng.uniform(3, 12), 0, 1)[..., None] * rng.uniform(0.2, 0.9)
+        veins = np.abs(
+            noise((size, size), size / 5, rng)
+            + 0.4 * noise((size, size), size / 16, rng)
+        )
+        image = a + (b - a) * np.clip(1 - veins * rng.uniform(3, 12), 0, 1)[
+            ..., None
+        ] * rng.uniform(0.2, 0.9)
     else:
-        return cv2.resize(pattern(rng, 128, 128), (size, size), interpolation=cv2.INTER_LINEAR)
+        return cv2.resize(
+            pattern(rng, 128, 128), (size, size), interpolation=cv2.INTER_LINEAR
+        )
     return linear(np.clip(image + noise((size, size), 1, rng)[..., None] * 2, 0, 255))
 
 
@@ -219,14 +280,27 @@ def spine(rng: Rng, base: np.ndarray, height: int = 120, width: int = 24) -> np.
     ink = np.ones(3) * 0.8 if base.mean() < 0.3 else np.ones(3) * 0.04
     if rng.random() < 0.5:
         for spot in rng.uniform(0.05, 0.95, 2):
-            image[int(spot * height) : int(spot * height) + 5] = ink * rng.uniform(0.3, 1)
+            image[int(spot * height) : int(spot * height) + 5] = ink * rng.uniform(
+                0.3, 1
+            )
     lying = np.ascontiguousarray(image.transpose(1, 0, 2))
     text = f"{rng.choice(WORDS)} {rng.choice(WORDS)}"
-    write(lying, text, (height / 2, width / 2), width * rng.uniform(0.4, 0.7), ink, FONTS[rng.integers(3)])
+    write(
+        lying,
+        text,
+        (height / 2, width / 2),
+        width * rng.uniform(0.4, 0.7),
+        ink,
+        FONTS[rng.integers(3)],
+    )
     return lying.transpose(1, 0, 2)[::-1].copy()
 
 
 def net(cells: list[np.ndarray], size: int = 96) -> np.ndarray:
     """Six faces (front, right, top, back, left, bottom) as `solids.box` unfolds them: (2 size, 3 size, 3)."""
-    small = [cv2.resize(cell, (size, size), interpolation=cv2.INTER_AREA) for cell in cells]
-    return np.concatenate([np.concatenate(small[:3], 1), np.concatenate(small[3:], 1)], 0)
+    small = [
+        cv2.resize(cell, (size, size), interpolation=cv2.INTER_AREA) for cell in cells
+    ]
+    return np.concatenate(
+        [np.concatenate(small[:3], 1), np.concatenate(small[3:], 1)], 0
+    )

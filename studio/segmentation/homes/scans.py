@@ -37,13 +37,24 @@ def scan(rng: Rng) -> Thing:
     solid = read(path)
     size = np.ptp(solid.vertices, axis=0)
     if rng.random() < (0.5 if size[2] > SLIM * min(size[:2]) else 0.1):
-        solid = solid.moved(turn=turn("x" if rng.random() < 0.5 else "y", float(rng.choice([90, -90]))))
-    solid = solid.moved(turn=turn("z", float(rng.uniform(0, 360))), scale=float(rng.uniform(0.8, 1.25)))
+        solid = solid.moved(
+            turn=turn("x" if rng.random() < 0.5 else "y", float(rng.choice([90, -90])))
+        )
+    solid = solid.moved(
+        turn=turn("z", float(rng.uniform(0, 360))), scale=float(rng.uniform(0.8, 1.25))
+    )
     texture = path.with_suffix(".jpg")
     if texture.exists():
-        image, finish = picture(texture), str(rng.choice(["matt", "satin", "satin", "glossy"]))
+        image, finish = (
+            picture(texture),
+            str(rng.choice(["matt", "satin", "satin", "glossy"])),
+        )
     else:
-        image = prints.pattern(rng) if rng.random() < 0.6 else prints.plain(prints.colour(rng))
+        image = (
+            prints.pattern(rng)
+            if rng.random() < 0.6
+            else prints.plain(prints.colour(rng))
+        )
         finish = str(rng.choice(FINISHES[:4]))
     return standing("scan", [Part(solid, finish, image)])
 
@@ -53,7 +64,9 @@ def picture(path: Path) -> np.ndarray:
     """(H, W, 3) linear reflectance."""
     image = cv2.imread(str(path))[..., ::-1]
     scale = min(1.0, TEXTURE / max(image.shape[:2]))
-    return prints.linear(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+    return prints.linear(
+        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    )
 
 
 @lru_cache(maxsize=128)
@@ -68,7 +81,9 @@ def read(path: Path) -> Solid:
     corner = np.dtype("<f4")
     split = counts["vertex"] * 5 * 4
     rows = np.frombuffer(body[:split], corner).reshape(-1, 5).astype(float)
-    faces = np.frombuffer(body[split:], np.dtype([("n", "u1"), ("v", "<i4", 3)]))["v"].astype(int)
+    faces = np.frombuffer(body[split:], np.dtype([("n", "u1"), ("v", "<i4", 3)]))[
+        "v"
+    ].astype(int)
     return reduced(Solid(rows[:, :3], rows[:, 3:], faces))
 
 
@@ -77,10 +92,16 @@ def reduced(solid: Solid, most: int = TRIANGLES) -> Solid:
     cell = float(np.ptp(solid.vertices, axis=0).max()) / 200
     found = solid
     while len(found.faces) > most:
-        key = np.hstack([np.floor(solid.vertices / cell), np.floor(solid.uv * 24)]).astype(int)
+        key = np.hstack(
+            [np.floor(solid.vertices / cell), np.floor(solid.uv * 24)]
+        ).astype(int)
         _, first, owner = np.unique(key, axis=0, return_index=True, return_inverse=True)
         faces = owner.reshape(-1)[solid.faces]
-        whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
+        whole = (
+            (faces[:, 0] != faces[:, 1])
+            & (faces[:, 1] != faces[:, 2])
+            & (faces[:, 0] != faces[:, 2])
+        )
         found = Solid(solid.vertices[first], solid.uv[first], faces[whole])
         cell *= 1.35
     return found

@@ -7,7 +7,15 @@ import numpy as np
 from studio.segmentation.homes import prints
 from studio.segmentation.homes.parts import Part, Thing, flat, standing
 from studio.segmentation.homes.prints import Rng
-from studio.segmentation.homes.solids import Solid, extrude, hollow, lathe, rounded, sweep, turn
+from studio.segmentation.homes.solids import (
+    Solid,
+    extrude,
+    hollow,
+    lathe,
+    rounded,
+    sweep,
+    turn,
+)
 
 
 def glaze(rng: Rng, printed: float = 0.45) -> np.ndarray:
@@ -35,10 +43,20 @@ def handle(rng: Rng, radius: float, low: float, high: float, thick: float) -> So
         path = rounded(line, int(rng.integers(1, 3)))
     else:
         angle = np.linspace(np.pi / 2 + 0.25, -np.pi / 2 - 0.25, 15)
-        path = np.stack([reach * np.cos(angle), middle + (high - low) / 2 * np.sin(angle)], 1)
+        path = np.stack(
+            [reach * np.cos(angle), middle + (high - low) / 2 * np.sin(angle)], 1
+        )
         path[:, 1] += 0.1 * (high - low) * rng.uniform(-1, 1) * np.cos(angle)
-    points = np.column_stack([path[:, 0] + radius - 0.5 * thick, np.zeros(len(path)), path[:, 1]])
-    return sweep(points, thick, rng.uniform(0.5, 1.0), 10, up=(0, 1, 0) if rng.random() < 0.3 else None)
+    points = np.column_stack(
+        [path[:, 0] + radius - 0.5 * thick, np.zeros(len(path)), path[:, 1]]
+    )
+    return sweep(
+        points,
+        thick,
+        rng.uniform(0.5, 1.0),
+        10,
+        up=(0, 1, 0) if rng.random() < 0.3 else None,
+    )
 
 
 def mug(rng: Rng) -> Thing:
@@ -60,12 +78,21 @@ def mug(rng: Rng) -> Thing:
             [
                 [0, height * 0.4],
                 [radius * 0.97 - wall, height * 0.4],
-                [np.interp(height * 0.8, line[:, 1], line[:, 0]) - wall * 0.8, height * 0.8],
+                [
+                    np.interp(height * 0.8, line[:, 1], line[:, 0]) - wall * 0.8,
+                    height * 0.8,
+                ],
                 [0, height * 0.8],
             ]
         )
         parts.append(
-            Part(drink, "glossy", prints.plain(rng.choice([[48, 26, 12], [120, 70, 30], [230, 215, 190]])))
+            Part(
+                drink,
+                "glossy",
+                prints.plain(
+                    rng.choice([[48, 26, 12], [120, 70, 30], [230, 215, 190]])
+                ),
+            )
         )
     spin = turn("z", rng.uniform(0, 360))
     well = (low * 0.9 - wall, height - 0.006) if len(parts) == 2 else None
@@ -78,7 +105,9 @@ def plate_line(radius: float, rise: float, foot: float) -> np.ndarray:
 
 def plate(rng: Rng) -> Thing:
     radius = rng.uniform(0.06, 0.14)
-    line = rounded(plate_line(radius, rng.uniform(0.008, 0.028), rng.uniform(0.45, 0.65)), 2)
+    line = rounded(
+        plate_line(radius, rng.uniform(0.008, 0.028), rng.uniform(0.45, 0.65)), 2
+    )
     return standing(
         "plate",
         [Part(lathe(hollow(line, 0.004, 0.004), 56), china(rng), glaze(rng))],
@@ -90,10 +119,19 @@ def plate(rng: Rng) -> Thing:
 def bowl(rng: Rng) -> Thing:
     radius, height = rng.uniform(0.05, 0.13), rng.uniform(0.04, 0.09)
     line = rounded(
-        [[radius * 0.45, 0], [radius * rng.uniform(0.55, 0.95), height * 0.3], [radius, height]], 3
+        [
+            [radius * 0.45, 0],
+            [radius * rng.uniform(0.55, 0.95), height * 0.3],
+            [radius, height],
+        ],
+        3,
     )
     finish = rng.choice(["glossy", "satin", "steel"], p=[0.6, 0.3, 0.1])
-    return standing("bowl", [Part(lathe(hollow(line, 0.004, 0.006), 48), str(finish), glaze(rng))], True)
+    return standing(
+        "bowl",
+        [Part(lathe(hollow(line, 0.004, 0.006), 48), str(finish), glaze(rng))],
+        True,
+    )
 
 
 def tumbler(rng: Rng) -> Thing:
@@ -115,9 +153,15 @@ def tumbler(rng: Rng) -> Thing:
         level, tone = height * rng.uniform(0.3, 0.8), prints.plain(prints.colour(rng))
         edge = low + (high - low) * level / height - 0.003
         parts.append(
-            Part(lathe([[0, 0.009], [low - 0.003, 0.009], [edge, level], [0, level]]), "glossy", tone)
+            Part(
+                lathe([[0, 0.009], [low - 0.003, 0.009], [edge, level], [0, level]]),
+                "glossy",
+                tone,
+            )
         )
-    return standing("tumbler", parts, True, well=None if full else (low - 0.004, height - 0.01))
+    return standing(
+        "tumbler", parts, True, well=None if full else (low - 0.004, height - 0.01)
+    )
 
 
 def bottle(rng: Rng) -> Thing:
@@ -134,11 +178,22 @@ def bottle(rng: Rng) -> Thing:
     line = rounded(line, int(rng.integers(0, 3)))
     clear = rng.random() < 0.4
     tint = prints.colour(rng)
-    skin = prints.plain(255 - (255 - tint) * rng.uniform(0.1, 0.9)) if clear else prints.plain(tint)
+    skin = (
+        prints.plain(255 - (255 - tint) * rng.uniform(0.1, 0.9))
+        if clear
+        else prints.plain(tint)
+    )
     parts = [
-        Part(lathe(np.concatenate([[[0, 0]], line, [[0, height]]])), "glass" if clear else china(rng), skin)
+        Part(
+            lathe(np.concatenate([[[0, 0]], line, [[0, height]]])),
+            "glass" if clear else china(rng),
+            skin,
+        )
     ]
-    low, high = height * rng.uniform(0.1, 0.2), height * min(rng.uniform(0.4, 0.65), shoulder - 0.06)
+    low, high = (
+        height * rng.uniform(0.1, 0.2),
+        height * min(rng.uniform(0.4, 0.65), shoulder - 0.06),
+    )
     if rng.random() < 0.85 and high > low:
         paper = prints.pattern(rng, 64, 160)
         band = lathe(
@@ -163,7 +218,9 @@ def bottle(rng: Rng) -> Thing:
 def jar(rng: Rng) -> Thing:
     """Of glass with something in it, or of tin or stoneware; with a lid."""
     r, height = rng.uniform(0.03, 0.05), rng.uniform(0.06, 0.16)
-    line = rounded([[r * 0.92, 0], [r, 0.005], [r, height * 0.86], [r * 0.8, height]], 2)
+    line = rounded(
+        [[r * 0.92, 0], [r, 0.005], [r, height * 0.86], [r * 0.8, height]], 2
+    )
     clear = rng.random() < 0.5
     parts = [
         Part(
@@ -214,7 +271,14 @@ def can(rng: Rng) -> Thing:
         )
     )
     paper = prints.pattern(rng, 64, 160)
-    band = lathe([[0, 0.007], [r + 0.0005, 0.007], [r + 0.0005, height - 0.007], [0, height - 0.007]])
+    band = lathe(
+        [
+            [0, 0.007],
+            [r + 0.0005, 0.007],
+            [r + 0.0005, height - 0.007],
+            [0, height - 0.007],
+        ]
+    )
     return standing(
         "can",
         [
@@ -264,7 +328,10 @@ def cutlery(rng: Rng) -> Thing:
     if kind == "spoon":
         t = np.linspace(0, 2 * np.pi, 25)[:-1]
         outline = np.column_stack(
-            [end - length * 0.17 + length * 0.17 * np.cos(t), w2 * np.sin(t) * (1 + 0.15 * np.cos(t))]
+            [
+                end - length * 0.17 + length * 0.17 * np.cos(t),
+                w2 * np.sin(t) * (1 + 0.15 * np.cos(t)),
+            ]
         )
         head = extrude(outline, 0.0016, 0.0006).bent(
             lambda p: _dish(p, end - length * 0.17, length * 0.17, w2)
@@ -274,7 +341,12 @@ def cutlery(rng: Rng) -> Thing:
         teeth = []
         for k in range(4):
             y = -s + 2 * s * (k + 0.5) / 4
-            teeth += [[tine, y - s * 0.13], [end, y - s * 0.08], [end, y + s * 0.08], [tine, y + s * 0.13]]
+            teeth += [
+                [tine, y - s * 0.13],
+                [end, y - s * 0.08],
+                [end, y + s * 0.08],
+                [tine, y + s * 0.13],
+            ]
         outline = [
             [length * 0.16, -w * 0.5],
             [length * 0.24, -s],
@@ -303,12 +375,18 @@ def cutlery(rng: Rng) -> Thing:
     else:
         finish, skin = (
             str(rng.choice(["steel", "brushed"])),
-            prints.plain(rng.choice([[215, 214, 212], [225, 200, 140]], p=[0.85, 0.15])),
+            prints.plain(
+                rng.choice([[215, 214, 212], [225, 200, 140]], p=[0.85, 0.15])
+            ),
         )
-    return standing(kind, [Part(stem, finish, skin), Part(head, finish, skin)], rod=length)
+    return standing(
+        kind, [Part(stem, finish, skin), Part(head, finish, skin)], rod=length
+    )
 
 
 def _dish(points: np.ndarray, middle: float, half: float, wide: float) -> np.ndarray:
     """A flat head pressed into a bowl."""
-    depth = np.clip(((points[:, 0] - middle) / half) ** 2 + (points[:, 1] / wide) ** 2, 0, 1)
+    depth = np.clip(
+        ((points[:, 0] - middle) / half) ** 2 + (points[:, 1] / wide) ** 2, 0, 1
+    )
     return points + np.column_stack([0 * depth, 0 * depth, 0.007 * depth - 0.001])

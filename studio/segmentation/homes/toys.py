@@ -13,11 +13,17 @@ from studio.segmentation.homes.solids import box, join, lathe, rounded, sweep, t
 
 def ball(rng: Rng) -> Thing:
     """Plain, printed, or in panels; of rubber, glass or leather."""
-    r = rng.choice([rng.uniform(0.012, 0.025), rng.uniform(0.03, 0.06), rng.uniform(0.06, 0.11)])
+    r = rng.choice(
+        [rng.uniform(0.012, 0.025), rng.uniform(0.03, 0.06), rng.uniform(0.06, 0.11)]
+    )
     y, x = np.mgrid[:48, :96]
     if rng.random() < 0.4:
         a, b = (prints.linear(prints.colour(rng)) for _ in range(2))
-        skin = np.where((((x * rng.integers(1, 4)) // 16 + (y // 24) * False) % 2 > 0)[..., None], a, b)
+        skin = np.where(
+            (((x * rng.integers(1, 4)) // 16 + (y // 24) * False) % 2 > 0)[..., None],
+            a,
+            b,
+        )
     else:
         skin = prints.pattern(rng) if rng.random() < 0.5 else flat(rng)
     lean = turn("x", rng.uniform(0, 90)) @ turn("z", rng.uniform(0, 360))
@@ -52,7 +58,12 @@ def wheels(at: list, radius: float, width: float) -> tuple[list, list]:
         22,
     )
     hub = lathe(
-        [[0, -width * 0.56], [radius * 0.5, -width * 0.56], [radius * 0.5, width * 0.56], [0, width * 0.56]],
+        [
+            [0, -width * 0.56],
+            [radius * 0.5, -width * 0.56],
+            [radius * 0.5, width * 0.56],
+            [0, width * 0.56],
+        ],
         14,
     )
     return [tyre.moved(a, lay) for a in at], [hub.moved(a, lay) for a in at]
@@ -67,7 +78,10 @@ def car(rng: Rng) -> Thing:
     parts: list[Part] = []
     cut = rng.uniform(0.3, 0.75)
     hull = box([length, wide, h], rng.uniform(0.001, 0.005)).moved([0, 0, r * 0.6])
-    cabin = box([length * cut, wide * 0.92, h * rng.uniform(0.8, 1.6)], rng.uniform(0.001, 0.006)).moved(
+    cabin = box(
+        [length * cut, wide * 0.92, h * rng.uniform(0.8, 1.6)],
+        rng.uniform(0.001, 0.006),
+    ).moved(
         [length * (0.5 - cut / 2) * rng.choice([-1, 0, 0.6]), 0, r * 0.6 + h * 0.96]
     )
     parts += [
@@ -84,24 +98,35 @@ def car(rng: Rng) -> Thing:
         )
     )
     spots = list(np.linspace(-0.36, 0.36, int(rng.choice([2, 2, 3]))) * length)
-    tyres, hubs = wheels([[x, s * wide * 0.46, r] for x in spots for s in (-1, 1)], r, wide * 0.16)
+    tyres, hubs = wheels(
+        [[x, s * wide * 0.46, r] for x in spots for s in (-1, 1)], r, wide * 0.16
+    )
     parts += [
         Part(join(tyres), "matt", prints.plain([30, 30, 32])),
         Part(join(hubs), "satin", flat(rng)),
     ]
-    return standing("car", [p.moved(turn=turn("z", rng.choice([0, 180]))) for p in parts])
+    return standing(
+        "car", [p.moved(turn=turn("z", rng.choice([0, 180]))) for p in parts]
+    )
 
 
 def robot(rng: Rng) -> Thing:
     """A figure of boxes and cylinders."""
     s = rng.uniform(0.05, 0.12)
-    trunk = box([s * 0.5, s * 0.3, s * 0.55], s * rng.uniform(0.01, 0.08)).moved([0, 0, s * 0.4])
+    trunk = box([s * 0.5, s * 0.3, s * 0.55], s * rng.uniform(0.01, 0.08)).moved(
+        [0, 0, s * 0.4]
+    )
     head = (
         box([s * 0.3, s * 0.26, s * 0.28], s * 0.03)
         if rng.random() < 0.6
-        else lathe(rounded([[0, 0], [s * 0.16, 0], [s * 0.16, s * 0.2], [0, s * 0.3]], 1), 20)
+        else lathe(
+            rounded([[0, 0], [s * 0.16, 0], [s * 0.16, s * 0.2], [0, s * 0.3]], 1), 20
+        )
     ).moved([0, 0, s * 0.95])
-    legs = [box([s * 0.15, s * 0.22, s * 0.42], s * 0.02).moved([x * s * 0.14, 0, 0]) for x in (-1, 1)]
+    legs = [
+        box([s * 0.15, s * 0.22, s * 0.42], s * 0.02).moved([x * s * 0.14, 0, 0])
+        for x in (-1, 1)
+    ]
     arms = [
         sweep(
             [
@@ -113,9 +138,16 @@ def robot(rng: Rng) -> Thing:
         )
         for x in (-1, 1)
     ]
-    eyes = [sphere(s * 0.03, 10, 7).moved([x * s * 0.07, -s * 0.13, s * 1.1]) for x in (-1, 1)]
+    eyes = [
+        sphere(s * 0.03, 10, 7).moved([x * s * 0.07, -s * 0.13, s * 1.1])
+        for x in (-1, 1)
+    ]
     parts = [
-        Part(join([trunk]), "satin", prints.pattern(rng) if rng.random() < 0.4 else flat(rng)),
+        Part(
+            join([trunk]),
+            "satin",
+            prints.pattern(rng) if rng.random() < 0.4 else flat(rng),
+        ),
         Part(head, "satin", flat(rng)),
         Part(join(legs), "satin", flat(rng)),
         Part(join(arms), "glossy", flat(rng)),
@@ -133,7 +165,13 @@ def rings(rng: Rng) -> Thing:
             Part(
                 lathe(
                     rounded(
-                        [[0, z], [big, z], [big * 1.06, z + t], [big, z + 2 * t * 0.9], [0, z + 2 * t * 0.9]],
+                        [
+                            [0, z],
+                            [big, z],
+                            [big * 1.06, z + t],
+                            [big, z + 2 * t * 0.9],
+                            [0, z + 2 * t * 0.9],
+                        ],
                         1,
                     ),
                     32,
@@ -143,7 +181,9 @@ def rings(rng: Rng) -> Thing:
             )
         )
         z += 1.85 * t
-    parts.append(Part(sphere(r * 0.3, 18, 9).moved([0, 0, z + r * 0.2]), "glossy", flat(rng)))
+    parts.append(
+        Part(sphere(r * 0.3, 18, 9).moved([0, 0, z + r * 0.2]), "glossy", flat(rng))
+    )
     return standing("rings", parts, True)
 
 
@@ -154,10 +194,15 @@ def duck(rng: Rng) -> Thing:
     tail = sphere(s * np.array([0.16, 0.2, 0.2])).moved([-s * 0.46, 0, s * 0.52])
     head = sphere(s * 0.28).moved([s * 0.28, 0, s * 0.82])
     beak = sphere(s * np.array([0.16, 0.13, 0.05])).moved([s * 0.58, 0, s * 0.78])
-    eyes = [sphere(s * 0.035, 10, 7).moved([s * 0.5, y * s * 0.12, s * 0.92]) for y in (-1, 1)]
+    eyes = [
+        sphere(s * 0.035, 10, 7).moved([s * 0.5, y * s * 0.12, s * 0.92])
+        for y in (-1, 1)
+    ]
     parts = [
         Part(join([body, tail, head]), "glossy", flat(rng)),
         Part(beak, "glossy", flat(rng)),
         Part(join(eyes), "glossy", prints.plain([15, 15, 15])),
     ]
-    return standing("duck", [p.moved(turn=turn("z", rng.uniform(0, 360))) for p in parts])
+    return standing(
+        "duck", [p.moved(turn=turn("z", rng.uniform(0, 360))) for p in parts]
+    )

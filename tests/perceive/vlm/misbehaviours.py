@@ -77,7 +77,9 @@ def photo(folder: Path) -> tuple[Path, Path]:
     picture = np.full((48, 64, 3), 90, np.uint8)
     picture[38:] = (60, 80, 100)
     cv2.circle(picture, (30, 30), 8, (40, 60, 200), -1, cv2.LINE_AA)
-    labels = (np.hypot(*(np.mgrid[:48, :64] - np.array([30, 30])[:, None, None])) <= 8).astype(np.uint16)
+    labels = (
+        np.hypot(*(np.mgrid[:48, :64] - np.array([30, 30])[:, None, None])) <= 8
+    ).astype(np.uint16)
     for name, pixels in (("photo.png", picture), ("masks.png", labels)):
         cv2.imwrite(str(folder / name), pixels)
     return folder / "photo.png", folder / "masks.png"
@@ -89,15 +91,30 @@ def play(case: Case, folder: Path) -> Seen:
     config = folder / "physgen.toml"
     config.write_text(PATIENCE)
     scene = folder / "scene.yaml"
-    words = ["perceive", str(image), "--masks", str(masks), "--label", "ball-1=ball", "--config", str(config)]
+    words = [
+        "perceive",
+        str(image),
+        "--masks",
+        str(masks),
+        "--label",
+        "ball-1=ball",
+        "--config",
+        str(config),
+    ]
     words += ["--backend", "physics=vlm", "-o", str(scene)]
     told = io.StringIO()
     with stub.Stub(case.act or stub.well) as server:
         url = server.url if case.act else f"http://127.0.0.1:{_closed()}/v1"
-        told_to = {"PHYSGEN_VLM_URL": url, "PHYSGEN_VLM_MODEL": "stub", "PHYSGEN_VLM_KEY": stub.KEY}
+        told_to = {
+            "PHYSGEN_VLM_URL": url,
+            "PHYSGEN_VLM_MODEL": "stub",
+            "PHYSGEN_VLM_KEY": stub.KEY,
+        }
         with (
             mock.patch.object(vlm, "VLM", TRIES),
-            mock.patch.dict(os.environ, told_to | {"XDG_CACHE_HOME": str(folder / "cache")}),
+            mock.patch.dict(
+                os.environ, told_to | {"XDG_CACHE_HOME": str(folder / "cache")}
+            ),
             contextlib.redirect_stderr(told),
         ):
             code = main(words)

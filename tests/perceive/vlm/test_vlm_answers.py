@@ -17,7 +17,15 @@ from physgen.perceive.backends.vlm import (
 
 QUERY = Query("ball", "?", (), PHYSICS_SCHEMA, mass_contradictions)
 GOOD = json.dumps(BALL)
-HOSTILE = ("{" * 50_000, "[" * 50_000, '{"a":' * 10_000, "[1,2]" * 10_000, "\x00", "null", '"' * 50_000)
+HOSTILE = (
+    "{" * 50_000,
+    "[" * 50_000,
+    '{"a":' * 10_000,
+    "[1,2]" * 10_000,
+    "\x00",
+    "null",
+    '"' * 50_000,
+)
 
 
 @pytest.mark.parametrize(
@@ -40,9 +48,15 @@ def test_what_is_plainly_meant_is_taken(text: str):
         (("72.0", "1e999"), "mass: inf is greater than the maximum of 10000000.0"),
         (("72.0", '"72 g"'), "mass: '72 g' is not of type 'number'"),
         (("72.0", "-3"), "mass: -3 is less than the minimum of 0.001"),
-        (("72.0", "9e6"), "mass: an object whose longest side is 0.05 m cannot weigh 9e+06 g"),
+        (
+            ("72.0", "9e6"),
+            "mass: an object whose longest side is 0.05 m cannot weigh 9e+06 g",
+        ),
         (('"mass": 72.0, ', ""), "'mass' is a required property"),
-        (("sphere", "cube"), "solid: 'cube' is not one of ['sphere', 'disc', 'hoop', 'plate']"),
+        (
+            ("sphere", "cube"),
+            "solid: 'cube' is not one of ['sphere', 'disc', 'hoop', 'plate']",
+        ),
         (('"rubber"', '""'), "material: '' should be non-empty"),
     ],
 )

@@ -23,16 +23,25 @@ from physgen.registry import Setup
 from physgen.scene.scene import Solid
 
 
-def balls(*centers: tuple[float, float, float], label: str = "rubber ball") -> list[PhotoObject]:
-    return [PhotoObject(k, Disc(np.array([x, y]), r), label) for k, (x, y, r) in enumerate(centers, 1)]
+def balls(
+    *centers: tuple[float, float, float], label: str = "rubber ball"
+) -> list[PhotoObject]:
+    return [
+        PhotoObject(k, Disc(np.array([x, y]), r), label)
+        for k, (x, y, r) in enumerate(centers, 1)
+    ]
 
 
-def drawn(things: list[PhotoObject], size: tuple[int, int] = (200, 120)) -> tuple[np.ndarray, np.ndarray]:
+def drawn(
+    things: list[PhotoObject], size: tuple[int, int] = (200, 120)
+) -> tuple[np.ndarray, np.ndarray]:
     rgb = np.full((size[1], size[0], 3), (90, 120, 90), np.uint8)
     labels = np.zeros(rgb.shape[:2], np.uint16)
     for thing in things:
         x, y = np.rint(thing.outline.center).astype(int)
-        cv2.circle(rgb, (int(x), int(y)), round(thing.outline.radius), (200, 40, 30), -1)
+        cv2.circle(
+            rgb, (int(x), int(y)), round(thing.outline.radius), (200, 40, 30), -1
+        )
         cv2.circle(labels, (int(x), int(y)), round(thing.outline.radius), thing.id, -1)
     return rgb, labels
 
@@ -40,10 +49,14 @@ def drawn(things: list[PhotoObject], size: tuple[int, int] = (200, 120)) -> tupl
 def seen(url: str) -> np.ndarray:
     head, _, data = url.partition(",")
     assert head == "data:image/png;base64"
-    return cv2.imdecode(np.frombuffer(b64decode(data), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    return cv2.imdecode(np.frombuffer(b64decode(data), np.uint8), cv2.IMREAD_COLOR)[
+        ..., ::-1
+    ]
 
 
-def test_a_second_run_asks_nothing_and_writes_the_same_bytes(vlm_stub: Stub, tmp_path: Path):
+def test_a_second_run_asks_nothing_and_writes_the_same_bytes(
+    vlm_stub: Stub, tmp_path: Path
+):
     image, masks = photo(tmp_path)
     scenes = []
     for name in ("a", "b"):
@@ -52,10 +65,14 @@ def test_a_second_run_asks_nothing_and_writes_the_same_bytes(vlm_stub: Stub, tmp
         words = ["--backend", "label=vlm", "--backend", "physics=vlm", "-o", str(scene)]
         assert main(["perceive", str(image), "--masks", str(masks), *words]) == 0
         scenes.append(scene.read_bytes())
-        steps = json.loads((scene.parent / "scene.assets" / "perceived.json").read_text())["steps"]
+        steps = json.loads(
+            (scene.parent / "scene.assets" / "perceived.json").read_text()
+        )["steps"]
         note = next(step["note"] for step in steps if step["role"] == "physics")
         assert (note["requests"], note["cached"]) == ((1, 0) if name == "a" else (0, 1))
-        assert (note["tokens_in"], note["tokens_out"]) == ((1000, 100) if name == "a" else (0, 0))
+        assert (note["tokens_in"], note["tokens_out"]) == (
+            (1000, 100) if name == "a" else (0, 0)
+        )
         assert note["model"] == "stub"
     assert len(vlm_stub.requests) == 2
     assert scenes[0] == scenes[1]
@@ -70,7 +87,11 @@ def test_the_request(vlm_stub: Stub):
     path, headers, _ = vlm_stub.heads[0]
     assert path == "/v1/chat/completions"
     assert headers["authorization"] == f"Bearer {stubs.KEY}"
-    assert (request["model"], request["temperature"], request["seed"]) == ("stub", 0.0, 0)
+    assert (request["model"], request["temperature"], request["seed"]) == (
+        "stub",
+        0.0,
+        0,
+    )
     assert "by the photo's scale it is about 0.1" in said(request)  # 40 px at 400 px/m
     assert '"rubber ball"' in said(request)
     whole, close = (seen(url) for url in pictures(request))
@@ -82,8 +103,17 @@ def test_the_request(vlm_stub: Stub):
     middle = close[close.shape[0] // 2, close.shape[1] // 2].astype(int)
     assert np.abs(middle - rgb[60, 50]).max() < 6
     assert close[3, 3].max() < 0.5 * rgb[5, 190].max()  # what is around it is dark
-    assert (matter.mass, matter.friction, matter.elasticity, matter.rolling) == (72, 0.8, 0.75, 0.02)
-    assert (matter.solid, matter.size, matter.material) == (Solid.SPHERE, 0.05, "rubber")
+    assert (matter.mass, matter.friction, matter.elasticity, matter.rolling) == (
+        72,
+        0.8,
+        0.75,
+        0.02,
+    )
+    assert (matter.solid, matter.size, matter.material) == (
+        Solid.SPHERE,
+        0.05,
+        "rubber",
+    )
 
 
 def test_things_that_are_alike_are_asked_about_once(vlm_stub: Stub):
@@ -125,10 +155,15 @@ def test_categories(vlm_stub: Stub):
         {"noun": "ball", "movable": False},
     ]
     vlm_stub.act = stubs.saying(json.dumps({"categories": kinds}))
-    assert registry.make("categories", "vlm")(rgb + 1) == [Category("ball", False), Category("cup", True)]
+    assert registry.make("categories", "vlm")(rgb + 1) == [
+        Category("ball", False),
+        Category("cup", True),
+    ]
 
 
-def test_no_password_is_read_from_a_file_or_shown(monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub):
+def test_no_password_is_read_from_a_file_or_shown(
+    monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub
+):
     hidden = vlm_stub.url.replace("//", "//me:secret@")
     with pytest.raises(InputError, match=r"vlm\.url"):
         registry.make("physics", "vlm", Setup(options={"url": hidden}))
@@ -146,7 +181,9 @@ def test_a_broken_cache_is_no_cache(vlm_stub: Stub, tmp_path: Path):
     first = run(rgb, things, None)
     (file,) = (tmp_path / "cache").rglob("*.json")
     assert stubs.KEY not in file.read_text()
-    for count, broken in enumerate((b"", b"\xff{", b"[" * 9999, b'{"mass": -1}', b"null"), 2):
+    for count, broken in enumerate(
+        (b"", b"\xff{", b"[" * 9999, b'{"mass": -1}', b"null"), 2
+    ):
         file.write_bytes(broken)
         assert run(rgb, things, None) == first
         assert len(vlm_stub.requests) == count
@@ -158,7 +195,9 @@ def test_a_broken_cache_is_no_cache(vlm_stub: Stub, tmp_path: Path):
     file.parent.parent.chmod(0o700)
 
 
-def test_what_is_not_configured_is_told(monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub):
+def test_what_is_not_configured_is_told(
+    monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub
+):
     def told(setup: Setup = Setup()) -> str:  # noqa: B008
         with pytest.raises(InputError) as error:
             registry.make("physics", "vlm", setup)
@@ -166,21 +205,28 @@ def test_what_is_not_configured_is_told(monkeypatch: pytest.MonkeyPatch, vlm_stu
 
     lines = told(Setup(options={"timeout": 0, "timout": 3, "model": 1})).splitlines()
     assert len(lines) == 3
-    assert any('"timout" means nothing here; did you mean timeout?' in line for line in lines)
+    assert any(
+        '"timout" means nothing here; did you mean timeout?' in line for line in lines
+    )
     monkeypatch.setenv("PHYSGEN_VLM_URL", "localhost:8000")
     assert "no address; write e.g. http://localhost:8000/v1" in told()
     monkeypatch.delenv("PHYSGEN_VLM_URL")
     assert "set PHYSGEN_VLM_URL and PHYSGEN_VLM_MODEL" in told()
 
 
-def test_questions_are_put_at_the_same_time_and_answers_keep_their_order(vlm_stub: Stub):
+def test_questions_are_put_at_the_same_time_and_answers_keep_their_order(
+    vlm_stub: Stub,
+):
     def weighed(http, body):
         assert asked(body) == "physics"
         number = int(said(body).partition('"ball number ')[2].partition('"')[0])
         http.say(json.dumps(BALL | {"mass": 10.0 * number}))
 
     vlm_stub.act = weighed
-    things = [PhotoObject(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball number {k}") for k in range(1, 9)]
+    things = [
+        PhotoObject(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball number {k}")
+        for k in range(1, 9)
+    ]
     found = registry.make("physics", "vlm")(drawn(things)[0], things, None)
     assert [found[k].mass for k in range(1, 9)] == [10.0 * k for k in range(1, 9)]
 
@@ -191,7 +237,10 @@ def test_a_failure_breaks_off_what_is_under_way(vlm_stub: Stub):
         (stubs.status(401, "no") if refuse else stubs.hang)(http, body)
 
     vlm_stub.act = act
-    things = [PhotoObject(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball {k}") for k in range(1, 9)]
+    things = [
+        PhotoObject(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball {k}")
+        for k in range(1, 9)
+    ]
     run = registry.make("physics", "vlm", Setup(options={"timeout": 30}))
     started = time.monotonic()
     with pytest.raises(InputError, match="fails"):
