@@ -222,20 +222,22 @@ def mask_crc(labels: U16, id_: int) -> int:
 
 
 def _written(item: Object, labels: U16 | None) -> Outline | None:
-    """Outline of an explicit shape, or of one that is stored for the mask as it is; None where it is fitted."""
+    """Return the outline of an explicit shape, or the one stored for its mask.
+
+    None if the outline must be fitted: no shape is given, or the mask was edited.
+    """
     shape: Shape | None = item.shape
     if isinstance(shape, Auto):
-        known = (
-            isinstance(item.mask, MaskId)
-            and labels is not None
-            and shape.stored is not None
-        )
-        shape = (
-            shape.stored
-            if known and mask_crc(labels, item.mask.id) == shape.crc
-            else None
-        )  # type: ignore[arg-type, union-attr]
+        shape = _stored_shape(shape, item.mask, labels)
     return None if shape is None else shape_outline(shape)
+
+
+def _stored_shape(shape: Auto, mask: Mask | None, labels: U16 | None) -> Shape | None:
+    """Return the shape that was stored for a mask if the mask is unchanged."""
+    if not isinstance(mask, MaskId) or labels is None or shape.stored is None:
+        return None
+    is_unchanged = mask_crc(labels, mask.id) == shape.crc
+    return shape.stored if is_unchanged else None
 
 
 BAND = 2.0
