@@ -1,5 +1,5 @@
 # make demo: install, perceive and render the bundled photos, print the gallery's path
-# make test: install what tests need, lint, type-check, run the tests that are not slow
+# make test: install what tests need, a browser too, lint, type-check, run the tests that are not slow
 # make test-slow: the slow tests alone
 # make docs: build the site of docs/ into out/site, with strict links
 # make train: draw and render pictures, train the networks that find and name objects and export them; 175 minutes on two cores; needs PHYSGEN_MATERIAL
@@ -10,7 +10,7 @@ OUT = out/demo
 LEFT_OUT = cans cups kitchen marbles pendulum pyramid ramp seesaw shelf toy-car
 TORCH = torch==2.13.0
 
-.PHONY: demo test test-slow docs bench studio train clean
+.PHONY: demo test test-slow browser docs bench studio train clean
 
 demo: .venv/.demo
 	mkdir -p $(OUT)/perceived
@@ -21,13 +21,16 @@ demo: .venv/.demo
 	@echo
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
 
-test: .venv/.test
+test: .venv/.test browser
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/pytest -n auto -m "not slow"
+	$(BIN)/pytest -n auto -m "not slow" </dev/null
 
-test-slow: .venv/.test
-	$(BIN)/pytest -n auto -m slow
+test-slow: .venv/.test browser
+	$(BIN)/pytest -n auto -m slow </dev/null
+
+browser: .venv/.test
+	@$(BIN)/python tests/install_browser.py </dev/null
 
 docs: .venv/.docs
 	$(BIN)/python benchmarks/scene_reference.py > docs/scene.md

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
-import shutil
 from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +12,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+from install_browser import describe_installation, find_browser
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 DESK = {"width": 1280, "height": 900}
 PHONE = {"width": 390, "height": 844}
 LOOKS: dict[str, dict[str, Any]] = {
@@ -26,15 +24,11 @@ LOOKS: dict[str, dict[str, Any]] = {
 """Of golden pictures."""
 
 
-def chromium() -> str:
-    """Where it is; the message of what to do where it is not."""
-    found = os.environ.get("PHYSGEN_CHROMIUM") or next(
-        filter(None, map(shutil.which, NAMES)), None
-    )
-    assert found, (
-        "tests of the report need Chromium: apt-get install chromium, or set PHYSGEN_CHROMIUM to its path"
-    )
-    return found
+def browser_path() -> str:
+    """Return the path of the browser. Fail with the way to install it if there is none."""
+    path = find_browser()
+    assert path is not None, f"this test needs a browser: {describe_installation()}"
+    return path
 
 
 @contextmanager
@@ -44,7 +38,7 @@ def launched() -> Iterator[Any]:
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=chromium(), args=["--no-sandbox"]
+            executable_path=browser_path(), args=["--no-sandbox"]
         )
         try:
             yield browser
