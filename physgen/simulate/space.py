@@ -5,10 +5,12 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Sequence
 from enum import Flag
 from itertools import pairwise
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 import pymunk
@@ -50,6 +52,22 @@ _CONTACT = (
     | ArbiterFields.POINT_B_2
     | ArbiterFields.DISTANCE_2
 )
+
+
+LIVING: WeakSet[Space] = WeakSet()
+"""All spaces of this process."""
+
+
+@atexit.register
+def disown_spaces() -> None:
+    """Leave the memory of all spaces to the operating system at the end of the process.
+
+    pymunk frees memory by functions that use names of its modules. The interpreter may have cleared these names before
+    the last space goes, which pymunk then reports on stderr. To free the memory here would crash threads that still
+    simulate.
+    """
+    for space in LIVING:
+        space.disown()
 
 
 class Space:
@@ -110,6 +128,17 @@ class Space:
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
+        LIVING.add(self)
+
+    def disown(self) -> None:
+        """Keep pymunk from freeing the memory of this space and of all in it."""
+        ffi.gc(self._space._space, None)
+        for body in self._space.bodies:
+            ffi.gc(body._body, None)
+        for shape in self._space.shapes:
+            ffi.gc(shape._shape, None)
+        for constraint in self._space.constraints:
+            ffi.gc(constraint._constraint, None)
 
     @property
     def iterations(self) -> int:

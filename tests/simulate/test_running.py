@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -145,3 +147,32 @@ def test_a_run_may_take_a_hundred_times_the_work_of_a_pyramid(
     none = replace(TUNING, base=0.0, per_second=0.0)
     monkeypatch.setattr("physgen.simulate.collisions.TUNING", none)
     assert simulate(read("pyramid/scene.yaml")).effort.overworked >= 0
+
+
+KEEPING = """
+import atexit
+import sys
+
+
+def clear_modules():
+    for name in ("space", "body", "shapes", "constraints"):
+        vars(sys.modules[f"pymunk.{name}"]).update(cp=None, ffi=None, lib=None)
+
+
+atexit.register(clear_modules)  # before physgen is imported: it runs last
+
+from physgen import pipeline
+
+scene = pipeline.load(sys.argv[1])
+compiled = pipeline.compile(scene, pipeline.percepts(scene))
+trajectory = pipeline.simulate(compiled.world)
+"""
+"""Keeps a trajectory to the end, when the interpreter clears modules that are still referred to."""
+
+
+@pytest.mark.parametrize("scene", ["pendulum/scene.yaml", "physics/24-thin-walls.yaml"])
+def test_a_trajectory_kept_to_the_end_is_silent(scene: str) -> None:
+    command = [sys.executable, "-c", KEEPING, str(SCENES / scene)]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 0
+    assert result.stderr == ""
