@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import struct
 from collections.abc import Iterator
 from enum import Enum
@@ -44,10 +43,10 @@ class PhoneFormat(Enum):
 
 
 PACKAGES = {
-    PhoneFormat.HEIC: ("pillow_heif", "pillow-heif", "HEIC"),
-    PhoneFormat.JPEG_XL: ("pillow_jxl", "pillow-jxl-plugin", "JPEG XL"),
+    PhoneFormat.HEIC: ("HEIC", "pillow-heif"),
+    PhoneFormat.JPEG_XL: ("JPEG XL", "pillow-jxl-plugin"),
 }
-"""Module, package and the format's usual name, of formats that Pillow itself does not read."""
+"""Usual name, and package that reads it, of a format that Pillow itself does not read."""
 
 
 def recognise(path: Path) -> PhoneFormat | None:
@@ -83,14 +82,17 @@ def load_reader(kind: PhoneFormat, path: Path) -> None:
             expected = "is an AVIF picture, which this build of Pillow does not read"
             raise InputError.of(str(path), "", expected, 'pip install "pillow>=11.3"')
         return
-    module, package, name = PACKAGES[kind]
     try:
-        reader = importlib.import_module(module)
+        if kind is PhoneFormat.HEIC:
+            from pillow_heif import register_heif_opener
+
+            register_heif_opener()
+        else:
+            import pillow_jxl  # noqa: F401  registers its format with Pillow
     except ImportError:
+        name, package = PACKAGES[kind]
         expected = f"is a {name} picture, which needs {package}"
         raise InputError.of(str(path), "", expected, install("phone")) from None
-    if kind is PhoneFormat.HEIC:
-        reader.register_heif_opener()
 
 
 # ISO media files
