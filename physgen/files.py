@@ -15,8 +15,8 @@ EXIF_ORIENTATION = 0x0112
 """Tag of how a camera was held; 1 is upright."""
 SCENE_FORMATS = ("PNG", "JPEG", "WEBP")
 """What a scene may name as its photo."""
-FORMATS = (*SCENE_FORMATS, "BMP", "TIFF", "GIF", "PPM")
-"""What perceive reads: none of Pillow's readers that call other programs."""
+FORMATS = (*SCENE_FORMATS, "BMP", "TIFF", "GIF", "PPM", "AVIF", "HEIF", "JXL")
+"""What perceive reads, the last two by the extra `phone`: none of Pillow's readers that call other programs."""
 
 
 _PACKAGE = Path(__file__).resolve().parent

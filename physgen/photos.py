@@ -1,12 +1,13 @@
 """Photo files of 8 or 16 bits, of any colour profile, read as upright sRGB of 8 bits.
 
 LittleCMS converts by colour profiles, 8 bits a channel. Colours keep their place relative to white (relative
-colorimetric); colours beyond sRGB are clipped.
+colorimetric); colours beyond sRGB are clipped. `colour_spaces` converts what is described without a profile.
 """
 
 from __future__ import annotations
 
 import io
+import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -18,7 +19,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.colour_spaces import (
+    CAMERA_CURVES,
+    SRGB_CURVE_CODE,
+    SRGB_PRIMARIES_CODE,
+    UNSPECIFIED_CODE,
+    ColourError,
+    HighDynamicRangeError,
+    coded_space,
+    measured_space,
+)
 from physgen.files import EXIF_ORIENTATION, FORMATS, SCENE_FORMATS
+from physgen.phone_formats import (
+    PhoneFormat,
+    avif_colour_codes,
+    jxl_size,
+    load_reader,
+    recognise,
+)
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Limit, Place
 
@@ -27,8 +45,8 @@ if TYPE_CHECKING:
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
-ToSrgb = Callable[[U8], U8]
-"""(H, W, 1, 3 or 4) stored numbers -> (H, W, 3) sRGB."""
+ToSrgb = Callable[[NDArray[Any]], U8]
+"""(H, W, 1, 3 or 4) stored numbers of 8 or 16 bits -> (H, W, 3) sRGB."""
 
 BAND = 512  # rows that are converted at a time, so that memory stays small
 GREYS = ("1", "L", "LA", "La")
@@ -47,6 +65,12 @@ TURNS: dict[int, Callable[[U8], U8]] = {
 """EXIF orientation -> what makes it upright (CIPA DC-008, 4.6.4)."""
 BITS, PHOTOMETRIC, SUBFILE, DNG = 258, 262, 254, 50706
 """Tags of TIFF."""
+REDUCED, OLD_SUBFILE, OLD_REDUCED = 0b101, 255, 2
+"""Bits of SUBFILE for a reduced copy and a mask; the older tag, and its value for a reduced copy (TIFF 6.0)."""
+THUMBNAIL_SHARE = 0.5
+"""Longer side of a page of a TIFF, relative to that of the largest page, up to which it is taken for a thumbnail."""
+MOST_PAGES = 1000
+"""Pages of a TIFF that are compared."""
 SENSOR = (32803, 34892)
 """Values of PHOTOMETRIC for undeveloped sensor data."""
 
@@ -60,7 +84,7 @@ class Photo:
     plain: bool
     """Whether the file holds these very numbers, upright, in a format that a scene may name."""
     readable: bool = True
-    """Whether its colour profile, if it has one, could be used; else the numbers were taken for sRGB."""
+    """Whether its colour profile or other description of its colours, if it has one, could be used."""
 
 
 def read_image(path: Path) -> U8:
@@ -71,15 +95,15 @@ def read_image(path: Path) -> U8:
 def read_photo(path: Path, upright: bool = True) -> Photo:
     """A photo as a viewer shows it, turned by its EXIF data if `upright`, over white where it is transparent.
 
-    A colour profile is applied; photos without one are sRGB. 16 bits are rounded to 8 before a profile is applied.
-    Raises InputError.
+    A colour profile is applied, or another description of the colours; photos without one are sRGB. 16 bits are
+    rounded to 8 before a profile is applied. Raises InputError.
     """
     with open_picture(path) as image:
         decode_picture(image, path)
         numbers = read_16_bit(image, path)
         turn = orientation(image)
         has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
-        mode, to_srgb, readable = _meaning(image)
+        mode, to_srgb, readable = _meaning(image, path)
         plain = (
             numbers is None and image.mode in PLAIN and image.format in SCENE_FORMATS
         )
@@ -106,12 +130,11 @@ def over_white(
     """Stored numbers -> (h, w, 3) sRGB over white, composed in linear light; and whether all are opaque."""
     full = np.iinfo(band.dtype).max
     alpha = band[:, :, -1] if has_alpha else None
-    colour = _eight_bits(band[:, :, :-1] if has_alpha else band)
-    shown = (
-        np.broadcast_to(colour, (*colour.shape[:2], 3))
-        if to_srgb is None
-        else to_srgb(colour)
-    )
+    colour = band[:, :, :-1] if has_alpha else band
+    if to_srgb is None:
+        shown = np.broadcast_to(_eight_bits(colour), (*colour.shape[:2], 3))
+    else:
+        shown = to_srgb(colour)
     if alpha is None or (alpha == full).all():
         return shown, True
     share = (alpha.astype(np.float32) / np.float32(full))[:, :, None]
@@ -127,14 +150,25 @@ def _eight_bits(levels: NDArray[Any]) -> U8:
 
 
 def orientation(image: Image.Image) -> int:
-    """As EXIF counts, 1 to 8; 1 where that is damaged, and for TIFF, which both readers turn.
+    """As EXIF counts, 1 to 8; 1 where that is damaged, and for formats whose readers turn the picture themselves.
 
     A PNG may have it behind its pixels: where these are not loaded, it is not looked for.
     """
     with suppress(Exception):  # Pillow's reader raises errors of many kinds
-        if image.format != "TIFF" and "exif" in image.info:
+        if not _is_turned_by_reader(image) and "exif" in image.info:
             return int(image.getexif().get(EXIF_ORIENTATION, 1))
     return 1
+
+
+def _is_turned_by_reader(image: Image.Image) -> bool:
+    """Whether the pixels are upright as they are read, whatever EXIF data says.
+
+    HEIF and JPEG XL state the orientation apart from EXIF data, and their decoders apply it; a JPEG inside a JPEG XL
+    file is decoded as a JPEG.
+    """
+    if image.format == "JXL":
+        return not getattr(image, "jpeg", False)
+    return image.format in ("TIFF", "HEIF")
 
 
 # files
@@ -151,6 +185,7 @@ def open_picture(
         return InputError.of(str(path), "", expected, fix)
 
     try:
+        formats = _usable_formats(path, formats)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
             image = Image.open(path, formats=formats)
@@ -166,11 +201,15 @@ def open_picture(
         raise problem(
             "is not a picture that can be read", "save it as PNG or JPEG"
         ) from None
+    except InputError:
+        raise
     except (
         Exception
     ) as error:  # for damaged headers Pillow's readers raise errors of many kinds
         raise _damaged(path, error) from None
     with image:
+        if image.format == "TIFF":
+            _select_page(image, path)
         width, height = image.size
         if width * height > Limit.PIXELS.most:
             raise Limit.PIXELS.error(Place(str(path)), found=f"{width} x {height} px")
@@ -179,6 +218,45 @@ def open_picture(
                 f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits"
             )
         yield image
+
+
+def _usable_formats(path: Path, formats: tuple[str, ...]) -> tuple[str, ...]:
+    """The formats that Pillow may try on a file. Raises InputError, OSError."""
+    kind = recognise(path)
+    if kind is None or kind.value not in formats:
+        phone_formats = [one.value for one in PhoneFormat]
+        return tuple(name for name in formats if name not in phone_formats)
+    load_reader(kind, path)
+    if kind is PhoneFormat.JPEG_XL:
+        size = jxl_size(path)
+        if size is not None and size[0] * size[1] > Limit.PIXELS.most:
+            found = f"{size[0]} x {size[1]} px"
+            raise Limit.PIXELS.error(Place(str(path)), found=found)
+    return (kind.value,)
+
+
+def _select_page(image: Image.Image, path: Path) -> None:
+    """Go to the first page of a TIFF that is no thumbnail. Raises InputError."""
+    try:
+        count = min(getattr(image, "n_frames", 1), MOST_PAGES)
+        if count == 1:
+            return
+        sides: dict[int, int] = {}
+        for page in range(count):
+            image.seek(page)
+            if not _is_reduced(image):
+                sides[page] = max(image.size)
+        least = THUMBNAIL_SHARE * max(sides.values(), default=0)
+        image.seek(next((page for page, side in sides.items() if side > least), 0))
+    except Exception as error:
+        raise _damaged(path, error) from None
+
+
+def _is_reduced(image: Image.Image) -> bool:
+    """Whether a page of a TIFF is marked as a smaller copy of another, or as a mask."""
+    tags = getattr(image, "tag_v2", {})
+    is_old_copy = tags.get(OLD_SUBFILE) == OLD_REDUCED
+    return bool(tags.get(SUBFILE, 0) & REDUCED) or is_old_copy
 
 
 def decode_picture(image: Image.Image, path: Path) -> None:
@@ -226,7 +304,7 @@ def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
     log.setLogLevel(0)
     try:
         flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-        data = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), flags)
+        data = _decode_page(path, image.tell(), flags)
     except cv2.error:
         return None
     finally:
@@ -235,6 +313,15 @@ def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
         return None
     order = cv2.COLOR_BGRA2RGBA if data.shape[2] == 4 else cv2.COLOR_BGR2RGB
     return np.asarray(cv2.cvtColor(data, order, data), np.uint16)
+
+
+def _decode_page(path: Path, page: int, flags: int) -> NDArray[Any] | None:
+    """OpenCV's reading of a page; None for a file that it does not read."""
+    stored = np.frombuffer(path.read_bytes(), np.uint8)
+    if page == 0:
+        return cv2.imdecode(stored, flags)
+    _, pages = cv2.imdecodemulti(stored, flags, range=(page, page + 1))
+    return pages[0] if pages else None
 
 
 def _bits(image: Image.Image, path: Path) -> int:
@@ -270,44 +357,120 @@ def _damaged(path: Path, error: Exception) -> InputError:
 # colour
 
 
-class ProfileError(Exception):
-    """A profile that is damaged, or not for these pixels."""
-
-
-def _meaning(image: Image.Image) -> tuple[str, ToSrgb | None, bool]:
-    """How to read a loaded file's numbers: Pillow's mode without alpha, their colours, and whether the colour profile
-    could be used; None for sRGB.
+def _meaning(image: Image.Image, path: Path) -> tuple[str, ToSrgb | None, bool]:
+    """How to read a loaded file's numbers: Pillow's mode without alpha, their colours, and whether the description of
+    the colours could be used; None for sRGB. Raises InputError for a high dynamic range.
     """
-    grey = image.mode in GREYS or image.mode.startswith("I")
-    mode = "L" if grey else "RGB"
+    is_grey = image.mode in GREYS or image.mode.startswith("I")
+    mode = "L" if is_grey else "RGB"
+    is_readable = True
+    for describe in (_by_cicp, _by_profile, _by_nclx, _by_srgb_chunk, _by_gamma):
+        try:
+            to_srgb = describe(image, path)
+        except HighDynamicRangeError:
+            fix = "tone-map it to standard range first"
+            expected = "is a picture of high dynamic range"
+            raise InputError.of(str(path), "", expected, fix) from None
+        except ColourError:
+            is_readable = False
+            continue
+        if to_srgb is None:
+            continue
+        if describe is _by_profile and image.mode == "CMYK":
+            return "CMYK", to_srgb, is_readable
+        return mode, None if _is_srgb(to_srgb, is_grey) else to_srgb, is_readable
+    return mode, None, is_readable
+
+
+def _by_cicp(image: Image.Image, path: Path) -> ToSrgb | None:
+    """Colours by the chunk cICP of a PNG, which goes before any other description. Raises ColourError."""
+    if image.format != "PNG":
+        return None
+    body = _png_chunk(path, b"cICP")
+    if body is None:
+        return None
+    if len(body) != 4 or body[2] != 0:  # a matrix is not allowed in PNG
+        raise ColourError
+    return coded_space(body[0], body[1], is_full_range=body[3] == 1).to_srgb
+
+
+def _png_chunk(path: Path, kind: bytes) -> bytes | None:
+    """The content of the first chunk of a kind before the pixels; None if there is none."""
+    with path.open("rb") as stream:
+        stream.seek(8)
+        while len(head := stream.read(8)) == 8:
+            length, name = int.from_bytes(head[:4], "big"), head[4:]
+            if name == kind:
+                return stream.read(length)
+            if name == b"IDAT":
+                break
+            stream.seek(length + 4, os.SEEK_CUR)
+    return None
+
+
+def _by_profile(image: Image.Image, path: Path) -> ToSrgb | None:
+    """Colours by an ICC profile. Raises ColourError."""
     profile = image.info.get("icc_profile")
     if not profile:
-        return mode, None, True
-    try:
-        kind = profile[16:20].decode("latin-1").strip()
-        if image.mode == "CMYK":
-            if kind != "CMYK":
-                raise ProfileError
-            return "CMYK", _by_littlecms(profile, "CMYK"), True
-        if kind not in ("RGB", "GRAY") or (kind == "GRAY" and not grey):
-            raise ProfileError
-        to_srgb = _by_littlecms(profile, "L" if kind == "GRAY" else "RGB")
-        return mode, None if _is_srgb(to_srgb, kind) else to_srgb, True
-    except ProfileError:
-        return mode, None, False
+        return None
+    is_grey = image.mode in GREYS or image.mode.startswith("I")
+    kind = profile[16:20].decode("latin-1").strip()
+    if image.mode == "CMYK":
+        if kind != "CMYK":
+            raise ColourError
+        return _by_littlecms(profile, "CMYK")
+    if kind not in ("RGB", "GRAY") or (kind == "GRAY" and not is_grey):
+        raise ColourError
+    return _by_littlecms(profile, "L" if kind == "GRAY" else "RGB")
 
 
-def _is_srgb(to_srgb: ToSrgb, kind: str) -> bool:
+def _by_nclx(image: Image.Image, path: Path) -> ToSrgb | None:
+    """Colours by the code points of a HEIF or AVIF file. Raises ColourError."""
+    codes = None
+    if image.format == "AVIF":
+        codes = avif_colour_codes(path)
+    elif profile := image.info.get("nclx_profile"):
+        codes = profile["color_primaries"], profile["transfer_characteristics"]
+    if codes is None:
+        return None
+    primaries, transfer = (int(code) for code in codes)
+    # encoders of video name a camera's curve; browsers show such pictures as sRGB
+    if transfer in (UNSPECIFIED_CODE, *CAMERA_CURVES):
+        transfer = SRGB_CURVE_CODE
+    if primaries == UNSPECIFIED_CODE:
+        primaries = SRGB_PRIMARIES_CODE
+    return coded_space(primaries, transfer).to_srgb
+
+
+def _by_srgb_chunk(image: Image.Image, path: Path) -> ToSrgb | None:
+    """Colours of a PNG with the chunk sRGB, which goes before gAMA and cHRM."""
+    return _keep_srgb if "srgb" in image.info else None
+
+
+def _keep_srgb(levels: NDArray[Any]) -> U8:
+    return np.repeat(_eight_bits(levels), 3 // levels.shape[2], axis=2)
+
+
+def _by_gamma(image: Image.Image, path: Path) -> ToSrgb | None:
+    """Colours by the chunks gAMA and cHRM of a PNG. Raises ColourError."""
+    gamma = image.info.get("gamma")
+    chromaticities = image.info.get("chromaticity")
+    if image.format != "PNG" or not (gamma or chromaticities):
+        return None
+    return measured_space(gamma, chromaticities).to_srgb
+
+
+def _is_srgb(to_srgb: ToSrgb, is_grey: bool) -> bool:
     """Whether no colour moves by more than one level."""
     step = np.arange(0, 256, 15).astype(np.uint8)
     colours = np.stack(np.meshgrid(step, step, step), -1).reshape(-1, 1, 3)
-    if kind == "GRAY":
+    if is_grey:
         colours = step[:, None, None]
     return bool(np.abs(to_srgb(colours).astype(int) - colours).max() <= 1)
 
 
 def _by_littlecms(profile: bytes, mode: str) -> ToSrgb:
-    """LittleCMS: 8 bits a channel, relative colorimetric with black point compensation. Raises ProfileError."""
+    """LittleCMS: 8 bits a channel, relative colorimetric with black point compensation. Raises ColourError."""
     from PIL import Image, ImageCms
 
     try:
@@ -323,9 +486,10 @@ def _by_littlecms(profile: bytes, mode: str) -> ToSrgb:
         OSError,
         ImportError,
     ) as error:  # some builds of Pillow lack LittleCMS
-        raise ProfileError from error
+        raise ColourError from error
 
-    def to_srgb(levels: U8) -> U8:
+    def to_srgb(numbers: NDArray[Any]) -> U8:
+        levels = _eight_bits(numbers)
         if mode == "RGB" and levels.shape[2] == 1:
             levels = np.repeat(levels, 3, axis=2)
         picture = Image.frombytes(mode, levels.shape[1::-1], levels.tobytes())

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.phone_formats import recognise
 from physgen.photos import decode_picture, open_picture, over_white, read_photo
 from physgen.problems import InputError, Limit, Place
 from physgen.text import natural
@@ -28,6 +29,10 @@ SUFFIXES = (
     ".ppm",
     ".pgm",
     ".pnm",
+    ".avif",
+    ".heic",
+    ".heif",
+    ".jxl",
 )
 """Of pictures in a folder; other files are passed over."""
 SIGNATURES = (
@@ -239,6 +244,9 @@ def is_picture(path: Path) -> bool:
         raise InputError.of(str(path), "", "no such file", "check the path")
     with path.open("rb") as file:
         head = file.read(16)
+    is_sequence = head[8:12] in (b"avis", b"hevc", b"hevx", b"msf1")
+    if recognise(path) is not None and not is_sequence:
+        return True
     return head.startswith(SIGNATURES) or head[8:12] == b"WEBP"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import shutil
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -10,13 +11,15 @@ from contextlib import contextmanager
 from enum import Enum
 from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
+from math import floor
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.problems import InputError
+from physgen.problems import InputError, Problem
 
 U8 = NDArray[np.uint8]
 
@@ -53,6 +56,10 @@ class Format(Enum):
 LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
 """px of a side that the encoders take."""
 
+FASTEST = {Format.GIF: 50, Format.WEBP: 90}
+"""Frames/s that browsers play as they are written. They show a frame for 100 ms if its delay is 10 ms or less. GIF
+counts 10 ms, so its least delay is 20 ms; WebP counts 1 ms, and 90 frames/s give delays of 11 and 12 ms."""
+
 NO_ROOM = (ENOSPC, EDQUOT, EFBIG)
 """Errors of a disk that takes no more."""
 
@@ -68,7 +75,10 @@ WAITING = 4
 def open_video(
     folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str = "video"
 ) -> Iterator[Write]:
-    """A function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s."""
+    """A function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s.
+
+    Above the rate of `FASTEST`, frames are left out; the clip's duration stays.
+    """
     most = LONGEST.get(kind)
     if most is not None and max(size) > most:
         found = f"{size[0]} x {size[1]} px"
@@ -79,7 +89,8 @@ def open_video(
             f"is over the {most} px that it allows a side",
             fix,
         )
-    rate = Fraction(fps).limit_denominator(1001)
+    source_rate = Fraction(fps).limit_denominator(1001)
+    rate = min(source_rate, Fraction(FASTEST.get(kind, source_rate)))
     opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[
         kind
     ]
@@ -92,7 +103,7 @@ def open_video(
         )  # PyAV crashes where a disk has no room for the header
     try:
         with opener(path, size, rate) as write:
-            yield write
+            yield write if rate == source_rate else _resample(write, source_rate, rate)
     except FFmpegError as error:
         if error.errno in NO_ROOM:
             raise OSError(
@@ -103,6 +114,99 @@ def open_video(
         raise InputError.of(
             f"--format {kind.value}", found, expected, "render with --format png"
         ) from None
+
+
+def _resample(write: Write, source_rate: Fraction, rate: Fraction) -> Write:
+    """Return a function that writes the frames nearest to the times of a lower `rate`, in 1/s."""
+    step = source_rate / rate
+    frame_count = written_count = 0
+
+    def write_nearest(rgb: U8) -> None:
+        nonlocal frame_count, written_count
+        if frame_count == floor(written_count * step + Fraction(1, 2)):
+            write(rgb)
+            written_count += 1
+        frame_count += 1
+
+    return write_nearest
+
+
+class FormatWriter:
+    """Writes one format of a clip. If that fails, its file is removed and `problems` says why.
+
+    Formats that are written beside it are not disturbed. A full disk and a lack of memory concern all formats, so
+    these errors are raised.
+    """
+
+    def __init__(
+        self, folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str
+    ) -> None:
+        self.problems: Sequence[Problem] = ()
+        self._format = kind.value
+        self._path = folder / kind.named(name)
+        self._video = open_video(folder, kind, size, fps, name)
+        self._put: Write | None = None
+
+    def __enter__(self) -> FormatWriter:
+        try:
+            self._put = self._video.__enter__()
+        except InputError as error:
+            self._abandon(error)
+        return self
+
+    def write(self, rgb: U8) -> None:
+        """Write one (H, W, 3) sRGB frame; does nothing after a failure."""
+        if self._put is None:
+            return
+        try:
+            self._put(rgb)
+        except Exception as error:
+            self._close(error)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._put is None:
+            return
+        if error is not None:
+            self._video.__exit__(kind, error, traceback)
+            return
+        try:
+            self._video.__exit__(None, None, None)
+        except (OSError, MemoryError):
+            raise
+        except Exception as failure:
+            self._abandon(self._as_input_error(failure))
+
+    def _close(self, error: Exception) -> None:
+        """Close the file after an `error` of its encoder."""
+        try:
+            self._video.__exit__(type(error), error, error.__traceback__)
+        except InputError as refusal:
+            self._abandon(refusal)
+            return
+        if isinstance(error, OSError | MemoryError):
+            raise error
+        self._abandon(self._as_input_error(error))
+
+    def _as_input_error(self, error: Exception) -> InputError:
+        if isinstance(error, InputError):
+            return error
+        reason = str(error) or type(error).__name__
+        expected = f"could not be encoded ({reason})"
+        fix = "render with --format png"
+        return InputError.of(f"--format {self._format}", "", expected, fix)
+
+    def _abandon(self, error: InputError) -> None:
+        """Note why this format failed, and remove its file."""
+        self.problems = error.problems
+        self._put = None
+        if self._path.is_dir():
+            shutil.rmtree(self._path)
+        self._path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -204,7 +308,7 @@ def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
 
 @contextmanager
 def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
-    """One shared palette; GIF counts time in hundredths of a second, so 30 fps plays at 33.3."""
+    """One shared palette. GIF counts time in hundredths of a second: delays of 30 fps are 30 and 40 ms."""
     import av
     from PIL import Image
 

@@ -551,14 +551,13 @@ def write_scene(
 
     Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder; those of another scene
     that are in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
-    `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the file as it
-    is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called with them).
+    `photo` is its file; None where no scene can name the file as it is. Of that, and of a file outside the scene's
+    folder, the pixels are written as `NAME.png`: a copy of the file would keep where the photo was taken. Existing
+    files that differ are kept as `NAME~` (`keep` is called with them).
     """
     folder = output.parent if output else Path()
     inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
-    copy = (
-        "" if inside else _free_of_maps(f"{name}.png" if photo is None else photo.name)
-    )
+    copy = "" if inside else _free_of_maps(f"{name}.png")
     heads = ("physgen", "image", "assets", "maps")
     body = {key: value for key, value in perceived.document.items() if key not in heads}
     old: dict[str, Any] = {} if before is None else marked(before).data()
@@ -607,10 +606,8 @@ def write_scene(
         ):
             (assets / file).unlink()  # as it was written: nobody painted in it
     ranges = write_assets(perceived.percepts, assets, keep)
-    if photo is None:
+    if copy:
         write_png(assets / copy, perceived.percepts.rgb, keep)
-    elif copy and not ((assets / copy).exists() and (assets / copy).samefile(photo)):
-        write_with_backup(assets / copy, photo.read_bytes(), keep)
     write_with_backup(assets / OUTLINES, outlines.encode(), keep)
     write_with_backup(assets / SCHEMA, resource("schemas", SCHEMA).read_bytes(), keep)
     per_meter = stated_scale(perceived.document)

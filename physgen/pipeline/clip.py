@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from physgen.export.video import U8, Format
+from physgen.export.video import FASTEST, U8, Format
 from physgen.files import file_stamp
 from physgen.pipeline.refining import (
     Footage,
@@ -233,6 +233,24 @@ UNBALANCED = 0.03
 """Share of the energy that flows which may be unaccounted for before the user is warned."""
 
 
+def reduced_rates(scene: Scene, formats: Sequence[Format]) -> list[Problem]:
+    """Return warnings about formats that browsers would play too slowly at the scene's rate."""
+    fps = scene.render.fps
+    problems = []
+    for kind in formats:
+        fastest = FASTEST.get(kind, fps)
+        if fps <= fastest:
+            continue
+        found = f"{fps:g} frames/s"
+        expected = f"is more than a {kind.value} file can play: it gets {fastest:g}"
+        fix = f"write {fastest:g} or less, or choose mp4, to have all frames"
+        place = scene.place("render.fps")
+        problems.append(
+            Problem(place, "render.fps", found, expected, fix, Severity.WARNING)
+        )
+    return problems
+
+
 def render_scene(
     path: str | Path,
     out: str | Path = "out",
@@ -301,8 +319,9 @@ class _Run:
             compiled = stages.compile(scene, maps)
             record.document = resolved(scene, compiled)
             warnings = lint(scene, compiled, maps.percepts)
-        for problem in warnings:
+        for problem in [*warnings, *reduced_rates(scene, options.formats)]:
             self.warn(problem)
+        self._failures: list[Problem] = []  # of formats that cannot be written
         self.paged = bool(options.formats) and options.page is not Page.NONE
         self.film = Film(scene, compiled, maps, record, stages)
         self.labels = Labels.of(options.export, scene, maps.percepts)
@@ -345,8 +364,8 @@ class _Run:
                     draws.save(folder)
                 if self.paged:
                     self.write_page(trajectory, first, folder, changed, draws)
-            if not self.inputs_unchanged():
-                record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
+            if self._failures or not self.inputs_unchanged():
+                record.mark = ""  # the next run makes it again: a format is missing, or which of two inputs was drawn
             write_manifest(record, folder)
             earlier = read_manifest(self.final)
         source, change, gone = earlier.get("source"), "", ""
@@ -366,6 +385,13 @@ class _Run:
         if faults:
             raise InputError(
                 [*faults, _kept(self.final, "has the clip without refinement")]
+            )
+        if self._failures:
+            raise InputError(
+                [
+                    *dict.fromkeys(self._failures),
+                    _kept(self.final, "has the clip in the other formats"),
+                ]
             )
         return self.final
 
@@ -531,7 +557,12 @@ class _Run:
         if self.paged:
             self._sample_player(trajectory)
         files = VideoFiles(
-            self.scene, folder, self.options.formats, record, self.progress
+            self.scene,
+            folder,
+            self.options.formats,
+            record,
+            self.progress,
+            self._failures,
         )
         count = len(film.shot(trajectory).order)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
@@ -548,7 +579,12 @@ class _Run:
 
         film, record = self.film, self.record
         files = VideoFiles(
-            self.scene, folder, self.options.formats, record, self.progress
+            self.scene,
+            folder,
+            self.options.formats,
+            record,
+            self.progress,
+            self._failures,
         )
         outcome = refine_footage(film, footage, refiners, files)
         self.labels.of_frames(
@@ -590,7 +626,8 @@ class _Run:
         )
         world, shot = film.compiled.world, film.shot(trajectory)
         name = "video" if record.frames else "unrefined"
-        made = [kind.named(name) for kind in kinds if record.frames or kind is kinds[0]]
+        names = [kind.named(name) for kind in kinds]
+        made = [video for video in names if (folder / video).exists()]
         shown = linked_film(made)
         if (
             scene.render.overlay or not shot.opens_on_photo

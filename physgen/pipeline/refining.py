@@ -155,9 +155,10 @@ def refine_footage(
             _frames(kept, pictures, order, film.stage.faces), trajectory
         )
 
-    unrefined = replace(files, formats=files.formats[:1])
-    shown = (kept.rgb[sample] for sample in order)
-    record.unrefined = unrefined.write(clip(shown), len(order), "unrefined", "read")[0]
+    def shown() -> Iterator[Frame]:
+        return clip(kept.rgb[sample] for sample in order)
+
+    record.unrefined = _write_unrefined(files, shown, len(order))
     name = scene.refine.backend
     try:
         with record.stage("load model"), backend_errors("--refine", name):
@@ -190,6 +191,20 @@ def refine_footage(
     )
     caption = f"The frame that changed most, at {float(trajectory.times[changed.index]):.2f} s."
     return Outcome((), compared("refined", "Refined", caption, before, after))
+
+
+def _write_unrefined(
+    files: VideoFiles, frames: Callable[[], Iterator[Frame]], count: int
+) -> list[str]:
+    """Write the unrefined clip in the first format that can be written; returns the hashes of its frames."""
+    problems: list[Problem] = []
+    for kind in files.formats:
+        single = replace(files, formats=[kind])
+        try:
+            return single.write(frames(), count, "unrefined", "read")[0]
+        except InputError as error:
+            problems += error.problems
+    raise InputError(problems)
 
 
 def _measured(

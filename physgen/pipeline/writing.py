@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from physgen.export.video import U8, Format, encode_in_thread, open_video
+from physgen.export.video import U8, Format, FormatWriter, encode_in_thread
+from physgen.problems import InputError, Problem
 from physgen.progress import Progress
 from physgen.render.stage import Frame
 from physgen.report.record import RunRecord, StageTime, frame_hash
@@ -24,6 +25,8 @@ class VideoFiles:
     formats: Sequence[Format]
     record: RunRecord
     progress: Progress
+    failures: list[Problem] = field(default_factory=list)
+    """Gets the problems of formats that could not be written while others could."""
 
     def write(
         self,
@@ -34,6 +37,8 @@ class VideoFiles:
         shown: str = "",
     ) -> tuple[list[str], U8]:
         """Write `count` frames as `name`, in all formats; returns their hashes, and the first frame.
+
+        Raises InputError if no format can be written.
 
         The time that the frames take counts as `stage`, the rest as encoding; progress is shown as `shown` or `stage`.
         """
@@ -48,15 +53,17 @@ class VideoFiles:
                 size = self.scene.video_size
                 writers = [
                     files.enter_context(
-                        open_video(self.folder, kind, size, render.fps, name)
+                        FormatWriter(self.folder, kind, size, render.fps, name)
                     )
                     for kind in self.formats
                 ]
+                _check_any_usable(writers)
 
             def encode(rgb: U8) -> None:
                 begun = time.thread_time()
-                for put in writers:
-                    put(rgb)
+                for writer in writers:
+                    writer.write(rgb)
+                _check_any_usable(writers)
                 encoding.cpu += time.thread_time() - begun
 
             with encode_in_thread([encode]) as write:
@@ -72,4 +79,13 @@ class VideoFiles:
                     self.progress(shown or stage, index + 1, count)
             with record.stage("encode", time.thread_time):
                 files.close()
+        _check_any_usable(writers)
+        for writer in writers:
+            self.failures.extend(writer.problems)
         return hashes, first
+
+
+def _check_any_usable(writers: Sequence[FormatWriter]) -> None:
+    """Raise InputError with the problems of all formats if each has failed."""
+    if writers and all(writer.problems for writer in writers):
+        raise InputError(problem for writer in writers for problem in writer.problems)

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -70,6 +71,43 @@ def test_render_writes_everything_it_promises(
         read_trajectory(folder / "trajectory.npz").sample_hashes()
         == manifest["samples"]
     )
+
+
+def test_rate_beyond_gif_is_reported_once(lesson: Path, tmp_path: Path, capsys) -> None:
+    lesson.write_text(lesson.read_text().replace("fps: 24", "fps: 120"))
+    command = ["render", str(lesson), "-o", str(tmp_path), "--format", "mp4,gif"]
+    assert main(command) == 0
+    [line] = capsys.readouterr().err.splitlines()
+    row = lesson.read_text().partition("120}")[0]
+    column = len(row.rpartition("\n")[2]) + 1
+    assert line.startswith(f"{lesson}:{row.count(chr(10)) + 1}:{column}: render.fps: ")
+    assert "120" in line
+    assert "50" in line
+    with av.open(str(tmp_path / "lesson" / "video.gif")) as container:
+        frames = list(container.decode(video=0))
+    assert len(frames) * 0.02 == pytest.approx(0.25, abs=0.02)
+
+
+def test_formats_that_fail_keep_the_others(
+    lesson: Path, tmp_path: Path, capsys
+) -> None:
+    wide = lesson.read_text().replace("fps: 24", "fps: 24, size: [17000, 16]")
+    lesson.write_text(wide)
+    command = ["render", str(lesson), "-o", str(tmp_path), "--format", "mp4,webp,gif"]
+    for _ in range(2):  # an incomplete clip is made again
+        assert main(command) == 2
+        told = capsys.readouterr().err
+        for name in ("mp4", "webp"):
+            assert told.count(f"--format {name}: 17000 x 16 px") == 1
+        assert "--format gif" not in told
+    folder = tmp_path / "lesson"
+    files = json.loads((folder / "manifest.json").read_text())["files"]
+    assert {Path(name).name for name in files if name.startswith("video")} == {
+        "video.gif"
+    }
+    assert 'src="video.gif"' in (folder / "report.html").read_text()
+    assert main([*command[:-1], "mp4,webp", "--no-cache"]) == 2
+    assert (folder / "video.gif").exists()
 
 
 def test_what_an_earlier_run_wrote_goes_with_a_warning(
