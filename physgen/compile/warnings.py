@@ -55,6 +55,7 @@ class WarningLimits:
     The photo also shows a top, an inside or a rim nearer the lens."""
     thin: int = 5  # px: threads and wires narrower than this need no shape
     frames: int = 1800  # a minute of video at 30 a second: more is seldom meant
+    visible: float = 0.5  # px from the centre: a smaller object fills no pixel
     draws: float = (
         0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
     )
@@ -77,6 +78,7 @@ def lint(
         _overlaps,
         _unsupported,
         _without_effect,
+        _invisible,
         _missed_masks,
         _views,
         _followed,
@@ -147,6 +149,17 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
             why = "has no effect: no object of it is dynamic"
             yield warning(scene, f"fields.{field.name}", field.name, why, let_go)
+
+
+def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Objects smaller than a pixel, as sizes in meters are."""
+    for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
+        if body.reach >= LIMITS.visible:
+            continue
+        found = f"{item.name} of {2 * body.reach:.2g} px"
+        expected = "is smaller than a pixel and is not visible"
+        fix = "sizes are in pixels; did you mean meters? write e.g. 0.5 m"
+        yield warning(scene, f"objects.{item.name}.shape", found, expected, fix)
 
 
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

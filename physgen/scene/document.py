@@ -93,7 +93,7 @@ class Node:
     """One value with its place: a scalar, a list of Nodes or a dict of Nodes. Nodes are never changed.
 
     `line` and `column` count from 1 and are 0 for a flag; `key` is the line and column of the key that the
-    value belongs to, None in a list.
+    value belongs to, None in a list. `text` is the quantity that a number was converted from: `5 mm`.
     """
 
     value: Scalar | list[Node] | dict[str, Node]
@@ -101,6 +101,7 @@ class Node:
     line: int = 0
     column: int = 0
     key: tuple[int, int] | None = None
+    text: str | None = None
 
     @property
     def place(self) -> Place:
@@ -112,9 +113,13 @@ class Node:
         """Where its key was written."""
         return Place(self.source.name, *self.key) if self.key else self.place
 
-    def with_value(self, value: Scalar | list[Node] | dict[str, Node]) -> Node:
-        """The same place with another value."""
-        return Node(value, self.source, self.line, self.column, self.key)
+    def with_value(
+        self,
+        value: Scalar | list[Node] | dict[str, Node],
+        text: str | None = None,
+    ) -> Node:
+        """Return the same place with another value, converted from `text` if given."""
+        return Node(value, self.source, self.line, self.column, self.key, text)
 
 
 def plain(node: Node) -> Any:

@@ -190,7 +190,7 @@ def in_numbers(root: Node) -> Node:
             if number is None or part.get("type") not in ("number", "array"):
                 return node
             if part["type"] == "number":
-                return node.with_value(number)
+                return node.with_value(number, text=value)
             if path[-1] not in ONE_FOR_TWO:
                 return node
             ends = (0.0, number) if path[-1] == "gravity" else (number, 0.0)

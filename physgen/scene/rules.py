@@ -49,6 +49,8 @@ OWNER = {
 }
 """Key of a joint or field -> the only kind that it belongs to."""
 ONE_OF_TWO = "write only one of the two"
+LEAST_AREA = 0.01
+"""px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
 SAME_POINT = 1e-9
 """px: to what a float of 10^6 px resolves."""
 BLOCK = 16
@@ -343,6 +345,7 @@ class _Rules:
             )
         for where, outline, crossing in _outlines(good.get("mask"), kinds):
             self.outline(outline, (*path, *where), crossing)
+        self.areas(kinds, path)
         self.holes(kinds, path)
         self.rising(
             items(children(good.get("motion")).get("path")), (*path, "motion", "path")
@@ -352,6 +355,19 @@ class _Rules:
         problem = outline_problem(_points(node), crossing)
         if problem:
             self.add(node.place, path, "", *problem)
+
+    def areas(self, kinds: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem for each outline of a shape that is too small to simulate."""
+        for where, node, crossing in _outlines(None, kinds):
+            points = _points(node)
+            area = abs(_signed_area(points))
+            if "holes" in where or area >= LEAST_AREA:
+                continue
+            if outline_problem(points, crossing):
+                continue
+            expected = f"has an area of {area:.2g} px², below {LEAST_AREA:g} px²"
+            fix = "draw it larger; did you mean meters? write each number as e.g. 0.5 m"
+            self.add(node.place, (*path, *where), "", expected, fix)
 
     def holes(self, kinds: dict[str, Node], path: KeyPath) -> None:
         for index, piece in enumerate(items(kinds.get("polygons"))):
@@ -684,10 +700,9 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
 
     Only lines that properly cross are refused; an outline may touch itself, as contours of masks do.
     """
-    x0, y0 = points[0]
-    xs = [x - x0 for x, _ in points]
-    ys = [y - y0 for _, y in points]
-    area = sum(xs[i - 1] * ys[i] - xs[i] * ys[i - 1] for i in range(len(points))) / 2
+    xs = [x for x, _ in points]
+    ys = [y for _, y in points]
+    area = _signed_area(points)
     extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
     flat = abs(area) < 1e-12 * extent
     if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
@@ -698,6 +713,14 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
     if extent == 0 or (flat and (crossing or len(points) < 4)):
         return "has no area", "write at least three corners that are not on one line"
     return None
+
+
+def _signed_area(points: Sequence[Corner]) -> float:
+    """Return the area of an outline, px², positive if it turns +x towards +y."""
+    x0, y0 = points[0]
+    xs = [x - x0 for x, _ in points]
+    ys = [y - y0 for _, y in points]
+    return sum(xs[i - 1] * ys[i] - xs[i] * ys[i - 1] for i in range(len(points))) / 2
 
 
 @lru_cache(REMEMBERED)

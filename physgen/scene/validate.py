@@ -34,6 +34,7 @@ from physgen.text import (
     example,
     listed,
     nearest,
+    number,
     quoted,
     shown,
 )
@@ -81,7 +82,8 @@ class Findings:
         """A problem with a value; one that an overlay wrote into many objects is reported once."""
         if node not in self.bad:
             self.bad.add(node)
-            self.add(node.place, path, shown(node.value), expected, fix)
+            written = shown(node.value) if node.text is None else quoted(node.text)
+            self.add(node.place, path, written, expected, fix)
 
 
 def check_schema(root: Node, findings: Findings) -> None:
@@ -419,7 +421,10 @@ class _Fault:
         fix = measure(schema, self.unit, ranged=True)
         if value > greatest and limit(greatest) not in fix:
             fix = f"{measure(schema, self.unit, ranged=False)} of at most {limit(greatest)}"
-        findings.value(self.node, self.path, expected, f"write {fix}{self.hint}")
+        fix = f"write {fix}{self.hint}"
+        if self.unit == "px" and 0 < value < least and self.node.text is None:
+            fix += f"; did you mean meters? write {number(value)} m"
+        findings.value(self.node, self.path, expected, fix)
 
     def _text(self, findings: Findings) -> None:
         value, schema = str(self.node.value), self.schema
