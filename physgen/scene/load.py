@@ -165,7 +165,7 @@ class _Open(float):
 def in_numbers(root: Node) -> Node:
     """The tree with numbers in place of texts with units that fit; the schema reports the others.
 
-    A single text in place of a vector points to the right, as gravity does down.
+    One number in place of a vector, with or without a unit, points to the right, and gravity down.
     """
     stated = children(root, "world").get("pixels_per_meter")
     scale = float(at("world.pixels_per_meter")["default"])
@@ -191,10 +191,10 @@ def in_numbers(root: Node) -> Node:
                 return node
             if part["type"] == "number":
                 return node.with_value(number, text=value)
-            if path[-1] not in ONE_FOR_TWO:
-                return node
-            ends = (0.0, number) if path[-1] == "gravity" else (number, 0.0)
-            return node.with_value([node.with_value(end) for end in ends])
+            return _vector(node, number, path[-1], value)
+        if isinstance(value, int | float):
+            is_vector = part.get("type") == "array" and not isinstance(value, bool)
+            return _vector(node, value, path[-1]) if is_vector else node
         if isinstance(value, list) and part.get("items", {}).get("type") == "string":
             return node  # names
         keys = (
@@ -207,9 +207,8 @@ def in_numbers(root: Node) -> Node:
         found: dict[Any, Node] = {}
         for key, child in keys:
             if (
-                isinstance(child.value, str | list | dict)
-                and (below := inner(part, key)) is not None
-            ):
+                isinstance(child.value, str | list | dict) or key in ONE_FOR_TWO
+            ) and (below := inner(part, key)) is not None:
                 of_list = unit if isinstance(key, int) else ""
                 new = changed(child, below, (*path, key), below.get("x-unit", of_list))
                 found |= {} if new is child else {key: new}
@@ -224,6 +223,16 @@ def in_numbers(root: Node) -> Node:
         )
 
     return changed(root, expanded(), (), "")
+
+
+def _vector(
+    node: Node, length: float, key: str | int, text: str | None = None
+) -> Node:
+    """Return the vector that one number stands for, the node itself if none may."""
+    if key not in ONE_FOR_TWO:
+        return node
+    ends = (0.0, length) if key == "gravity" else (length, 0.0)
+    return node.with_value([node.with_value(end, text=text) for end in ends])
 
 
 def _check(root: Node, report: Findings, files: Files) -> Ground:
@@ -390,6 +399,7 @@ def scene_from_tree(
         world=_make(
             parts.Settings,
             world,
+            gravity_in_units=_has_unit(children(root, "world").get("gravity")),
             table_friction=float(world["table"]["friction"]),
             until_rest=isinstance(world["duration"], _Open),
         ),
@@ -414,6 +424,11 @@ def scene_from_tree(
         document=MappingProxyType(data),
         variants=tuple(data["variants"]),
     )
+
+
+def _has_unit(node: Node | None) -> bool:
+    """Return whether a vector of the file was written with a unit."""
+    return any(item.text is not None for item in items(node))
 
 
 def refinement(item: Mapping[str, Any]) -> parts.Refine:

@@ -511,6 +511,10 @@ class _Rules:
         given = [key for key in kinds if key in children(node)]
         if len(given) == 1:
             return given[0]
+        known = at(f"{path[0]}.*" if path[0] in KINDS else "forces")
+        known = known.get("items", known)["properties"]
+        if not given and any(key not in known for key in children(node)):
+            return None  # the message about the unknown key lists the kinds
         has = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
         self.add(
             node.place, path, "", has, f"write exactly one of {listed(kinds, 'and')}"

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from physgen.problems import Place, Problem
 from physgen.scene.document import Node, plain
-from physgen.scene.overlay import NAMED
+from physgen.scene.overlay import NAMED, kind_of
 from physgen.scene.schema import (
     Schema,
     advice,
@@ -25,11 +25,13 @@ from physgen.scene.schema import (
     inner,
     limit,
     measure,
+    parents,
 )
 from physgen.text import (
     ALLOWED,
     UNITS,
     KeyPath,
+    add_space,
     dotted,
     example,
     listed,
@@ -37,6 +39,7 @@ from physgen.text import (
     number,
     quoted,
     shown,
+    similarity,
 )
 
 if TYPE_CHECKING:
@@ -309,10 +312,9 @@ class _Fault:
         if "enum" in self.schema:
             return self._choice(findings)
         if "object" in kinds and (len(kinds) == 1 or "array" in kinds):
-            expected, fix = (
-                "is not a mapping",
-                advice({**self.schema, "type": "object"}),
-            )
+            expected = "is not a mapping"
+            spaced = add_space(value) if isinstance(value, str) else None
+            fix = spaced or advice({**self.schema, "type": "object"})
         elif len(kinds) > 1 and not ("integer" in kinds and type(value) is float):
             expected, fix = "does not fit here", f"write {listed(self._ways())}"
         elif "array" in kinds:
@@ -492,19 +494,7 @@ class _Fault:
         for key, child in value.items():
             if key in known:
                 continue
-            alias = (
-                _ALIASES.get(key.replace("-", "_").lower())
-                if self.path[:1] == ("objects",)
-                else None
-            )
-            close = alias or nearest(key, known)
-            fix = (
-                f'did you mean "{close}"?'
-                if close
-                else f"write {listed(islice(known, 30))}"
-            )
-            if not self.path and key in at("objects.*")["properties"]:
-                fix = f"it belongs to an object: objects.NAME.{key}"
+            fix = self._fix_of_key(key, value)
             findings.add(child.key_place, (*self.path, key), "", "unknown key", fix)
             findings.bad.add(child)
         if (
@@ -513,16 +503,76 @@ class _Fault:
         ):
             findings.bad.update(self.chain)
 
+    def _fix_of_key(self, key: str, siblings: dict[str, Node]) -> str:
+        """Return what to write in place of an unknown key."""
+        known = list(self.schema["properties"])
+        spaced = add_space(key)
+        if spaced is not None:
+            return spaced
+        aliases = _ALIASES.get(dotted(kind_of(self.path)), {})
+        alias = aliases.get(key.replace("-", "_").lower())
+        close = alias or nearest(key, known)
+        likeness = 1.0 if alias else similarity(key, close or "")
+        homes = parents().get(key, ())
+        if homes and likeness < SURE:
+            return f"it belongs to {listed(self._nearest_of(homes))}"
+        kinds = self._missing_kinds(siblings)
+        if kinds:
+            close = nearest(key, kinds)
+            likeness = similarity(key, close or "")
+        if close and (not kinds or likeness >= SURE):
+            return f'did you mean "{close}"?'
+        elsewhere = None if kinds or self.path else nearest(key, parents())
+        if elsewhere is not None:
+            home = listed(self._nearest_of(parents()[elsewhere]))
+            return f'did you mean "{elsewhere}"? it belongs to {home}'
+        return f"write {listed(islice(kinds or known, 30))}"
 
-_ALIASES = {
-    **dict.fromkeys(("restitution", "bounciness", "bounce"), "elasticity"),
-    **dict.fromkeys(("angular_velocity", "angular_speed", "omega"), "spin"),
-    **dict.fromkeys(("fixed", "static", "pinned", "is_static"), "motion: static"),
-    **dict.fromkeys(("gravity_scale", "g"), "world.gravity"),
-    **dict.fromkeys(("position", "rotation"), "place"),
-    "weight": "mass", "speed": "velocity", "rolling_friction": "rolling", "name": "label",
-}  # fmt: skip
-"""Names of other engines -> ours."""
+    def _nearest_of(self, homes: Iterable[str]) -> list[str]:
+        """Return names of mappings: those below this one if there are any."""
+        here = f"{dotted(kind_of(self.path))}.".replace("*", "NAME")
+        below = [home for home in homes if home.startswith(here)]
+        return [home or "the top level of the file" for home in below or homes]
+
+    def _missing_kinds(self, siblings: dict[str, Node]) -> list[str]:
+        """Return the kinds of a joint, field or force that has none of them yet."""
+        if not self.path or self.path[0] not in ("joints", "fields", "forces"):
+            return []
+        if len(self.path) != 2:
+            return []
+        (kinds,) = self.schema["x-exclusive"]
+        return [] if any(kind in siblings for kind in kinds) else list(kinds)
+
+
+SURE = 0.8
+"""Similarity of two words from which on one is taken for a misspelling of the other,
+even if the misspelt word is a key elsewhere: `force` for `forces` is 0.91."""
+
+
+_ALIASES: dict[str, dict[str, str]] = {
+    "objects.*": {
+        **dict.fromkeys(("restitution", "bounciness", "bounce"), "elasticity"),
+        **dict.fromkeys(("angular_velocity", "angular_speed", "omega"), "spin"),
+        **dict.fromkeys(("fixed", "static", "pinned", "is_static"), "motion: static"),
+        **dict.fromkeys(("gravity_scale", "g"), "world.gravity"),
+        **dict.fromkeys(("position", "rotation"), "place"),
+        "weight": "mass",
+        "speed": "velocity",
+        "rolling_friction": "rolling",
+        "name": "label",
+    },
+    "objects.*.shape": {
+        **dict.fromkeys(("rectangle", "rect", "square"), "box"),
+        **dict.fromkeys(("disc", "disk", "ball", "sphere"), "circle"),
+    },
+    "objects.*.shape.circle": {"r": "radius"},
+    "boundaries.*": {"line": "segment", "points": "polyline"},
+    "joints.*": {
+        **dict.fromkeys(("hinge", "pin", "revolute"), "pivot"),
+        **dict.fromkeys(("fixed", "glue"), "weld"),
+    },
+}
+"""Kind of mapping -> names of other engines -> ours."""
 _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "type": _Fault._type,
     "const": _Fault._choice,
