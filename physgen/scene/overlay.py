@@ -92,10 +92,17 @@ class Edit:
     def __init__(self, key: str, value: Node, path: KeyPath) -> None:
         self.key, self.value, self.path = key, value, path
 
+    @property
+    def variant(self) -> str:
+        """Return the name of the variant that the edit belongs to, or nothing."""
+        return str(self.path[1]) if self.path else ""
+
     def problem(self, expected: str, fix: str) -> InputError:
         """Why the edit cannot be made."""
-        path = "" if self.value.line == 0 else dotted((*self.path, self.key))
-        return InputError([Problem(self.value.key_place, path, "", expected, fix)])
+        path = self.key if self.variant else ""
+        place = self.value.key_place
+        problem = Problem(place, path, "", expected, fix, variant=self.variant)
+        return InputError([problem])
 
 
 def edits_of_variant(variant: Node, name: str) -> list[Edit]:
