@@ -88,9 +88,7 @@ def name_extending_keys(
         caused = [p for p in wrong if p in pending and p.place not in own]
         for problem, node in _causes(caused, chain[number], below, check):
             del pending[problem]
-            named.append(
-                replace(problem, place=node.key_place, origin=problem.place)
-            )
+            named.append(replace(problem, place=node.key_place, origin=problem.place))
     return [*pending, *named]
 
 

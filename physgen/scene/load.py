@@ -107,7 +107,6 @@ class Opened:
         )
         return replace(scene, files=tuple(self._stamps))
 
-
     def _at_causes(self, report: Findings, edits: Sequence[Edit]) -> list[Problem]:
         """Return the problems, each at the key of the overlay that caused it."""
         from physgen.scene.causes import name_edits, name_extending_keys
@@ -244,9 +243,9 @@ def in_numbers(root: Node) -> Node:
         )
         found: dict[Any, Node] = {}
         for key, child in keys:
-            if (
-                isinstance(child.value, str | list | dict) or key in ONE_FOR_TWO
-            ) and (below := inner(part, key)) is not None:
+            if (isinstance(child.value, str | list | dict) or key in ONE_FOR_TWO) and (
+                below := inner(part, key)
+            ) is not None:
                 of_list = unit if isinstance(key, int) else ""
                 new = changed(child, below, (*path, key), below.get("x-unit", of_list))
                 found |= {} if new is child else {key: new}
@@ -263,9 +262,7 @@ def in_numbers(root: Node) -> Node:
     return changed(root, expanded(), (), "")
 
 
-def _vector(
-    node: Node, length: float, key: str | int, text: str | None = None
-) -> Node:
+def _vector(node: Node, length: float, key: str | int, text: str | None = None) -> Node:
     """Return the vector that one number stands for, the node itself if none may."""
     if key not in ONE_FOR_TWO:
         return node

@@ -47,8 +47,7 @@ def _expand(part: Any, defs: Schema) -> Any:
         return part
     own = {key: _expand(value, defs) for key, value in part.items() if key != "$ref"}
     if (
-        part.get("type")
-        in (["number", "string"], ["array", "number", "string"])
+        part.get("type") in (["number", "string"], ["array", "number", "string"])
         and "if" not in part
     ):
         own["type"] = part["type"][
