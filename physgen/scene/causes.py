@@ -36,11 +36,24 @@ def name_edits(
         if writer is None:
             pending.append(problem)
         else:
-            named.append(replace(problem, variant=writer.variant))
+            fix = problem.fix + _dotted_key_advice(writer)
+            named.append(replace(problem, variant=writer.variant, fix=fix))
     if pending:
         causes = _first_edits(root, edits, check)
         named += [_moved(problem, causes, edits) for problem in pending]
     return named
+
+
+def _dotted_key_advice(edit: Edit) -> str:
+    """Return how to set one value, for an edit that replaces a whole section."""
+    value = edit.value
+    path = [edit.key]
+    while isinstance(value.value, dict) and value.value:
+        key, value = next(iter(value.value.items()))
+        path.append(key)
+    if edit.key not in NAMED or len(path) < 2:
+        return ""
+    return f"; this replaces all {edit.key}: to set one value, write {'.'.join(path)}"
 
 
 def _moved(

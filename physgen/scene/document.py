@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 from yaml.events import (
@@ -26,7 +26,8 @@ from yaml.events import (
 )
 
 from physgen.problems import InputError, Limit, Place, Problem, RefusedError
-from physgen.text import add_space, dotted, quoted
+from physgen.scene.syntax import explain_syntax
+from physgen.text import dotted, quoted
 
 Scalar = bool | int | float | str | None
 
@@ -393,9 +394,9 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
                 opened[-1] - text.rfind("\n", 0, opened[-1]),
             )
             place = Place(source.name, line, column)
-        elif (missing := _missing_space(error, text)) is not None:
-            place = Place(source.name, missing.line, missing.column)
-            text_, fix = missing.text, missing.fix
+        elif (fault := explain_syntax(error, text)) is not None:
+            place = Place(source.name, fault.line, fault.column)
+            text_, fix = fault.expected, fault.fix
     else:
         position = min(getattr(error, "position", 0), len(text))
         found = re.search(
@@ -418,43 +419,6 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
         "write `key: value`, one a line",
     )
     return Problem(place, "", "", f"not YAML: {text_}", fix)
-
-
-class _SyntaxFault(NamedTuple):
-    """A fault of YAML with a better place and fix than PyYAML reports."""
-
-    line: int
-    column: int
-    text: str
-    fix: str
-
-
-def _missing_space(error: yaml.MarkedYAMLError, text: str) -> _SyntaxFault | None:
-    """Return the key without a space after its colon that led to the error.
-
-    PyYAML reports such a key at a later line, where the next key begins.
-    """
-    problem = error.problem or ""
-    if "could not find expected ':'" in problem and error.context_mark:
-        number = error.context_mark.line
-    elif "mapping values are not allowed" in problem and error.problem_mark:
-        number = error.problem_mark.line - 1
-    else:
-        return None
-    lines = re.split(r"\r\n|\r|\n", text[: error.problem_mark.index])
-    while number > 0 and not lines[number].split("#")[0].strip():
-        number -= 1
-    line = lines[max(number, 0)]
-    fix = add_space(line)
-    if fix is not None:
-        column = len(line) - len(line.lstrip(" \t-")) + 1
-        expected = "a colon without a space after it"
-        return _SyntaxFault(max(number, 0) + 1, column, expected, fix)
-    if "could not find" not in problem:
-        return None
-    column = error.context_mark.column + 1
-    fix = "put a colon and a space behind the key, as in key: value"
-    return _SyntaxFault(number + 1, column, "a line without a key", fix)
 
 
 _FIXES = (

@@ -141,6 +141,11 @@ def apply(root: Node, edit: Edit) -> Node:
         )
     if path[0] in SEALED:
         raise edit.problem(f"{path[0]} cannot be set", "write it in the scene file")
+    if path[0] in children(root, "objects") and schema_at(path[:1]) is None:
+        raise edit.problem(
+            f"{quoted(str(path[0]))} is not a key of the scene",
+            f'did you mean "objects.{edit.key}"?',
+        )
     return _set(root, path, 0, edit, star=False, at=())
 
 

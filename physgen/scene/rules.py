@@ -26,7 +26,7 @@ from physgen.scene.files import (
 )
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
-from physgen.scene.validate import Findings, check_part
+from physgen.scene.validate import Findings, check_part, misspelt_keys
 from physgen.text import KeyPath, listed, nearest, number, quoted, shown
 
 FORCES = ("impulse", "force", "torque")
@@ -152,7 +152,8 @@ class _Rules:
         image, size = self.top.get("image"), self.top.get("size")
         if image and size:
             self.add(size.key_place, "size", "", "stands beside image", ONE_OF_TWO)
-        if image is None and size is None:
+        meant = misspelt_keys(self.top, at("")["properties"])
+        if image is None and size is None and not meant & {"image", "size"}:
             fix = "write image: photo.png, or size: [512, 512] for a scene without a photo"
             self.add(self.root.place, "image", "", "missing", fix)
         good = self.good(self.root)
@@ -316,7 +317,11 @@ class _Rules:
         if "mass" in parts and "density" in parts:
             place = parts["density"].key_place
             self.add(place, (*path, "density"), "", "stands beside mass", ONE_OF_TWO)
-        if mask is None and (shape is None or isinstance(shape.value, str)):
+        is_bad = shape is not None and "shape" not in good
+        kinds_of_shape = at("objects.*.shape")["properties"]
+        is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
+        needs_shape = shape is None or isinstance(shape.value, str)
+        if mask is None and needs_shape and not (is_bad or is_misplaced):
             fix = "write mask: 1, or shape: {circle: {center: [470.5, 257.0], radius: 30.2}}"
             close = nearest(name, (other for other in self.objects if other != name))
             if close and shape is None and len(parts) < 3:
