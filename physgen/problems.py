@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, NamedTuple, TypeVar
 
@@ -46,10 +47,18 @@ class Problem:
     fix: str
     """What to do, as an imperative: `write grams, e.g. 170`."""
     severity: Severity = Severity.ERROR
+    variant: str = ""
+    """Name of the variant whose edits are wrong, `""` for the file itself."""
+    origin: Place | None = None
+    """Where the wrong value was written, if an overlay at `place` made it wrong."""
 
     def __str__(self) -> str:
-        where = f"{self.place}: " + (f"{self.path}: " if self.path else "")
-        what = " ".join(part for part in (self.found, self.expected) if part)
+        where = f"{self.place}: "
+        where += f"variant {self.variant}: " if self.variant else ""
+        where += f"{self.path}: " if self.path else ""
+        origin = f"({self.origin})" if self.origin is not None else ""
+        parts = (self.found, self.expected, origin)
+        what = " ".join(part for part in parts if part)
         text = where + what + (f"; {self.fix}" if self.fix else "")
         text = (
             text
@@ -73,7 +82,14 @@ class Problem:
             "expected": self.expected,
             "fix": self.fix,
             "severity": self.severity.value,
+            "variant": self.variant or None,
+            "origin": None if self.origin is None else str(self.origin),
         }
+
+
+def as_warnings(problems: Iterable[Problem]) -> list[Problem]:
+    """Return the problems as warnings."""
+    return [replace(problem, severity=Severity.WARNING) for problem in problems]
 
 
 Warn = Callable[[Problem], None]
@@ -100,6 +116,20 @@ class InputError(Exception):
     def of(cls, file: str, found: str, expected: str, fix: str) -> InputError:
         """One problem with a whole file or a flag."""
         return cls([Problem(Place(file), "", found, expected, fix)])
+
+
+@contextmanager
+def variant_named(variant: str | None) -> Iterator[None]:
+    """Name the variant, if there is one, in the problems that the block raises."""
+    try:
+        yield
+    except InputError as error:
+        if variant is None:
+            raise
+        raise InputError(
+            problem if problem.variant else replace(problem, variant=variant)
+            for problem in error.problems
+        ) from None
 
 
 def collect(calls: Iterable[Callable[[], T]]) -> list[T]:

@@ -260,6 +260,27 @@ def natural(name: str) -> tuple[tuple[str | int, ...], str]:
     return tuple(parts), name
 
 
+_TIGHT_KEY = re.compile(r"[ \t]*(?:- +)*([A-Za-z_][\w-]*):(?=[^\s:/\\])").match
+
+
+def add_space(text: str) -> str | None:
+    """Return the fix of a key whose colon has no space after it, None for other text.
+
+    >>> add_space("mass:3"), add_space("mass: 3")
+    ('put a space after the colon: mass: 3', None)
+    """
+    tight = _TIGHT_KEY(text)
+    if tight is None:
+        return None
+    spaced = f"{tight[1]}: {text[tight.end() :].strip()}"
+    return f"put a space after the colon: {quoted(spaced, '')}"
+
+
+def similarity(word: str, other: str) -> float:
+    """Return how alike two words are, from 0 to 1."""
+    return difflib.SequenceMatcher(None, other, word).ratio() if len(word) < 65 else 0
+
+
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """The known word that was probably meant."""
     if len(word) > 64:

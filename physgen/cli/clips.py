@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
@@ -24,7 +25,7 @@ from physgen.cli.arguments import (
     seed,
 )
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
-from physgen.problems import InputError, collect
+from physgen.problems import InputError, Problem, as_warnings, collect, variant_named
 
 if TYPE_CHECKING:
     from physgen.batch.run import Done, Job, Refiner
@@ -64,7 +65,8 @@ def _motion_edits(
     from physgen.scene.write import flow_text, scene_text
 
     scene = _opened(path, options.allow_outside).scene(options.set, variant)
-    compiled = pipeline.compile(scene, pipeline.percepts(scene))
+    with variant_named(variant):
+        compiled = pipeline.compile(scene, pipeline.percepts(scene))
     edits = motion_edits(scene, compiled, options.push, options.drop, options.kick)
     kept: dict[str, Any] = {}
     for key, value in edits.items():
@@ -114,9 +116,17 @@ def preview_edits(
     return tuple(edits)
 
 
-@lru_cache(maxsize=1)
 def _opened(path: str, allow_outside: bool) -> Opened:
-    """A file of which many clips are made is read once."""
+    """A file of which many clips are made is read once, until it is written."""
+    opened = _read(path, allow_outside, os.getcwd())
+    if not opened.stale():
+        return opened
+    _read.cache_clear()
+    return _read(path, allow_outside, os.getcwd())
+
+
+@lru_cache(maxsize=1)
+def _read(path: str, allow_outside: bool, folder: str) -> Opened:
     from physgen.scene.load import Opened
 
     return Opened(path, allow_outside)
@@ -185,13 +195,25 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
     """None for the file itself; with `all`, it and every variant."""
     if options.variant != "all":
         return [options.variant]
-    from physgen import pipeline
-
     try:
-        known = pipeline.load(path, options.set, None, options.allow_outside).variants
+        return [None, *_opened(path, options.allow_outside).variants]
     except InputError:  # reported when it is rendered
         return [None]
-    return [None, *known]
+
+
+def problems_of_variants(path: str, allow_outside: bool) -> Sequence[Problem]:
+    """Return the errors of all variants of a file, none if the file itself cannot be read."""
+    try:
+        return _opened(path, allow_outside).variant_problems
+    except InputError:  # reported when the file is loaded
+        return ()
+
+
+def other_variants(path: str, options: argparse.Namespace) -> list[Problem]:
+    """Return warnings of the file's variants that fail, if the file itself is used."""
+    if options.variant:
+        return []
+    return as_warnings(problems_of_variants(path, options.allow_outside))
 
 
 def check_names(jobs: list[Job]) -> None:

@@ -90,7 +90,8 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.scene.load import Opened
 
     path: Path = options.scene
-    scene = Opened(path, options.allow_outside).scene()
+    before = Opened(path, options.allow_outside)
+    scene = before.scene()
     names = [named(scene, str(path), name).name for name in options.objects]
     text, at = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
     ops: dict[str, list[dict[str, Any]]] = {
@@ -107,7 +108,12 @@ def edit_file(options: argparse.Namespace) -> int:
         )
     except EditError as error:
         raise InputError.of(str(path), "", error.message, error.fix) from None
-    Opened(path, options.allow_outside, made.text).scene()
+    after = Opened(path, options.allow_outside, made.text)
+    after.scene()
+    failed = {problem.variant for problem in before.variant_problems}
+    broken = [p for p in after.variant_problems if p.variant not in failed]
+    if broken:
+        raise InputError(broken)
     write_with_backup(
         path.resolve(),
         made.text.encode("utf-8"),

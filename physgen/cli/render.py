@@ -5,7 +5,15 @@ from __future__ import annotations
 import argparse
 
 from physgen.cli.arguments import Command, Parser
-from physgen.cli.clips import add_clips, add_overlays, check_names, jobs_of, make_all
+from physgen.cli.clips import (
+    add_clips,
+    add_overlays,
+    check_names,
+    jobs_of,
+    make_all,
+    other_variants,
+)
+from physgen.cli.output import print_problems
 
 
 def render(options: argparse.Namespace) -> int:
@@ -13,6 +21,8 @@ def render(options: argparse.Namespace) -> int:
     jobs = list(jobs_of(options))
     check_names(jobs)
     jobs = jobs[options.part or slice(None)]
+    for path in options.scenes:
+        print_problems(other_variants(path, options))
     return make_all(jobs, len(jobs), options, gallery=options.part is None)
 
 

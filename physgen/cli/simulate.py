@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, positive
-from physgen.cli.clips import add_overlays, variants_of
+from physgen.cli.clips import (
+    add_overlays,
+    other_variants,
+    problems_of_variants,
+    variants_of,
+)
 from physgen.cli.output import (
     OK,
     Bar,
@@ -20,7 +25,7 @@ from physgen.cli.output import (
     print_problems,
 )
 from physgen.files import back_up, write_atomic
-from physgen.problems import InputError, Problem, Severity
+from physgen.problems import InputError, Problem, Severity, variant_named
 from physgen.text import value_text
 
 if TYPE_CHECKING:
@@ -38,10 +43,12 @@ COLUMNS = {
 def show(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
-    scene = pipeline.load(
-        options.scene, options.set, _one_variant(options), options.allow_outside
-    )
-    rows = object_rows(scene, pipeline.compile(scene, pipeline.percepts(scene)))
+    variant = _one_variant(options)
+    scene = pipeline.load(options.scene, options.set, variant, options.allow_outside)
+    print_problems(other_variants(options.scene, options))
+    with variant_named(variant):
+        compiled = pipeline.compile(scene, pipeline.percepts(scene))
+    rows = object_rows(scene, compiled)
     if options.json:
         print_json({"objects": rows})
         return OK
@@ -100,20 +107,10 @@ def _cell(value: Any) -> str:
 
 
 def check(options: argparse.Namespace) -> int:
-    from physgen import pipeline
-
     report: list[Problem] = []
     lines = []
     for path in options.scenes:
-        own: dict[Problem, None] = {}
-        try:
-            for variant in variants_of(path, options):
-                scene = pipeline.load(path, options.set, variant, options.allow_outside)
-                maps = pipeline.percepts(scene)
-                compiled = pipeline.compile(scene, maps)
-                own |= dict.fromkeys(pipeline.lint(scene, compiled, maps))
-        except InputError as error:
-            own |= dict.fromkeys(error.problems)
+        own = dict.fromkeys(_problems_of_file(path, options))
         report += [problem for problem in own if problem not in report]
         lines.append(f"{path}: {_counted(own)}")
     failed = any(p.severity is Severity.ERROR or options.strict for p in report)
@@ -124,6 +121,22 @@ def check(options: argparse.Namespace) -> int:
         for line in lines:
             print_line(line)
     return WRONG_INPUT if failed else OK
+
+
+def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Problem]:
+    """Yield errors and warnings of a file, and errors of all its variants."""
+    from physgen import pipeline
+
+    for variant in variants_of(path, options):
+        try:
+            scene = pipeline.load(path, options.set, variant, options.allow_outside)
+            maps = pipeline.percepts(scene)
+            with variant_named(variant):
+                compiled = pipeline.compile(scene, maps)
+            yield from pipeline.lint(scene, compiled, maps)
+        except InputError as error:
+            yield from error.problems
+    yield from problems_of_variants(path, options.allow_outside)
 
 
 def _counted(problems: Iterable[Problem]) -> str:
@@ -142,12 +155,13 @@ def simulate(options: argparse.Namespace) -> int:
     from physgen.simulate.trajectory import is_trajectory
 
     kind = _trajectory_kind(options.output)
-    scene = pipeline.load(
-        options.scene, options.set, _one_variant(options), options.allow_outside
-    )
+    variant = _one_variant(options)
+    scene = pipeline.load(options.scene, options.set, variant, options.allow_outside)
     maps = pipeline.percepts(scene)
-    compiled = pipeline.compile(scene, maps)
-    print_problems(pipeline.lint(scene, compiled, maps))
+    with variant_named(variant):
+        compiled = pipeline.compile(scene, maps)
+    lints = pipeline.lint(scene, compiled, maps)
+    print_problems([*other_variants(options.scene, options), *lints])
     bar = Bar()
     trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
     bar.clear()

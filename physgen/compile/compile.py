@@ -298,6 +298,8 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         radius = None
         moment = mass * properties.second / properties.area
         pieces = tuple(piece - center for piece in convex_pieces(outline))
+        if not pieces:
+            raise ValueError("is too thin to simulate")
         rings = tuple(ring - center for ring, _ in outline.borders)
     moving = item.motion is Motion.DYNAMIC
     # a stored shape's solid is that of a circle, which a mask that was painted over may no longer be

@@ -18,6 +18,7 @@ from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
 from physgen.problems import Problem, Severity, by_place
 from physgen.scene.files import equal
+from physgen.scene.load import EARTH
 from physgen.scene.scene import Motion, Scene, Solid, View, held
 from physgen.text import quoted
 
@@ -55,6 +56,9 @@ class WarningLimits:
     The photo also shows a top, an inside or a rim nearer the lens."""
     thin: int = 5  # px: threads and wires narrower than this need no shape
     frames: int = 1800  # a minute of video at 30 a second: more is seldom meant
+    weak: float = 0.1
+    """Of the Earth's gravity: the Moon's is 0.17 of it; a weaker one is m/s² without the unit."""
+    visible: float = 0.5  # px from the centre: a smaller object fills no pixel
     draws: float = (
         0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
     )
@@ -77,6 +81,8 @@ def lint(
         _overlaps,
         _unsupported,
         _without_effect,
+        _weak_gravity,
+        _invisible,
         _missed_masks,
         _views,
         _followed,
@@ -147,6 +153,31 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
             why = "has no effect: no object of it is dynamic"
             yield warning(scene, f"fields.{field.name}", field.name, why, let_go)
+
+
+def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Gravity without a unit that is too weak to be meant in px/s²."""
+    world = scene.world
+    strength = float(np.hypot(*world.gravity)) / world.pixels_per_meter
+    is_stated = "world.gravity" in scene.places and not world.gravity_in_units
+    if world.view is View.TOP or not is_stated or strength == 0:
+        return
+    if strength < LIMITS.weak * EARTH:
+        x, y = world.gravity
+        expected = f"px/s² is {strength:.2g} m/s², in which objects float"
+        fix = f"did you mean m/s²? write [{x:g} m/s², {y:g} m/s²]"
+        yield warning(scene, "world.gravity", f"[{x:g}, {y:g}]", expected, fix)
+
+
+def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Objects smaller than a pixel, as sizes in meters are."""
+    for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
+        if body.reach >= LIMITS.visible:
+            continue
+        found = f"{item.name} of {2 * body.reach:.2g} px"
+        expected = "is smaller than a pixel and is not visible"
+        fix = "sizes are in pixels; did you mean meters? write e.g. 0.5 m"
+        yield warning(scene, f"objects.{item.name}.shape", found, expected, fix)
 
 
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

@@ -22,7 +22,7 @@ from physgen.compile.world import World, appearance, photo_poses
 from physgen.maps import Percepts
 from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
-from physgen.problems import InputError, Problem, impossible
+from physgen.problems import InputError, Problem, as_warnings, impossible
 from physgen.render.stage import Stage
 from physgen.report.player import figure, fixed_data, plate, shadows, sprites, touches
 from physgen.scene.load import Opened
@@ -54,11 +54,13 @@ def problem_data(problem: Problem, file: str) -> Data:
     """
     inside = _OBJECT.search(problem.path)
     here = problem.place.file == file and problem.place.line > 0
+    named = f"variant {problem.variant}: {problem.path}" if problem.variant else ""
+    parts = (named, problem.found, problem.expected)
     return problem.as_dict() | {
         "file": None if here else problem.place.file,
         "line": problem.place.line if here else None,
         "column": problem.place.column if here else None,
-        "message": " ".join(part for part in (problem.found, problem.expected) if part),
+        "message": " ".join(part for part in parts if part),
         "object": inside[1] if inside else None,
     }
 
@@ -395,7 +397,8 @@ class Live:
         with self._lock:
             begun = time.perf_counter()
             try:
-                known = self._mean(self._open(text), variant)
+                opened = self._open(text)
+                known = self._mean(opened, variant)
             except InputError as error:
                 rows = tuple(self._row(problem) for problem in error.problems)
                 return Look(rows, todo=tuple(todo(None, rows)))
@@ -409,9 +412,9 @@ class Live:
                 known.lints.append(
                     tuple(lint(known.scene, known.compiled, known.percepts))
                 )
-            rows = tuple(
-                self._row(p, known.scene) for p in (*stream.problems, *known.lints[0])
-            )
+            failing = as_warnings(opened.variant_problems)
+            found = (*stream.problems, *failing, *known.lints[0])
+            rows = tuple(self._row(problem, known.scene) for problem in found)
             return Look(
                 rows,
                 scene_data(known.scene),

@@ -32,7 +32,15 @@ from physgen.pipeline.stages import (
     render,
     resolved,
 )
-from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
+from physgen.problems import (
+    InputError,
+    Place,
+    Problem,
+    Severity,
+    Warn,
+    ignore_warning,
+    variant_named,
+)
 from physgen.progress import Progress, silent
 from physgen.scene.scene import ADD_OBJECT, Motion
 
@@ -315,7 +323,7 @@ class _Run:
         record.source = source_of(Path(path), self.final)
         record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
         progress("compile", 0, 1)
-        with record.stage("compile"):
+        with record.stage("compile"), variant_named(variant):
             compiled = stages.compile(scene, maps)
             record.document = resolved(scene, compiled)
             warnings = lint(scene, compiled, maps.percepts)

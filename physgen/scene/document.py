@@ -26,6 +26,7 @@ from yaml.events import (
 )
 
 from physgen.problems import InputError, Limit, Place, Problem, RefusedError
+from physgen.scene.syntax import explain_syntax
 from physgen.text import dotted, quoted
 
 Scalar = bool | int | float | str | None
@@ -93,7 +94,7 @@ class Node:
     """One value with its place: a scalar, a list of Nodes or a dict of Nodes. Nodes are never changed.
 
     `line` and `column` count from 1 and are 0 for a flag; `key` is the line and column of the key that the
-    value belongs to, None in a list.
+    value belongs to, None in a list. `text` is the quantity that a number was converted from: `5 mm`.
     """
 
     value: Scalar | list[Node] | dict[str, Node]
@@ -101,6 +102,7 @@ class Node:
     line: int = 0
     column: int = 0
     key: tuple[int, int] | None = None
+    text: str | None = None
 
     @property
     def place(self) -> Place:
@@ -112,9 +114,13 @@ class Node:
         """Where its key was written."""
         return Place(self.source.name, *self.key) if self.key else self.place
 
-    def with_value(self, value: Scalar | list[Node] | dict[str, Node]) -> Node:
-        """The same place with another value."""
-        return Node(value, self.source, self.line, self.column, self.key)
+    def with_value(
+        self,
+        value: Scalar | list[Node] | dict[str, Node],
+        text: str | None = None,
+    ) -> Node:
+        """Return the same place with another value, converted from `text` if given."""
+        return Node(value, self.source, self.line, self.column, self.key, text)
 
 
 def plain(node: Node) -> Any:
@@ -366,6 +372,7 @@ _OPEN = re.compile(r"""(?<=[:,\[{-] )(?:"[^"\n]*|'[^'\n]*)$""", re.MULTILINE)
 
 def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
     """PyYAML's complaint as a Problem, in its own words less its pictures."""
+    fix = ""
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
         place = (
@@ -387,6 +394,9 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
                 opened[-1] - text.rfind("\n", 0, opened[-1]),
             )
             place = Place(source.name, line, column)
+        elif (fault := explain_syntax(error, text)) is not None:
+            place = Place(source.name, fault.line, fault.column)
+            text_, fix = fault.expected, fault.fix
     else:
         position = min(getattr(error, "position", 0), len(text))
         found = re.search(
@@ -404,7 +414,7 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
         "maximum nesting depth" in text_
     ):  # libyaml's own limit, from 0.2.6 on, is met before ours is seen
         return Limit.DEPTH.error(place).problems[0]
-    fix = next(
+    fix = fix or next(
         (fix for start, fix in _FIXES if start in text_),
         "write `key: value`, one a line",
     )

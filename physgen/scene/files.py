@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import stat
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from glob import glob
@@ -134,10 +134,13 @@ def recorded(assets: Path | None, key: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def with_bases(
+def read_bases(
     root: Node, file: Path, allow_outside: bool, files: dict[Path, Stamp] | None = None
-) -> Node:
-    """The tree with what it extends underneath, and `extends` gone; these `files` are added. Raises InputError."""
+) -> list[Node]:
+    """Return the trees of a file and of all that it extends, `root` first.
+
+    The files are added to `files`. Raises InputError.
+    """
     home = root.source.folder.parent
     chain = [root]
     seen = {os.path.realpath(file)}
@@ -151,12 +154,17 @@ def with_bases(
             link, home, allow_outside, len(chain), seen, {} if files is None else files
         )
         chain.append(base)
-    whole = chain.pop()
-    while chain:
-        whole = merge(whole, chain.pop())
-    assert isinstance(whole.value, dict)
-    return whole.with_value(
-        {key: child for key, child in whole.value.items() if key != "extends"}
+    return chain
+
+
+def merge_bases(chain: Sequence[Node]) -> Node:
+    """Return one tree of files that extend each other, without `extends`."""
+    tree = chain[-1]
+    for over in reversed(chain[:-1]):
+        tree = merge(tree, over)
+    assert isinstance(tree.value, dict)
+    return tree.with_value(
+        {key: child for key, child in tree.value.items() if key != "extends"}
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -14,7 +14,7 @@ from physgen.files import file_stamp
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.scene import scene as parts
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
-from physgen.scene.files import Record, read_scene, with_bases
+from physgen.scene.files import Record, merge_bases, read_bases, read_scene
 from physgen.scene.overlay import (
     Edit,
     apply,
@@ -25,7 +25,12 @@ from physgen.scene.overlay import (
 )
 from physgen.scene.rules import Files, Ground, check_rules
 from physgen.scene.schema import Schema, at, expanded, inner, with_defaults
-from physgen.scene.validate import Findings, TooManyError, check_schema
+from physgen.scene.validate import (
+    MAX_PROBLEMS,
+    Findings,
+    TooManyError,
+    check_schema,
+)
 from physgen.text import KeyPath, dotted, listed, natural, nearest, quantity, quoted
 
 T = TypeVar("T")
@@ -59,14 +64,20 @@ class Opened:
             if text is None
             else read(decode(text.encode("utf-8", "surrogatepass"), name), self._source)
         )
-        self._root = with_bases(own, self.file, allow_outside, self._stamps)
+        self._chain = read_bases(own, self.file, allow_outside, self._stamps)
+        self._root = merge_bases(self._chain)
         self._files = Files(allow_outside)
         self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Findings()
         _check(in_numbers(self._root), self._own, self._files)
-        self._of_variants = tuple(
-            _problems_of_variants(self._root, self._own, self._files)
-        )
+
+    @cached_property
+    def variant_problems(self) -> tuple[Problem, ...]:
+        """Problems of each variant that the file itself does not have.
+
+        They do not keep the file and its other variants from being used.
+        """
+        return tuple(_problems_of_variants(self._root, self._own, self._files))
 
     def document(self) -> dict[str, Any]:
         """As plain YAML data, with what it extends and without any default."""
@@ -83,11 +94,11 @@ class Opened:
     ) -> parts.Scene:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         report = Findings()
-        edited = _edited(self._root, overrides, variant, self._source)
+        edits = _edits(self._root, overrides, variant, self._source)
+        edited = _edited(self._root, edits)
         ground = _check(in_numbers(edited), report, self._files)
-        problems = dict.fromkeys((*report.problems, *self._of_variants))
-        if problems:
-            raise InputError(problems)
+        if report.problems:
+            raise InputError(self._at_causes(report, edits))
         scene = scene_from_tree(
             *_followed(edited, self._root, ground),
             scene_name(self.file),
@@ -95,6 +106,19 @@ class Opened:
             ground,
         )
         return replace(scene, files=tuple(self._stamps))
+
+    def _at_causes(self, report: Findings, edits: Sequence[Edit]) -> list[Problem]:
+        """Return the problems, each at the key of the overlay that caused it."""
+        from physgen.scene.causes import name_edits, name_extending_keys
+
+        def check(root: Node) -> dict[Problem, None]:
+            return _problems(root, self._files)
+
+        own = [problem for problem in report.problems if problem in self._own.problems]
+        new = [problem for problem in report.problems if problem not in own]
+        if len(self._chain) > 1:
+            own = name_extending_keys(own, self._chain, check)
+        return [*own, *name_edits(new, self._root, edits, check)]
 
 
 def load(
@@ -105,46 +129,59 @@ def load(
 ) -> parts.Scene:
     """The scene of a file, with what it extends, one of its variants and `KEY=VALUE` overrides on top.
 
-    Every variant of the file is checked, whichever is asked for. Paths in the file stay below its folder
-    unless `allow_outside`; see files.py. Raises InputError with all problems, sorted by place.
+    A variant that fails keeps neither the file nor its other variants from being loaded. Paths in the file stay below
+    its folder unless `allow_outside`; see files.py. Raises InputError with all problems, sorted by place.
     """
     return Opened(path, allow_outside).scene(overrides, variant)
 
 
-def _edited(
+def _edits(
     root: Node, overrides: Sequence[str], variant: str | None, source: Source
-) -> Node:
-    """The tree after a variant and the overrides; raises InputError with every edit that cannot be made."""
+) -> list[Edit]:
+    """Return the edits of a variant and of the overrides; raises InputError with all that are malformed."""
     problems: list[Problem] = []
-    edits = []
-    if variant is not None:
-        known = dict(variants_of(root))
-        if variant in known:
-            edits += edits_of_variant(known[variant], variant)
-        else:
-            close = nearest(variant, known)
-            fix = (
-                f'did you mean "{close}"?'
-                if close
-                else f"write one of {listed(list(known)[:30])}"
-            )
-            fix = fix if known else "the file has no variants"
-            found = quoted(variant)
-            problems.append(
-                Problem(
-                    Place(f"--variant {quoted(variant, '')}"),
-                    "",
-                    found,
-                    "is not a variant",
-                    fix,
-                )
-            )
+    edits: list[Edit] = []
+    known = dict(variants_of(root))
+    if variant in known:
+        edits += edits_of_variant(known[variant], variant)
+    elif variant is not None:
+        problems.append(_unknown_variant(variant, list(known)))
     for text in overrides:
         try:
             edits.append(edit_of_flag(text, source))
         except InputError as error:
             problems += error.problems
+    if not problems:
+        return edits
+    try:
+        _edited(root, edits)
+    except InputError as error:
+        problems += error.problems
+    raise InputError(dict.fromkeys(problems))
+
+
+def _unknown_variant(variant: str, known: Sequence[str]) -> Problem:
+    """Return the problem with `--variant`."""
+    close = nearest(variant, known)
+    if not known:
+        fix = "the file has no variants"
+    elif close:
+        fix = f'did you mean "{close}"?'
+    else:
+        fix = f"write one of {listed(known[:30])}"
+    place = Place(f"--variant {quoted(variant, '')}")
+    return Problem(place, "", quoted(variant), "is not a variant", fix)
+
+
+def _edited(root: Node, edits: Sequence[Edit]) -> Node:
+    """Return the tree after the edits; raises InputError with every edit that cannot be made."""
+    problems: list[Problem] = []
+    left = Limit.SET.most
     for edit in edits:
+        if edit.variant:
+            left -= targets(root, edit) * _values(edit.value)
+        if left < 0:  # at once: no other problem may be looked for in such a tree
+            raise edit.problem(Limit.SET.expected, Limit.SET.fix)
         try:
             root = apply(root, edit)
         except InputError as error:
@@ -165,7 +202,7 @@ class _Open(float):
 def in_numbers(root: Node) -> Node:
     """The tree with numbers in place of texts with units that fit; the schema reports the others.
 
-    A single text in place of a vector points to the right, as gravity does down.
+    One number in place of a vector, with or without a unit, points to the right, and gravity down.
     """
     stated = children(root, "world").get("pixels_per_meter")
     scale = float(at("world.pixels_per_meter")["default"])
@@ -190,11 +227,11 @@ def in_numbers(root: Node) -> Node:
             if number is None or part.get("type") not in ("number", "array"):
                 return node
             if part["type"] == "number":
-                return node.with_value(number)
-            if path[-1] not in ONE_FOR_TWO:
-                return node
-            ends = (0.0, number) if path[-1] == "gravity" else (number, 0.0)
-            return node.with_value([node.with_value(end) for end in ends])
+                return node.with_value(number, text=value)
+            return _vector(node, number, path[-1], value)
+        if isinstance(value, int | float):
+            is_vector = part.get("type") == "array" and not isinstance(value, bool)
+            return _vector(node, value, path[-1]) if is_vector else node
         if isinstance(value, list) and part.get("items", {}).get("type") == "string":
             return node  # names
         keys = (
@@ -206,10 +243,9 @@ def in_numbers(root: Node) -> Node:
         )
         found: dict[Any, Node] = {}
         for key, child in keys:
-            if (
-                isinstance(child.value, str | list | dict)
-                and (below := inner(part, key)) is not None
-            ):
+            if (isinstance(child.value, str | list | dict) or key in ONE_FOR_TWO) and (
+                below := inner(part, key)
+            ) is not None:
                 of_list = unit if isinstance(key, int) else ""
                 new = changed(child, below, (*path, key), below.get("x-unit", of_list))
                 found |= {} if new is child else {key: new}
@@ -226,6 +262,14 @@ def in_numbers(root: Node) -> Node:
     return changed(root, expanded(), (), "")
 
 
+def _vector(node: Node, length: float, key: str | int, text: str | None = None) -> Node:
+    """Return the vector that one number stands for, the node itself if none may."""
+    if key not in ONE_FOR_TWO:
+        return node
+    ends = (0.0, length) if key == "gravity" else (length, 0.0)
+    return node.with_value([node.with_value(end, text=text) for end in ends])
+
+
 def _check(root: Node, report: Findings, files: Files) -> Ground:
     try:
         check_schema(root, report)
@@ -234,41 +278,52 @@ def _check(root: Node, report: Findings, files: Files) -> Ground:
         return Ground()
 
 
+def _problems(root: Node, files: Files) -> dict[Problem, None]:
+    """Return the problems of a tree."""
+    report = Findings()
+    _check(in_numbers(root), report, files)
+    return report.problems
+
+
 def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[Problem]:
-    """Problems of each variant that the file itself, whose problems are in `own`, does not have."""
-    named = list(variants_of(root))
-    if not named or len(own.problems) > 100:
+    """Yield problems of each variant that the file itself, whose problems are in `own`, does not have."""
+    variants = list(variants_of(root))
+    if not variants or len(own.problems) > 100:
         return
-    edits = sum(1 + len(children(node)) for _, node in named)
-    place = children(root)["variants"].key_place
+    edits = sum(1 + len(children(node)) for _, node in variants)
     if edits * _values(root) > Limit.CHECKS.most:
+        place = children(root)["variants"].key_place
         yield from Limit.CHECKS.error(place, "variants").problems
         return
-    report = Findings()
-    report.problems = dict(own.problems)
+    count = 0
     left = Limit.SET.most
-    for name, node in named:
-        changed = root
-        try:
-            for edit in edits_of_variant(node, name):
-                left -= targets(changed, edit) * _values(edit.value)
-                if (
-                    left < 0
-                ):  # at once: no other problem may be looked for in such a tree
-                    raise InputError(
-                        [
-                            *own.problems,
-                            *edit.problem(Limit.SET.expected, Limit.SET.fix).problems,
-                        ]
-                    )
-                changed = apply(changed, edit)
-        except InputError as error:
-            if left < 0:
-                raise
-            report.problems.update(dict.fromkeys(error.problems))
-            continue
-        _check(in_numbers(changed), report, files)
-    yield from (problem for problem in report.problems if problem not in own.problems)
+    for name, node in variants:
+        edits_of_one = edits_of_variant(node, name)
+        left -= sum(targets(root, edit) * _values(edit.value) for edit in edits_of_one)
+        if left < 0:
+            yield from (
+                edits_of_one[-1].problem(Limit.SET.expected, Limit.SET.fix).problems
+            )
+            return
+        problems = _problems_of_variant(root, edits_of_one, own, files)
+        yield from problems
+        count += len(problems)
+        if count > MAX_PROBLEMS:
+            return
+
+
+def _problems_of_variant(
+    root: Node, edits: Sequence[Edit], own: Findings, files: Files
+) -> list[Problem]:
+    """Return the problems of one variant that are not those of the file itself."""
+    from physgen.scene.causes import name_edits
+
+    try:
+        problems = _problems(_edited(root, edits), files)
+    except InputError as error:
+        return error.problems
+    new = [problem for problem in problems if problem not in own.problems]
+    return name_edits(new, root, edits, lambda tree: _problems(tree, files))
 
 
 def _values(node: Node) -> int:
@@ -390,6 +445,7 @@ def scene_from_tree(
         world=_make(
             parts.Settings,
             world,
+            gravity_in_units=_has_unit(children(root, "world").get("gravity")),
             table_friction=float(world["table"]["friction"]),
             until_rest=isinstance(world["duration"], _Open),
         ),
@@ -414,6 +470,11 @@ def scene_from_tree(
         document=MappingProxyType(data),
         variants=tuple(data["variants"]),
     )
+
+
+def _has_unit(node: Node | None) -> bool:
+    """Return whether a vector of the file was written with a unit."""
+    return any(item.text is not None for item in items(node))
 
 
 def refinement(item: Mapping[str, Any]) -> parts.Refine:

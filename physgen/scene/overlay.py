@@ -92,10 +92,17 @@ class Edit:
     def __init__(self, key: str, value: Node, path: KeyPath) -> None:
         self.key, self.value, self.path = key, value, path
 
+    @property
+    def variant(self) -> str:
+        """Return the name of the variant that the edit belongs to, or nothing."""
+        return str(self.path[1]) if self.path else ""
+
     def problem(self, expected: str, fix: str) -> InputError:
         """Why the edit cannot be made."""
-        path = "" if self.value.line == 0 else dotted((*self.path, self.key))
-        return InputError([Problem(self.value.key_place, path, "", expected, fix)])
+        path = self.key if self.variant else ""
+        place = self.value.key_place
+        problem = Problem(place, path, "", expected, fix, variant=self.variant)
+        return InputError([problem])
 
 
 def edits_of_variant(variant: Node, name: str) -> list[Edit]:
@@ -134,6 +141,11 @@ def apply(root: Node, edit: Edit) -> Node:
         )
     if path[0] in SEALED:
         raise edit.problem(f"{path[0]} cannot be set", "write it in the scene file")
+    if path[0] in children(root, "objects") and schema_at(path[:1]) is None:
+        raise edit.problem(
+            f"{quoted(str(path[0]))} is not a key of the scene",
+            f'did you mean "objects.{edit.key}"?',
+        )
     return _set(root, path, 0, edit, star=False, at=())
 
 

@@ -26,7 +26,7 @@ from physgen.scene.files import (
 )
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
-from physgen.scene.validate import Findings, check_part
+from physgen.scene.validate import Findings, check_part, misspelt_keys
 from physgen.text import KeyPath, listed, nearest, number, quoted, shown
 
 FORCES = ("impulse", "force", "torque")
@@ -49,6 +49,8 @@ OWNER = {
 }
 """Key of a joint or field -> the only kind that it belongs to."""
 ONE_OF_TWO = "write only one of the two"
+LEAST_AREA = 0.01
+"""px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
 SAME_POINT = 1e-9
 """px: to what a float of 10^6 px resolves."""
 BLOCK = 16
@@ -150,7 +152,8 @@ class _Rules:
         image, size = self.top.get("image"), self.top.get("size")
         if image and size:
             self.add(size.key_place, "size", "", "stands beside image", ONE_OF_TWO)
-        if image is None and size is None:
+        meant = misspelt_keys(self.top, at("")["properties"])
+        if image is None and size is None and not meant & {"image", "size"}:
             fix = "write image: photo.png, or size: [512, 512] for a scene without a photo"
             self.add(self.root.place, "image", "", "missing", fix)
         good = self.good(self.root)
@@ -314,7 +317,11 @@ class _Rules:
         if "mass" in parts and "density" in parts:
             place = parts["density"].key_place
             self.add(place, (*path, "density"), "", "stands beside mass", ONE_OF_TWO)
-        if mask is None and (shape is None or isinstance(shape.value, str)):
+        is_bad = shape is not None and "shape" not in good
+        kinds_of_shape = at("objects.*.shape")["properties"]
+        is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
+        needs_shape = shape is None or isinstance(shape.value, str)
+        if mask is None and needs_shape and not (is_bad or is_misplaced):
             fix = "write mask: 1, or shape: {circle: {center: [470.5, 257.0], radius: 30.2}}"
             close = nearest(name, (other for other in self.objects if other != name))
             if close and shape is None and len(parts) < 3:
@@ -343,6 +350,7 @@ class _Rules:
             )
         for where, outline, crossing in _outlines(good.get("mask"), kinds):
             self.outline(outline, (*path, *where), crossing)
+        self.areas(kinds, path)
         self.holes(kinds, path)
         self.rising(
             items(children(good.get("motion")).get("path")), (*path, "motion", "path")
@@ -352,6 +360,19 @@ class _Rules:
         problem = outline_problem(_points(node), crossing)
         if problem:
             self.add(node.place, path, "", *problem)
+
+    def areas(self, kinds: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem for each outline of a shape that is too small to simulate."""
+        for where, node, crossing in _outlines(None, kinds):
+            points = _points(node)
+            area = abs(_signed_area(points))
+            if "holes" in where or area >= LEAST_AREA:
+                continue
+            if outline_problem(points, crossing):
+                continue
+            expected = f"has an area of {area:.2g} px², below {LEAST_AREA:g} px²"
+            fix = "draw it larger; did you mean meters? write each number as e.g. 0.5 m"
+            self.add(node.place, (*path, *where), "", expected, fix)
 
     def holes(self, kinds: dict[str, Node], path: KeyPath) -> None:
         for index, piece in enumerate(items(kinds.get("polygons"))):
@@ -495,6 +516,10 @@ class _Rules:
         given = [key for key in kinds if key in children(node)]
         if len(given) == 1:
             return given[0]
+        known = at(f"{path[0]}.*" if path[0] in KINDS else "forces")
+        known = known.get("items", known)["properties"]
+        if not given and any(key not in known for key in children(node)):
+            return None  # the message about the unknown key lists the kinds
         has = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
         self.add(
             node.place, path, "", has, f"write exactly one of {listed(kinds, 'and')}"
@@ -684,10 +709,9 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
 
     Only lines that properly cross are refused; an outline may touch itself, as contours of masks do.
     """
-    x0, y0 = points[0]
-    xs = [x - x0 for x, _ in points]
-    ys = [y - y0 for _, y in points]
-    area = sum(xs[i - 1] * ys[i] - xs[i] * ys[i - 1] for i in range(len(points))) / 2
+    xs = [x for x, _ in points]
+    ys = [y for _, y in points]
+    area = _signed_area(points)
     extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
     flat = abs(area) < 1e-12 * extent
     if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
@@ -698,6 +722,14 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
     if extent == 0 or (flat and (crossing or len(points) < 4)):
         return "has no area", "write at least three corners that are not on one line"
     return None
+
+
+def _signed_area(points: Sequence[Corner]) -> float:
+    """Return the area of an outline, px², positive if it turns +x towards +y."""
+    x0, y0 = points[0]
+    xs = [x - x0 for x, _ in points]
+    ys = [y - y0 for _, y in points]
+    return sum(xs[i - 1] * ys[i] - xs[i] * ys[i - 1] for i in range(len(points))) / 2
 
 
 @lru_cache(REMEMBERED)

@@ -486,6 +486,8 @@ class Settings:
     """degrees by which the camera looks down on the floor, seen from the side."""
     backdrop: float | None
     """px from the objects back to an upright wall; None: none is near."""
+    gravity_in_units: bool = False
+    """Whether gravity was written with a unit, such as 9.81 m/s²."""
 
 
 @dataclass(frozen=True)

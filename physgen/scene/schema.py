@@ -47,13 +47,16 @@ def _expand(part: Any, defs: Schema) -> Any:
         return part
     own = {key: _expand(value, defs) for key, value in part.items() if key != "$ref"}
     if (
-        part.get("type") in (["number", "string"], ["array", "string"])
+        part.get("type") in (["number", "string"], ["array", "number", "string"])
         and "if" not in part
     ):
         own["type"] = part["type"][
             0
         ]  # texts with units are numbers before the schema is asked
         own.pop("pattern", None)
+        if own["type"] == "array":  # one number has become a vector by then
+            own.pop("minimum", None)
+            own.pop("maximum", None)
     if "$ref" not in part:
         return own
     target = _expand(defs[part["$ref"].removeprefix("#/$defs/")], defs)
@@ -86,6 +89,32 @@ def schema_at(path: KeyPath) -> Schema | None:
     for key in path:
         part = inner(part, key)
     return part
+
+
+@cache
+def parents() -> Mapping[str, tuple[str, ...]]:
+    """Key of the schema -> dotted paths of the mappings that it belongs to.
+
+    >>> parents()["gravity"], parents()["impulse"]
+    (('world',), ('forces[]',))
+    """
+    index: dict[str, list[str]] = {}
+    _index_keys(expanded(), "", index)
+    return {key: tuple(dict.fromkeys(paths)) for key, paths in index.items()}
+
+
+def _index_keys(schema: Schema, path: str, index: dict[str, list[str]]) -> None:
+    """Add the keys of a part of the schema at `path`, and those below it."""
+    below = f"{path}." if path else ""
+    for key, part in schema.get("properties", {}).items():
+        index.setdefault(key, []).append(path)
+        _index_keys(part, f"{below}{key}", index)
+    entry = schema.get("additionalProperties")
+    if isinstance(entry, dict):
+        _index_keys(entry, f"{below}NAME", index)
+    item = schema.get("items")
+    if isinstance(item, dict):
+        _index_keys(item, f"{path}[]", index)
 
 
 def with_defaults(data: Any, schema: Schema | None = None) -> Any:

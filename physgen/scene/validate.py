@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from physgen.problems import Place, Problem
 from physgen.scene.document import Node, plain
-from physgen.scene.overlay import NAMED
+from physgen.scene.overlay import NAMED, kind_of
 from physgen.scene.schema import (
     Schema,
     advice,
@@ -25,17 +25,23 @@ from physgen.scene.schema import (
     inner,
     limit,
     measure,
+    parents,
 )
+from physgen.scene.slips import meant_list, meant_number
+from physgen.scene.slips import plain as plain_text
 from physgen.text import (
     ALLOWED,
     UNITS,
     KeyPath,
+    add_space,
     dotted,
     example,
     listed,
     nearest,
+    number,
     quoted,
     shown,
+    similarity,
 )
 
 if TYPE_CHECKING:
@@ -81,7 +87,8 @@ class Findings:
         """A problem with a value; one that an overlay wrote into many objects is reported once."""
         if node not in self.bad:
             self.bad.add(node)
-            self.add(node.place, path, shown(node.value), expected, fix)
+            written = shown(node.value) if node.text is None else quoted(node.text)
+            self.add(node.place, path, written, expected, fix)
 
 
 def check_schema(root: Node, findings: Findings) -> None:
@@ -122,12 +129,21 @@ def check_part(
         for error in errors
         if error.validator in ("minItems", "maxItems")
     ]
+    flat: set[tuple[str | int, ...]] = set()
     for error in errors:
         where = tuple(error.path)
-        if not any(
+        if any(
             len(where) > len(other) and where[: len(other)] == other for other in short
         ):
-            _Fault(error, node, path, at(schema_path)).report(findings)
+            continue
+        if error.validator == "type" and where and isinstance(where[-1], int):
+            # numbers in a list of points: one message about the first of them
+            is_number = isinstance(error.instance, int | float)
+            if is_number and error.validator_value == "array":
+                if where[:-1] in flat:
+                    continue
+                flat.add(where[:-1])
+        _Fault(error, node, path, at(schema_path)).report(findings)
 
 
 def _part(schema_path: str, shallow: bool) -> Schema:
@@ -307,18 +323,19 @@ class _Fault:
         if "enum" in self.schema:
             return self._choice(findings)
         if "object" in kinds and (len(kinds) == 1 or "array" in kinds):
-            expected, fix = (
-                "is not a mapping",
-                advice({**self.schema, "type": "object"}),
-            )
+            expected = "is not a mapping"
+            spaced = add_space(value) if isinstance(value, str) else None
+            fix = spaced or advice({**self.schema, "type": "object"})
+            if value is None:
+                fix += ", or indent its keys below it"
         elif len(kinds) > 1 and not ("integer" in kinds and type(value) is float):
             expected, fix = "does not fit here", f"write {listed(self._ways())}"
         elif "array" in kinds:
             what, count = self._count()
-            expected, fix = (
-                f"is not a list of {count}",
-                f"write {count}{self._in_unit(what)}{self.hint}",
-            )
+            expected = f"is not a list of {count}"
+            fix = f"write {count}{self._in_unit(what)}{self.hint}"
+            meant = self._meant_list(what)
+            fix = f"write {meant}" if meant else fix
         elif "boolean" in kinds:
             meant = {
                 "yes": "true",
@@ -344,7 +361,22 @@ class _Fault:
             )
             ranged = isinstance(value, float)
             fix = f"write {measure(self._numeric(), self.unit, ranged=ranged)}{self._units()}{self.hint}"
+            meant = meant_number(value, self.unit) if isinstance(value, str) else None
+            if meant:
+                fix = f"write {meant}"
+                fix += ", without quotes" if meant == value else ""
         return findings.value(self.node, self.path, expected, fix)
+
+    def _meant_list(self, what: str) -> str | None:
+        """Return the list that a text stands for, None if it is none."""
+        value = self.node.value
+        if not isinstance(value, str):
+            return None
+        if what == "names":
+            names = [plain_text(part) for part in value.split(",")]
+            is_names = all(re.fullmatch(r"[A-Za-z][\w-]*", name) for name in names)
+            return f"[{', '.join(names)}]" if is_names else None
+        return meant_list(value) if what in ("numbers", "whole numbers") else None
 
     def _ways(self) -> list[str]:
         """The words, numbers, keys or lists that a part of several types takes."""
@@ -419,7 +451,10 @@ class _Fault:
         fix = measure(schema, self.unit, ranged=True)
         if value > greatest and limit(greatest) not in fix:
             fix = f"{measure(schema, self.unit, ranged=False)} of at most {limit(greatest)}"
-        findings.value(self.node, self.path, expected, f"write {fix}{self.hint}")
+        fix = f"write {fix}{self.hint}"
+        if self.unit == "px" and 0 < value < least and self.node.text is None:
+            fix += f"; did you mean meters? write {number(value)} m"
+        findings.value(self.node, self.path, expected, fix)
 
     def _text(self, findings: Findings) -> None:
         value, schema = str(self.node.value), self.schema
@@ -444,13 +479,17 @@ class _Fault:
         many = what if bound != 1 else what.removesuffix("s")
         has = f"has {len(items)} item{'' if len(items) == 1 else 's'}"
         fix = f"write {much}{bound} {many}{self._in_unit(what)}{self.hint}"
+        written = items[0].value if len(items) == 1 else None
+        meant = meant_list(written) if isinstance(written, str) else None
+        fix = f"write {meant}, with a comma between" if meant else fix
         findings.add(self.node.place, self.path, "", has, fix)
 
     def _missing(self, findings: Findings) -> None:
         value = self.node.value
         assert isinstance(value, dict)
+        meant = misspelt_keys(value, self.schema["properties"])
         for key in self.schema["required"]:
-            if key not in value:
+            if key not in value and key not in meant:
                 fix = advice(self.schema["properties"][key])
                 findings.add(self.node.place, (*self.path, key), "", "missing", fix)
 
@@ -473,6 +512,8 @@ class _Fault:
         key, names = str(self.error.instance), self.schema["propertyNames"]
         assert isinstance(self.node.value, dict)
         fix = f"write {names['x-pattern']}, e.g. {example(names['examples'][0])}"
+        if "\u00a0" in key:
+            fix = "write plain spaces in place of no-break spaces"
         findings.add(
             self.node.value[key].key_place,
             (*self.path, key),
@@ -487,19 +528,7 @@ class _Fault:
         for key, child in value.items():
             if key in known:
                 continue
-            alias = (
-                _ALIASES.get(key.replace("-", "_").lower())
-                if self.path[:1] == ("objects",)
-                else None
-            )
-            close = alias or nearest(key, known)
-            fix = (
-                f'did you mean "{close}"?'
-                if close
-                else f"write {listed(islice(known, 30))}"
-            )
-            if not self.path and key in at("objects.*")["properties"]:
-                fix = f"it belongs to an object: objects.NAME.{key}"
+            fix = self._fix_of_key(key, value)
             findings.add(child.key_place, (*self.path, key), "", "unknown key", fix)
             findings.bad.add(child)
         if (
@@ -508,16 +537,98 @@ class _Fault:
         ):
             findings.bad.update(self.chain)
 
+    def _fix_of_key(self, key: str, siblings: dict[str, Node]) -> str:
+        """Return what to write in place of an unknown key."""
+        known = list(self.schema["properties"])
+        spaced = add_space(key)
+        if spaced is not None:
+            return spaced
+        above = _empty_above(key, siblings)
+        if above is not None and inner(self.schema, above):
+            return f"indent it by two spaces more, so that it belongs to {above}"
+        aliases = _ALIASES.get(dotted(kind_of(self.path)), {})
+        alias = aliases.get(key.replace("-", "_").lower())
+        close = alias or nearest(key, known)
+        likeness = 1.0 if alias else similarity(key, close or "")
+        homes = parents().get(key, ())
+        if homes and likeness < SURE:
+            return f"it belongs to {listed(self._nearest_of(homes))}"
+        kinds = self._missing_kinds(siblings)
+        if kinds and not alias:
+            close = nearest(key, kinds)
+            likeness = similarity(key, close or "")
+        if alias or (close and (not kinds or likeness >= SURE)):
+            return f'did you mean "{close}"?'
+        elsewhere = None if kinds or self.path else nearest(key, parents())
+        if elsewhere is not None and similarity(key, elsewhere) >= SURE:
+            home = listed(self._nearest_of(parents()[elsewhere]))
+            return f'did you mean "{elsewhere}"? it belongs to {home}'
+        return f"write {listed(islice(kinds or known, 30))}"
 
-_ALIASES = {
-    **dict.fromkeys(("restitution", "bounciness", "bounce"), "elasticity"),
-    **dict.fromkeys(("angular_velocity", "angular_speed", "omega"), "spin"),
-    **dict.fromkeys(("fixed", "static", "pinned", "is_static"), "motion: static"),
-    **dict.fromkeys(("gravity_scale", "g"), "world.gravity"),
-    **dict.fromkeys(("position", "rotation"), "place"),
-    "weight": "mass", "speed": "velocity", "rolling_friction": "rolling", "name": "label",
-}  # fmt: skip
-"""Names of other engines -> ours."""
+    def _nearest_of(self, homes: Iterable[str]) -> list[str]:
+        """Return names of mappings: those below this one if there are any."""
+        here = f"{dotted(kind_of(self.path))}.".replace("*", "NAME")
+        below = [home for home in homes if home.startswith(here)]
+        return [home or "the top level of the file" for home in below or homes]
+
+    def _missing_kinds(self, siblings: dict[str, Node]) -> list[str]:
+        """Return the kinds of a joint, field or force that has none of them yet."""
+        if not self.path or self.path[0] not in ("joints", "fields", "forces"):
+            return []
+        if len(self.path) != 2:
+            return []
+        (kinds,) = self.schema["x-exclusive"]
+        return [] if any(kind in siblings for kind in kinds) else list(kinds)
+
+
+def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
+    """Return the key right above one, if it has no value."""
+    keys = list(siblings)
+    number = keys.index(key)
+    if number == 0:
+        return None
+    above = keys[number - 1]
+    return above if siblings[above].value is None else None
+
+
+def misspelt_keys(keys: Iterable[str], known: Iterable[str]) -> set[str | None]:
+    """Return the known keys that unknown ones are probably meant to be."""
+    known = list(known)
+    return {nearest(key, known) for key in keys if key not in known}
+
+
+SURE = 0.8
+"""Similarity of two words from which on one is taken for a misspelling of the other,
+even if the misspelt word is a key elsewhere: `force` for `forces` is 0.91."""
+
+
+_ALIASES: dict[str, dict[str, str]] = {
+    "objects.*": {
+        **dict.fromkeys(("restitution", "bounciness", "bounce"), "elasticity"),
+        **dict.fromkeys(("angular_velocity", "angular_speed", "omega"), "spin"),
+        **dict.fromkeys(("fixed", "static", "pinned", "is_static"), "motion: static"),
+        **dict.fromkeys(("gravity_scale", "g"), "world.gravity"),
+        **dict.fromkeys(("position", "rotation"), "place"),
+        "weight": "mass",
+        "speed": "velocity",
+        "rolling_friction": "rolling",
+        "name": "label",
+    },
+    "objects.*.shape": {
+        **dict.fromkeys(("rectangle", "rect", "square"), "box"),
+        **dict.fromkeys(("disc", "disk", "ball", "sphere"), "circle"),
+    },
+    "objects.*.shape.circle": {"r": "radius"},
+    "objects.*.shape.box": dict.fromkeys(("width", "height", "w", "h"), "size"),
+    "forces[0]": {"push": "impulse"},
+    "boundaries.*": {"line": "segment", "points": "polyline"},
+    "joints.*": {
+        **dict.fromkeys(("hinge", "pin", "revolute"), "pivot"),
+        **dict.fromkeys(("fixed", "glue"), "weld"),
+        "bodies": "objects",
+    },
+}
+"""Kind of mapping -> names of other engines -> ours."""
 _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "type": _Fault._type,
     "const": _Fault._choice,

@@ -225,3 +225,30 @@ def test_a_shape_beyond_the_picture_misses_all_of_its_mask(tmp_path: Path) -> No
         line for line in masked(tmp_path, shape, (40, 50, 91, 100)) if "mask" in line
     ]
     assert "misses 100% of" in line
+
+
+@pytest.mark.parametrize(
+    ("gravity", "is_warned"),
+    [
+        ("[0, 9.81]", True),
+        ("9.81", True),
+        ("[0, -9.81]", True),
+        ("[0, 9.81 m/s²]", False),
+        ("[0, 0.5 m/s²]", False),
+        ("[0, 162]", False),
+        ("[0, 0]", False),
+    ],
+)
+def test_gravity_in_meters_without_unit_warns(
+    gravity: str, is_warned: bool, tmp_path: Path
+) -> None:
+    body = f"world: {{gravity: {gravity}}}\nobjects: {{a: {{shape: {BALL}}}}}"
+    warnings = [text for text in told(tmp_path, body) if "world.gravity" in text]
+    assert len(warnings) == is_warned
+    assert all("0.098 m/s²" in text for text in warnings)
+
+
+@pytest.mark.parametrize("side", [0.1, 0.3])
+def test_object_below_a_pixel_warns(side: float, tmp_path: Path) -> None:
+    body = f"objects: {{a: {{shape: {{box: {{center: [50, 50], size: [{side}, {side}]}}}}}}}}"
+    assert [text.split(":")[0] for text in told(tmp_path, body)] == ["objects.a.shape"]

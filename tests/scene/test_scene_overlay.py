@@ -10,7 +10,7 @@ import yaml
 
 from physgen.problems import InputError
 from physgen.scene import scene as model
-from physgen.scene.load import load
+from physgen.scene.load import Opened, load
 from physgen.scene.overlay import parse_key
 
 BASE: dict[str, Any] = {
@@ -300,13 +300,15 @@ def test_every_variant_is_checked(scene: Path) -> None:
         "variants: {a: {objects.ball.mass: -1}, b: {forces: [{object: none, torque: 1}]},"
         " c: {light.direction: [0, 0, 0]}}\n"
     )
-    messages = said(over(scene, text), ["objects.ball.mass=3"])
-    assert [message.split(": ")[1] for message in messages] == [
-        "objects.ball.mass",
-        "forces[0].object",
-        "light.direction",
+    opened = Opened(over(scene, text))
+    opened.scene(["objects.ball.mass=3"])
+    problems = opened.variant_problems
+    assert [(problem.variant, problem.path) for problem in problems] == [
+        ("a", "objects.ball.mass"),
+        ("b", "forces[0].object"),
+        ("c", "light.direction"),
     ]
-    assert all("over.yaml:3:" in message for message in messages)
+    assert all("over.yaml:3:" in str(problem) for problem in problems)
 
 
 def test_variants_are_whole_after_each_other(scene: Path) -> None:

@@ -1,0 +1,155 @@
+"""Find the overlay key that made a value wrong, for messages about overlays.
+
+A variant that removes `objects.ball` makes a force on `ball` wrong, in a line that the
+variant does not contain. Such a problem moves to the key of the overlay, and keeps the
+place of the wrong value as its origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+
+from physgen.problems import Place, Problem
+from physgen.scene.document import Node, items
+from physgen.scene.files import merge_bases
+from physgen.scene.overlay import NAMED, Edit, apply
+from physgen.text import KeyPath
+
+Check = Callable[[Node], Iterable[Problem]]
+"""Returns the problems of a tree."""
+
+MOST_KEYS = 200
+"""Keys of an extending file that are tried as the cause, each by one check."""
+
+
+def name_edits(
+    problems: Iterable[Problem], root: Node, edits: Sequence[Edit], check: Check
+) -> list[Problem]:
+    """Return the problems of a tree after `edits`, each at the edit that caused it."""
+    writers = {place: edit for edit in edits for place in _places(edit.value)}
+    named = []
+    pending = []
+    for problem in problems:
+        writer = writers.get(problem.place)
+        if writer is None:
+            pending.append(problem)
+        else:
+            fix = problem.fix + _dotted_key_advice(writer)
+            named.append(replace(problem, variant=writer.variant, fix=fix))
+    if pending:
+        causes = _first_edits(root, edits, check)
+        named += [_moved(problem, causes, edits) for problem in pending]
+    return named
+
+
+def _dotted_key_advice(edit: Edit) -> str:
+    """Return how to set one value, for an edit that replaces a whole section."""
+    value = edit.value
+    path = [edit.key]
+    while isinstance(value.value, dict) and value.value:
+        key, value = next(iter(value.value.items()))
+        path.append(key)
+    if edit.key not in NAMED or len(path) < 2:
+        return ""
+    return f"; this replaces all {edit.key}: to set one value, write {'.'.join(path)}"
+
+
+def _moved(
+    problem: Problem, causes: dict[Problem, Edit], edits: Sequence[Edit]
+) -> Problem:
+    """Return the problem at the edit that caused it, where it is if none is known."""
+    edit = causes.get(problem)
+    if edit is None:
+        variants = {edit.variant for edit in edits}
+        return replace(problem, variant=variants.pop() if len(variants) == 1 else "")
+    place = edit.value.key_place
+    return replace(problem, place=place, origin=problem.place, variant=edit.variant)
+
+
+def _first_edits(
+    root: Node, edits: Sequence[Edit], check: Check
+) -> dict[Problem, Edit]:
+    """Return the edit after which each problem first appears."""
+    if len(edits) == 1:
+        last = edits[0]
+        return dict.fromkeys(check(apply(root, last)), last)
+    causes: dict[Problem, Edit] = {}
+    for edit in edits:
+        root = apply(root, edit)
+        current = dict.fromkeys(check(root))
+        causes = {problem: causes.get(problem, edit) for problem in current}
+    return causes
+
+
+def name_extending_keys(
+    problems: Iterable[Problem], chain: Sequence[Node], check: Check
+) -> list[Problem]:
+    """Return the problems of files that extend each other, each at the key that caused it.
+
+    `chain` holds the trees, the file that was opened first. A problem of the last file
+    alone stays at its place.
+    """
+    pending = dict.fromkeys(problems)
+    named = []
+    for number in range(len(chain) - 2, -1, -1):
+        below = merge_bases(chain[number + 1 :])
+        inherited = set(check(below))
+        own = set(_places(chain[number]))
+        wrong = [p for p in check(merge_bases(chain[number:])) if p not in inherited]
+        caused = [p for p in wrong if p in pending and p.place not in own]
+        for problem, node in _causes(caused, chain[number], below, check):
+            del pending[problem]
+            named.append(replace(problem, place=node.key_place, origin=problem.place))
+    return [*pending, *named]
+
+
+def _causes(
+    problems: Sequence[Problem], over: Node, below: Node, check: Check
+) -> Iterator[tuple[Problem, Node]]:
+    """Yield each problem that disappears without one key of `over`, and that key."""
+    pending = list(problems)
+    for path, node in islice(_keys(over, (), 3), MOST_KEYS):
+        if not pending:
+            return
+        left = set(check(merge_bases([_without(over, path), below])))
+        solved = [problem for problem in pending if problem not in left]
+        pending = [problem for problem in pending if problem in left]
+        yield from ((problem, node) for problem in solved)
+
+
+def _keys(node: Node, path: KeyPath, depth: int) -> Iterator[tuple[KeyPath, Node]]:
+    """Yield the keys of a file that replace or remove something of another file."""
+    if not isinstance(node.value, dict):
+        return
+    for key, child in node.value.items():
+        here = (*path, key)
+        is_name = len(here) == 1 and key in NAMED
+        if depth > 1 and isinstance(child.value, dict) and (is_name or child.value):
+            yield from _keys(child, here, depth - 1)
+        elif here != ("extends",):
+            yield here, child
+
+
+def _without(node: Node, path: KeyPath) -> Node:
+    """Return the tree without the value at a path."""
+    assert isinstance(node.value, dict)
+    key, *rest = path
+    children = dict(node.value)
+    child = children.pop(str(key))
+    if rest:
+        children[str(key)] = _without(child, tuple(rest))
+    return node.with_value(children)
+
+
+def _mapping(node: Node) -> dict[str, Node]:
+    return node.value if isinstance(node.value, dict) else {}
+
+
+def _places(node: Node) -> Iterator[Place]:
+    """Yield the places of a value, of its key and of all that it contains."""
+    yield node.place
+    yield node.key_place
+    for child in (*_mapping(node).values(), *items(node)):
+        yield from _places(child)

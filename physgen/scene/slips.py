@@ -1,0 +1,103 @@
+"""What a person most likely meant by a text in place of a number or a list.
+
+>>> meant_number("1,5", ""), meant_number("170 grams", "g"), meant_number("30%", "")
+('1.5', '170 g', '0.3')
+>>> meant_list("512x512"), meant_list("(100, 0)"), meant_list("fast")
+('[512, 512]', '[100, 0]', None)
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+from physgen.text import quantity
+
+LONGEST_SLIP = 200
+"""Characters of the longest text that is looked at: a list of some ten numbers."""
+_QUOTES = "\"'‘’‚“”„«»`´"
+_SIGNS = {"\u2212": "-", "\u2013": "-", "\u2014": "-", "\u00d7": "x"}
+"""Signs that look like those of YAML, and those: minus, dashes and times."""
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_is_number = re.compile(_NUMBER).fullmatch
+_amount = re.compile(rf"({_NUMBER})\s*(\D.*)").fullmatch
+_UNITS = {
+    "gram": "g",
+    "kilogram": "kg",
+    "kgs": "kg",
+    "meter": "m",
+    "metre": "m",
+    "pixel": "px",
+    "second": "s",
+    "sec": "s",
+    "minute": "min",
+    "millisecond": "ms",
+    "newton": "N",
+    "revolution": "turn",
+    "rev": "turn",
+    "fps": "Hz",
+    "hz": "Hz",
+}
+"""Names of units, in the singular -> units that a scene file has."""
+_WORD = re.compile(r"[A-Za-z]+")
+_PER_SECOND = ("degrees/s", "px/s")
+"""Units of a rate whose `/s` people leave out."""
+
+
+def plain(text: str) -> str:
+    """Return a text with the signs and digits of a keyboard, without quotes around it."""
+    signs = "".join(_keyboard_sign(char) for char in text)
+    return unicodedata.normalize("NFKC", signs).strip().strip(_QUOTES).strip()
+
+
+def _keyboard_sign(char: str) -> str:
+    """Return the ASCII digit or sign that a character stands for."""
+    if char.isdecimal():
+        return str(unicodedata.decimal(char))
+    return _SIGNS.get(char, char)
+
+
+def meant_number(text: str, unit: str) -> str | None:
+    """Return the number, with its unit if one was written, that a text stands for."""
+    if len(text) > LONGEST_SLIP:
+        return None
+    text = plain(text).split("#")[0].rstrip(" ,;.")
+    if _is_number(text):
+        return text
+    if re.fullmatch(r"[-+]?\d{1,3}(?:[_' ]\d{3})+", text):
+        return re.sub(r"[_' ]", "", text)
+    if re.fullmatch(r"[-+]?\d+,\d+", text):
+        return text.replace(",", ".")
+    if text.endswith("%") and _is_number(text[:-1].strip()) and not unit:
+        return f"{float(text[:-1]) / 100:g}"
+    return _meant_quantity(text, unit)
+
+
+def _meant_quantity(text: str, unit: str) -> str | None:
+    """Return a number with a unit that fits, None if no such is meant."""
+    parts = _amount(text)
+    if not unit or parts is None:
+        return None
+    spelt = _WORD.sub(lambda word: _known_unit(word[0]), parts[2].strip())
+    for own in (spelt, f"{spelt}/s" if unit in _PER_SECOND else spelt):
+        meant = f"{parts[1]} {own}"
+        if meant != text and quantity(meant, unit, 100.0) is not None:
+            return meant
+    return None
+
+
+def _known_unit(word: str) -> str:
+    """Return the unit that a word names, the word itself if it names none."""
+    lower = word.lower()
+    return _UNITS.get(lower) or _UNITS.get(lower.removesuffix("s")) or word
+
+
+def meant_list(text: str) -> str | None:
+    """Return the list of numbers that a text stands for, None if it is none."""
+    if len(text) > LONGEST_SLIP:
+        return None
+    inner = plain(text).strip("()[]{} ")
+    parts = [part for part in re.split(r"\s*[,;xX]\s*|\s+", inner) if part]
+    if len(parts) < 2 or not all(map(_is_number, parts)):
+        return None
+    return f"[{', '.join(parts)}]"

@@ -1,0 +1,145 @@
+"""Faults of YAML that PyYAML reports at a later place, or without the fix.
+
+Each rule looks at the text around PyYAML's mark and returns the fault with the place,
+the reason and the fix of the line that is wrong, or None.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import yaml
+
+from physgen.text import add_space, counted
+
+
+class SyntaxFault(NamedTuple):
+    """A fault with its line and column, counted from 1."""
+
+    line: int
+    column: int
+    expected: str
+    fix: str
+
+
+_BREAK = re.compile(r"\r\n|\r|\n")
+_BARE_KEY = re.compile(r"\s*(?:- +)*[\w-]+").fullmatch
+_HAS_KEY = re.compile(r":(?:\s|$)").search
+
+
+def explain_syntax(error: yaml.MarkedYAMLError, text: str) -> SyntaxFault | None:
+    """Return the fault behind an error of PyYAML, None if its own words are right."""
+    if error.problem_mark is None:
+        return None
+    lines = _BREAK.split(text)
+    rules = (_missing_colon, _wrong_indent, _quote_in_quotes, _open_bracket)
+    for rule in rules:
+        fault = rule(error, lines)
+        if fault is not None:
+            return fault
+    return None
+
+
+def _missing_colon(error: yaml.MarkedYAMLError, lines: list[str]) -> SyntaxFault | None:
+    """Find a key without a colon, or without a space after its colon."""
+    problem = error.problem or ""
+    if "could not find expected ':'" in problem and error.context_mark:
+        number = error.context_mark.line
+    elif "mapping values are not allowed" in problem and error.problem_mark:
+        mark = error.problem_mark
+        if not _BARE_KEY(_line(lines, mark.line)[: mark.column]):
+            return None
+        number = _line_before(lines, mark.line)
+    else:
+        return None
+    line = _line(lines, number)
+    column = _key_column(line)
+    fix = add_space(line)
+    if fix is not None:
+        return SyntaxFault(number + 1, column, "a colon without a space after it", fix)
+    if _HAS_KEY(line) or not line.strip():
+        return None
+    if line.lstrip().startswith("//"):
+        return SyntaxFault(number + 1, column, "not a comment", "begin it with #")
+    fix = "put a colon and a space behind the key, as in key: value"
+    return SyntaxFault(number + 1, column, "a line without a key", fix)
+
+
+def _wrong_indent(error: yaml.MarkedYAMLError, lines: list[str]) -> SyntaxFault | None:
+    """Find a line whose indentation is that of no line above."""
+    mark = error.problem_mark
+    if "did not find expected key" not in (error.problem or ""):
+        return None
+    line = _line(lines, mark.line)
+    spaces = _indent(line)
+    if line[: mark.column].strip() not in ("", "-") or not line.strip():
+        return None
+    before = _line_before(lines, mark.line)
+    wanted = _indent(_line(lines, before))
+    if line.lstrip().startswith("- "):
+        fix = f"take out the -, and indent it by {counted(wanted, 'space')}"
+        return SyntaxFault(
+            mark.line + 1, mark.column + 1, "a list item among keys", fix
+        )
+    if spaces == wanted:
+        return None
+    found = f"indented by {counted(spaces, 'space')}, unlike the lines above"
+    fix = f"indent it by {counted(wanted, 'space')}, as line {before + 1} is"
+    return SyntaxFault(mark.line + 1, mark.column + 1, found, fix)
+
+
+def _quote_in_quotes(
+    error: yaml.MarkedYAMLError, lines: list[str]
+) -> SyntaxFault | None:
+    """Find a quoted text that ends within its line, at a quote of its own."""
+    mark = error.problem_mark
+    if "did not find expected" not in (error.problem or ""):
+        return None
+    before = _line(lines, mark.line)[: mark.column].rstrip()
+    quote = before[-1:]
+    if quote not in ("'", '"'):
+        return None
+    inside = "''" if quote == "'" else '\\"'
+    fix = f"write {inside} for a quote within {quote}...{quote}"
+    return SyntaxFault(mark.line + 1, len(before), "a quote within a quoted text", fix)
+
+
+def _open_bracket(error: yaml.MarkedYAMLError, lines: list[str]) -> SyntaxFault | None:
+    """Find a bracket that is not closed, or a comma that is missing within."""
+    problem, context = error.problem or "", error.context_mark
+    if "did not find expected ','" not in problem or context is None:
+        return None
+    bracket = "[" if "']'" in problem else "{"
+    mark = error.problem_mark
+    if mark.line > context.line and ("," not in _line(lines, mark.line)):
+        return SyntaxFault(
+            context.line + 1,
+            context.column + 1,
+            f"a {bracket} that is not closed",
+            f"close the {bracket}",
+        )
+    fix = f"put a comma before it, or close the {bracket}"
+    return SyntaxFault(mark.line + 1, mark.column + 1, "a missing comma", fix)
+
+
+def _line(lines: list[str], number: int) -> str:
+    return lines[number] if 0 <= number < len(lines) else ""
+
+
+def _line_before(lines: list[str], number: int) -> int:
+    """Return the number of the last line before one that is neither empty nor a comment."""
+    number -= 1
+    while number > 0 and not lines[number].split("#")[0].strip():
+        number -= 1
+    return max(number, 0)
+
+
+def _indent(line: str) -> int:
+    """Return the number of characters before the key of a line."""
+    return len(line) - len(line.lstrip(" \t"))
+
+
+def _key_column(line: str) -> int:
+    """Return the column of the key of a line, behind the - of a list item."""
+    return len(line) - len(line.lstrip(" \t-")) + 1
