@@ -32,7 +32,7 @@ SIZES = (
     (9000, 3), (3, 9000), (2000, 40), (600, 60), (60, 400),
 )  # fmt: skip
 """Width and height, px, of pictures that are no photos."""
-USUAL_SIZES = (64, 400)
+USUAL_SIZES = (64, 240)
 """px: limits of a side of all others; perception of larger ones takes long."""
 NAMES = (
     "my photo", "it's", 'a "b"', "two\nlines", "фото", "写真", "🙂", "100%", "%s%d", "-photo", "--help",
