@@ -58,7 +58,7 @@ def motion_faults(clips: Path, lines: Sequence[str]) -> list[str]:
     """Return faults of the trajectories below a folder of clips.
 
     They are values that are not finite, and a clip whose moving objects are all
-    outside of the picture after its first third without a word about it.
+    outside of the picture after its first fifth without a word about it.
     """
     faults = []
     for file in clips.rglob("trajectory.npz"):
@@ -73,12 +73,12 @@ def motion_faults(clips: Path, lines: Sequence[str]) -> list[str]:
 
 
 def has_left(poses: np.ndarray, size: Sequence[int]) -> bool:
-    """Return whether all bodies that move are far outside after the first third."""
+    """Return whether all bodies that move are far outside after the first fifth."""
     centres = poses[:, :, :2]
     is_moving = np.ptp(centres, axis=0).max(axis=-1) > MOVED
     if not is_moving.any():
         return False
-    later = centres[-(-len(centres) // 3) :, is_moving]
+    later = centres[-(-len(centres) // 5) :, is_moving]
     extent = np.array(size, float)
     is_outside = (later < -MARGIN * extent) | (later > (1 + MARGIN) * extent)
     return bool(is_outside.any(axis=-1).all())

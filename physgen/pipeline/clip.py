@@ -229,7 +229,7 @@ UNMOVED = 1.0
 """px: a displacement of a point of an object that nobody sees."""
 HARDLY = 0.005
 """Of the longer side: the same where something is pushed."""
-DEPARTED = 1 / 3
+DEPARTED = 0.2
 """Of the clip, from its beginning: a picture that is still from then on is seldom meant."""
 UNBALANCED = 0.03
 """Share of the energy that flows which may be unaccounted for before the user is warned."""

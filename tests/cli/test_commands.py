@@ -529,7 +529,7 @@ def test_urls_are_refused_and_nothing_is_written(
 def test_departure_of_all_moving_objects_warns(
     velocity: int, is_warned: bool, lesson: Path, tmp_path: Path, capsys
 ) -> None:
-    """A clip whose picture is still from its first third on; the crate rests."""
+    """A clip whose picture is still from its first fifth on; the crate rests."""
     text = lesson.read_text().replace("[300, 0]", f"[{velocity}, -200]")
     lesson.write_text(text)
     lift = "objects.ball.shape.circle.center=[25, 20]"
