@@ -59,8 +59,9 @@ ADDRESSES = 6 * 10**9
 """Bytes of address space: far more than may be held, so that the machine is safe."""
 CRASHED = 70
 """Exit code of a command that raised."""
-HANG = 60
-"""Wall time after which a command is killed, s."""
+HANG = 600
+"""Wall time after which a command is killed, s: it waits for something. Work ends sooner, by SECONDS; on a machine with
+much else to do it takes many times as long."""
 LONGEST = 2_000
 """Characters of one message."""
 MESSAGE = re.compile(r"^(?P<place>[^\n]*?): (?P<what>.+); (?P<fix>.+)$")
