@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import atexit
 import copy
+import importlib
 import itertools
 import json
 import os
@@ -42,8 +43,10 @@ import cv2
 import httpx
 import numpy as np
 import yaml
+from attack_faults import invalid_json, motion_faults, repeated_messages, wrong_places
+from hand_mistakes import SETTINGS, write_mistaken_scene
+from odd_photos import write_odd_photo
 
-from physgen import pipeline  # imported before forking, so that a child starts at once
 from physgen.cli.main import main as physgen
 from physgen.files import file_stamp
 
@@ -56,13 +59,16 @@ ADDRESSES = 6 * 10**9
 """Bytes of address space: far more than may be held, so that the machine is safe."""
 CRASHED = 70
 """Exit code of a command that raised."""
-HANG = 60
-"""Wall time after which a command is killed, s."""
+HANG = 600
+"""Wall time after which a command is killed, s: it waits for something. Work ends sooner, by SECONDS; on a machine with
+much else to do it takes many times as long."""
 LONGEST = 2_000
 """Characters of one message."""
 MESSAGE = re.compile(r"^(?P<place>[^\n]*?): (?P<what>.+); (?P<fix>.+)$")
 NOT_MESSAGES = re.compile(r"was there already and differed; kept as|^interrupted$")
-NOISE = re.compile(r"Traceback|Warning:|Segmentation|^\s+File \"")
+NOISE = re.compile(
+    r"Traceback|Warning:|Segmentation|^\s+File \"|fault of physgen's", re.MULTILINE
+)
 FRAMES = (
     "--set",
     "world.duration=0.1",
@@ -74,6 +80,29 @@ FRAMES = (
     "1",
 )
 """What makes a render of any scene short."""
+SHORT = ("--set", "world.duration=0.5", "--set", "render.frames=4", "--jobs", "1")
+"""The same for scenes whose motion is looked at: they last half a second."""
+
+
+AHEAD = (
+    "physgen.pipeline.clip",
+    "physgen.pipeline.perceiving",
+    "physgen.compile.warnings",
+    "physgen.simulate.engine",
+    "physgen.render.frames",
+    "physgen.report.page",
+    "physgen.report.player",
+    "physgen.report.perception",
+    "physgen.videos",
+    "physgen.perceive.perceive",
+    "physgen.cli.render",
+    "physgen.cli.simulate",
+    "physgen.cli.perceive",
+    "jsonschema",
+    "PIL.Image",
+    "PIL.ImageCms",
+)
+"""Modules that are imported before the first input, so that a child starts at once."""
 
 
 @dataclass
@@ -145,7 +174,8 @@ def judge(result: Result, base: int, codes: tuple[int, ...] = (0, 2)) -> list[st
     if max(result.memory, base) > limit:
         faults.append("too much memory")
     lines = result.err.splitlines()
-    if result.code == 2 and not any(MESSAGE.match(line) for line in lines):
+    is_told = any(MESSAGE.match(line) for line in lines)
+    if result.code == 2 and not is_told and not result.out.startswith("{"):
         faults.append("refused without place and remedy")
     for line in lines:
         if len(line) > LONGEST:
@@ -399,6 +429,28 @@ def edit(chance: random.Random, names: list[str]) -> tuple[str, ...]:
     ))  # fmt: skip
 
 
+def mistakes(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """A scene with mistakes made by hand: checked, rendered, and listed or checked with an edit now and then."""
+    write_mistaken_scene(folder, chance)
+    report = ("--report", "none") if chance.random() < 0.9 else ()
+    yield ("check", "scene.yaml")
+    yield ("render", "scene.yaml", "-o", "clips", *SHORT, *report)
+    setting = chance.choice(SETTINGS)
+    extras = (
+        ("check", "scene.yaml", "--json"),
+        ("check", "scene.yaml", "--strict"),
+        ("check", "scene.yaml", "--variant", "all"),
+        ("check", "scene.yaml", "--set", setting),
+        ("check", "scene.yaml", "--set", setting),
+        ("check", "scene.yaml", "--set", setting),
+        ("show", "scene.yaml"),
+        ("render", "scene.yaml", "--variant", "all", "-o", "all", *SHORT, *report),
+        ("render", "scene.yaml", "--set", setting, "-o", "set", *SHORT, *report),
+    )
+    if chance.random() < 0.6:
+        yield chance.choice(extras)
+
+
 # Pictures and maps
 
 
@@ -526,6 +578,18 @@ def photos(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     data = odd_picture(chance) if chance.random() < 0.4 else damaged(small, chance)
     (folder / "photo.png").write_bytes(data)
     yield ("perceive", "photo.png", "-o", "made.yaml")
+
+
+def odd_photos(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """A photo of an odd kind: perceived; its scene is checked and, now and then, rendered."""
+    name = write_odd_photo(folder, chance)
+    photo = ("--", name) if name.startswith("-") else (name,)
+    # a name in the current folder that begins with a dash needs "--", as everywhere
+    yield ("perceive", "-o", "made.yaml", *photo)
+    if (folder / "made.yaml").exists():
+        yield ("check", "made.yaml")
+        if chance.random() < 0.4:
+            yield ("render", "made.yaml", "-o", "clips", *SHORT)
 
 
 # Disks, arguments, runs
@@ -809,14 +873,24 @@ COMMANDS: dict[str, Callable[[Path, random.Random], Iterator[tuple[str, ...]]]] 
     "assets": assets,
     "pictures": pictures,
     "photos": photos,
+    "mistakes": mistakes,
+    "odd-photos": odd_photos,
     "arguments": arguments,
     "disks": disks,
 }
 RUNS = {"interrupted": interrupted, "concurrent": concurrent, "editor": editor}
-SHARE = dict(zip((*COMMANDS, *RUNS), (60, 10, 6, 6, 8, 3, 1, 1, 2), strict=True))
+SHARE = dict(zip((*COMMANDS, *RUNS), (50, 8, 5, 4, 14, 4, 8, 3, 1, 1, 2), strict=True))
 """Of 100 inputs, about; `scenes` are the quickest."""
+THOROUGH = ("mistakes", "odd-photos")
+"""Kinds whose messages and motion are looked at closely; a refusal does not end their commands."""
 SEEDS = (1, 2, 3)
-COUNTS = ((("scenes",), 1670), (("interrupted",), 17), (tuple(SHARE)[1:], 180))
+COUNTS = (
+    (("scenes",), 1670),
+    (("mistakes",), 400),
+    (("odd-photos",), 120),
+    (("interrupted",), 17),
+    (tuple(SHARE)[1:], 180),
+)
 """Kinds, and inputs of them for a seed, of the benchmark."""
 
 
@@ -826,11 +900,10 @@ def attack(
     """The faults that one input of a kind showed, the commands that showed them, and what all commands did."""
     if kind in RUNS:
         return RUNS[kind](folder, chance), [], []
-    faults, shown, results = [], [], []
+    faults, shown, results, commands = [], [], [], []
     for command in COMMANDS[kind](folder, chance):
-        before = {
-            path: file_stamp(path) for path in folder.rglob("*") if path.is_file()
-        }
+        commands.append(command)
+        before = stamps(folder)
         prepare = full_disk(chance) if kind == "disks" else None
         results.append(result := run(folder, *command, prepare=prepare))
         found = judge(result, base, (0, 1, 2) if kind == "disks" else (0, 2))
@@ -838,18 +911,45 @@ def attack(
             f"left over: {re.sub(r'[0-9a-f]{6,}|[0-9]+', 'N', name)}"
             for name in leftovers(folder)
         ]
-        after = {path: file_stamp(path) for path in folder.rglob("*") if path.is_file()}
-        if result.code == 2 and before != after:
+        if result.code == 2 and before != stamps(folder):
             found.append("refused, and wrote a file")
+        if kind in THOROUGH:
+            found += more_faults(folder, command, result)
+            found += disagreement(commands, results)
         if found:
             faults += found
             shown.append(command)
             (folder / "stderr.txt").write_text(
                 result.err, encoding="utf-8", errors="backslashreplace"
             )
-        if result.code != 0:
+        if result.code != 0 and kind not in THOROUGH:
             break
     return list(dict.fromkeys(faults)), shown, results
+
+
+def stamps(folder: Path) -> dict[Path, tuple[int, ...]]:
+    """Return what changes when a file below a folder is written, for each."""
+    return {path: file_stamp(path) for path in folder.rglob("*") if path.is_file()}
+
+
+def more_faults(folder: Path, command: tuple[str, ...], result: Result) -> list[str]:
+    """Return faults of messages and of motion, see attack_faults.py."""
+    lines = result.err.splitlines()
+    faults = repeated_messages(lines) + wrong_places(lines, folder)
+    faults += invalid_json(command, result.out)
+    if command[0] == "render" and result.code == 0:
+        faults += motion_faults(folder / command[command.index("-o") + 1], lines)
+    return faults
+
+
+def disagreement(commands: list[tuple[str, ...]], results: list[Result]) -> list[str]:
+    """Return a fault if `render` refuses a scene that `check` has just accepted."""
+    codes = [result.code for result in results[-2:]]
+    names = [command[0] for command in commands[-2:]]
+    is_plain = "clips" in commands[-1] and "--json" not in commands[-1]
+    if names == ["check", "render"] and codes == [0, 2] and is_plain:
+        return ["check accepts what render refuses"]
+    return []
 
 
 def minimal(
@@ -1021,7 +1121,8 @@ def main() -> int:
         signal.SIGTERM, lambda *_: sys.exit(143)
     )  # folders under way are removed
     cv2.setNumThreads(1)
-    assert pipeline
+    for name in AHEAD:
+        importlib.import_module(name)
     numbers = (
         range(options.first, options.first + options.count) if options.count else None
     )

@@ -22,6 +22,9 @@ LONGEST_NAME = 200
 LONGEST_MESSAGE = 500
 """Characters of a message about wrong flags, which repeats what was written."""
 
+NO_FLAG = "\0"
+"""Before an argument that begins with a dash and is no flag; no argument holds this character."""
+
 
 class Parser(argparse.ArgumentParser):
     """Wrong flags: a line each that says what to do, exit code 2."""
@@ -74,7 +77,7 @@ class Parser(argparse.ArgumentParser):
             return super().parse_known_args(args, namespace)
         self.mixed = False
         try:
-            return self.parse_known_intermixed_args(args, namespace)
+            return self.parse_known_intermixed_args(_hide_dashes(args), namespace)
         finally:
             self.mixed = True
 
@@ -96,7 +99,7 @@ class Parser(argparse.ArgumentParser):
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         try:
-            return super()._get_value(action, arg_string)
+            return super()._get_value(action, arg_string.removeprefix(NO_FLAG))
         except argparse.ArgumentError as error:  # reported with all others
             self.wrong.append(str(error))
 
@@ -131,6 +134,20 @@ class Parser(argparse.ArgumentParser):
             WRONG_INPUT,
             "".join(f"{self.prog}: {line}; see {self.prog} --help\n" for line in lines),
         )
+
+
+def _hide_dashes(arguments: Sequence[str] | None) -> Sequence[str] | None:
+    """Mark the arguments behind `--` that begin with a dash, and take `--` out.
+
+    argparse does not know `--` where it lets flags stand between arguments.
+    """
+    if arguments is None or "--" not in arguments:
+        return arguments
+    end = arguments.index("--")
+    values = list(arguments[:end])
+    for text in arguments[end + 1 :]:
+        values.append(NO_FLAG + text if text.startswith("-") else text)
+    return values
 
 
 def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:

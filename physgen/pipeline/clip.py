@@ -237,6 +237,8 @@ UNMOVED = 1.0
 """px: a displacement of a point of an object that nobody sees."""
 HARDLY = 0.005
 """Of the longer side: the same where something is pushed."""
+DEPARTED = 0.2
+"""Of the clip, from its beginning: a picture that is still from then on is seldom meant."""
 UNBALANCED = 0.03
 """Share of the energy that flows which may be unaccounted for before the user is warned."""
 
@@ -489,6 +491,7 @@ class _Run:
                 np.hypot(*world.gravity)
             )
             record.imbalance = trajectory.imbalance(weight)
+            self.check_departure(trajectory)
         record.samples, record.effort = (
             trajectory.sample_hashes(),
             asdict(trajectory.effort),
@@ -530,6 +533,18 @@ class _Run:
             draws = self._draws()
             record.fan = None if draws is None else draws.as_dict()
         return draws
+
+    def check_departure(self, trajectory: Trajectory) -> None:
+        """Warn if all that moves has left the picture early in the clip."""
+        world = self.film.compiled.world
+        reaches = np.array([body.reach for body in world.bodies])
+        time = trajectory.time_of_departure(reaches, world.size, UNMOVED)
+        if time is None or time >= DEPARTED * world.duration:
+            return
+        problem = f"all that moves has left the picture by {time:.2g} s of {world.duration:g} s"
+        fix = "write boundaries that stop it, a lower velocity, or a shorter world.duration"
+        place = self.scene.place("world.duration")
+        self.warn(Problem(place, "", "", problem, fix, Severity.WARNING))
 
     def _draws(self) -> Draws | None:
         """Simulations with drawn values; None, and a warning, where no value of the scene is uncertain."""

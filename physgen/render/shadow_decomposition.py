@@ -409,9 +409,9 @@ def _cast(
     )
     box, seen = shifted_picture(everything, (x, y), (0.0, 0.0), setting.size)
     whole = None if box is None else (box, seen)
-    return CastShadow(
-        start, step, whole, own, ((x, y), everything) if slides else None, is_round
-    )
+    # an object far outside of the photo has no visible shadow that could slide
+    sliding = ((x, y), everything) if slides and everything.size else None
+    return CastShadow(start, step, whole, own, sliding, is_round)
 
 
 def _leaning(casts: list[CastShadow]) -> list[CastShadow]:

@@ -430,6 +430,11 @@ _FIXES = (
         "mapping values are not allowed",
         'put text that holds ": " in quotes, and a space after the colon of every key, also in the line above',
     ),
+    ("a tab character", "indent with spaces, not tabs"),
+    (
+        "parsing a block mapping",
+        "indent the line as those beside it, and write `key: value`, one a line",
+    ),
     (
         "cannot start any token",
         "indent with spaces, not tabs; put text that starts with @ or ` in quotes",

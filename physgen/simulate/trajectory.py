@@ -127,6 +127,27 @@ class Trajectory:
         flow = max(least, float(e.kinetic.max()), *flows)
         return float(np.ptp(total)) / flow if flow > 0 else 0.0
 
+    def time_of_departure(
+        self, reaches: Array, size: tuple[int, int], least: float
+    ) -> float | None:
+        """Return the time in s after which all bodies that move are outside the picture.
+
+        `reaches` (N,) px are the radii about the centres of mass that contain the
+        bodies, `size` is that of the picture in px. A body moves if its centre covers
+        `least` px or more. None if a body is inside at the end, or if none moves.
+        """
+        centres = self.poses[:, :, :2]
+        is_moving = np.ptp(centres, axis=0).max(axis=-1, initial=0.0) >= least
+        margins = reaches[is_moving][:, None]
+        centres = centres[:, is_moving]
+        is_beyond = (centres < -margins) | (centres > np.array(size) + margins)
+        is_visible = ~is_beyond.any(axis=-1).all(axis=-1)
+        if not is_moving.any() or is_visible[-1]:
+            return None
+        visible_samples = np.flatnonzero(is_visible)
+        last = int(visible_samples[-1]) if len(visible_samples) else 0
+        return float(self.times[last])
+
     def sample_hashes(self) -> list[str]:
         """SHA-256 of each sample's time, poses and velocities, as little-endian float64."""
         return [

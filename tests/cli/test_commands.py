@@ -559,3 +559,22 @@ def test_urls_are_refused_and_nothing_is_written(
     assert ended.value.code == 2
     assert "mount the store, or copy the files" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("velocity", "is_warned"), [(4000, True), (-4000, True), (300, False), (0, False)]
+)
+def test_departure_of_all_moving_objects_warns(
+    velocity: int, is_warned: bool, lesson: Path, tmp_path: Path, capsys
+) -> None:
+    """A clip whose picture is still from its first fifth on; the crate rests."""
+    text = lesson.read_text().replace("[300, 0]", f"[{velocity}, -200]")
+    lesson.write_text(text)
+    lift = "objects.ball.shape.circle.center=[25, 20]"
+    command = ["render", str(lesson), "-o", str(tmp_path / "out"), "--set", lift]
+    assert main(command) == 0
+    line = f"{lesson}:3:19: warning: "
+    warnings = [text for text in capsys.readouterr().err.splitlines() if "left" in text]
+    assert [text.startswith(line) for text in warnings] == [True] * is_warned
+    (manifest,) = (tmp_path / "out").glob("*/manifest.json")
+    assert len(json.loads(manifest.read_text())["warnings"]) == is_warned

@@ -99,3 +99,21 @@ def test_wrong_values_of_a_measure_are_reported(capsys) -> None:
     assert len(lines) == 2
     assert "--seed" in lines[0]
     assert "--foo" in lines[1]
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        ["-o", "out", "--", "-lesson.yaml"],
+        ["lesson.yaml", "-o", "out", "--", "-lesson.yaml"],
+    ],
+)
+def test_double_dash_admits_names_with_dash(
+    order: list[str], lesson, tmp_path, monkeypatch, capsys
+) -> None:
+    """The second command is one whose flags may stand between its arguments."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "-lesson.yaml").write_text(lesson.read_text())
+    assert main(["check", "--", "-lesson.yaml"]) == 0
+    assert main(["render", *order]) == 0
+    assert (tmp_path / "out" / "-lesson" / "video.mp4").is_file()

@@ -989,3 +989,16 @@ def test_an_edge_that_turns_up_is_lit_from_above(side: int) -> None:
         (lit[:, 8:11], lit[:, 37:40]) if side > 0 else (lit[:, 37:40], lit[:, 8:11])
     )
     assert up.mean() > down.mean() + 0.02
+
+
+def test_object_outside_photo_casts_no_shadow(tmp_path: Path) -> None:
+    """A ball whose position was written in other units; seen from above, shadows slide."""
+    root = Path(__file__).resolve().parents[2]
+    edits = (
+        "objects.ball-1.shape={circle: {center: [6090, 3195], radius: 200}}",
+        "world.duration=0.1",
+        "render.frames=2",
+    )
+    scene = root / "scenes" / "billiards" / "scene.yaml"
+    folder = pipeline.render_scene(scene, tmp_path, overrides=edits)
+    assert (folder / "video.mp4").is_file()
