@@ -11,6 +11,8 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
+from physgen.problems import OutputError
+
 EXIF_ORIENTATION = 0x0112
 """Tag of how a camera was held; 1 is upright."""
 SCENE_FORMATS = ("PNG", "JPEG", "WEBP")
@@ -83,6 +85,34 @@ def machine_id() -> str:
         parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
         parts.append(Path("/etc/machine-id").read_text())
     return sha256("\n".join(parts).encode()).hexdigest()[:8]
+
+
+OUTPUT_FIX = "name a folder that can be written"
+"""What to do about an output folder that refuses files."""
+
+
+def check_writable(folder: Path) -> None:
+    """Write and remove a byte in an output folder, or where it would be created.
+
+    Permission bits say too little: root ignores them, and a mount may be read-only or
+    full. Raises OutputError.
+    """
+    existing = folder
+    while not os.path.lexists(existing) and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir():
+        raise OutputError.of(str(existing), "", "is a file", OUTPUT_FIX)
+    probe = partial(existing / "physgen")
+    try:
+        try:
+            probe.write_bytes(b"\0")
+        finally:
+            probe.unlink(missing_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError.of(
+            str(folder), "", f"cannot be written: {reason}", OUTPUT_FIX
+        ) from None
 
 
 def final_name(path: str) -> str:

@@ -102,6 +102,10 @@ class InputError(Exception):
         return cls([Problem(Place(file), "", found, expected, fix)])
 
 
+class OutputError(InputError):
+    """No file can be written into the output folder, whatever the input is."""
+
+
 def collect(calls: Iterable[Callable[[], T]]) -> list[T]:
     """Their results. Raises InputError with the problems of all, each once."""
     results, problems = list[T](), list[Problem]()

@@ -543,18 +543,22 @@ def write_scene(
     keep: Keep = ignore_kept_file,
     before: str | None = None,
     known: Record = UNKNOWN,
+    stdout: Path | None = None,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
     `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
     `known` is the record beside it.
 
-    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder; those of another scene
-    that are in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
+    Assets go to `OUTPUT-STEM.assets/` beside the scene; without `output`, to those of the
+    file `stdout` that the caller writes the text to, or to `NAME.assets/` in the current
+    folder. Assets of another scene in the way stay, and the new ones go to
+    `OUTPUT-STEM-2.assets/`.
     `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the file as it
     is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called with them).
     """
-    folder = output.parent if output else Path()
+    target = output or stdout or Path(f"{name}.yaml")
+    folder = target.parent
     inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
     copy = (
         "" if inside else _free_of_maps(f"{name}.png" if photo is None else photo.name)
@@ -585,7 +589,7 @@ def write_scene(
         )
 
     # a folder that is there may be another scene's
-    assets, there = free_folder(output or folder / f"{name}.yaml")
+    assets, there = free_folder(target)
     if output is not None:
         same = (
             there

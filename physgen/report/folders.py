@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from physgen.files import machine_id, partial
+from physgen.files import check_writable, machine_id, partial
 from physgen.problems import InputError
 from physgen.report.record import TIMING
 from physgen.text import listed
@@ -121,9 +121,11 @@ def _instead(beside: Path, final: Path, old: Path) -> None:
 
 
 def output_folder(out: Path, name: str) -> Path:
-    """`out/<name>`; refuses a folder that holds anything but what an earlier run of ours wrote: nothing is lost."""
-    if out.exists() and not out.is_dir():
-        raise InputError.of(str(out), "", "is a file", "name a folder with -o")
+    """`out/<name>`; refuses a folder that holds anything but what an earlier run of ours wrote: nothing is lost.
+
+    Raises OutputError if no file can be written there.
+    """
+    check_writable(out)
     final = out / name
     strange = _strangers(final)
     if strange is None:
