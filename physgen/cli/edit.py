@@ -82,10 +82,10 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
     from physgen.edit.operations import edited
-    from physgen.files import write_with_backup
     from physgen.pipeline.pushes import named
     from physgen.problems import EditError
     from physgen.scene.load import Opened
+    from physgen.scene.saving import note_copies, save_scene
 
     path: Path = options.scene
     scene = Opened(path, options.allow_outside).scene()
@@ -107,7 +107,10 @@ def edit_file(options: argparse.Namespace) -> int:
     except EditError as error:
         raise InputError.of(str(path), "", error.message, error.fix) from None
     Opened(path, options.allow_outside, made.text).scene()
-    write_with_backup(
+    folder = getattr(made, "folder", None)
+    if folder is not None and scene.assets is not None:
+        note_copies(scene.assets, folder)
+    save_scene(
         path.resolve(),
         made.text.encode("utf-8"),
         lambda kept: print_error(

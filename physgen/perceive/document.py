@@ -43,6 +43,7 @@ from physgen.problems import InputError, Place, Problem, Severity
 from physgen.scene.files import MAPS, OUTLINES, RECORD, UNKNOWN, Record, recorded
 from physgen.scene.provenance import provenance as provenance
 from physgen.scene.provenance import stated_scale, table_confidences
+from physgen.scene.saving import note_files, note_scene, save_scene
 from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
@@ -654,8 +655,11 @@ def write_scene(
         assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n"
     )
     text = written(assets)
-    if output is not None:
-        write_with_backup(output, text.encode("utf-8"), keep)
+    note_files(assets, {*ours, RECORD, copy} - {""})
+    if output is None:
+        note_scene(target, text.encode("utf-8"))
+    else:
+        save_scene(output, text.encode("utf-8"), keep)
     return text
 
 

@@ -26,22 +26,6 @@ NOBODY = 65534
 """User id without rights, in place of root, who may write anywhere."""
 
 
-@pytest.fixture
-def photo(tmp_path: Path) -> Path:
-    """Two blocks on a floor, and their label map."""
-    picture = np.full((90, 120, 3), 90, np.uint8)
-    picture[70:] = (60, 80, 100)
-    labels = np.zeros((90, 120), np.uint16)
-    for id_, x in ((1, 15), (2, 70)):
-        picture[45:70, x : x + 22] = (40, 60 + 80 * id_, 200)
-        labels[45:70, x : x + 22] = id_
-    noise = np.random.default_rng(3).normal(0, 2, picture.shape)
-    noisy = np.clip(picture + noise, 0, 255).astype(np.uint8)
-    cv2.imwrite(str(tmp_path / "photo.png"), noisy)
-    cv2.imwrite(str(tmp_path / "masks.png"), labels)
-    return tmp_path / "photo.png"
-
-
 def run_physgen(folder: Path, *arguments: str, stdout: object) -> str:
     """Run a command as a shell does; return its stderr."""
     command = [sys.executable, "-m", "physgen", *arguments]
@@ -56,11 +40,11 @@ def run_physgen(folder: Path, *arguments: str, stdout: object) -> str:
 
 
 @pytest.mark.parametrize("source", ["photo.png", "elsewhere/photo.png"])
-def test_redirected_scene_has_its_assets_beside(photo: Path, source: str) -> None:
-    home = photo.parent
+def test_redirected_scene_has_its_assets_beside(blocks: Path, source: str) -> None:
+    home = blocks.parent
     (home / "sub").mkdir()
     (home / "elsewhere").mkdir()
-    shutil.copy(photo, home / "elsewhere")
+    shutil.copy(blocks, home / "elsewhere")
     scene = home / "sub" / "scene.yaml"
     before = {path.name for path in home.iterdir()}
     for _ in range(2):  # the shell empties the file before the second run
@@ -78,10 +62,10 @@ def test_redirected_scene_has_its_assets_beside(photo: Path, source: str) -> Non
         assert main(["check", str(scene)]) == 0
 
 
-def test_redirected_scene_spares_assets_of_another(photo: Path) -> None:
-    home = photo.parent
+def test_redirected_scene_spares_assets_of_another(blocks: Path) -> None:
+    home = blocks.parent
     (home / "sub").mkdir()
-    assert main(["perceive", str(photo), "-o", str(home / "sub" / "scene.yaml")]) == 0
+    assert main(["perceive", str(blocks), "-o", str(home / "sub" / "scene.yaml")]) == 0
     masks = (home / "sub" / "scene.assets" / "masks.png").read_bytes()
     with (home / "sub" / "scene.yml").open("w") as stdout:
         arguments = ["perceive", "photo.png", "--masks", "masks.png"]
@@ -90,25 +74,25 @@ def test_redirected_scene_spares_assets_of_another(photo: Path) -> None:
     assert main(["check", str(home / "sub" / "scene.yml")]) == 0
 
 
-def test_scene_in_a_pipe_names_its_assets(photo: Path) -> None:
+def test_scene_in_a_pipe_names_its_assets(blocks: Path) -> None:
     arguments = ["perceive", "photo.png", "--masks", "masks.png"]
-    stderr = run_physgen(photo.parent, *arguments, stdout=subprocess.PIPE)
+    stderr = run_physgen(blocks.parent, *arguments, stdout=subprocess.PIPE)
     last = stderr.splitlines()[-1]
     assert last.startswith("photo.assets: ")
-    assert str(photo.parent) in last
-    assert (photo.parent / "photo.assets" / "masks.png").is_file()
+    assert str(blocks.parent) in last
+    assert (blocks.parent / "photo.assets" / "masks.png").is_file()
 
 
-def test_photo_emptied_by_the_shell_is_named(photo: Path) -> None:
+def test_photo_emptied_by_the_shell_is_named(blocks: Path) -> None:
     command = [sys.executable, "-m", "physgen", "perceive", "photo.png"]
-    with photo.open("w") as stdout:
+    with blocks.open("w") as stdout:
         done = subprocess.run(
-            command, cwd=photo.parent, stdout=stdout, stderr=subprocess.PIPE, text=True
+            command, cwd=blocks.parent, stdout=stdout, stderr=subprocess.PIPE, text=True
         )
     assert done.returncode == 2
     assert done.stderr.startswith("photo.png: ")
     assert len(done.stderr.splitlines()) == 1
-    assert not (photo.parent / "photo.assets").exists()
+    assert not (blocks.parent / "photo.assets").exists()
 
 
 # ---- a video that -o names
@@ -253,13 +237,13 @@ COMMANDS = [
 
 
 @pytest.fixture
-def everything(photo: Path, lesson: Path) -> dict[str, str]:
+def everything(blocks: Path, lesson: Path) -> dict[str, str]:
     """Inputs of all commands."""
-    home, scene = photo.parent, photo.with_name("scene.yaml")
-    perceived = ["perceive", str(photo), "--masks", str(home / "masks.png")]
+    home, scene = blocks.parent, blocks.with_name("scene.yaml")
+    perceived = ["perceive", str(blocks), "--masks", str(home / "masks.png")]
     assert main([*perceived, "-o", str(scene)]) == 0
     assert main(["render", str(lesson), "-o", str(home / "clips"), "--preview"]) == 0
-    paths = {"photo": photo, "lesson": lesson, "home": home, "scene": scene}
+    paths = {"photo": blocks, "lesson": lesson, "home": home, "scene": scene}
     return {name: str(path) for name, path in paths.items()}
 
 
