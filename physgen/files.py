@@ -11,6 +11,8 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
+from physgen.problems import OutputError
+
 EXIF_ORIENTATION = 0x0112
 """Tag of how a camera was held; 1 is upright."""
 SCENE_FORMATS = ("PNG", "JPEG", "WEBP")
@@ -85,6 +87,34 @@ def machine_id() -> str:
     return sha256("\n".join(parts).encode()).hexdigest()[:8]
 
 
+OUTPUT_FIX = "name a folder that can be written"
+"""What to do about an output folder that refuses files."""
+
+
+def check_writable(folder: Path) -> None:
+    """Write and remove a byte in an output folder, or where it would be created.
+
+    Permission bits say too little: root ignores them, and a mount may be read-only or
+    full. Raises OutputError.
+    """
+    existing = folder
+    while not os.path.lexists(existing) and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir():
+        raise OutputError.of(str(existing), "", "is a file", OUTPUT_FIX)
+    probe = partial(existing / "physgen")
+    try:
+        try:
+            probe.write_bytes(b"\0")
+        finally:
+            probe.unlink(missing_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError.of(
+            str(folder), "", f"cannot be written: {reason}", OUTPUT_FIX
+        ) from None
+
+
 def final_name(path: str) -> str:
     """The final name of a partial file.
 
@@ -117,12 +147,22 @@ def write_atomic(path: Path, data: bytes, *, durable: bool = False) -> None:
 
 
 def write_with_backup(
-    path: Path, data: bytes, keep: Callable[[Path], None] = lambda kept: None
+    path: Path,
+    data: bytes,
+    keep: Callable[[Path], None] = lambda kept: None,
+    is_replaceable: Callable[[Path], bool] = lambda backup: False,
 ) -> None:
-    """As `write_atomic`; an existing file that differs is kept as `NAME~` (`NAME~2`, ...), which `keep` gets."""
-    if path.is_file() and path.read_bytes() != data:
-        back_up(path, keep)
-    write_atomic(path, data)
+    """Write as `write_atomic`; back up an existing file that differs, as `back_up`."""
+    beside = partial(path)
+    try:
+        beside.write_bytes(data)
+        if path.is_file() and path.read_bytes() != data:
+            back_up(path, keep, is_replaceable)
+        beside.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            beside.unlink()
+        raise
 
 
 def free_folder(path: Path) -> tuple[Path, Path | None]:
@@ -135,13 +175,28 @@ def free_folder(path: Path) -> tuple[Path, Path | None]:
     return free, before
 
 
-def back_up(path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
-    """An existing file becomes `NAME~` (`NAME~2`, ...), which `keep` gets."""
-    if not path.is_file():
-        return
-    kept, count = path.with_name(f"{path.name}~"), 1
-    while kept.exists():
-        count += 1
-        kept = path.with_name(f"{path.name}~{count}")
-    path.replace(kept)
-    keep(kept)
+BACKUP = re.compile(r"(?P<name>.+)~\d*")
+"""Name of a backup: `NAME~`, `NAME~2`, ..."""
+
+
+def back_up(
+    path: Path,
+    keep: Callable[[Path], None] = lambda kept: None,
+    is_replaceable: Callable[[Path], bool] = lambda backup: False,
+) -> None:
+    """Rename an existing file to its `backup_path`, which `keep` gets."""
+    if path.is_file():
+        backup = backup_path(path, is_replaceable)
+        path.replace(backup)
+        keep(backup)
+
+
+def backup_path(
+    path: Path, is_replaceable: Callable[[Path], bool] = lambda backup: False
+) -> Path:
+    """Return the first of `NAME~`, `NAME~2`, ... that is free or may be replaced."""
+    backup, number = path.with_name(f"{path.name}~"), 1
+    while os.path.lexists(backup) and not is_replaceable(backup):
+        number += 1
+        backup = path.with_name(f"{path.name}~{number}")
+    return backup

@@ -132,6 +132,10 @@ def variant_named(variant: str | None) -> Iterator[None]:
         ) from None
 
 
+class OutputError(InputError):
+    """No file can be written into the output folder, whatever the input is."""
+
+
 def collect(calls: Iterable[Callable[[], T]]) -> list[T]:
     """Their results. Raises InputError with the problems of all, each once."""
     results, problems = list[T](), list[Problem]()

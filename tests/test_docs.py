@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from physgen.scene.load import scene_name
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 MOST_PAGES, MOST_WORDS = 16, 25_000
@@ -23,6 +25,15 @@ def test_a_page_is_what_its_json_says(name: str, module: str) -> None:
     assert (ROOT / "docs" / f"{name}.md").read_text(
         encoding="utf-8"
     ) == importlib.import_module(module).page()
+
+
+def test_docs_name_the_folder_of_a_clip() -> None:
+    """A file called `scene.yaml` is rendered into the folder of its folder's name."""
+    for page in ("README.md", "docs/index.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        (folder,) = re.findall(r"in a folder called (\w+)", text)
+        (output,) = set(re.findall(r"out/(\w+)", text))
+        assert output == scene_name(Path(folder, "scene.yaml"))
 
 
 def test_docs_stay_short() -> None:

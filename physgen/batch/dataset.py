@@ -22,6 +22,7 @@ from typing import Any, BinaryIO
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
 from physgen.batch.values import parse_yaml
+from physgen.files import check_writable
 from physgen.problems import InputError, Problem
 from physgen.report.folders import atomic_folder
 from physgen.scene.load import scene_name
@@ -306,8 +307,7 @@ def _samples(
 
 def _check_output(out: Path, roots: Sequence[Path]) -> None:
     """The folder must be empty or new, and apart from those that are read. Raises InputError."""
-    if out.exists() and not out.is_dir():
-        raise InputError.of(str(out), "", "is a file", "name a folder with -o")
+    check_writable(out)
     for root in roots:
         mine, read = out.resolve(), root.resolve()
         if mine.is_relative_to(read) or read.is_relative_to(mine):

@@ -9,16 +9,18 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 
 from physgen import pipeline
 from physgen.batch.outcomes import outcomes
 from physgen.batch.resume import clip_mark, recorded_warnings, unchanged_clip
-from physgen.export.video import NO_ROOM
-from physgen.files import file_stamp, final_name
-from physgen.problems import InputError, Problem
+from physgen.export.video import NO_ROOM, Format
+from physgen.files import file_stamp, final_name, write_atomic, write_with_backup
+from physgen.problems import InputError, OutputError, Place, Problem, Severity
 from physgen.registry import Plan, load_plan
 from physgen.report.clips import remove_failure, write_failure
+from physgen.report.folders import read_manifest
 from physgen.report.record import source_of
 from physgen.simulate.trajectory import read_trajectory
 from physgen.tables import Cell
@@ -75,6 +77,8 @@ class Job:
     )
     pictures: bool = False
     """Whether the process that makes the clip also makes its pictures for the gallery of `out`."""
+    video: Path | None = None
+    """File that the video is copied to, beside the clip's folder."""
 
     @property
     def name(self) -> str:
@@ -122,12 +126,17 @@ class Done:
     state: State = State.FAILED
     seconds: float = 0.0
     disk_full: bool = False
+    can_write: bool = True
+    """False if no clip can be written into the output folder."""
     outcomes: Mapping[str, Cell] | None = None  # see `batch.outcomes.outcomes`
 
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     """Makes one clip in this process, unless it exists unchanged."""
-    done = _run(job, progress)
+    if job.video is None:
+        done = _run(job, progress)
+    else:
+        done = _run_to_file(job, job.video, progress)
     if done.folder is None or job.tracked is None:
         return done
     try:
@@ -135,6 +144,36 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
         return replace(done, outcomes=outcomes(trajectory, job.tracked))
     except (OSError, ValueError, KeyError) as error:  # another command replaces it
         return failed(job, error, done.problems, done.seconds)
+
+
+def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
+    """Make one clip, and copy its video to a file.
+
+    A file there is kept as `NAME~` unless an earlier run of this clip wrote it.
+    """
+    name = Format(video.suffix.lower().removeprefix(".")).file
+    earlier = read_manifest(job.folder).get("files", {}).get(name)
+    done = _run(job, progress)
+    if done.folder is None:
+        return done
+    kept: list[Path] = []
+    try:
+        data = (done.folder / name).read_bytes()
+        if video.is_file() and sha256(video.read_bytes()).hexdigest() == earlier:
+            write_atomic(video, data)
+        else:
+            write_with_backup(video, data, kept.append)
+    except OSError as error:
+        return failed(job, error, done.problems, done.seconds)
+    warnings = [_backup_warning(video, path) for path in kept]
+    return replace(done, problems=(*done.problems, *warnings))
+
+
+def _backup_warning(path: Path, backup: Path) -> Problem:
+    """Return the warning that a file at `path` was renamed."""
+    expected = f"differed from the new one and is kept as {backup.name}"
+    place = Place(str(path))
+    return Problem(place, "", "the file there", expected, "", Severity.WARNING)
 
 
 def _run(job: Job, progress: pipeline.Progress) -> Done:
@@ -192,7 +231,15 @@ def failed(
         found, fix = describe_failure(error)
         problems = list(InputError.of(job.scene, "", found, fix).problems)
     disk_full = isinstance(error, OSError) and error.errno in NO_ROOM
-    return Done(job, None, (*warnings, *problems), seconds=seconds, disk_full=disk_full)
+    can_write = not isinstance(error, OutputError)
+    return Done(
+        job,
+        None,
+        (*warnings, *problems),
+        seconds=seconds,
+        disk_full=disk_full,
+        can_write=can_write,
+    )
 
 
 def describe_failure(error: Exception) -> tuple[str, str]:

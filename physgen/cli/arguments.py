@@ -17,6 +17,16 @@ from physgen.text import quoted
 WRONG_INPUT = 2
 """Exit code of wrong flags and wrong files."""
 FORMATS = ("mp4", "gif", "webp", "png")
+VIDEO_SUFFIXES = (".mp4", ".gif", ".webp")
+"""Endings of the files that `render` writes as one video."""
+FILE_SUFFIXES = (
+    *VIDEO_SUFFIXES,
+    *(".mov", ".m4v", ".avi", ".mkv", ".webm"),
+    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".heic", ".avif"),
+    *(".yaml", ".yml", ".json", ".jsonl", ".csv", ".npz", ".npy", ".parquet"),
+    *(".html", ".htm", ".pdf", ".txt", ".md", ".zip", ".tar", ".gz", ".tgz", ".h5"),
+)
+"""Endings of files: nobody means a new folder by such a name."""
 LONGEST_NAME = 200
 """Bytes of an output's name: a file system takes 255, and partial and backed-up files have longer names."""
 LONGEST_MESSAGE = 500
@@ -251,6 +261,21 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
             flag, f'"{text}"', f"is not {count} numbers", f"write e.g. {form}"
         )
     return values
+
+
+def is_folder_name(output: str) -> bool:
+    """Return whether the name of an output is that of a folder, or ends as one."""
+    return output.endswith(("/", os.sep)) or Path(output).is_dir()
+
+
+def check_folder_name(output: str | Path | None) -> None:
+    """Refuse a name that means a file if the results need a folder."""
+    if output is None or is_folder_name(os.fspath(output)):
+        return
+    path = Path(output)
+    if path.suffix.lower() in FILE_SUFFIXES and not path.exists():
+        fix = f"name a folder, e.g. {path.with_suffix('')}"
+        raise InputError.of("-o", f'"{path}"', "is no name for a folder", fix)
 
 
 def check_scene_name(output: Path | None) -> None:

@@ -25,7 +25,14 @@ from physgen.cli.arguments import (
     seed,
 )
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
-from physgen.problems import InputError, Problem, as_warnings, collect, variant_named
+from physgen.problems import (
+    InputError,
+    OutputError,
+    Problem,
+    as_warnings,
+    collect,
+    variant_named,
+)
 
 if TYPE_CHECKING:
     from physgen.batch.run import Done, Job, Refiner
@@ -34,6 +41,8 @@ if TYPE_CHECKING:
 
 PREVIEW_FRAMES = 24
 """Frames of a preview, at most."""
+DEFAULT_FORMATS = ("mp4",)
+"""Of a video without --format."""
 INDEX = "index.html"
 GALLERY_CLIPS = 20_000
 """Clips of one gallery, at most: the page of more is slow to open."""
@@ -149,7 +158,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
         allow_outside=options.allow_outside,
-        formats=tuple(Format(name) for name in options.format),
+        formats=tuple(Format(name) for name in options.format or DEFAULT_FORMATS),
         command=tuple(options.command_line),
         models=tuple(
             f"--{flag}={value}" for flag, value in models.items() if value is not None
@@ -304,6 +313,8 @@ def make_all(
     ):
         for done in done_ones:
             bar.clear()
+            if not done.can_write:  # no further clip can be written, either
+                raise OutputError(done.problems)
             if done.disk_full:  # every further clip would fail the same way
                 tally.disk_full = True
                 break
@@ -352,12 +363,18 @@ def _print_done(done: Done, as_json: bool) -> None:
                 "variant": done.job.options.variant,
                 "state": done.state.value,
                 "folder": None if done.folder is None else str(done.folder),
+                **_video_entry(done),
                 "seconds": round(done.seconds, 3),
                 "problems": [problem.as_dict() for problem in done.problems],
             }
             print_line(json.dumps(line, ensure_ascii=False, default=str))
     elif done.folder is not None:
-        print_line(str(done.folder))
+        print_line(str(done.job.video or done.folder))
+
+
+def _video_entry(done: Done) -> dict[str, str]:
+    """Return the file that `-o` names for the video, if there is one."""
+    return {"video": str(done.job.video)} if done.job.video and done.folder else {}
 
 
 def _sum_up(
@@ -420,7 +437,6 @@ def add_clips(parser: Parser) -> None:
         "LIST",
         among(FORMATS),
         "any of mp4,gif,webp,png; default: mp4",
-        ["mp4"],
     )
     about = (
         "simulate N draws of the values that `from` marks as uncertain, and report which outcomes the photo decides; "

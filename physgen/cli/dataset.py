@@ -6,7 +6,13 @@ import argparse
 import json
 from pathlib import Path
 
-from physgen.cli.arguments import WRONG_INPUT, Command, Parser, seed
+from physgen.cli.arguments import (
+    WRONG_INPUT,
+    Command,
+    Parser,
+    check_folder_name,
+    seed,
+)
 from physgen.cli.output import OK, print_error, print_line, print_problem
 from physgen.problems import Place, Problem, Severity
 from physgen.text import counted
@@ -20,6 +26,7 @@ MAX_WARNINGS = 20
 def dataset(options: argparse.Namespace) -> int:
     from physgen.batch.dataset import gather, read_splits
 
+    check_folder_name(options.output)
     splits = read_splits(options.split, options.seed)
     warnings = 0
 

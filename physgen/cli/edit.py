@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from physgen.cli.arguments import Command, Parser, whole
+from physgen.cli.arguments import Command, Parser, check_folder_name, whole
 from physgen.cli.output import (
     OK,
     Bar,
@@ -22,7 +22,7 @@ from physgen.cli.output import (
     print_problem,
 )
 from physgen.cli.perceive import add_backends
-from physgen.files import install
+from physgen.files import check_writable, install
 from physgen.problems import InputError
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
@@ -34,10 +34,8 @@ def edit(options: argparse.Namespace) -> int:
     if missing := [name for name in NEEDED if find_spec(name) is None]:
         what = f"needs {' and '.join(missing)}, not installed here"
         raise InputError.of("physgen edit", "", what, install("edit"))
-    if options.output.exists() and not options.output.is_dir():
-        raise InputError.of(
-            str(options.output), "", "is a file", "name a folder with -o"
-        )
+    check_folder_name(options.output)
+    check_writable(options.output)
     scene, host = _scene(options), options.host.strip() or LOOPBACK[0]
     from physgen.edit.app import Editor
     from physgen.edit.draft import BusyError
@@ -84,14 +82,15 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
     from physgen.edit.operations import edited
-    from physgen.files import write_with_backup
     from physgen.pipeline.pushes import named
     from physgen.problems import EditError
     from physgen.scene.load import Opened
+    from physgen.scene.saving import note_copies, save_scene
 
     path: Path = options.scene
     before = Opened(path, options.allow_outside)
     scene = before.scene()
+    check_writable(path.resolve().parent)
     names = [named(scene, str(path), name).name for name in options.objects]
     text, at = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
     ops: dict[str, list[dict[str, Any]]] = {
@@ -114,7 +113,10 @@ def edit_file(options: argparse.Namespace) -> int:
     broken = [p for p in after.variant_problems if p.variant not in failed]
     if broken:
         raise InputError(broken)
-    write_with_backup(
+    folder = getattr(made, "folder", None)
+    if folder is not None and scene.assets is not None:
+        note_copies(scene.assets, folder)
+    save_scene(
         path.resolve(),
         made.text.encode("utf-8"),
         lambda kept: print_error(
@@ -139,6 +141,7 @@ def _scene(options: argparse.Namespace) -> Path:
     from physgen import pipeline
     from physgen.cli.perceive import crew_of
 
+    check_writable(scene.parent)
     bar = Bar()
     crew = crew_of(options)
     pipeline.perceive(

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.cli.arguments import Command, Parser, count, seed, whole
+from physgen.cli.arguments import Command, Parser, check_folder_name, count, seed, whole
 from physgen.cli.output import (
     FAILED,
     OK,
@@ -30,6 +30,14 @@ if TYPE_CHECKING:
 MAILED = 50.0  # MB of a page that most mailboxes take
 REFERENCE = "reference"
 """The other side of fid."""
+
+
+def check_output(folder: Path | None) -> None:
+    """Refuse the folder of `-o` if no page can be written into it."""
+    from physgen.evaluate.measure import check_folder
+
+    check_folder_name(folder)
+    check_folder(folder)
 
 
 def add_output(parser: Parser) -> None:
@@ -75,7 +83,6 @@ def add_segmentation(parser: Parser) -> None:
 
 
 def run_segmentation(options: argparse.Namespace) -> int:
-    from physgen.evaluate.measure import check_folder
     from physgen.evaluate.segmentation import evaluate, findings, pairs
     from physgen.registry import Backends, Plan, choices
 
@@ -87,7 +94,7 @@ def run_segmentation(options: argparse.Namespace) -> int:
         )
     found, warnings = pairs(options.folder)
     print_problems(warnings)
-    check_folder(options.output)
+    check_output(options.output)
     bar = Bar()
     segment = Backends(Plan(chosen)).get("segment")
     result = evaluate(found, segment, progress=bar.show)
@@ -132,9 +139,8 @@ def add_fid(parser: Parser) -> None:
 def run_fid(options: argparse.Namespace) -> int:
     from physgen.evaluate.clip_frames import Rule, sources
     from physgen.evaluate.fid import Settings, findings, measure
-    from physgen.evaluate.measure import check_folder
 
-    check_folder(options.output)
+    check_output(options.output)
     named = methods(options.clips)
     calls: list[Callable[[], Any]] = [partial(_features, options.inception)]
     calls += [partial(sources, paths) for paths in (options.reference, *named.values())]
@@ -262,7 +268,6 @@ def run_study(options: argparse.Namespace) -> int:
 
 
 def _read_study(options: argparse.Namespace) -> int:
-    from physgen.evaluate.measure import check_folder
     from physgen.evaluate.ratings import files_in, findings, read_answers
     from physgen.evaluate.study import read_key
 
@@ -270,7 +275,7 @@ def _read_study(options: argparse.Namespace) -> int:
         raise InputError.of(
             "--videos", "", "has no part in reading answers", "leave it out, or --key"
         )
-    check_folder(options.output)
+    check_output(options.output)
     key = read_key(options.key)
     answers = read_answers(files_in(options.paths, options.key), key)
     return hand_over(findings(answers, options.seed), options)

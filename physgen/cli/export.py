@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.cli.arguments import Command, Parser, count, names
+from physgen.cli.arguments import Command, Parser, check_folder_name, count, names
 from physgen.cli.clips import add_overlays, check_names, make_all, variants_of
 
 
@@ -13,6 +13,7 @@ def export(options: argparse.Namespace) -> int:
     from physgen.export.formats import chosen_formats
     from physgen.pipeline import Page, RenderOptions
 
+    check_folder_name(options.output)
     chosen_formats(options.format)
     jobs = [
         Job(

@@ -7,7 +7,11 @@ from pathlib import Path
 
 from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, Bar, print_backup, print_json
+from physgen.files import check_writable
 from physgen.problems import InputError
+
+PAGE_SUFFIXES = (".html", ".htm")
+"""Endings that browsers open as a page."""
 
 
 def gallery(options: argparse.Namespace) -> int:
@@ -18,6 +22,11 @@ def gallery(options: argparse.Namespace) -> int:
     index = (
         options.output or (folders[0] if len(folders) == 1 else Path()) / "index.html"
     )
+    if not index.is_dir() and index.suffix.lower() not in PAGE_SUFFIXES:
+        fix = f"end it in .html, e.g. -o {index.with_suffix('.html')}"
+        raise InputError.of("-o", f'"{index}"', "is no name for a page", fix)
+    if not index.is_dir():
+        check_writable(index.parent)
     if not index.is_dir() and not clips_in(folders):
         fix = "physgen render scene.yaml -o DIR makes some"
         raise InputError.of(

@@ -13,6 +13,7 @@ from errno import ENAMETOOLONG
 
 from physgen import __version__
 from physgen.cli import (
+    clean,
     dataset,
     edit,
     evaluate,
@@ -152,6 +153,7 @@ COMMANDS = {
         export.EXPORT,
         dataset.DATASET,
         gallery.GALLERY,
+        clean.CLEAN,
         evaluate.EVALUATE,
         verify.VERIFY,
         perceive.BACKENDS,

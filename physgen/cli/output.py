@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import sys
 import time
 from collections.abc import Sequence
@@ -49,9 +50,62 @@ def print_json(data: Any) -> None:
     print(json.dumps(data, indent=1, ensure_ascii=False, default=str))
 
 
-def write_result(text: str, output: Path | None) -> None:
-    """The scene on stdout, or the path of the file that it went to."""
+def write_result(
+    text: str, output: Path | None, redirected: Path | None = None
+) -> None:
+    """Write a scene to stdout, or the path of the file that has it.
+
+    `redirected` is the file that stdout goes to, as `stdout_file` returns it.
+    """
+    if output is None and redirected is None:
+        _print_assets_place(text)
     sys.stdout.write(text if output is None else f"{output}\n")
+
+
+def _print_assets_place(text: str) -> None:
+    """Print where the assets of a scene on stdout are, and how to save the scene."""
+    from physgen.scene.yaml_edit import marked
+
+    assets = marked(text).data()["assets"]
+    print_error(
+        f"{assets}: holds the maps of the scene on stdout; save the scene as a file "
+        f"in {Path().resolve()}, or name the file with -o"
+    )
+
+
+def stdout_file() -> Path | None:
+    """Return the regular file that stdout is redirected to; None for a pipe or terminal.
+
+    None, too, if the system does not tell the name of an open file.
+    """
+    try:
+        descriptor = sys.stdout.fileno()
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            return None
+        path = _descriptor_path(descriptor)
+        # the file may have been renamed or removed since it was opened
+        if path is None or not os.path.samestat(status, path.stat()):
+            return None
+        return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+    except (OSError, ValueError):
+        return None
+
+
+PATH_BYTES = 1024
+"""Buffer that macOS fills with the path of an open file: MAXPATHLEN."""
+
+
+def _descriptor_path(descriptor: int) -> Path | None:
+    """Return the absolute path of an open file, as Linux and macOS tell it."""
+    if sys.platform == "darwin":
+        import fcntl
+
+        answer = fcntl.fcntl(descriptor, fcntl.F_GETPATH, bytes(PATH_BYTES))
+        return Path(os.fsdecode(answer.partition(b"\0")[0]))
+    if sys.platform.startswith("linux"):
+        return Path(os.readlink(f"/proc/self/fd/{descriptor}"))
+    return None
 
 
 PROGRESS = "PHYSGEN_PROGRESS"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from physgen.cli.arguments import (
     Command,
     Parser,
+    check_folder_name,
     check_scene_name,
     coordinates,
     names,
@@ -25,8 +26,10 @@ from physgen.cli.output import (
     print_error,
     print_json,
     print_problem,
+    stdout_file,
     write_result,
 )
+from physgen.files import check_writable
 from physgen.problems import InputError, Place, Problem, collect
 
 if TYPE_CHECKING:
@@ -49,6 +52,7 @@ def perceive(options: argparse.Namespace) -> int:
     ):
         options.output = out / f"{options.image[0].stem}.yaml"
     bar, boxes, output = Bar(), len(options.box), options.output or options.refresh
+    redirected = None if output else stdout_file()
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),
         partial(check_scene_name, options.output),
@@ -77,9 +81,10 @@ def perceive(options: argparse.Namespace) -> int:
         )
     else:
         settings |= {"masks": options.masks, "side": options.side}
+        settings["stdout"] = redirected
         text = pipeline.perceive(options.image[0], output, **settings)
     bar.clear()
-    write_result(text, output)
+    write_result(text, output, redirected)
     return OK
 
 
@@ -120,6 +125,8 @@ def _perceive_many(options: argparse.Namespace) -> int:
             Problem(Place(file), "", found, what, fix)
             for file, found, what, fix in wrong
         )
+    check_folder_name(options.output)
+    check_writable(options.output)
     crew = crew_of(options, keep=True)
     failed: list[Problem] = []
     bar = Bar()
@@ -207,12 +214,18 @@ def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
     check_scene_name(options.output)
+    redirected = None if options.output else stdout_file()
     bar = Bar()
     text = pipeline.import_physgen(
-        options.path, options.output, bar.show, print_problem, print_backup
+        options.path,
+        options.output,
+        bar.show,
+        print_problem,
+        print_backup,
+        stdout=redirected,
     )
     bar.clear()
-    write_result(text, options.output)
+    write_result(text, options.output, redirected)
     return OK
 
 

@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import Command, Parser
+from physgen.cli.arguments import (
+    FILE_SUFFIXES,
+    VIDEO_SUFFIXES,
+    Command,
+    Parser,
+    is_folder_name,
+)
 from physgen.cli.clips import (
     add_clips,
     add_overlays,
@@ -14,26 +23,68 @@ from physgen.cli.clips import (
     other_variants,
 )
 from physgen.cli.output import print_problems
+from physgen.files import check_writable
+from physgen.problems import InputError
+
+if TYPE_CHECKING:
+    from physgen.batch.run import Job
 
 
 def render(options: argparse.Namespace) -> int:
     options.output = options.output or ("out/preview" if options.preview else "out")
+    video = _video_file(options)
+    if video is not None:
+        options.output = str(video.parent)
     jobs = list(jobs_of(options))
-    check_names(jobs)
+    if video is None:
+        check_names(jobs)
+    else:
+        jobs = [_video_job(jobs, video)]
     jobs = jobs[options.part or slice(None)]
     for path in options.scenes:
         print_problems(other_variants(path, options))
-    return make_all(jobs, len(jobs), options, gallery=options.part is None)
+    gallery = options.part is None and video is None
+    return make_all(jobs, len(jobs), options, gallery=gallery)
+
+
+def _video_file(options: argparse.Namespace) -> Path | None:
+    """Return the file that `-o` names; None for a folder. Sets the format.
+
+    Raises InputError for a file that is no video, or a video that --format excludes.
+    """
+    path = Path(options.output)
+    kind = path.suffix.lower()
+    if is_folder_name(options.output) or kind not in FILE_SUFFIXES:
+        return None
+    if kind not in VIDEO_SUFFIXES:
+        check_writable(path if path.is_file() else path.parent)
+        fix = f"end it in {', '.join(VIDEO_SUFFIXES)}, or name a folder"
+        raise InputError.of("-o", f'"{path}"', "is no name for a video", fix)
+    name = kind.removeprefix(".")
+    options.format = options.format or [name]
+    if name not in options.format:
+        formats = ",".join(options.format)
+        fix = f"leave --format out, or write --format {name},{formats}"
+        raise InputError.of("-o", f'"{path}"', f"is not --format {formats}", fix)
+    return path
+
+
+def _video_job(jobs: list[Job], video: Path) -> Job:
+    """Return the one job, whose clip has the name of the video. Raises InputError."""
+    if len(jobs) > 1:
+        expected = f"is one file for {len(jobs)} clips"
+        raise InputError.of("-o", f'"{video}"', expected, "name a folder")
+    (job,) = jobs
+    return replace(job, options=replace(job.options, name=video.stem), video=video)
 
 
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+", help="a scene file")
-    parser.option(
-        "-o --output",
-        "DIR",
-        str,
-        "folder of the results; default: out, or out/preview for previews",
+    about = (
+        "folder of the results, or the file of one video: clip.mp4, its report and "
+        "data in clip/; default: out, or out/preview for previews"
     )
+    parser.option("-o --output", "DIR or VIDEO", str, about)
     about = (
         "push an object: ball-1=right, ball-1=up-left, ball-1=30@2 m/s (degrees, 90 is down), in place of the push "
         "that perceive wrote; velocities that you wrote stay. May be repeated"

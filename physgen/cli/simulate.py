@@ -24,7 +24,7 @@ from physgen.cli.output import (
     print_line,
     print_problems,
 )
-from physgen.files import back_up, write_atomic
+from physgen.files import back_up, check_writable, write_atomic
 from physgen.problems import InputError, Problem, Severity, variant_named
 from physgen.text import value_text
 
@@ -178,6 +178,7 @@ def simulate(options: argparse.Namespace) -> int:
         if options.output is None:
             sys.stdout.write(text)
         else:
+            options.output.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(options.output, text.encode("utf-8"))
     elif options.json:
         sys.stdout.write(trajectory.as_json())
@@ -195,6 +196,7 @@ def _trajectory_kind(output: Path | None) -> str:
             "is no name for a trajectory",
             "end it in .npz, .csv or .json",
         )
+    check_writable(output.parent)
     return output.suffix[1:]
 
 

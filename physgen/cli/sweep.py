@@ -10,7 +10,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import Command, Parser, names, number_of_clips, seed
+from physgen.cli.arguments import (
+    Command,
+    Parser,
+    check_folder_name,
+    names,
+    number_of_clips,
+    seed,
+)
 from physgen.cli.clips import (
     add_clips,
     add_overlays,
@@ -19,6 +26,7 @@ from physgen.cli.clips import (
     preview_edits,
 )
 from physgen.cli.output import OK, print_backup, print_line
+from physgen.files import check_writable
 from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
 
@@ -40,6 +48,7 @@ def sweep(options: argparse.Namespace) -> int:
     if "=" in options.scene and not Path(options.scene).exists():
         fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
         raise InputError.of(options.scene, "", "is no scene file", fix)
+    check_folder_name(options.output)
     opened = Opened(Path(options.scene), options.allow_outside)
     variants = (
         [None, *opened.variants] if options.variant == "all" else [options.variant]
@@ -79,8 +88,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     make = job_maker(options)
     table = files.table_columns(plan, columns(tracked))
     out = Path(options.output)
-    if out.exists() and not out.is_dir():
-        raise InputError.of("-o", f'"{out}"', "is a file", "name a folder")
+    check_writable(out)
     if (out / TABLE).is_dir():
         raise InputError.of(
             "-o",

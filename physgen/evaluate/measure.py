@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen import __version__
-from physgen.files import back_up, write_atomic
-from physgen.problems import InputError
+from physgen.files import back_up, check_writable, write_atomic
 from physgen.report.html import template
 
 Progress = Callable[[str, int, int], None]
@@ -171,8 +170,8 @@ def _wrapped(sentences: Sequence[str]) -> list[str]:
 
 def check_folder(folder: Path | None) -> None:
     """Raises InputError where no page can be written."""
-    if folder is not None and folder.exists() and not folder.is_dir():
-        raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder with -o")
+    if folder is not None:
+        check_writable(folder)
 
 
 def write_page(

@@ -24,7 +24,7 @@ import numpy as np
 
 from physgen.evaluate.measure import Progress
 from physgen.export.video import Format, open_video
-from physgen.files import resource, write_with_backup
+from physgen.files import check_writable, resource, write_with_backup
 from physgen.photos import read_photo
 from physgen.problems import InputError, collect
 from physgen.report.html import script_json, template, webp
@@ -402,6 +402,7 @@ def check_page(page: Path) -> None:
             "is no name for a page",
             "end it in .html, e.g. -o study.html",
         )
+    check_writable(page.parent)
 
 
 def write_study(

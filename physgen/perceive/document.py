@@ -43,6 +43,7 @@ from physgen.problems import InputError, Place, Problem, Severity
 from physgen.scene.files import MAPS, OUTLINES, RECORD, UNKNOWN, Record, recorded
 from physgen.scene.provenance import provenance as provenance
 from physgen.scene.provenance import stated_scale, table_confidences
+from physgen.scene.saving import note_files, note_scene, save_scene
 from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
@@ -543,19 +544,23 @@ def write_scene(
     keep: Keep = ignore_kept_file,
     before: str | None = None,
     known: Record = UNKNOWN,
+    stdout: Path | None = None,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
     `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
     `known` is the record beside it.
 
-    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder; those of another scene
-    that are in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
+    Assets go to `OUTPUT-STEM.assets/` beside the scene; without `output`, to those of the
+    file `stdout` that the caller writes the text to, or to `NAME.assets/` in the current
+    folder. Assets of another scene in the way stay, and the new ones go to
+    `OUTPUT-STEM-2.assets/`.
     `photo` is its file; None where no scene can name the file as it is. Of that, and of a file outside the scene's
     folder, the pixels are written as `NAME.png`: a copy of the file would keep where the photo was taken. Existing
     files that differ are kept as `NAME~` (`keep` is called with them).
     """
-    folder = output.parent if output else Path()
+    target = output or stdout or Path(f"{name}.yaml")
+    folder = target.parent
     inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
     copy = "" if inside else _free_of_maps(f"{name}.png")
     heads = ("physgen", "image", "assets", "maps")
@@ -584,7 +589,7 @@ def write_scene(
         )
 
     # a folder that is there may be another scene's
-    assets, there = free_folder(output or folder / f"{name}.yaml")
+    assets, there = free_folder(target)
     if output is not None:
         same = (
             there
@@ -647,8 +652,11 @@ def write_scene(
         assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n"
     )
     text = written(assets)
-    if output is not None:
-        write_with_backup(output, text.encode("utf-8"), keep)
+    note_files(assets, {*ours, RECORD, copy} - {""})
+    if output is None:
+        note_scene(target, text.encode("utf-8"))
+    else:
+        save_scene(output, text.encode("utf-8"), keep)
     return text
 
 

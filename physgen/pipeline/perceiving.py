@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from physgen.files import check_writable
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 from physgen.text import listed
@@ -54,9 +55,13 @@ def perceive(
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
     inform: Callable[[str], None] = lambda line: None,
+    stdout: Path | None = None,
     **given: Any,
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
+
+    `stdout` is the file that the caller writes the text to: without `output`, the assets
+    go beside it.
 
     Objects come from `masks`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
     the offline backends unless given. `given` are fields of PerceiveOptions. `inform` is called with a summary:
@@ -84,6 +89,7 @@ def perceive(
         raise InputError.of(
             "perceive", "", "was given the objects in more than one way", fix
         )
+    check_writable((output or stdout or Path()).parent)
     photo = read_photo(image)
     place = Place(str(image))
     if not photo.readable:
@@ -142,7 +148,14 @@ def perceive(
             if options.still or not perceived.document["objects"]
             else _pushed(perceived)
         )
-    text = write_scene(perceived, image if as_it_is else None, image.stem, output, keep)
+    text = write_scene(
+        perceived,
+        image if as_it_is else None,
+        image.stem,
+        output,
+        keep,
+        stdout=stdout,
+    )
     inform(
         f"{image}: " + "\n".join(summary(perceived))
     )  # last: nobody may read it any more
@@ -394,16 +407,23 @@ def import_physgen(
     progress: Progress = silent,
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
+    stdout: Path | None = None,
 ) -> str:
     """A folder of the paper's public code -> the scene's text; writes as `perceive` does."""
     from physgen.perceive.document import write_scene
     from physgen.perceive.import_physgen import import_physgen as run
 
+    check_writable((output or stdout or Path()).parent)
     imported = run(folder, progress=progress)
     for problem in imported.warnings:
         warn(problem)
     return write_scene(
-        imported, folder / "original.png", folder.resolve().name, output, keep
+        imported,
+        folder / "original.png",
+        folder.resolve().name,
+        output,
+        keep,
+        stdout=stdout,
     )
 
 
@@ -438,6 +458,7 @@ def refresh(
     options = PerceiveOptions(**given)
     crew = crew or Backends()
     crew.begin()
+    check_writable(output.parent)
     opened = Opened(path, options.allow_outside)
     scene = opened.scene()
     if scene.image is None:

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from physgen.files import machine_id, partial
+from physgen.files import check_writable, machine_id, partial
 from physgen.problems import InputError
 from physgen.report.record import TIMING
 from physgen.text import listed
@@ -35,27 +35,46 @@ def cleaned_up(out: Path) -> Iterator[None]:
 
 def remove_leftovers(out: Path) -> None:
     """Remove what ended processes of this machine left in `out`; what they had moved aside goes back."""
-    try:
-        with os.scandir(out) as entries:
-            left = [
-                (entry, match)
-                for entry in entries
-                if (match := _LEFT.fullmatch(entry.name))
-            ]
-    except OSError:
-        return
-    for entry, match in sorted(left, key=lambda pair: pair[0].name):
+    for path in leftovers(out):
         with suppress(OSError):  # another process may be at it, too
-            path, final = Path(entry.path), out / match["name"]
-            folder = entry.is_dir(follow_symlinks=False)
-            if match["machine"] != machine_id() or _lives(int(match["process"])):
-                continue
-            if match["kind"] == "old" and folder and not final.exists():
+            final = _final_folder(path)
+            if final is not None:
                 path.rename(final)
-            elif folder:
+            elif path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
+
+
+def leftovers(out: Path) -> list[Path]:
+    """Return what ended processes of this machine left in `out`, sorted."""
+    try:
+        with os.scandir(out) as entries:
+            names = sorted(entry.name for entry in entries)
+    except OSError:
+        return []
+    paths = []
+    for name in names:
+        match = _LEFT.fullmatch(name)
+        if match is None or match["machine"] != machine_id():
+            continue
+        if not _lives(int(match["process"])):
+            paths.append(out / name)
+    return paths
+
+
+def unused_leftovers(out: Path) -> list[Path]:
+    """Return the leftovers but for results that were moved aside and go back."""
+    return [path for path in leftovers(out) if _final_folder(path) is None]
+
+
+def _final_folder(leftover: Path) -> Path | None:
+    """Return where a folder that was moved aside goes back to; None for all else."""
+    match = _LEFT.fullmatch(leftover.name)
+    if match is None or match["kind"] != "old" or leftover.is_symlink():
+        return None
+    final = leftover.with_name(match["name"])
+    return final if leftover.is_dir() and not final.exists() else None
 
 
 def _lives(process: int) -> bool:
@@ -121,9 +140,11 @@ def _instead(beside: Path, final: Path, old: Path) -> None:
 
 
 def output_folder(out: Path, name: str) -> Path:
-    """`out/<name>`; refuses a folder that holds anything but what an earlier run of ours wrote: nothing is lost."""
-    if out.exists() and not out.is_dir():
-        raise InputError.of(str(out), "", "is a file", "name a folder with -o")
+    """`out/<name>`; refuses a folder that holds anything but what an earlier run of ours wrote: nothing is lost.
+
+    Raises OutputError if no file can be written there.
+    """
+    check_writable(out)
     final = out / name
     strange = _strangers(final)
     if strange is None:

@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 from physgen import __version__
-from physgen.files import back_up, resource, write_atomic
+from physgen.files import back_up, check_writable, resource, write_atomic
 from physgen.problems import InputError
 from physgen.progress import Progress, silent
 from physgen.report.clips import Clip, clips_in
@@ -78,6 +78,7 @@ def write_gallery(
         raise InputError.of(
             "-o", f'"{index}"', "is a folder", "name a file, e.g. -o out/index.html"
         )
+    check_writable(index.parent)
     clips = clips_in(roots)
     index.parent.mkdir(parents=True, exist_ok=True)
     files = index.with_name(f"{index.stem}.files")

@@ -424,7 +424,7 @@ def test_perceive_on_stdout_puts_assets_beside(
             "is no name for a scene file; end it in .yaml",
         ),
         (["perceive", "{photo}", "-o", "-"], "is no name for a scene file"),
-        (["render", "{lesson}", "-o", "{lesson}"], "is a file; name a folder with -o"),
+        (["render", "{lesson}", "-o", "{lesson}"], "is a file"),
     ],
 )
 def test_wrong_input_gets_one_message(

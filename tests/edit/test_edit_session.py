@@ -230,7 +230,7 @@ def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(
         (["scene.physgen"], "is a zip, not a scene file; unzip it"),
         (
             ["scene.yaml", "-o", "junk.txt"],
-            "junk.txt: is a file; name a folder with -o",
+            "junk.txt: is a file",
         ),
         (["broken.png"], "broken.png"),
         (["junk.txt"], "junk.txt"),

@@ -1,0 +1,133 @@
+"""`clean`: lists what physgen made and nothing uses any more, and removes it."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from physgen.cli.arguments import Command, Parser
+from physgen.cli.output import OK, print_error, print_json, print_line
+from physgen.files import cache_folder
+from physgen.problems import InputError
+from physgen.scene.saving import (
+    UnusedKind,
+    UnusedPath,
+    assets_of,
+    unused_assets,
+    unused_backups,
+)
+
+KILOBYTE = 1000
+"""Bytes, as file managers count."""
+
+
+def clean(options: argparse.Namespace) -> int:
+    unused = list[UnusedPath]()
+    for path in options.paths or [Path()]:
+        unused += [one for one in _unused_of(path) if one not in unused]
+    if options.cache:
+        unused += _cache()
+    sizes = [one.size for one in unused]
+    if options.yes:
+        for one in unused:
+            one.remove()
+    if options.json:
+        rows = [
+            {"path": str(one.path), "kind": one.kind.value, "bytes": size}
+            for one, size in zip(unused, sizes, strict=True)
+        ]
+        is_removed = bool(options.yes)
+        print_json({"unused": rows, "bytes": sum(sizes), "removed": is_removed})
+    else:
+        _print_table(unused, sizes, options.yes)
+    return OK
+
+
+def _unused_of(path: Path) -> list[UnusedPath]:
+    """Return what is unused in a folder, or of one scene. Raises InputError."""
+    if path.is_dir():
+        return _unused_in(path)
+    if not path.is_file():
+        raise InputError.of(str(path), "", "is not there", "name a scene or a folder")
+    family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
+    backup = re.compile(rf"{re.escape(path.name)}~\d*")
+    folder = _unused_in(path.parent)
+    backups = [one for one in folder if backup.fullmatch(one.path.name)]
+    named = {assets_of(one.path) for one in backups}
+    return [
+        one
+        for one in folder
+        if one in backups
+        or family.fullmatch(one.path.name)
+        or one.path in named
+        or one.path.name.startswith(f".{path.name}.")
+    ]
+
+
+def _unused_in(folder: Path) -> list[UnusedPath]:
+    backups = unused_backups(folder)
+    assets = unused_assets(folder, backups)
+    partials = _partials(folder)
+    for one in folder.glob("*.assets"):
+        if one not in assets:
+            partials += _partials(one)
+    return [
+        *(UnusedPath(path, UnusedKind.BACKUP) for path in backups),
+        *(UnusedPath(path, UnusedKind.ASSETS) for path in assets),
+        *(UnusedPath(path, UnusedKind.PARTIAL) for path in partials),
+    ]
+
+
+def _partials(folder: Path) -> list[Path]:
+    from physgen.report.folders import unused_leftovers
+
+    return unused_leftovers(folder)
+
+
+def _cache() -> list[UnusedPath]:
+    folder = cache_folder()
+    return [UnusedPath(folder, UnusedKind.CACHE)] if folder.is_dir() else []
+
+
+def _print_table(
+    unused: Sequence[UnusedPath], sizes: Sequence[int], is_removed: bool
+) -> None:
+    width = max((len(str(one.path)) for one in unused), default=0)
+    for one, size in zip(unused, sizes, strict=True):
+        print_line(f"{one.path!s:<{width}}  {one.kind.value:<7}  {_size_text(size)}")
+    total = f"{len(unused)}, {_size_text(sum(sizes))}"
+    if not unused:
+        print_error("nothing is unused")
+    elif is_removed:
+        print_error(f"removed: {total}")
+    else:
+        print_error(f"unused: {total}; --yes removes them")
+
+
+def _size_text(size: float) -> str:
+    """Return a number of bytes with a unit of three digits or fewer."""
+    for unit in ("B", "kB", "MB"):
+        if size < KILOBYTE:
+            return f"{size:.3g} {unit}"
+        size /= KILOBYTE
+    return f"{size:.3g} GB"
+
+
+def add(parser: Parser) -> None:
+    about = "scene files, or folders; default: the current folder"
+    parser.add_argument("paths", metavar="PATH", type=Path, nargs="*", help=about)
+    parser.flag("--yes", "remove what is listed")
+    parser.flag("--cache", "the cache of model answers, too")
+    parser.flag("--json", "print as JSON")
+
+
+CLEAN = Command(
+    "clean",
+    "Lists backups, assets and partial files that physgen made and nothing uses.",
+    "physgen clean scene.yaml --yes",
+    add,
+    clean,
+    mixed=True,
+)

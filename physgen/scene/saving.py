@@ -1,0 +1,248 @@
+"""Scene files as physgen writes them: hashes of what it wrote, backups, unused assets.
+
+An assets folder holds `written.json` with the hashes of the scenes that physgen wrote for
+it, and checksums of its own files. A backup or a folder that is still as it was written
+may be replaced or removed; anything else is the user's and stays.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import yaml
+
+from physgen.files import BACKUP, backup_path, write_atomic, write_with_backup
+from physgen.problems import Limit
+from physgen.scene.files import RECORD, SUFFIXES, read_record
+
+WRITTEN_FILE = "written.json"
+"""Of an assets folder: `scenes`, SHA-256 of texts, and `files`, CRC-32 by name."""
+MOST_TEXTS = 50
+"""Hashes of scenes that are kept: more than anybody makes backups."""
+TEXT_SUFFIXES = (*SUFFIXES, ".json", ".physgen")
+"""Endings of files that may name an assets folder."""
+
+
+def save_scene(
+    path: Path, data: bytes, keep: Callable[[Path], None] = lambda backup: None
+) -> None:
+    """Write a scene atomically; keep an existing file that differs as `NAME~`.
+
+    A backup that is exactly as physgen wrote it is replaced, and its assets are removed
+    unless they were changed or another scene names them; the next backup of a file that
+    a user edited is `NAME~2`. `keep` is called with the backup.
+    """
+    backup = backup_path(path, is_written_scene)
+    replaced = assets_of(backup) if backup.is_file() else None
+    backups: list[Path] = []
+    write_with_backup(path, data, backups.append, is_written_scene)
+    note_scene(path, data)
+    if backups and replaced is not None and is_unused(replaced):
+        shutil.rmtree(replaced, ignore_errors=True)
+    for one in backups:
+        keep(one)
+
+
+def assets_of(scene: Path) -> Path | None:
+    """Return the existing assets folder that a scene or a backup names, if any."""
+    try:
+        with scene.open("rb") as stream:
+            data = stream.read(Limit.BYTES.most + 1)
+    except OSError:
+        return None
+    return _named_assets(data, scene.parent)
+
+
+def _named_assets(data: bytes, folder: Path) -> Path | None:
+    """Return the existing folder that the text of a scene in `folder` names, if any."""
+    # one line is read: a whole scene takes seconds, and may be damaged
+    line = re.search(rb"^assets:.*$", data, re.MULTILINE)
+    if line is None or len(data) > Limit.BYTES.most:
+        return None
+    try:
+        name = yaml.safe_load(line[0])["assets"]
+    except (yaml.YAMLError, ValueError):
+        return None
+    if not isinstance(name, str) or "\0" in name:
+        return None
+    assets = folder / name
+    inside = assets.resolve().is_relative_to(folder.resolve())
+    return assets if inside and assets.is_dir() else None
+
+
+def note_scene(path: Path, data: bytes) -> None:
+    """Record in the assets of a scene that physgen wrote this text."""
+    assets = _named_assets(data, path.parent)
+    if assets is None:
+        return
+    record = read_record(assets / WRITTEN_FILE)
+    digest = sha256(data).hexdigest()
+    others = [text for text in _texts(record) if text != digest]
+    record["scenes"] = [*others, digest][-MOST_TEXTS:]
+    with suppress(OSError):  # without a record, backups are only kept for longer
+        _write_record(assets, record)
+
+
+def note_files(assets: Path, names: Collection[str]) -> None:
+    """Record the checksums of files of an assets folder that physgen just wrote."""
+    record = read_record(assets / WRITTEN_FILE)
+    files = [assets / name for name in sorted(names)]
+    record["files"] = {
+        file.name: crc32(file.read_bytes()) for file in files if file.is_file()
+    }
+    _write_record(assets, record)
+
+
+def note_copies(source: Path, assets: Path) -> None:
+    """Record the files of a folder that physgen made of another one.
+
+    Nothing is recorded if the user changed the other one: the new files are then in part
+    the user's.
+    """
+    if is_written_folder(source):
+        note_files(assets, {file.name for file in assets.iterdir()} - {WRITTEN_FILE})
+
+
+def _write_record(assets: Path, record: dict[str, Any]) -> None:
+    data = json.dumps(record, ensure_ascii=False, sort_keys=True)
+    write_atomic(assets / WRITTEN_FILE, data.encode() + b"\n")
+
+
+def _texts(record: dict[str, Any]) -> list[str]:
+    """Return the hashes of the scenes; none if the record is damaged."""
+    texts = record.get("scenes")
+    return [str(text) for text in texts] if isinstance(texts, list) else []
+
+
+def is_written_scene(path: Path) -> bool:
+    """Return whether a scene or a backup is exactly as physgen wrote it."""
+    assets = assets_of(path) if path.is_file() and not path.is_symlink() else None
+    if assets is None:
+        return False
+    digest = sha256(path.read_bytes()).hexdigest()
+    return digest in _texts(read_record(assets / WRITTEN_FILE))
+
+
+def is_written_folder(assets: Path) -> bool:
+    """Return whether an assets folder holds nothing but what physgen wrote."""
+    written = _checksums(assets)
+    if assets.is_symlink() or not written:
+        return False
+    for file in assets.iterdir():
+        if file.name == WRITTEN_FILE or (file.name == RECORD and RECORD not in written):
+            continue
+        if file.is_symlink() or not file.is_file() or file.name not in written:
+            return False
+        if crc32(file.read_bytes()) != written[file.name]:
+            return False
+    return True
+
+
+def _checksums(assets: Path) -> dict[str, Any]:
+    """Return the recorded CRC-32 of each file of an assets folder."""
+    files = read_record(assets / WRITTEN_FILE).get("files")
+    if not isinstance(files, dict):  # an earlier version of physgen wrote the folder
+        files = read_record(assets / RECORD).get("files")
+    return files if isinstance(files, dict) else {}
+
+
+def is_unused(assets: Path, ignored: Collection[Path] = ()) -> bool:
+    """Return whether an assets folder is as physgen wrote it, and no scene names it.
+
+    Scenes, backups and drafts of the editor count, in its folder and the one above,
+    except the files in `ignored`.
+    """
+    name = assets.name.encode()
+    home = assets.parent
+    above = home.resolve().parent
+    try:
+        for text in (*_text_files(home), *_text_files(above, SUFFIXES)):
+            if text not in ignored and name in text.read_bytes():
+                return False
+        return is_written_folder(assets)
+    except OSError:  # a file that cannot be read may name it
+        return False
+
+
+def _text_files(
+    folder: Path, suffixes: Collection[str] = TEXT_SUFFIXES
+) -> Iterator[Path]:
+    """Yield the files of a folder that may be scenes, backups or drafts of scenes."""
+    for path in folder.iterdir():
+        is_scene = path.suffix.lower() in suffixes or BACKUP.fullmatch(path.name)
+        if is_scene and path.is_file() and path.stat().st_size <= Limit.BYTES.most:
+            yield path
+    yield from folder.glob(".*.editing/draft.json")
+
+
+# ---- what is no longer used
+
+
+class UnusedKind(Enum):
+    """Why a file or folder is no longer used."""
+
+    BACKUP = "backup"
+    """An earlier version of a scene that physgen wrote."""
+    ASSETS = "assets"
+    """A folder of maps that no scene names."""
+    PARTIAL = "partial"
+    """Left by a process that was killed."""
+    CACHE = "cache"
+    """Answers of models, which can be requested again."""
+
+
+@dataclass(frozen=True)
+class UnusedPath:
+    """A file or folder that physgen made, and that nothing uses any more."""
+
+    path: Path
+    kind: UnusedKind
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file, or of all files in the folder."""
+        if not self.path.is_dir():
+            return self.path.lstat().st_size
+        files = [file for file in self.path.rglob("*") if file.is_file()]
+        return sum(file.lstat().st_size for file in files)
+
+    def remove(self) -> None:
+        """Remove the file, or the folder with all that is in it. Raises OSError."""
+        if self.path.is_dir():
+            shutil.rmtree(self.path)
+        else:
+            self.path.unlink()
+
+
+def unused_backups(folder: Path) -> list[Path]:
+    """Return the backups in a folder that are as physgen wrote them.
+
+    The last copy of a scene is not among them: the scene itself has to be there.
+    """
+    backups = []
+    for path in sorted(folder.iterdir()):
+        match = BACKUP.fullmatch(path.name)
+        if match is None or not path.with_name(match["name"]).is_file():
+            continue
+        if is_written_scene(path):
+            backups.append(path)
+    return backups
+
+
+def unused_assets(folder: Path, backups: Collection[Path] = ()) -> list[Path]:
+    """Return the assets folders that physgen wrote and that no scene names.
+
+    `backups` are about to be removed, and do not count.
+    """
+    folders = sorted(path for path in folder.glob("*.assets") if path.is_dir())
+    return [path for path in folders if is_unused(path, backups)]
