@@ -543,6 +543,7 @@ def write_scene(
     keep: Keep = ignore_kept_file,
     before: str | None = None,
     known: Record = UNKNOWN,
+    full_size: tuple[int, int] | None = None,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
@@ -551,6 +552,7 @@ def write_scene(
 
     Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder; those of another scene
     that are in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
+    `full_size` is the width and height, px, of a photo that was made smaller; the record keeps them.
     `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the file as it
     is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called with them).
     """
@@ -639,6 +641,9 @@ def write_scene(
             }
         ),
     }
+    if full_size is not None:
+        name_of_photo = copy if photo is None else copy or photo.name
+        record["photo"] = {"image": name_of_photo, "size": list(full_size)}
     if (suits := perceived.suitability) is not None:
         record["suitability"] = {
             "verdict": suits.verdict,
