@@ -249,17 +249,34 @@ def among(known: Sequence[str]) -> Callable[[str], list[str]]:
     return read
 
 
+PROMPT_FLAGS = {4: "--box", 2: "--point"}
+"""Number of coordinates -> the flag that takes so many."""
+BETWEEN_NUMBERS = re.compile(r"\s*[,;]\s*|\s+")
+IS_NUMBER_PIECE = re.compile(r"[-+]?[\d.]+(px|%)?,?|,").fullmatch
+
+
 def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
-    """`x,y` or `x,y,w,h` px, the value of a flag; raises InputError."""
+    """Read `x,y` or `x,y,w,h` px, the value of a flag; raises InputError.
+
+    Spaces, brackets and `px` are allowed: `(120 px, 80 px)`.
+    """
+    form = ",".join(("120", "80", "60", "60")[:count])
+    pieces = BETWEEN_NUMBERS.split(re.sub(r"\s*px\b|[()\[\]]", "", text).strip())
+    pieces = [piece for piece in pieces if piece]
+    fix = f"write e.g. {form}"
+    if any(piece.endswith("%") for piece in pieces):
+        raise InputError.of(
+            flag, quoted(text), "is in percent", f"{fix}, in px of the photo"
+        )
     try:
-        values = tuple(float(part) for part in text.split(","))
+        values = tuple(float(piece) for piece in pieces)
     except ValueError:
         values = ()
+    other = PROMPT_FLAGS.get(len(values))
+    if len(values) != count and other is not None:
+        fix = f"write {other}, or {fix.removeprefix('write ')}"
     if len(values) != count or not all(abs(v) < 1e6 for v in values):
-        form = ",".join(("120", "80", "60", "60")[:count])
-        raise InputError.of(
-            flag, f'"{text}"', f"is not {count} numbers", f"write e.g. {form}"
-        )
+        raise InputError.of(flag, quoted(text), f"is not {count} numbers", fix)
     return values
 
 

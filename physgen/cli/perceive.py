@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import (
+    IS_NUMBER_PIECE,
     Command,
     Parser,
     check_folder_name,
@@ -31,6 +32,7 @@ from physgen.cli.output import (
 )
 from physgen.files import check_writable
 from physgen.problems import InputError, Place, Problem, collect
+from physgen.text import quoted
 
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
@@ -42,6 +44,7 @@ LEAST_SIDE = 64
 def perceive(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
+    _refuse_split_numbers(options)
     if options.refresh is None and len(options.image) > 1:
         return _perceive_many(options)
     out = options.output
@@ -86,6 +89,23 @@ def perceive(options: argparse.Namespace) -> int:
     bar.clear()
     write_result(text, output, redirected)
     return OK
+
+
+def _refuse_split_numbers(options: argparse.Namespace) -> None:
+    """Raise InputError if spaces cut the numbers of a box or a point apart."""
+    texts = [str(image) for image in options.image]
+    pieces = [
+        text for text in texts if IS_NUMBER_PIECE(text) and not Path(text).exists()
+    ]
+    for flag, values in (("--box", options.box), ("--point", options.point)):
+        if pieces and values:
+            numbers = ",".join(text.strip(",") for text in (values[-1], *pieces))
+            raise InputError.of(
+                flag,
+                quoted(" ".join((values[-1], *pieces))),
+                "has spaces, which end the value of a flag",
+                f"write {flag} {quoted(numbers, '')}, or put it in quotes",
+            )
 
 
 def _perceive_many(options: argparse.Namespace) -> int:
@@ -279,13 +299,13 @@ def add_perceive(parser: Parser) -> None:
     )
     about = "label map of the photo's size: an id or colour for each object, 0 or black for none"
     parser.option("--masks", "FILE", Path, about)
-    about = "box around an object; may be repeated"
+    about = "box around an object, in px of the photo that you give; may be repeated"
     parser.option("--box", "X,Y,W,H", str, about, [], action="append")
     parser.option(
         "--point",
         "X,Y",
         str,
-        "point on an object; may be repeated",
+        "point on an object, in px of the photo that you give; may be repeated",
         [],
         action="append",
     )

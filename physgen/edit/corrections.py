@@ -104,7 +104,9 @@ def correct(
             _finish(work, out)
         new = edited(work.text, work.ops).text
         ours = work.scene.record.comments
-        new = without_comments(new, [op["set"] for op in work.ops if "set" in op], ours)
+        stale = [op["set"] for op in work.ops if "set" in op]
+        stale += [["objects", name, "mask"] for name in work.masks]
+        new = without_comments(new, stale, ours)
         bodies = live.state(new).compiled.world.bodies
         if work.gone is not None:
             what += "".join(

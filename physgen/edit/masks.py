@@ -310,6 +310,8 @@ def _edit_errors() -> Iterator[None]:
     except InputError as error:
         problem = error.problems[0]
         fix = "draw a box close around it" if "--" in problem.fix else problem.fix
+        if fix.startswith("write x,y"):
+            fix = "mark it on the photo"
         raise impossible(f"what is marked {problem.expected}", fix) from error
 
 

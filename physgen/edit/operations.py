@@ -279,13 +279,19 @@ class Target:
                 )
             self.data = _with_edits(self._whole, self._edits)
 
-    def write(self, data: Data, at: KeyPath | None = None) -> None:
+    def write(
+        self,
+        data: Data,
+        at: KeyPath | None = None,
+        renamed: Mapping[str, str] | None = None,
+    ) -> None:
         """Change the text such that the scene is `data`; a variant sets what changes at a path `at` as a whole.
 
-        Raises EditError.
+        `renamed` are new names of objects by the old. Raises EditError.
         """
         if self.variant is None:
-            self.text = yaml_edit.write(self.text, data)
+            text = yaml_edit.write(self.text, data)
+            self.text = yaml_edit.with_true_comments(text, self.data, renamed or {})
             return
         changes = {
             path: value
@@ -429,6 +435,7 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
     if not re.fullmatch(rule["pattern"].strip("^$"), to):
         raise impossible("that is not a name", f"write {rule['x-pattern']}")
     section, old = str(path[0]), str(path[1])
+    renamed = {old: to} if section == "objects" else {}
     if to != old:
         if reach(target.data, (section, to)) is not ABSENT:
             raise impossible(f"{to} is there already", "choose another name")
@@ -442,7 +449,7 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
             _change_edits(
                 data, lambda key: (section, to, *key[2:]) if key[:2] == path else key
             )
-        target.write(data)
+        target.write(data, renamed=renamed)
     return f"rename {old} to {to}"
 
 

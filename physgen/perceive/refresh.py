@@ -24,7 +24,13 @@ from physgen.perceive.roles import (
     Rgb,
     Suitability,
 )
-from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
+from physgen.perceive.segment.prompts import (
+    Box,
+    Point,
+    PromptFrame,
+    Segmenter,
+    from_prompts,
+)
 from physgen.scene.files import Record, equal, recorded
 from physgen.scene.provenance import (
     label_confidence,
@@ -35,7 +41,7 @@ from physgen.scene.provenance import (
     source,
     stated_scale,
 )
-from physgen.scene.scene import BoxPrompt, MaskId, Object, Scene
+from physgen.scene.scene import BoxPrompt, MaskId, Object, PointPrompt, Scene
 
 OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
@@ -58,6 +64,50 @@ class RefreshStart:
     gone: tuple[str, ...]  # objects that a new prompt took in
 
 
+@dataclass(frozen=True)
+class PromptFrames:
+    """The photos in whose pixels prompts are written."""
+
+    new: PromptFrame  # of new boxes and points
+    old: PromptFrame  # of those in the scene
+
+
+def full_size(scene: Scene) -> tuple[int, int] | None:
+    """Return width and height, px, of the photo that was made smaller for a scene.
+
+    None if the scene shows the photo as it was given, or another one.
+    """
+    photo = recorded(scene.assets, "photo")
+    size = photo.get("size")
+    is_pair = isinstance(size, list) and len(size) == 2
+    if not is_pair or not all(isinstance(side, int) and side > 0 for side in size):
+        return None
+    if scene.image is None or scene.image.name != photo.get("image"):
+        return None
+    scale = scene.size[0] / size[0]
+    is_same_photo = abs(scale * size[1] - scene.size[1]) <= 1
+    return (size[0], size[1]) if is_same_photo else None
+
+
+def prompted(objects: Sequence[Object]) -> list[Object]:
+    """Return the objects with a prompt: those with a box, then those with a point."""
+    boxes = [item for item in objects if isinstance(item.prompt, BoxPrompt)]
+    points = [item for item in objects if isinstance(item.prompt, PointPrompt)]
+    return boxes + points
+
+
+def prompts_of(objects: Sequence[Object]) -> tuple[list[Box], list[Point]]:
+    """Return the boxes and points of objects, in the order of `prompted`."""
+    boxes: list[Box] = []
+    points: list[Point] = []
+    for item in objects:
+        if isinstance(item.prompt, BoxPrompt):
+            boxes.append(item.prompt.box)
+        elif isinstance(item.prompt, PointPrompt):
+            points.append(item.prompt.point)
+    return boxes, points
+
+
 def start_refresh(
     rgb: Rgb,
     objects: Sequence[Object],
@@ -66,6 +116,7 @@ def start_refresh(
     boxes: Sequence[Box],
     points: Sequence[Point],
     segment: Segmenter,
+    frames: PromptFrames | None = None,
 ) -> RefreshStart:
     """Keeps objects without a prompt, segments those with one again; new boxes and points replace what they cover.
 
@@ -79,10 +130,9 @@ def start_refresh(
         for k, item in enumerate(objects)
         if item.prompt is not None and k not in by_box
     ]
-    new = from_prompts(rgb, boxes, points, segment)
-    old_boxes = [objects[k].prompt.box for k in by_box]  # type: ignore[union-attr]
-    old_points = [objects[k].prompt.point for k in by_point]  # type: ignore[union-attr]
-    again = from_prompts(rgb, old_boxes, old_points, segment)
+    frames = frames or PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
+    new = from_prompts(rgb, boxes, points, segment, frames.new)
+    again = from_prompts(rgb, *prompts_of(objects), segment, frames.old)
 
     result = np.zeros(labels.shape, np.uint16)
     owner = {i: k for k, i in enumerate(ids)}  # id -> index in objects

@@ -15,6 +15,7 @@ from physgen.progress import Progress, silent
 from physgen.text import listed
 
 if TYPE_CHECKING:
+    from physgen.perceive.refresh import PromptFrames
     from physgen.perceive.roles import PerceivedScene
     from physgen.registry import Backends
     from physgen.scene.load import Opened
@@ -31,9 +32,9 @@ class PerceiveOptions:
     masks: Path | None = None
     """A label map that shows the objects."""
     boxes: Sequence[tuple[float, float, float, float]] = ()
-    """x, y, w, h px of objects."""
+    """x, y, w, h px of objects, in the photo that was given, upright."""
     points: Sequence[tuple[float, float]] = ()
-    """x, y px on objects."""
+    """x, y px on objects, in the same photo."""
     labels: Sequence[str] = ()
     """`NAME=TEXT`."""
     asked: Sequence[str] = ()
@@ -76,7 +77,13 @@ def perceive(
         shrink_photo,
     )
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts
+    from physgen.perceive.segment.prompts import (
+        PromptFrame,
+        Segmenter,
+        check_prompts,
+        from_masks,
+        from_prompts,
+    )
     from physgen.photos import read_photo
     from physgen.registry import Backends
 
@@ -121,10 +128,10 @@ def perceive(
     if masks is not None:
         found = from_masks(read_labels(masks))
     elif boxes or points:
-        x, y = rgb.shape[1] / width, rgb.shape[0] / height
-        boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
-        points = [(point[0] * x, point[1] * y) for point in points]
-        found = from_prompts(rgb, boxes, points, Segmenter(crew, options.asked))
+        frame = PromptFrame(width, height, rgb.shape[1] / width)
+        check_prompts(boxes, points, frame)
+        segmenter = Segmenter(crew, options.asked)
+        found = from_prompts(rgb, boxes, points, segmenter, frame)
         crew.release("segment")
     for problem in _unused_choices(crew, options):
         warn(problem)
@@ -148,6 +155,7 @@ def perceive(
             if options.still or not perceived.document["objects"]
             else _pushed(perceived)
         )
+    full_size = None if rgb.shape[:2] == (height, width) else (width, height)
     text = write_scene(
         perceived,
         image if as_it_is else None,
@@ -155,6 +163,7 @@ def perceive(
         output,
         keep,
         stdout=stdout,
+        full_size=full_size,
     )
     inform(
         f"{image}: " + "\n".join(summary(perceived))
@@ -293,7 +302,7 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
         "objects": document["objects"] | {push.name: item},
         "render": ({"slow": slow} if slow > 1 else {}) | render,
     }
-    why = f"the push that sets it off, to the {push.way}; [0, 0] leaves it at rest"
+    why = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
     comments = perceived.comments | {f"objects.{push.name}.velocity": why}
     if slow == 1:
         comments.pop("render", None)
@@ -381,6 +390,28 @@ def _set_in_motion(
     return perceived, moving
 
 
+def _prompt_frames(opened: Opened, scene: Scene) -> PromptFrames:
+    """Return the frames of new prompts, and of those that are written in a scene."""
+    from physgen.perceive import refresh as old_and_new
+    from physgen.perceive.segment.prompts import PromptFrame
+    from physgen.scene.scene import BoxPrompt
+
+    width, height = scene.size
+    full_width, full_height = old_and_new.full_size(scene) or scene.size
+    places = {}
+    for order, item in enumerate(old_and_new.prompted(scene.objects)):
+        path = ("objects", item.name, "prompt")
+        kind = "box" if isinstance(item.prompt, BoxPrompt) else "point"
+        places[order] = (
+            opened.place((*path, kind)),
+            f"objects.{item.name}.prompt.{kind}",
+        )
+    return old_and_new.PromptFrames(
+        PromptFrame(full_width, full_height, width / full_width),
+        PromptFrame(width, height, places=places),
+    )
+
+
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
     """Warnings about options that the segment backend does not use."""
     uses, found = crew.row("segment").uses, []
@@ -448,7 +479,7 @@ def refresh(
     from physgen.perceive import refresh as old_and_new
     from physgen.perceive.document import renamed_labels, summary, write_scene
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.segment.prompts import Segmenter
+    from physgen.perceive.segment.prompts import Segmenter, check_prompts
     from physgen.photos import read_photo
     from physgen.pipeline.stages import percepts
     from physgen.registry import Backends
@@ -465,13 +496,23 @@ def refresh(
         raise InputError.of(
             "--refresh", f'"{path}"', "shows no photo", "name one with image:"
         )
+    frames = _prompt_frames(opened, scene)
+    check_prompts(options.boxes, options.points, frames.new)
+    check_prompts(*old_and_new.prompts_of(scene.objects), frames.old)
     maps = percepts(scene)
     ids = compile_scene(scene, None if maps is None else maps.labels).labels
     photo, find = read_photo(scene.image), Segmenter(crew, options.asked)
     own = opened.document()
     old = old_and_new.with_sources(own, scene)
     begun = old_and_new.start_refresh(
-        photo.rgb, scene.objects, old, ids, options.boxes, options.points, find
+        photo.rgb,
+        scene.objects,
+        old,
+        ids,
+        options.boxes,
+        options.points,
+        find,
+        frames,
     )
     crew.release("segment")
     for name in begun.gone:
@@ -548,6 +589,15 @@ def refresh(
         perceived, comments={} if text is None else perceived.comments, wrote=wrote
     )
     image = scene.image if photo.plain else None
-    new = write_scene(perceived, image, scene.image.stem, output, keep, text, record)
+    new = write_scene(
+        perceived,
+        image,
+        scene.image.stem,
+        output,
+        keep,
+        text,
+        record,
+        full_size=old_and_new.full_size(scene),
+    )
     inform(f"{path}: " + "\n".join(summary(summed)))
     return new

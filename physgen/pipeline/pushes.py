@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +18,7 @@ from physgen.problems import InputError, collect
 from physgen.scene.files import equal
 from physgen.scene.provenance import meters
 from physgen.scene.scene import ADD_OBJECT, Motion, Object, Scene, View
-from physgen.text import listed, nearest, quantity
+from physgen.text import listed, nearest, quantity, quoted
 
 if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
@@ -74,6 +75,9 @@ class _Trial:
 TRIAL = _Trial()
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
+_WORD = "(right|left|up|down)(?:wards?)?"
+_SPELLING = re.compile(f"(?:to the )?{_WORD}(?:[-_+ ]?(?:and )?(?:to the )?{_WORD})?")
+"""Spellings of a direction in lower case: down-right, downright, up_left."""
 NEAR = 0.05
 """Of the picture's longer side, by which a kick may miss an object, and objects that are one be apart."""
 LARGEST = 1e9
@@ -86,7 +90,15 @@ class Push:
 
     name: str
     velocity: tuple[float, float]  # px/s
-    way: str  # in words, as of --push
+    way: str  # as a push is written: up-right
+
+    @property
+    def phrase(self) -> str:
+        """Return the direction as a sentence has it: to the right, up and left."""
+        vertical, _, horizontal = self.way.rpartition("-")
+        if vertical:
+            return f"{vertical} and {horizontal}"
+        return f"to the {self.way}" if self.way in ("right", "left") else self.way
 
 
 def default_push(
@@ -353,6 +365,9 @@ def perceived_pushes(scene: Scene) -> Iterator[str]:
 def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
     """The object of NAME=DIRECTION[@SPEED], and its velocity, by dotted key."""
     name, _, rest = text.partition("=")
+    if _is_way(name) and any(item.name == rest.strip() for item in scene.objects):
+        fix = f"write --push {rest.strip()}={name.strip()}"
+        raise InputError.of("--push", quoted(text), "has the direction first", fix)
     item = named(scene, "--push", name.strip())
     way, speed = _direction_and_speed(scene, "--push", rest)
     if not way:
@@ -425,17 +440,41 @@ def finite(text: str) -> float:
 
 def _direction(flag: str, text: str) -> tuple[float, float]:
     """The unit vector of a word or an angle in degrees. Raises InputError."""
-    words = text.split("-") if text.strip("+-.0123456789") else []
-    if words and all(word in WORDS for word in words) and len(words) < 3:
-        x, y = (sum(WORDS[word][axis] for word in words) for axis in (0, 1))
+    spelling = _spelling(text)
+    if spelling is not None:
+        words = [word for word in spelling.groups() if word]
+        x = sum(WORDS[word][0] for word in words)
+        y = sum(WORDS[word][1] for word in words)
         if x or y:
             return x / hypot(x, y), y / hypot(x, y)
     try:
-        angle = radians(finite(text))
+        angle = radians(finite(re.sub(r"\s*(deg|degrees|°)$", "", text)))
     except ValueError:
+        is_contrary = spelling is not None
+        close = None if is_contrary else nearest(text.lower(), _way_names())
         fix = "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
-        raise InputError.of(flag, f'"{text}"', "is no direction", fix) from None
+        if close is not None:
+            fix = f"did you mean {close}?"
+        if quantity(text, "px/s", 1.0) is not None:
+            fix = f"write the direction first, e.g. right@{text}"
+        raise InputError.of(flag, quoted(text), "is no direction", fix) from None
     return cos(angle), sin(angle)
+
+
+def _spelling(text: str) -> re.Match[str] | None:
+    """Return the match of one or two direction words; None if there are others."""
+    return _SPELLING.fullmatch(" ".join(text.lower().split()))
+
+
+def _is_way(text: str) -> bool:
+    """Return whether a text is a direction in words."""
+    return _spelling(text) is not None
+
+
+def _way_names() -> list[str]:
+    """Return all directions that are words."""
+    diagonals = [f"{y}-{x}" for y in ("up", "down") for x in ("right", "left")]
+    return [*WORDS, *diagonals]
 
 
 def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:

@@ -85,6 +85,16 @@ class Opened:
         assert isinstance(data, dict)
         return data
 
+    def place(self, path: KeyPath) -> Place:
+        """Return where the value at a path is written, or the nearest above it."""
+        node = self._root
+        for key in path:
+            below = children(node).get(str(key))
+            if below is None:
+                break
+            node = below
+        return node.place
+
     def stale(self) -> bool:
         """Whether the file, or one that it extends, was written since."""
         return any(file_stamp(file) != stamp for file, stamp in self._stamps.items())

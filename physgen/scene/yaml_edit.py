@@ -1,14 +1,20 @@
 """Changes of YAML text that keep all other lines and the comments as they are.
 
 Positions come from the parser of scenes, so that a position holds what the scene has there; new values are written in
-the style of `physgen.scene.write`. The new text is read back: one that does not hold the intended data is never
-returned.
+the style of `physgen.scene.write`, or as JSON in a file that is JSON. The new text is read back: one that does not hold
+the intended data is never returned.
+
+Comments belong to an entry if they end its line, if they are indented deeper than it and follow it, or if they stand
+directly above it, indented as it is and with no blank line between; an entry that is removed takes them along. Comments
+at the very top belong to the file, and one behind the key of a section to the section.
 """
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -20,7 +26,7 @@ from physgen.problems import EditError, InputError, impossible
 from physgen.scene.document import LOADER, Source, read, resolve
 from physgen.scene.schema import schema_at
 from physgen.scene.write import entry_lines, flow_text, key_text
-from physgen.text import KeyPath, dotted
+from physgen.text import KeyPath, dotted, listed, number
 
 _NOWHERE = Path()
 
@@ -238,6 +244,8 @@ def write(text: str, data: dict[str, Any]) -> str:
     """The text of a file such that it holds `data`. Raises EditError."""
     try:
         made = put(text, (), data)
+        if is_json(text) and not is_json(made):
+            made = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
         if same(marked(made).data(), data):
             return made
     except EditError:
@@ -266,29 +274,97 @@ def put(text: str, path: KeyPath, value: Any) -> str:
 
 
 def _drop(text: str, path: KeyPath) -> str:
-    """Remove one of several keys or items."""
+    """Remove one of several keys or items, with its comments."""
     parent, at = parent_of(text, path)
     begin = entry(text, parent, at)
-    if parent.is_flow or not leads(text, begin):
+    if not leads(text, begin) or not _ends_line(text, parent, at):
         return patched(text, _cut(text, parent, at, begin))
-    stop, first = line_after(text, parent.children[at].end), line_begin(text, begin)
+    first, stop = _first_line(text, parent, at), _last_line(text, parent, at)
+    if _is_blank_line(text, stop) and first and _is_blank_line(text, first - 1):
+        stop = line_after(text, stop)
     if stop == len(text) and not BREAK.search(
         text[-1:]
     ):  # nor does the new last line end
         first -= 2 if text[:first].endswith("\r\n") else 1
-    return patched(text, (first, stop, ""))
+    patches = [(first, stop, "")]
+    is_last = at > 0 and at + 1 == len(parent.children)
+    if is_last and is_json(text):  # which has no comma behind the last entry
+        end = parent.children[at - 1].end
+        patches.append((end, text.index(",", end) + 1, ""))
+    return patched(text, *patches)
+
+
+def _ends_line(text: str, parent: Marked, at: int) -> bool:
+    """Return whether nothing but a comma and a comment follows an entry on its line."""
+    if not parent.is_flow:
+        return True
+    end = parent.children[at].end
+    rest = text[end : line_end(text, end)]
+    return re.fullmatch(r"\s*,?\s*(#.*)?", rest) is not None
+
+
+def _is_blank_line(text: str, place: int) -> bool:
+    """Return whether the line of a place has a break and nothing else."""
+    stop = line_end(text, place)
+    return stop < len(text) and not text[line_begin(text, place) : stop].strip()
+
+
+def _first_line(text: str, parent: Marked, at: int) -> int:
+    """Return the start of an entry's lines: of the comments directly above it."""
+    begin = entry(text, parent, at)
+    first = line_begin(text, begin)
+    column = begin - first
+    above = parent.children[at - 1].end if at else 0
+    top = first
+    while top > above:
+        line = line_begin(text, top - len(_break_before(text, top)))
+        words = text[line:top].rstrip()
+        is_comment = words.lstrip(" ").startswith("#")
+        if line < above or not is_comment or words.index("#") != column:
+            return top
+        top = line
+    return first  # comments at the top of the file are about the file
+
+
+def _break_before(text: str, place: int) -> str:
+    """Return the line break that ends at a place; empty if none does."""
+    if text.endswith("\r\n", 0, place):
+        return "\r\n"
+    before = text[max(place - 1, 0) : place]
+    return before if BREAK.match(before) else ""
+
+
+def _last_line(text: str, parent: Marked, at: int) -> int:
+    """Return the end of an entry's lines: of the deeper comments that follow it."""
+    begin = entry(text, parent, at)
+    column = begin - line_begin(text, begin)
+    stop = line_after(text, parent.children[at].end)
+    return _after_deeper_comments(text, stop, column)
+
+
+def _after_deeper_comments(text: str, place: int, column: int) -> int:
+    """Return the end of the comments from a line on that are right of a column."""
+    stop = place
+    while place < len(text):
+        words = text[place : line_end(text, place)]
+        is_deeper = len(words) - len(words.lstrip(" ")) > column
+        place = line_after(text, place)
+        if words.lstrip().startswith("#") and is_deeper:
+            stop = place
+        elif words.strip():
+            break
+    return stop
 
 
 def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
     """Patch that removes one of several entries in brackets, and no comments of others."""
     child = parent.children[at]
-    if at and leads(
-        text, begin
-    ):  # the comma before it may stay: YAML lets one stand at the end
-        if re.fullmatch(r"\s*,\s*(#.*)?", text[child.end : line_end(text, child.end)]):
-            return line_begin(text, begin), line_after(text, child.end), ""
-        if at + 1 == len(parent.children):
-            return begin, child.end, ""
+    is_last = at + 1 == len(parent.children)
+    if at and leads(text, begin):
+        # behind a comment the comma before it stays: YAML lets one stand at the end
+        before = parent.children[at - 1].end
+        if is_last:
+            return begin if "#" in text[before:begin] else before, child.end, ""
     elif at:
         return parent.children[at - 1].end, child.end, ""
     after = entry(text, parent, at + 1)
@@ -306,7 +382,7 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
     if not node.children:
         return _replaced(text, where, [value])
     if node.is_flow:
-        inner, before = flow_text(value, path), node.children[max(at - 1, 0)]
+        inner, before = _inline(text, value, path), node.children[max(at - 1, 0)]
         if at == 0:
             return patched(text, (before.begin, before.begin, f"{inner}, "))
         return patched(
@@ -326,7 +402,7 @@ def _rename(text: str, path: KeyPath, to: str) -> str:
     """Rename a key."""
     parent, at = parent_of(text, path)
     _, begin, end = parent.keys[at]
-    return patched(text, (begin, end, key_text(to)))
+    return patched(text, (begin, end, _quoted_as(text, text[begin], to, key_text(to))))
 
 
 def _made(text: str, path: KeyPath, value: Any) -> str:
@@ -339,7 +415,7 @@ def _made(text: str, path: KeyPath, value: Any) -> str:
         return _replaced(text, where, {key: value})
     after = node.children[_before(node, where, key)]
     if node.is_flow:
-        inner = f"{key_text(key)}: {flow_text(value, path)}"
+        inner = f"{_key(text, key)}: {_inline(text, value, path)}"
         return patched(text, (after.end, after.end, joint(text, node, after) + inner))
     indent = " " * node.column
     return patched(
@@ -365,18 +441,20 @@ def _before(node: Marked, path: KeyPath, key: str) -> int:
 def _replaced(text: str, path: KeyPath, value: Any) -> str:
     """Replace a value; of a collection only what differs."""
     node = find(text, path)
-    if node.kind is dict and isinstance(value, dict) and value and node.children:
-        keys = {key for key, _, _ in node.keys}
-        if not node.is_flow or (keys != value.keys() and keys & value.keys()):
+    is_block = bool(node.children) and not node.is_flow
+    if path and is_block and isinstance(value, node.kind) and not value:
+        emptied = _emptied(text, path)
+        if emptied is not None:
+            return emptied
+    patches = _differences(text, node, value, path) if node.is_flow else None
+    if patches is None and _are_filled(node, value):
+        if node.kind is list:
+            return _items(text, path, node.data(), value)
+        if not node.is_flow or value.keys() & {key for key, _, _ in node.keys}:
             return _entries(text, path, node, value)
-    is_filled_list = (
-        node.kind is list and isinstance(value, list) and value and node.children
-    )
-    if is_filled_list and (not node.is_flow or len(value) != len(node.children)):
-        return _items(text, path, node.data(), value)
-
-    patches = _differences(node, value, path) if node.is_flow else None
-    if not path:
+    if not path and is_json(text):
+        patches = patches or [(node.begin, node.end, _inline(text, value, path))]
+    elif not path:
         lines = [
             line
             for key in value
@@ -386,6 +464,27 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
     return patched(
         text, *(_rewritten(text, path, value) if patches is None else patches)
     )
+
+
+def _emptied(text: str, path: KeyPath) -> str | None:
+    """Remove all entries of a section; its own comments stay. None if it is an item."""
+    parent, at = parent_of(text, path)
+    node = parent.children[at]
+    if parent.kind is not dict or not leads(text, entry(text, node, 0)):
+        return None
+    colon = text.index(":", parent.keys[at][2])
+    empty = " {}" if node.kind is dict else " []"
+    patches: list[Patch] = [(colon + 1, colon + 1, empty)]
+    for child in range(len(node.children)):
+        first, stop = _first_line(text, node, child), _last_line(text, node, child)
+        patches.append((first, stop, ""))
+    return patched(text, *patches)
+
+
+def _are_filled(node: Marked, value: Any) -> bool:
+    """Return whether two values are mappings, or lists, that are not empty."""
+    is_same_kind = node.kind is not str and isinstance(value, node.kind)
+    return is_same_kind and bool(node.children) and bool(value)
 
 
 def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> str:
@@ -428,8 +527,10 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
     return text
 
 
-def _differences(node: Marked, value: Any, path: KeyPath) -> list[Patch] | None:
-    """Patches that change values inside brackets; None where keys or the number of items differ."""
+def _differences(
+    text: str, node: Marked, value: Any, path: KeyPath
+) -> list[Patch] | None:
+    """Patches that change values inside brackets; None if keys or the number of items differ, at any depth."""
     if (
         node.kind is dict
         and isinstance(value, dict)
@@ -452,28 +553,78 @@ def _differences(node: Marked, value: Any, path: KeyPath) -> list[Patch] | None:
     patches: list[Patch] = []
     for child, new, where in pairs:
         if not same(child.data(), new):
-            inner = _differences(child, new, where)
-            patches += [_inside(child, new, where)] if inner is None else inner
+            inner = _differences(text, child, new, where)
+            if inner is None and _are_filled(child, new):
+                return None
+            patches += [_inside(text, child, new, where)] if inner is None else inner
     return patches
 
 
-def _inside(node: Marked, value: Any, path: KeyPath) -> Patch:
+def _inside(text: str, node: Marked, value: Any, path: KeyPath) -> Patch:
     """Patch of a value in brackets."""
     gap = " " if node.begin == node.end else ""
-    return node.begin, node.end, gap + flow_text(value, path)
+    inner = _inline(text, value, path)
+    if isinstance(value, str):
+        inner = _quoted_as(text, node.style, value, inner)
+    return node.begin, node.end, gap + inner
+
+
+SIMPLE = re.compile(r"[\w][\w .-]*").fullmatch
+"""Text that may stand in either kind of quotes as it is."""
+
+
+def _quoted_as(text: str, quote: str, value: str, plain: str) -> str:
+    """Return text as it is written in these quotes, or `plain`; in JSON as JSON."""
+    if is_json(text):
+        return _json(value)
+    is_quoted = quote in ("'", '"') and SIMPLE(value) is not None
+    return f"{quote}{value}{quote}" if is_quoted else plain
+
+
+@lru_cache(maxsize=4)
+def is_json(text: str) -> bool:
+    """Return whether a file is JSON, apart from an empty one."""
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(data, dict) and bool(data)
+
+
+def _inline(text: str, value: Any, path: KeyPath) -> str:
+    """Return a value on one line: as JSON in a file that is JSON, else as YAML."""
+    return _json(value) if is_json(text) else flow_text(value, path)
+
+
+def _key(text: str, key: str) -> str:
+    """Return a key as it is written: as JSON in a file that is JSON, else as YAML."""
+    return _json(key) if is_json(text) else key_text(key)
+
+
+def _json(value: Any) -> str:
+    """Return a value as JSON on one line, with numbers that YAML reads as numbers."""
+    if isinstance(value, dict):
+        pairs = [f"{_json(key)}: {_json(child)}" for key, child in value.items()]
+        return "{" + ", ".join(pairs) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_json(child) for child in value) + "]"
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return number(value)
+    written = json.dumps(value, ensure_ascii=False)
+    return written if written.isprintable() else json.dumps(value)
 
 
 def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
-    """Patches that write the value of a key or an item anew; a comment at the line's end stays, unless an entry's."""
+    """Patches that write the value of a key or an item anew.
+
+    A comment behind the key or behind a value on its line stays, entries lose theirs.
+    """
     parent, at = parent_of(text, path)
     node = parent.children[at]
-    end = (
-        line_end(text, node.end)
-        if node.kind in (dict, list) and not node.is_flow
-        else node.end
-    )
+    is_block = node.kind in (dict, list) and not node.is_flow
+    end, header = node.end, ""
     if parent.is_flow:
-        return [_inside(node, value, path)]
+        return [_inside(text, node, value, path)]
     begin = entry(text, parent, at)
     if parent.kind is dict:
         colon = text.index(":", parent.keys[at][2])
@@ -481,8 +632,18 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     else:
         colon = begin
         start = " " * parent.column + "-"
+    if is_block:
+        end, below_value = line_end(text, node.end), line_after(text, node.end)
+        column = begin - line_begin(text, begin)
+        stop = _after_deeper_comments(text, below_value, column)
+        if stop > below_value:
+            end = stop - len(_break_before(text, stop))
+        line = text[colon + 1 : line_end(text, colon)]
+        header = line.rstrip() if line.lstrip().startswith("#") else ""
     first, *rest = entry_lines(value, start, " " * parent.column + "  ", path)
     first = first[len(start) :]
+    if isinstance(value, str) and node.kind is str:
+        first = " " + _quoted_as(text, node.style, value, first.strip())
     if (
         rest
         and not first
@@ -490,7 +651,7 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
         and node.style not in ("|", ">")
     ):
         return [(colon + 1, node.end, ""), below(text, node.end, rest)]
-    return [(colon + 1, end, newline(text).join([first, *rest]))]
+    return [(colon + 1, end, newline(text).join([first + header, *rest]))]
 
 
 # Comments of perception
@@ -527,7 +688,7 @@ def with_comments(
             parent.is_flow
             or not leads(text, begin)
             or words in there
-            or not (key in new or there & set(ours))
+            or not (key in new or any(_is_ours(one, ours) for one in there))
         ):
             continue
         text = without_comments(text, [key.split(".")], ours)
@@ -543,6 +704,118 @@ def with_comments(
                 text, (first, first, f"{text[first:begin]}# {words}{newline(text)}")
             )
     return text
+
+
+_COUNTS = re.compile(
+    r"\d+ x .+?(, (?:where you|from the masks|found by|as the scene had) .*)"
+)
+"""What perception says of all objects: 2 x ball, 1 x block, found by ..."""
+_SUPPORTED = re.compile(r"under \d+ objects?")
+"""What perception says of a boundary."""
+_HIDING = "in front: it hides parts of "
+"""What perception says of a layer, before the names of objects."""
+
+
+def with_true_comments(
+    text: str, old: Mapping[str, Any], renamed: Mapping[str, str]
+) -> str:
+    """Update or remove comments of perception on objects that came, went or changed.
+
+    `old` is the data before the change; `renamed` are new names of objects by the old.
+    """
+    labels, labels_before = _labels(marked(text).data()), _labels(old)
+    if labels == labels_before:
+        return text
+    counts = _label_counts(labels)
+    if counts != _label_counts(labels_before):
+        text = _with_comment(text, ("objects",), lambda words: _counted(words, counts))
+    if len(labels) != len(labels_before):
+        for name in old.get("boundaries") or {}:
+            path = ("boundaries", str(name))
+            text = _with_comment(text, path, _without_support)
+    if _HIDING in text:
+        for name in labels:
+            path = ("objects", name, "layer")
+            text = _with_comment(
+                text, path, lambda words: _hidden(words, labels, renamed)
+            )
+    return text
+
+
+def _is_ours(words: str, ours: Collection[str]) -> bool:
+    """Return whether perception wrote a comment, or an edit brought it up to date."""
+    is_updated = words.startswith(_HIDING) or _COUNTS.fullmatch(words) is not None
+    return words in ours or is_updated
+
+
+def _labels(data: Mapping[str, Any]) -> dict[str, str]:
+    """Return the labels of objects by name."""
+    labels: dict[str, str] = {}
+    objects = data.get("objects")
+    for name, item in objects.items() if isinstance(objects, dict) else ():
+        label = item.get("label") if isinstance(item, dict) else None
+        labels[name] = str(label or "object")
+    return labels
+
+
+def _label_counts(labels: Mapping[str, str]) -> str:
+    """Return the number of objects of each label: 2 x ball, 1 x block."""
+    counts = Counter(labels.values())
+    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    return ", ".join(f"{number} x {label}" for label, number in ordered)
+
+
+def _counted(words: str, counts: str) -> str:
+    """Return perception's comment on all objects with other counts."""
+    match = _COUNTS.fullmatch(words)
+    if match is None:
+        return words
+    return counts + match[1] if counts else ""
+
+
+def _without_support(words: str) -> str:
+    """Return a comment on a boundary; none if it counts the objects on it."""
+    return "" if _SUPPORTED.fullmatch(words) else words
+
+
+def _hidden(words: str, names: Collection[str], renamed: Mapping[str, str]) -> str:
+    """Return a comment on a layer with the names that hidden objects have now."""
+    if not words.startswith(_HIDING):
+        return words
+    before = re.split(", | and ", words.removeprefix(_HIDING))
+    now = [renamed.get(name, name) for name in before]
+    hidden = [name for name in now if name in names]
+    return _HIDING + listed(hidden, "and") if hidden else ""
+
+
+def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str:
+    """Change the words of the comments behind and above a key; "" removes a comment."""
+    try:
+        parent, at = parent_of(text, path)
+    except EditError:
+        return text
+    begin = entry(text, parent, at)
+    if parent.is_flow or not leads(text, begin):
+        return text
+    for line, words in _comments(text, begin):
+        new = change(words)
+        if new != words:
+            text = _with_words(text, line, new)
+    return text
+
+
+def _with_words(text: str, number: int, words: str) -> str:
+    """Give the comment in a line other words, or remove it."""
+    lines = text.split("\n")
+    line = lines[number]
+    end = "\r" if line.endswith("\r") else ""
+    is_whole = line.lstrip().startswith("#")
+    if is_whole and not words:
+        del lines[number]
+        return "\n".join(lines)
+    before = line[: line.index("#")] if is_whole else line.rpartition(" #")[0] + " "
+    lines[number] = (before + f"# {words}" if words else before.rstrip()) + end
+    return "\n".join(lines)
 
 
 def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
@@ -566,9 +839,9 @@ def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
         return text
     lines = text.split("\n")
     for line, words in _comments(text, begin):
-        if words in ours and lines[line].lstrip().startswith("#"):
+        if _is_ours(words, ours) and lines[line].lstrip().startswith("#"):
             del lines[line]
-        elif words in ours:
+        elif _is_ours(words, ours):
             lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[
                 line
             ].endswith("\r")

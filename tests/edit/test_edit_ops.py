@@ -80,6 +80,23 @@ def span(root: Node, path: tuple[str | int, ...]) -> tuple[int, int]:
     return min(before, node.line), last_line(node)
 
 
+def owned(text: str, first: int, last: int) -> tuple[int, int]:
+    """First and last line of an entry with the comments that belong to it, from 1."""
+    lines = text.splitlines()
+    column = len(lines[first - 1]) - len(lines[first - 1].lstrip())
+    own = " " * column + "#"
+    top = first
+    while top > 1 and lines[top - 2].startswith(own):
+        top -= 1
+    first = first if top == 1 else top  # at the top of the file: about the file
+    for number, line in enumerate(lines[last:], last + 1):
+        if line.strip().startswith("#") and line.startswith(" " * (column + 1)):
+            last = number
+        elif line.strip():
+            break
+    return first, last
+
+
 def changed(old: str, new: str) -> tuple[int, int, int]:
     """Lines that stay at the beginning, lines that go behind them, lines that come."""
     a, b = old.splitlines(keepends=True), new.splitlines(keepends=True)
@@ -149,6 +166,9 @@ def test_an_edit_is_what_an_overlay_makes_of_it_and_touches_its_lines_alone(
     assert data(new) == plain(apply(root, Edit(dotted(path), tree_of(value), ())))
     alone = value is None and len(at(root, path[:-1]).value) == 1  # type: ignore[arg-type]
     first, last = span(root, path[:-1] if alone else path)
+    if value is None:
+        first, last = owned(text, first, last)
+        last += 1  # one of two blank lines goes, too
     head, gone, _ = changed(text, new)
     assert first - 1 <= head
     assert head + gone <= last
@@ -255,6 +275,7 @@ def test_every_style_of_yaml_takes_every_change(text, end, draw) -> None:
         new = yaml_edit.put(text, path[:-1], reached(want, path[:-1]))
         if len(above) == 1 and len(path) > 1:
             first, last = span(root, path[:-1])
+        first, last = owned(text, first, last)
     else:
         value = draw.draw(SMALL)
         holder = reached(want, path)
@@ -367,7 +388,7 @@ forces: []
         ),
         ({"set": ["objects", "ball", "label"], "value": "on"}, "    # seen", "    # seen"),
         ({"unset": ["objects", "ball", "mass"]}, "    mass: 170    # g\n", ""),
-        ({"rename": ["objects", "crate"], "to": "box"}, "'crate'", "box"),
+        ({"rename": ["objects", "crate"], "to": "box"}, "'crate'", "'box'"),
         ({"unset": ["objects", "ball", "spin"]}, "", ""),
     ],
 )  # fmt: skip

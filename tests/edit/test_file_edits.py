@@ -35,8 +35,18 @@ def test_edits_keep_every_comment(path: Path) -> None:
     assert len(changed) <= 3 + text.count(first)
     removed = edited(after, [{"remove": ["objects", second]}]).text
     gone = set(mine) - {line for line in removed.splitlines() if line in mine}
-    start = text.index(f"\n  {second}:")
-    assert all(text.index(line) > start - 200 for line in gone)
+    lines = after.splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith(f"  {second}:"))
+    names = ("  ", "   ")
+    stop = next(
+        k
+        for k, line in enumerate(lines[start + 1 :], start + 1)
+        if line and not line.startswith(names[1])
+    )
+    inside = [line for line in lines[start - 1 : stop] if line in mine]
+    assert set(inside) <= gone, "comments of the object go with it"
+    if f"object: {second}" not in text and f"[{second}" not in text:
+        assert gone == set(inside), "and no others"
     assert second not in yaml.safe_load(removed)["objects"]
 
 

@@ -17,7 +17,14 @@ from physgen.maps import read_labels
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import PromptedMask
 from physgen.perceive.segment import prompts
-from physgen.perceive.segment.prompts import RULE, Segmenter, from_prompts, segment_box
+from physgen.perceive.segment.prompts import (
+    RULE,
+    PromptFrame,
+    Segmenter,
+    check_prompts,
+    from_prompts,
+    segment_box,
+)
 from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.scene.scene import BoxPrompt, PointPrompt
@@ -121,7 +128,7 @@ def test_a_box_or_point_on_nothing_shows_no_object_or_is_doubtful(kind: str) -> 
     for box in ((120, 90, 160, 120), (20, 180, 80, 90)):
         with pytest.raises(InputError, match="shows no object"):
             from_prompts(rgb, [box], [], segment)
-    places = [(40, 30, 320, 240), (0, 0, 400, 300), (-5, -5, 900, 900)]
+    places = [(40, 30, 320, 240), (0, 0, 400, 300), (-5, -5, 410, 310)]
     for boxes, points in (*(([box], []) for box in places), ([], [(200, 150)])):
         try:
             found = from_prompts(rgb, boxes, points, segment)
@@ -230,3 +237,106 @@ def test_points_on_one_object_are_told_apart_or_refused() -> None:
         from_prompts(rgb, [], [(95, 205), (95.3, 205)], segment)
     with pytest.raises(InputError, match="shows what another box or point shows"):
         from_prompts(rgb, [(60, 180, 70, 50)], [(95, 205), (97, 207)], segment)
+
+
+PHOTO = PromptFrame(1280, 960)
+
+
+@pytest.mark.parametrize(
+    ("box", "numbers"),
+    [
+        ((900, 400, 1200, 900), "900,400,300,500"),  # corners; 820 px outside
+        ((900, 400, 900, 300), "900,400,380,300"),  # no corners: its part on the photo
+        ((-300, 100, 700, 500), "0,100,400,500"),
+        ((900, 400, -100, -50), "800,350,100,50"),
+        ((0.1, 0.2, 0.3, 0.4), "128,192,384,384"),
+    ],
+)
+def test_wrong_box_is_answered_with_another(box: Sides, numbers: str) -> None:
+    with pytest.raises(InputError) as error:
+        check_prompts([box], [], PHOTO)
+    (problem,) = error.value.problems
+    assert numbers in problem.fix
+    check_prompts([tuple(map(float, numbers.split(",")))], [], PHOTO)
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        (-20, -20, 500, 500),
+        (900, 400, 400, 580),
+        (0, 0, 1280, 960),
+        (1250, 930, 50, 50),
+    ],
+)
+def test_loose_box_may_reach_out(box: Sides) -> None:
+    check_prompts([box], [], PHOTO)
+
+
+@pytest.mark.parametrize(
+    ("point", "numbers"),
+    [((0.5, 0.25), "640,240"), ((400, 1000), "1000,400"), ((1500, 1500), "1280")],
+)
+def test_wrong_point_is_answered(point: tuple[float, float], numbers: str) -> None:
+    with pytest.raises(InputError) as error:
+        check_prompts([], [point], PHOTO)
+    assert numbers in str(error.value)
+    check_prompts([], [(0, 0), (1279, 959)], PHOTO)
+
+
+def test_last_pixel_stays_on_smaller_photo() -> None:
+    rgb = np.zeros((400, 600, 3), np.uint8)
+    ((x, y),) = PromptFrame(1500, 1000).points_in(rgb, [(1499, 999)])
+    assert (round(x), round(y)) == (599, 399)
+
+
+def test_prompts_are_answered_in_pixels_of_the_given_photo(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A photo that is made smaller: messages and --refresh are in its own pixels."""
+    rgb, labels = crates()
+    height, width = (4 * side for side in labels.shape)
+    photo, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"
+    cv2.imwrite(str(photo), np.repeat(np.repeat(rgb, 4, 0), 4, 1)[..., ::-1])
+    make = ["perceive", str(photo), "--still", "--side", str(width // 4)]
+    wrong = f"{width - 400},100,{width - 200},300"
+    assert main([*make, "--box", wrong, "-o", str(scene)]) == 2
+    said = capsys.readouterr().err
+    assert f"--box {wrong}: reaches {width - 600} px" in said
+    assert f"{width} x {height}" in said
+    assert f"{width - 400},100,200,200" in said
+    assert not scene.exists()
+    box = "380,220,320,322"
+    assert main([*make, "--box", box, "-o", str(scene)]) == 0
+    (first,) = pipeline.load(scene).objects
+    assert first.prompt == BoxPrompt((95, 55, 80, 80.5))
+    capsys.readouterr()
+    again = ["perceive", "--refresh", str(scene), "--still"]
+    assert main([*again, "--box", wrong]) == 2
+    assert f"reaches {width - 600} px" in capsys.readouterr().err
+    assert main([*again, "--point", "380,820"]) == 0
+    assert main([*again, "--point", f"{width},820"]) == 2, "the record stays"
+    assert f"{width} x {height}" in capsys.readouterr().err
+    prompts_now = [item.prompt for item in pipeline.load(scene).objects]
+    assert BoxPrompt((95, 55, 80, 80.5)) in prompts_now
+    (point,) = [one.point for one in prompts_now if isinstance(one, PointPrompt)]
+    assert point == pytest.approx((95, 205), abs=0.5)
+
+
+def test_wrong_prompt_of_scene_names_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rgb, _ = crates()
+    photo, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"
+    cv2.imwrite(str(photo), rgb[..., ::-1])
+    box = ["--box", "95,55,80,80"]
+    assert main(["perceive", str(photo), *box, "--still", "-o", str(scene)]) == 0
+    text = scene.read_text().replace("[95.0, 55.0, 80.0, 80.0]", "[95, 55, 800, 80]")
+    scene.write_text(text)
+    line = text[: text.index("[95, 55, 800")].count("\n") + 1
+    capsys.readouterr()
+    assert main(["perceive", "--refresh", str(scene)]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert f"scene.yaml:{line}:" in said
+    assert "objects.block-1.prompt.box: " in said
+    assert scene.read_text() == text

@@ -15,7 +15,7 @@ from physgen import pipeline
 from physgen.cli.main import main
 from physgen.compile.shapes import shapes_of
 from physgen.geometry.scale import push_speed
-from physgen.pipeline.pushes import default_push, motion_edits, shown_by
+from physgen.pipeline.pushes import Push, default_push, motion_edits, shown_by
 from physgen.problems import InputError
 from physgen.text import quantity
 
@@ -180,6 +180,69 @@ def test_a_push_without_a_direction(text: str, found: str, row: Path) -> None:
     scene = pipeline.load(row)
     with pytest.raises(InputError, match=found):
         motion_edits(scene, pipeline.compile(scene, None), [text], [], [])
+
+
+@pytest.mark.parametrize(
+    ("text", "way"),
+    [
+        ("right", (1, 0)),
+        ("RIGHT", (1, 0)),
+        ("Left", (-1, 0)),
+        ("to the right", (1, 0)),
+        ("upwards", (0, -1)),
+        ("down-right", (1, 1)),
+        ("downright", (1, 1)),
+        ("Right-Down", (1, 1)),
+        ("up_left", (-1, -1)),
+        ("up and left", (-1, -1)),
+        ("DOWN LEFT", (-1, 1)),
+        ("90 deg", (0, 1)),
+        ("180°", (-1, 0)),
+    ],
+)
+def test_push_directions_have_many_spellings(
+    text: str, way: tuple[int, int], row: Path
+) -> None:
+    scene = pipeline.load(row)
+    compiled = pipeline.compile(scene, None)
+    edits = motion_edits(scene, compiled, [f"domino-0={text}@100 px/s"], [], [])
+    expected = 100 * np.array(way) / np.hypot(*way)
+    assert edits["objects.domino-0.velocity"] == pytest.approx(expected, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "fix"),
+    [
+        ("domino-0=rigth", "right"),
+        ("domino-0=dwon-left", "down-left"),
+        ("domino-0=2 m/s", "right@2 m/s"),
+        ("right=domino-0", "--push domino-0=right"),
+        ("domino-0=up-down", "up-right"),
+        ("domono-0=up", "domino-0"),
+    ],
+)
+def test_wrong_push_names_the_fix(text: str, fix: str, row: Path) -> None:
+    scene = pipeline.load(row)
+    with pytest.raises(InputError) as error:
+        motion_edits(scene, pipeline.compile(scene, None), [text], [], [])
+    (problem,) = error.value.problems
+    assert problem.place.file == "--push"
+    assert fix in problem.fix
+
+
+@pytest.mark.parametrize(
+    ("way", "phrase"),
+    [
+        ("right", "to the right"),
+        ("left", "to the left"),
+        ("up", "up"),
+        ("down", "down"),
+        ("up-left", "up and left"),
+        ("down-right", "down and right"),
+    ],
+)
+def test_push_phrase_is_a_sentence(way: str, phrase: str) -> None:
+    assert Push("ball", (0, 0), way).phrase == phrase
 
 
 def test_what_hardly_moves_is_pushed_harder(tmp_path: Path) -> None:

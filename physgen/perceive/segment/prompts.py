@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 
 import cv2
@@ -21,7 +21,7 @@ from physgen.perceive.roles import (
     Segments,
 )
 from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, Place, Problem
 from physgen.registry import Backends
 
 Box = tuple[float, float, float, float]
@@ -44,9 +44,159 @@ class PromptRule:
     )
     looks: tuple[float, ...] = (1.4, 0.7, 0.35, 0.175, 0.09)
     """Of the photo's longer side: sides of the squares around a point in which its object is looked for."""
+    beyond: float = 0.02
+    """Of the photo's longer side: how far a loosely drawn box may reach out of it."""
+    least: float = 4.0  # px: the smallest width and height of a box
 
 
 RULE = PromptRule()
+
+
+@dataclass(frozen=True)
+class PromptFrame:
+    """The photo in whose pixels prompts are written, and where they are written."""
+
+    width: float  # px
+    height: float  # px
+    scale: float = 1.0  # px of the scene's photo for a px of this one
+    places: Mapping[int, tuple[Place, str]] = field(default_factory=dict)
+    """Place and dotted path of a prompt, by its order; absent: a flag."""
+
+    @classmethod
+    def of(cls, rgb: Rgb) -> PromptFrame:
+        """Return the frame of prompts in pixels of the photo itself."""
+        return cls(rgb.shape[1], rgb.shape[0])
+
+    def boxes_in(self, rgb: Rgb, boxes: Sequence[Box]) -> list[Box]:
+        """Convert boxes to pixels of the photo (H, W, 3)."""
+        x, y = rgb.shape[1] / self.width, rgb.shape[0] / self.height
+        return [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
+
+    def points_in(self, rgb: Rgb, points: Sequence[Point]) -> list[Point]:
+        """Convert points to pixels of the photo (H, W, 3)."""
+        x, y = rgb.shape[1] / self.width, rgb.shape[0] / self.height
+        # pixel centres are whole numbers: the last pixel stays on a smaller photo
+        return [
+            ((point[0] + 0.5) * x - 0.5, (point[1] + 0.5) * y - 0.5) for point in points
+        ]
+
+    def problem(
+        self, order: int, kind: str, numbers: Sequence[float], expected: str, fix: str
+    ) -> Problem:
+        """Return a problem at the place where a prompt is written, in its numbers."""
+        place, path = self.places.get(order, (Place(_flag(kind, numbers)), ""))
+        found = "" if order not in self.places else f"[{_written(numbers)}]"
+        return Problem(place, path, found, expected, fix)
+
+
+def check_prompts(
+    boxes: Sequence[Box], points: Sequence[Point], frame: PromptFrame
+) -> None:
+    """Raise InputError for every box and point that does not lie on the photo.
+
+    A box may reach out of the photo by a few pixels. Boxes and points are in pixels of
+    the `frame`.
+    """
+    problems: list[Problem] = []
+    for order, box in enumerate(boxes):
+        fault = _box_fault(box, frame)
+        if order not in frame.places:
+            fault = _share_fault(box, frame) or fault
+        if fault is not None:
+            problems.append(frame.problem(order, "box", box, *fault))
+    for order, point in enumerate(points, len(boxes)):
+        fault = _point_fault(point, frame)
+        if order not in frame.places:
+            fault = _share_fault(point, frame) or fault
+        if fault is not None:
+            problems.append(frame.problem(order, "point", point, *fault))
+    if problems:
+        raise InputError(problems)
+
+
+BOX_FORM, POINT_FORM = "write x,y,WIDTH,HEIGHT in px", "write x,y in px"
+
+
+def _share_fault(
+    numbers: Sequence[float], frame: PromptFrame
+) -> tuple[str, str] | None:
+    """Return what is wrong with parts of the photo's sides; None if numbers are px."""
+    is_share = all(0 <= number <= 1 for number in numbers)
+    if not is_share or all(number in (0, 1) for number in numbers):
+        return None
+    sides = (frame.width, frame.height, frame.width, frame.height)
+    likely = [number * side for number, side in zip(numbers, sides, strict=False)]
+    form = BOX_FORM if len(numbers) == len(sides) else POINT_FORM
+    return "is less than a pixel", f"{form}; did you mean {_whole(likely)}?"
+
+
+def _box_fault(box: Box, frame: PromptFrame) -> tuple[str, str] | None:
+    """Return what is wrong with a box and its fix; None if nothing is wrong."""
+    form, least = BOX_FORM, RULE.least / min(frame.scale, 1.0)
+    x, y, width, height = box
+    if width < 0 or height < 0:
+        likely = (min(x, x + width), min(y, y + height), abs(width), abs(height))
+        return "has a negative side", f"{form}; did you mean {_whole(likely)}?"
+    if min(width, height) < least:
+        return f"is under {least:.3g} px wide or high", form
+    if not (_reaches_out(box, frame) or _is_off(box, frame)):
+        return None
+    photo = f"the {frame.width:g} x {frame.height:g} photo"
+    likely_box = next(_likely_boxes(box, frame), None)
+    fix = form if likely_box is None else f"{form}; did you mean {_whole(likely_box)}?"
+    if _is_off(box, frame):
+        return f"is off {photo}", fix
+    return f"reaches {_excess(box, frame):g} px beyond {photo}", fix
+
+
+def _likely_boxes(box: Box, frame: PromptFrame) -> Iterator[Box]:
+    """Yield boxes that a wrong one may mean: by its corners, else its part on the photo."""
+    x, y, right, bottom = box
+    by_corners = (x, y, right - x, bottom - y)
+    left, top = max(x, 0.0), max(y, 0.0)
+    clipped_right = min(x + right, frame.width)
+    clipped_bottom = min(y + bottom, frame.height)
+    clipped = (left, top, clipped_right - left, clipped_bottom - top)
+    for candidate in (by_corners, clipped):
+        if min(candidate[2:]) >= RULE.least and not _reaches_out(candidate, frame):
+            yield candidate
+
+
+def _reaches_out(box: Box, frame: PromptFrame) -> bool:
+    """Return whether a box reaches farther out of the photo than a loose one."""
+    return _excess(box, frame) > RULE.beyond * max(frame.width, frame.height)
+
+
+def _excess(box: Box, frame: PromptFrame) -> float:
+    """Return how far a box reaches out of the photo, px."""
+    x, y, width, height = box
+    return max(-x, -y, x + width - frame.width, y + height - frame.height, 0.0)
+
+
+def _is_off(box: Box, frame: PromptFrame) -> bool:
+    """Return whether no part of a box is on the photo."""
+    x, y, width, height = box
+    is_beside = x >= frame.width or x + width <= 0
+    return is_beside or y >= frame.height or y + height <= 0
+
+
+def _point_fault(point: Point, frame: PromptFrame) -> tuple[str, str] | None:
+    """Return what is wrong with a point and its fix; None if nothing is wrong."""
+    form = POINT_FORM
+    if _is_inside(point, frame):
+        return None
+    swapped = (point[1], point[0])
+    if _is_inside(swapped, frame):
+        form += f"; did you mean {_whole(swapped)}?"
+    return f"is off the {frame.width:g} x {frame.height:g} photo", form
+
+
+def _is_inside(point: Point, frame: PromptFrame) -> bool:
+    """Return whether a point is on the photo; pixel centres are whole numbers."""
+    return all(
+        -0.5 <= number <= side - 0.5
+        for number, side in zip(point, (frame.width, frame.height), strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -100,27 +250,39 @@ def from_masks(
 
 
 def from_prompts(
-    rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segmenter
+    rgb: Rgb,
+    boxes: Sequence[Box],
+    points: Sequence[Point],
+    segment: Segmenter,
+    frame: PromptFrame | None = None,
 ) -> Detections:
     """One object for each box and then for each point: ids 1, 2, ...
 
     A backend that takes prompts answers first; else a box is `segment_box`, and a point `segment_point`.
+    Boxes and points are in pixels of the `frame`, or of the photo itself.
     Raises InputError with every box or point that is off the photo or shows no object.
     """
     masks: list[PromptedMask] = []
     problems: list[Problem] = []
+    frame = frame or PromptFrame.of(rgb)
+    written = [("box", box) for box in boxes] + [("point", point) for point in points]
+    boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
     found = cache(lambda: segment(rgb))
     answers = segment.answers(rgb, boxes, points)
+
+    def report(order: int, expected: str, fix: str) -> None:
+        problems.append(frame.problem(order, *written[order], expected, fix))
+
     for k, box in enumerate(boxes):
         try:
             masks.append(answers.get(k) or segment_box(rgb, box))
         except InputError as error:
-            problems += error.problems
+            report(k, error.problems[0].expected, error.problems[0].fix)
     for k, point in enumerate(points, len(boxes)):
         try:
             masks.append(answers.get(k) or segment_point(rgb, point, found(), points))
         except InputError as error:
-            problems += error.problems
+            report(k, error.problems[0].expected, error.problems[0].fix)
     if problems:
         raise InputError(problems)
     labels = np.zeros(rgb.shape[:2], np.uint16)
@@ -129,13 +291,10 @@ def from_prompts(
     ):  # small objects in front
         labels[masks[k].mask] = k + 1
     places = [("box", box) for box in boxes] + [("point", point) for point in points]
-    for k, (kind, place) in enumerate(places, 1):
+    for k in range(1, len(places) + 1):
         least = max(RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT)
         if np.count_nonzero(labels == k) < least:
-            expected = "shows what another box or point shows"
-            problems += InputError.of(
-                _flag(kind, place), "", expected, "leave one out"
-            ).problems
+            report(k - 1, "shows what another box or point shows", "leave one out")
     if problems:
         raise InputError(problems)
     prompts = {
@@ -231,7 +390,17 @@ def split(
 
 
 def _flag(kind: str, place: Sequence[float]) -> str:
-    return f"--{kind} {','.join(f'{v:g}' for v in place)}"
+    return f"--{kind} {_written(place)}"
+
+
+def _written(numbers: Sequence[float]) -> str:
+    """Return numbers as a person writes them, without rounding pixels."""
+    return ",".join(f"{number:.10g}" for number in numbers)
+
+
+def _whole(numbers: Sequence[float]) -> str:
+    """Return numbers rounded to pixels."""
+    return ",".join(str(round(number)) for number in numbers)
 
 
 def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
