@@ -102,6 +102,72 @@ SETTINGS = (
 """Values of --set."""
 
 
+RIGHT_UNITS = {
+    "mass": ("kg", "g", "mg"), "velocity": ("m/s", "px/s", "cm/s"), "spin": ("rad/s", "deg/s", "rpm"),
+    "center": ("px", "cm", "m"), "radius": ("mm", "cm", "m", "px"), "size": ("m", "mm"),
+    "duration": ("s", "ms", "min"), "gravity": ("m/s²", "px/s²"), "segment": ("px", "m"),
+}  # fmt: skip
+"""Units that fit a key; the number in front was meant for another one."""
+EXTREMES: dict[str, tuple[Any, ...]] = {
+    "mass": (1e-9, 1e-3, 1e9, "1 mg", "1000 kg"),
+    "friction": (0, 1e-9, 10),
+    "elasticity": (0, 1),
+    "rolling": (10, 1e-9),
+    "velocity": ([1e6, -1e6], [1e-9, 0], ["1 m/s", "0 px/s"], [0, 9999]),
+    "spin": (1e6, -1e-9, 36_000),
+    "place": ([0, 0], [-1e5, 1e5], [50, 50, 720]),
+    "motion": (
+        "static",
+        {"path": [[0, 100, 100], [0.1, 1e5, 0]]},
+        {"path": [[0, 9, 9]]},
+    ),
+    "layer": (-1_000_000, 1_000_000),
+    "solid": ("sphere", "hoop", "disc", "plate"),
+    "roll": ("none", [1e5, 0]),
+    "label": ("", "a" * 500, "<b>&amp;", "{{x}}", "\u202e", "100 %"),
+}
+"""Values of objects that the schema admits and nobody means."""
+RENDERS: dict[str, tuple[Any, ...]] = {
+    "scale": (0.01, 0.02, 3),
+    "size": ([1, 1], [1, 900], [640, 2]),
+    "fps": (1, 1000, 23.976),
+    "supersample": (4, 2),
+    "motion_blur": (1, 1e-9),
+    "play": ("backward", "there-and-back"),
+    "overlay": (["outlines", "velocity", "forces", "weight", "trails", "contacts"],),
+    "camera": (
+        {"center": [0, 0], "zoom": 100},
+        {"zoom": 1.0001},
+        {"center": [1e6, -1e6]},
+    ),
+    "relight": (False,),
+    "shadows": (False,),
+}
+WORLDS: dict[str, tuple[Any, ...]] = {
+    "pixels_per_meter": (1e-6, 1, 1e6),
+    "gravity": ([0, 0], [0, 1e7], [1e6, 0], [0, 9.81], [0, -980]),
+    "view": ("top", "side"),
+    "steps_per_second": (60, 20_000),
+    "combine": ("multiply",),
+    "tilt": (0, 60),
+    "backdrop": (1e-3, 1e6),
+    "table": ({"friction": 10},),
+}
+FIELDS: tuple[Any, ...] = (
+    {"attractor": [100, 100], "strength": 1e12},
+    {"attractor": [100, 100], "strength": -1e3, "soften": 0},
+    {"wind": [1e6, 0], "drag": 10},
+    {"wind": [0, 0], "drag": 0},
+)
+JOINTS: tuple[Any, ...] = (
+    {"spring": [[0, 0], [1, 1]], "stiffness": 1e12},
+    {"spring": [[50, 50], [50, 50]], "stiffness": 1e-9, "length": 1e6},
+    {"motor": [1e5, 0], "speed": 1e6},
+    {"pivot": [-1e6, 1e6]},
+    {"weld": [0, 0]},
+)
+
+
 # Mistakes in the document
 
 
@@ -168,7 +234,7 @@ def add_reference(tree: Tree, name: str, chance: random.Random) -> None:
         tree["forces"] = [*(forces if isinstance(forces, list) else []), force]
     elif kind == 1:
         others = [str(other) for other in _mapping(tree, "objects")]
-        ends = [name, chance.choice(others)]
+        ends = list(dict.fromkeys((name, chance.choice(others))))
         joint = {"objects": ends, "pivot": [100, 100]}
         _mapping(tree, "joints")["link"] = joint
     elif kind == 2:
@@ -178,6 +244,35 @@ def add_reference(tree: Tree, name: str, chance: random.Random) -> None:
         _mapping(tree, "render")["camera"] = {"follow": name, "zoom": 2}
     else:
         _mapping(tree, "variants")["heavy"] = {f"objects.{name}.mass": 5000}
+
+
+def extreme_value(tree: Tree, chance: random.Random) -> None:
+    """Write values of objects, of the render or of the world that nobody means."""
+    objects = [item for item in _mapping(tree, "objects").values() if item]
+    sections = ((_mapping(tree, "render"), RENDERS), (_mapping(tree, "world"), WORLDS))
+    for _ in range(chance.choice((1, 1, 2, 4))):
+        section, values = chance.choice(sections)
+        if objects and chance.random() < 0.6:
+            section, values = chance.choice(objects), EXTREMES
+        key = chance.choice(list(values))
+        section[key] = chance.choice(values[key])
+        if key == "scale":
+            section.pop("size", None)
+        elif key == "size":
+            section.pop("scale", None)
+
+
+def extreme_force(tree: Tree, chance: random.Random) -> None:
+    """Add a field or a joint with values that nobody means."""
+    names = [str(name) for name in _mapping(tree, "objects")]
+    if not names:
+        return
+    if chance.random() < 0.4:
+        _mapping(tree, "fields")["odd"] = chance.choice(FIELDS)
+    else:
+        ends = [chance.choice(names) for _ in range(chance.choice((1, 2)))]
+        joint = {"objects": list(dict.fromkeys(ends)), **chance.choice(JOINTS)}
+        _mapping(tree, "joints")["odd"] = joint
 
 
 def odd_name(tree: Tree, chance: random.Random) -> None:
@@ -327,6 +422,20 @@ def number_with_unit(text: str, chance: random.Random) -> str:
     unit = chance.choice(UNITS)
     space = chance.choice((" ", " ", "", "  "))
     return _replace_number(text, lambda number: f"{number}{space}{unit}", chance)
+
+
+def unit_of_another_size(text: str, chance: random.Random) -> str:
+    """Write a unit that fits behind the numbers of a key that were meant without."""
+    places = []
+    for key, units in RIGHT_UNITS.items():
+        pattern = rf"\b{key}: (\[[^\[\]]*\]|-?[\d.]+)(?=[,}}\s])"
+        places += [(match, units) for match in re.finditer(pattern, text)]
+    if not places:
+        return text
+    match, units = chance.choice(places)
+    unit = chance.choice(units)
+    written = NUMBER.sub(lambda number: f"{number[0]} {unit}", match[1])
+    return text[: match.start(1)] + written + text[match.end(1) :]
 
 
 def number_as_people_write(text: str, chance: random.Random) -> str:
@@ -498,13 +607,14 @@ def _joined(lines: list[str]) -> str:
 
 
 TREE_MISTAKES: tuple[TreeMistake, ...] = (
-    metres_for_pixels, wrong_size, wrong_size, dangling_reference, dangling_reference,
-    dangling_reference, odd_name, objects_as_list, points_as_mappings,
-    key_in_wrong_section, emptied_value,
+    metres_for_pixels, wrong_size, wrong_size, wrong_size, dangling_reference, dangling_reference,
+    dangling_reference, extreme_value, extreme_value, extreme_value, extreme_force, odd_name,
+    objects_as_list, points_as_mappings, key_in_wrong_section, emptied_value,
 )  # fmt: skip
 TEXT_MISTAKES: tuple[TextMistake, ...] = (
     wrong_indentation, swapped_lines, entry_pasted_twice, repeated_key, number_with_unit,
-    number_with_unit, number_as_people_write, number_of_wrong_scale, number_of_wrong_scale,
+    number_as_people_write, number_of_wrong_scale, number_of_wrong_scale,
+    number_of_wrong_scale, unit_of_another_size, unit_of_another_size, unit_of_another_size,
     wrong_colon, misspelt_key, misplaced_line, pasted_text, smart_characters, quoted_value,
     unbalanced_bracket, tabs, comments_everywhere, cut_off, whole_file_indented,
     json_in_place_of_yaml,
@@ -540,14 +650,14 @@ def write_mistaken_scene(folder: Path, chance: random.Random) -> list[str]:
         shutil.copytree(seed.parent, folder, dirs_exist_ok=True, ignore=unused)
     text = seed.read_text(encoding="utf-8")
     names = []
-    if chance.random() < 0.45:
+    if chance.random() < 0.6:
         mistake = chance.choice(TREE_MISTAKES)
         names.append(mistake.__name__)
         tree = yaml.safe_load(text)
         mistake(tree, chance)
         text = yaml.dump(tree, allow_unicode=True, sort_keys=False)
-    if not names or chance.random() < 0.3:
-        for _ in range(chance.choice((1, 1, 1, 2))):
+    if not names or chance.random() < 0.15:
+        for _ in range(chance.choice((1, 1, 1, 1, 2))):
             change = chance.choice(TEXT_MISTAKES)
             names.append(change.__name__)
             text = change(text or "\n", chance)
@@ -571,7 +681,9 @@ def choose_scene(chance: random.Random) -> Path:
 def extend_scene(folder: Path, chance: random.Random) -> str:
     """Make scene.yaml extend what it was, which changes or removes its objects."""
     scene = folder / "scene.yaml"
-    base = folder / chance.choice(("base.yaml", "base.yml", "my base.yaml", "base.txt"))
+    base = folder / chance.choice(
+        (*("base.yaml", "base.yml", "my base.yaml") * 3, "base.txt")
+    )
     scene.replace(base)
     found = re.findall(rb"^  ([\w-]+):", base.read_bytes(), flags=re.M)
     names = [name.decode() for name in found] or ["ball"]
@@ -589,7 +701,7 @@ def extend_scene(folder: Path, chance: random.Random) -> str:
         "image: null",
         "",
     )
-    target = chance.choice((base.name, base.name, base.name, "nowhere.yaml"))
+    target = chance.choice((*(base.name,) * 8, "nowhere.yaml"))
     text = f"physgen: 1\nextends: {target}\n{chance.choice(edits)}\n"
     scene.write_text(text, encoding="utf-8")
     return "extends"

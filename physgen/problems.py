@@ -22,6 +22,10 @@ class Place(NamedTuple):
         return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
 
 
+UNKNOWN_PLACE = Place("scene")
+"""Place of a problem that only shows as the scene runs; `Scene.located` finds its line."""
+
+
 class Severity(Enum):
     """An error stops the command with exit code 2; a warning does not, unless `--strict` is given."""
 

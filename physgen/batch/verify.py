@@ -177,7 +177,8 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     maps = warm.maps(scene)
     compiled = warm.compile(scene, maps)
     progress("simulate", 0, 1)
-    now = warm.simulate(compiled.world, progress)
+    with scene.located():
+        now = warm.simulate(compiled.world, progress)
     film = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
     hashes = []
     for frame in film.annotated(film.frames(now), now):

@@ -163,7 +163,8 @@ def simulate(options: argparse.Namespace) -> int:
     lints = pipeline.lint(scene, compiled, maps)
     print_problems([*other_variants(options.scene, options), *lints])
     bar = Bar()
-    trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
+    with scene.located():
+        trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
     bar.clear()
     if options.output is not None and not is_trajectory(options.output):
         back_up(options.output, print_backup)

@@ -93,8 +93,12 @@ def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
 def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     """Outlines, centres, masses, moments and pairs, resolved."""
     from physgen.compile.compile import compile_scene
+    from physgen.simulate.engine import spring_parts
 
-    return ended(scene, compile_scene(scene, None if maps is None else maps.labels))[0]
+    compiled = compile_scene(scene, None if maps is None else maps.labels)
+    with scene.located():
+        spring_parts(compiled.world)
+    return ended(scene, compiled)[0]
 
 
 def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
@@ -125,12 +129,14 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
         begins + [point.time for item in scene.objects for point in item.path],
         default=0.0,
     )
-    run = Running(replace(world, duration=most), np.arange(0.0, most, pause / 15))
+    with scene.located():
+        run = Running(replace(world, duration=most), np.arange(0.0, most, pause / 15))
     for length in (
         *(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most),
         most,
     ):
-        run.on(length)
+        with scene.located():
+            run.on(length)
         times = run.times[run.times < length]
         poses = run.trajectory().poses[: len(times)]
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
@@ -195,7 +201,8 @@ def fan(
     """
     from physgen.simulate.uncertainty import simulate_ensemble as draw
 
-    return draw(scene, compiled, count, seed, variant, progress)
+    with scene.located():
+        return draw(scene, compiled, count, seed, variant, progress)
 
 
 def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
@@ -553,7 +560,8 @@ class Film:
 
     def simulated(self, progress: Progress) -> Trajectory:
         """The motion, a sample a frame."""
-        with self._record.stage("simulate", time.thread_time):
+        stage = self._record.stage("simulate", time.thread_time)
+        with stage, self.scene.located():
             return self._stages.simulate(self.compiled.world, progress)
 
     @cached_property

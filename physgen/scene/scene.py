@@ -6,8 +6,9 @@ Every field is explained once, in `schemas/scene-1.schema.json`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import floor, radians
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from physgen.geometry import polygon
-from physgen.problems import Place
+from physgen.problems import UNKNOWN_PLACE, InputError, Place
 from physgen.scene.files import Record
 
 Size = tuple[int, int]
@@ -556,3 +557,16 @@ class Scene:
                 return self.places[path]
             path = path[: max(path.rfind("."), path.rfind("["), 0)]
         return self.places.get("", Place(str(self.folder / self.name)))
+
+    @contextmanager
+    def located(self) -> Iterator[None]:
+        """Give problems of a simulation the places where their values were written."""
+        try:
+            yield
+        except InputError as error:
+            problems = []
+            for problem in error.problems:
+                if problem.place == UNKNOWN_PLACE:
+                    problem = replace(problem, place=self.place(problem.path))
+                problems.append(problem)
+            raise InputError(problems) from None

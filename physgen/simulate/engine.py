@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.problems import InputError, Problem
+from physgen.problems import UNKNOWN_PLACE, InputError, Problem
 from physgen.progress import Progress, silent
 from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
@@ -47,7 +47,6 @@ from physgen.simulate.joints import Assemblies
 from physgen.simulate.recorder import (
     DIVERGED_FIX,
     NOT_BRAKED,
-    UNKNOWN_PLACE,
     Recorder,
     Step,
 )
@@ -77,6 +76,21 @@ def simulate(
     running = Running(world, times)
     running.on(running.end, progress)
     return running.trajectory()
+
+
+def spring_parts(world: World) -> int:
+    """Return into how many parts the stiffest spring divides every step.
+
+    Raises InputError if they are more than MOST_PARTS.
+    """
+    rate, name = stiffest_spring(world)
+    parts = max(1, ceil(rate / world.steps_per_second / PHASE))
+    if parts > MOST_PARTS:
+        found = f"needs every step divided into {parts:,} parts"
+        fix = f"make it softer, what it joins heavier, or steps_per_second larger: at most {MOST_PARTS} parts"
+        path = f"joints.{name}.stiffness"
+        raise InputError([Problem(UNKNOWN_PLACE, path, "", found, fix)])
+    return parts
 
 
 class Running:
@@ -111,14 +125,7 @@ class Running:
         self._gravity = float(np.hypot(*world.gravity))
         self._h = 0.0
         self._restless = self._loads.busy or self._scripts.busy
-        rate, name = stiffest_spring(world)
-        self._stiff = max(1, ceil(rate / world.steps_per_second / PHASE))
-        if self._stiff > MOST_PARTS:
-            found = f"needs every step divided into {self._stiff:,} parts"
-            fix = f"make it softer, what it joins heavier, or steps_per_second larger: at most {MOST_PARTS} parts"
-            raise InputError(
-                [Problem(UNKNOWN_PLACE, f"joints.{name}.stiffness", "", found, fix)]
-            )
+        self._stiff = spring_parts(world)
         self._divided = self._most_parts = self._reviewed = 0
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.problems import InputError, Place, Problem
+from physgen.problems import UNKNOWN_PLACE, InputError, Problem
 from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts
 from physgen.simulate.contacts import CONTACT_BYTES, Array, Order, touching
@@ -149,8 +149,6 @@ BLOCK = 256
 """Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
 BLOCK_BYTES = 2_000_000
 """Of their contacts, at most."""
-UNKNOWN_PLACE = Place("scene")
-"""Where a problem lies that only shows in the running; who knows the file says where in it."""
 DIVERGED_FIX = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
 
 

@@ -578,3 +578,19 @@ def test_departure_of_all_moving_objects_warns(
     assert [text.startswith(line) for text in warnings] == [True] * is_warned
     (manifest,) = (tmp_path / "out").glob("*/manifest.json")
     assert len(json.loads(manifest.read_text())["warnings"]) == is_warned
+
+
+@pytest.mark.parametrize("command", ["check", "simulate", "render"])
+@pytest.mark.parametrize("duration", ["0.1", "auto"])
+def test_problem_of_simulation_names_its_line(
+    command: str, duration: str, lesson: Path, tmp_path: Path, capsys
+) -> None:
+    """A spring that is too stiff to simulate; `check` refuses what `render` refuses."""
+    spring = "joints:\n  s: {objects: [ball], spring: [[25, 45], [5, 5]], stiffness: 1.0e+14}\n"
+    lesson.write_text(lesson.read_text().replace("0.25", duration) + spring)
+    output = [] if command == "check" else ["-o", str(tmp_path / "out.csv")]
+    assert main([command, str(lesson), *output]) == 2
+    place = f"{lesson}:13:63: joints.s.stiffness: "
+    assert [
+        line.startswith(place) for line in capsys.readouterr().err.splitlines()
+    ] == [True]
