@@ -588,7 +588,8 @@ def test_problem_of_simulation_names_its_line(
     """A spring that is too stiff to simulate; `check` refuses what `render` refuses."""
     spring = "joints:\n  s: {objects: [ball], spring: [[25, 45], [5, 5]], stiffness: 1.0e+14}\n"
     lesson.write_text(lesson.read_text().replace("0.25", duration) + spring)
-    output = [] if command == "check" else ["-o", str(tmp_path / "out.csv")]
+    outputs = {"simulate": "out.csv", "render": "out"}
+    output = ["-o", str(tmp_path / outputs[command])] if command in outputs else []
     assert main([command, str(lesson), *output]) == 2
     place = f"{lesson}:13:63: joints.s.stiffness: "
     assert [
