@@ -65,7 +65,9 @@ much else to do it takes many times as long."""
 LONGEST = 2_000
 """Characters of one message."""
 MESSAGE = re.compile(r"^(?P<place>[^\n]*?): (?P<what>.+); (?P<fix>.+)$")
-NOT_MESSAGES = re.compile(r"was there already and differed; kept as|^interrupted$")
+NOT_MESSAGES = re.compile(
+    r"was there already and differed; kept as|^interrupted$|^\d+ clips?: "
+)
 NOISE = re.compile(
     r"Traceback|Warning:|Segmentation|^\s+File \"|fault of physgen's", re.MULTILINE
 )
@@ -233,6 +235,8 @@ POINTS = (
     "-5,1e400",
 )
 """Of --kick and --point."""
+NOTED = 20
+"""Inputs between two lines about progress."""
 REQUESTS = 30
 """Of one editor."""
 RAW = ("&a", "*a", "!!python/name:os.system", "? ", "- ", "{", "}", "[", "]", ": ", "#", "|", ">", "'", '"', "\t",
@@ -911,7 +915,8 @@ def attack(
             f"left over: {re.sub(r'[0-9a-f]{6,}|[0-9]+', 'N', name)}"
             for name in leftovers(folder)
         ]
-        if result.code == 2 and before != stamps(folder):
+        is_batch = "all" in command  # what failed is recorded, so that it can go on
+        if result.code == 2 and before != stamps(folder) and not is_batch:
             found.append("refused, and wrote a file")
         if kind in THOROUGH:
             found += more_faults(folder, command, result)
@@ -995,6 +1000,8 @@ def campaign(
         if numbers is None and time.monotonic() > end:
             break
         chance = random.Random(f"{seed} {number}")
+        if rows and number % NOTED == 0:
+            print(f"before input {number}", file=sys.stderr, flush=True)
         (kind,) = chance.choices(kinds, [SHARE[kind] for kind in kinds])
         with tempfile.TemporaryDirectory(prefix="attack-") as name:
             folder = (

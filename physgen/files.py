@@ -11,7 +11,7 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from physgen.problems import OutputError
+from physgen.problems import InputError, OutputError
 
 EXIF_ORIENTATION = 0x0112
 """Tag of how a camera was held; 1 is upright."""
@@ -113,6 +113,20 @@ def check_writable(folder: Path) -> None:
         raise OutputError.of(
             str(folder), "", f"cannot be written: {reason}", OUTPUT_FIX
         ) from None
+
+
+def check_text_names(*paths: Path | None) -> None:
+    """Refuse names that a scene file cannot contain. Raises InputError.
+
+    File systems accept any bytes as a name; scene files are UTF-8.
+    """
+    for path in paths:
+        try:
+            str(path).encode()
+        except UnicodeEncodeError:
+            found = "has a name that is not UTF-8"
+            fix = "rename it, for example to photo.png"
+            raise InputError.of(str(path), "", found, fix) from None
 
 
 def final_name(path: str) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.files import check_writable
+from physgen.files import check_text_names, check_writable
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 from physgen.text import listed
@@ -96,6 +96,7 @@ def perceive(
         raise InputError.of(
             "perceive", "", "was given the objects in more than one way", fix
         )
+    check_text_names(image, output)
     check_writable((output or stdout or Path()).parent)
     photo = read_photo(image)
     place = Place(str(image))
@@ -444,6 +445,7 @@ def import_physgen(
     from physgen.perceive.document import write_scene
     from physgen.perceive.import_physgen import import_physgen as run
 
+    check_text_names(folder, output)
     check_writable((output or stdout or Path()).parent)
     imported = run(folder, progress=progress)
     for problem in imported.warnings:

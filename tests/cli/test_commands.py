@@ -595,3 +595,17 @@ def test_problem_of_simulation_names_its_line(
     assert [
         line.startswith(place) for line in capsys.readouterr().err.splitlines()
     ] == [True]
+
+
+@pytest.mark.parametrize("names", [("\udcff.png", "a.yaml"), ("a.png", "\udcff.yaml")])
+def test_perceive_refuses_names_that_are_not_utf8(
+    names: tuple[str, str], photo: tuple[Path, Path], tmp_path: Path, capsysbinary
+) -> None:
+    """A scene file could not name the photo, or its own assets."""
+    source, output = (tmp_path / name for name in names)
+    photo[0].rename(source)
+    before = {path.name for path in tmp_path.iterdir()}
+    assert main(["perceive", str(source), "-o", str(output)]) == 2
+    (line,) = capsysbinary.readouterr().err.splitlines()
+    assert b"\\udcff." in line
+    assert {path.name for path in tmp_path.iterdir()} == before
