@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.files import machine_id, partial
+from physgen.operating_system import is_running
 from physgen.problems import InputError
 from physgen.report.record import TIMING
 from physgen.text import listed
@@ -48,7 +49,7 @@ def remove_leftovers(out: Path) -> None:
         with suppress(OSError):  # another process may be at it, too
             path, final = Path(entry.path), out / match["name"]
             folder = entry.is_dir(follow_symlinks=False)
-            if match["machine"] != machine_id() or _lives(int(match["process"])):
+            if match["machine"] != machine_id() or is_running(int(match["process"])):
                 continue
             if match["kind"] == "old" and folder and not final.exists():
                 path.rename(final)
@@ -56,16 +57,6 @@ def remove_leftovers(out: Path) -> None:
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
-
-
-def _lives(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
-    return True
 
 
 TRIES = 20
