@@ -101,7 +101,10 @@ def counts_of(source: str) -> dict[str, int]:
 @pytest.mark.parametrize("package", LIMITS)
 def test_no_figure_of_a_package_rises(package: str) -> None:
     """If one does: write the new code more plainly, or give a reason and run `structure.py --reset`."""
-    assert structure.exceeded(measured(package), LIMITS[package]) == []
+    code = measured(package)
+    assert structure.exceeded(code, LIMITS[package]) == []
+    if package.startswith("physgen/"):  # no function is too long or too wide
+        assert [*code.long, *code.wide] == []
 
 
 def test_every_package_has_limits() -> None:
@@ -110,7 +113,7 @@ def test_every_package_has_limits() -> None:
     assert all(set(figures) == names for figures in LIMITS.values())
 
 
-@pytest.mark.parametrize("package", LIMITS)
+@pytest.mark.parametrize("package", ["physgen/core", "physgen/cli", "physgen/refine"])
 def test_an_ordinary_function_is_no_rise(package: str) -> None:
     code = measured(package)
     limits = code.figures()
@@ -180,13 +183,6 @@ def test_lowering_limits_never_raises_one() -> None:
     today = {"a": {"x": 3.0, "y": 4}, "new": {"x": 7.0}}
     lowered = structure.lower_limits(limits, today)
     assert lowered == {"a": {"x": 2.0, "y": 4}, "new": {"x": 7.0}}
-
-
-def test_no_function_is_too_long_or_too_wide() -> None:
-    for package in LIMITS:
-        if package.startswith("physgen/"):
-            code = measured(package)
-            assert [*code.long, *code.wide] == []
 
 
 def test_a_long_and_a_wide_function_are_listed() -> None:
