@@ -65,6 +65,8 @@ TURNS: dict[int, Callable[[U8], U8]] = {
 """EXIF orientation -> what makes it upright (CIPA DC-008, 4.6.4)."""
 BITS, PHOTOMETRIC, SUBFILE, DNG = 258, 262, 254, 50706
 """Tags of TIFF."""
+PLANAR, SEPARATE_PLANES = 284, 2
+"""Tag of TIFF, and its value if each channel is stored by itself."""
 REDUCED, OLD_SUBFILE, OLD_REDUCED = 0b101, 255, 2
 """Bits of SUBFILE for a reduced copy and a mask; the older tag, and its value for a reduced copy (TIFF 6.0)."""
 THUMBNAIL_SHARE = 0.5
@@ -361,7 +363,11 @@ def _unusual(image: Image.Image, path: Path) -> str | None:
         tags.get(SUBFILE, 0) & 1 or DNG in tags or tags.get(PHOTOMETRIC) in SENSOR
     ):  # Pillow would show a thumbnail
         return "a camera's raw file"
-    return "a TIFF of an unusual kind" if 8 < _bits(image, path) != 16 else None
+    bits = _bits(image, path)
+    # Pillow and OpenCV mix such planes up
+    has_deep_planes = bits == 16 and tags.get(PLANAR) == SEPARATE_PLANES
+    is_odd = 8 < bits != 16 or (has_deep_planes and image.mode[0] != "I")
+    return "a TIFF of an unusual kind" if is_odd else None
 
 
 def _damaged(path: Path, error: Exception) -> InputError:
