@@ -65,6 +65,8 @@ TURNS: dict[int, Callable[[U8], U8]] = {
 """EXIF orientation -> what makes it upright (CIPA DC-008, 4.6.4)."""
 BITS, PHOTOMETRIC, SUBFILE, DNG = 258, 262, 254, 50706
 """Tags of TIFF."""
+PLANAR, SEPARATE_PLANES = 284, 2
+"""Tag of TIFF, and its value if each channel is stored by itself."""
 REDUCED, OLD_SUBFILE, OLD_REDUCED = 0b101, 255, 2
 """Bits of SUBFILE for a reduced copy and a mask; the older tag, and its value for a reduced copy (TIFF 6.0)."""
 THUMBNAIL_SHARE = 0.5
@@ -238,18 +240,22 @@ def _usable_formats(path: Path, formats: tuple[str, ...]) -> tuple[str, ...]:
 def _select_page(image: Image.Image, path: Path) -> None:
     """Go to the first page of a TIFF that is no thumbnail. Raises InputError."""
     try:
-        count = min(getattr(image, "n_frames", 1), MOST_PAGES)
-        if count == 1:
-            return
-        sides: dict[int, int] = {}
-        for page in range(count):
-            image.seek(page)
-            if not _is_reduced(image):
-                sides[page] = max(image.size)
-        least = THUMBNAIL_SHARE * max(sides.values(), default=0)
-        image.seek(next((page for page, side in sides.items() if side > least), 0))
+        if getattr(image, "n_frames", 1) > 1:
+            pages = _full_pages(image)
+            image.seek(pages[0] if pages else 0)
     except Exception as error:
         raise _damaged(path, error) from None
+
+
+def _full_pages(image: Image.Image) -> list[int]:
+    """Pages of a TIFF that are no smaller copies of another, by number."""
+    sides: dict[int, int] = {}
+    for page in range(min(getattr(image, "n_frames", 1), MOST_PAGES)):
+        image.seek(page)
+        if not _is_reduced(image):
+            sides[page] = max(image.size)
+    least = THUMBNAIL_SHARE * max(sides.values(), default=0)
+    return [page for page, side in sides.items() if side > least]
 
 
 def _is_reduced(image: Image.Image) -> bool:
@@ -276,18 +282,30 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def read_channels(path: Path) -> U8 | U16:
-    """(H, W) or (H, W, 2 to 4), 8 or 16 bits, colours in the order red, green, blue; of a palette, its indices.
-
-    Raises InputError.
+    """(H, W) or (H, W, 2 to 4), 8 or 16 bits: grey or red, green, blue, then opacity where the picture has any; of a
+    palette without transparency, its indices. Raises InputError.
     """
     with open_picture(path) as image:
         decode_picture(image, path)
         raw = read_16_bit(image, path)
         if raw is not None:
             return raw[:, :, 0] if raw.shape[2] == 1 else raw
-        if image.mode in ("L", "LA", "P", "RGB", "RGBA"):
+        has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
+        is_grey = image.mode in GREYS
+        if image.mode == "P" and not has_alpha:
             return np.asarray(image)
-        return np.asarray(image.convert("L" if image.mode == "1" else "RGB"))
+        return np.asarray(image.convert(("L" if is_grey else "RGB") + "A" * has_alpha))
+
+
+def page_count(image: Image.Image) -> int:
+    """Pictures in a file, without the smaller copies in a TIFF."""
+    count = int(getattr(image, "n_frames", 1))
+    if image.format != "TIFF" or count == 1:
+        return count
+    page = image.tell()
+    pages = _full_pages(image)
+    image.seek(page)
+    return len(pages)
 
 
 def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
@@ -345,7 +363,11 @@ def _unusual(image: Image.Image, path: Path) -> str | None:
         tags.get(SUBFILE, 0) & 1 or DNG in tags or tags.get(PHOTOMETRIC) in SENSOR
     ):  # Pillow would show a thumbnail
         return "a camera's raw file"
-    return "a TIFF of an unusual kind" if 8 < _bits(image, path) != 16 else None
+    bits = _bits(image, path)
+    # Pillow and OpenCV mix such planes up
+    has_deep_planes = bits == 16 and tags.get(PLANAR) == SEPARATE_PLANES
+    is_odd = 8 < bits != 16 or (has_deep_planes and image.mode[0] != "I")
+    return "a TIFF of an unusual kind" if is_odd else None
 
 
 def _damaged(path: Path, error: Exception) -> InputError:

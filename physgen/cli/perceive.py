@@ -297,7 +297,10 @@ def add_perceive(parser: Parser) -> None:
         Path,
         "write the scene here (assets beside it); default: stdout",
     )
-    about = "label map of the photo's size: an id or colour for each object, 0 or black for none"
+    about = (
+        "label map of the photo's size: an id or colour for each object, 0, black or "
+        "transparent for none; of one opaque colour, each region is an object"
+    )
     parser.option("--masks", "FILE", Path, about)
     about = "box around an object, in px of the photo that you give; may be repeated"
     parser.option("--box", "X,Y,W,H", str, about, [], action="append")

@@ -68,7 +68,7 @@ def perceive(
     the offline backends unless given. `given` are fields of PerceiveOptions. `inform` is called with a summary:
     some lines, the first of which has the photo's suitability.
     """
-    from physgen.maps import read_labels
+    from physgen.maps import read_object_masks
     from physgen.perceive.document import summary, write_scene
     from physgen.perceive.perceive import (
         LONGEST_SIDE,
@@ -109,6 +109,10 @@ def perceive(
         )
     rgb = shrink_photo(photo.rgb, options.side or LONGEST_SIDE)
     check_size(rgb, str(image))
+    labels = None
+    if masks is not None:
+        labels = read_object_masks(masks)
+        _check_masks(masks, labels.shape, image, (photo.rgb.shape[:2], rgb.shape[:2]))
     height, width = photo.rgb.shape[:2]
     as_it_is = photo.plain and rgb is photo.rgb
     if rgb is not photo.rgb:
@@ -126,8 +130,8 @@ def perceive(
         )
     del photo  # a large one is larger than all maps together
     found = None
-    if masks is not None:
-        found = from_masks(read_labels(masks))
+    if labels is not None:
+        found = from_masks(labels)
     elif boxes or points:
         frame = PromptFrame(width, height, rgb.shape[1] / width)
         check_prompts(boxes, points, frame)
@@ -170,6 +174,22 @@ def perceive(
         f"{image}: " + "\n".join(summary(perceived))
     )  # last: nobody may read it any more
     return text
+
+
+def _check_masks(
+    masks: Path,
+    shape: tuple[int, ...],
+    image: Path,
+    photo_shapes: tuple[tuple[int, ...], ...],
+) -> None:
+    """Raise InputError unless masks have the size of the photo, or of the smaller photo that the scene gets."""
+    if shape in photo_shapes:
+        return
+    found = f"{shape[1]} x {shape[0]} px"
+    height, width = photo_shapes[0]
+    expected = f"differs from the {width} x {height} px of {image}"
+    fix = "draw the masks on this photo, in its size"
+    raise InputError.of(str(masks), found, expected, fix)
 
 
 def _tried(perceived: PerceivedScene, *more: str) -> Opened:
