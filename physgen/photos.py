@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from physgen.files import EXIF_ORIENTATION, FORMATS, SCENE_FORMATS
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Limit, Place
+from physgen.text import quoted
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -155,7 +157,7 @@ def open_picture(
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
             image = Image.open(path, formats=formats)
     except FileNotFoundError:
-        raise problem("no such file", "check the path") from None
+        raise problem("no such file", _similar_picture(path)) from None
     except IsADirectoryError:
         raise problem("is a folder", "name a picture in it") from None
     except PermissionError:
@@ -179,6 +181,23 @@ def open_picture(
                 f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits"
             )
         yield image
+
+
+PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".ppm")
+"""Suffixes of the pictures among which a misspelt name is looked for."""
+
+
+def _similar_picture(path: Path) -> str:
+    """Return the fix if there is no such picture: the nearest name beside it."""
+    names = [
+        file.name
+        for file in sorted(path.parent.glob("*"))
+        if file.suffix.lower() in PICTURES
+    ]
+    close = get_close_matches(path.name, names, 1)
+    if not close:
+        return "check the path"
+    return f"did you mean {quoted(str(path.with_name(close[0])))}?"
 
 
 def decode_picture(image: Image.Image, path: Path) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.cli.arguments import Command, Parser
+from physgen.cli.arguments import Command, Parser, refuse_split_values
 from physgen.cli.clips import add_clips, add_overlays, check_names, jobs_of, make_all
 
 
 def render(options: argparse.Namespace) -> int:
+    refuse_split_values(options.command_line, options.scenes)
     options.output = options.output or ("out/preview" if options.preview else "out")
     jobs = list(jobs_of(options))
     check_names(jobs)
