@@ -43,6 +43,7 @@ export function start(editor) {
   const words = element("p", { class: "mask-words", id: "mask-words" });
   const close = element("button", { type: "button", class: "act", hidden: true, on: { click: () => closed() } }, "Close the outline");
   const strip = element("div", { class: "mask-strip", hidden: true, "aria-label": "Masks", role: "group" }, ways, element("div", { class: "mask-row" }, words, sizes, join, close, relabel));
+  const messages = part("status").parentElement;
   part("run").after(strip); // in the player's place, so that the photo stays where it is
   if (!stage.hasAttribute("tabindex")) stage.tabIndex = -1;
 
@@ -57,6 +58,8 @@ export function start(editor) {
     if (strip.hidden && inUse()) strip.style.minHeight = `${part("run").offsetHeight}px`;
     strip.hidden = !inUse();
     part("run").hidden = inUse();
+    const place = inUse() ? strip : part("run");
+    if (messages.parentElement !== place) place.append(messages); // what is said is seen beside either
     stage.classList.toggle("masking", inUse());
     if (strip.hidden) return;
     for (const made of ways.children) {

@@ -98,6 +98,7 @@ def test_point_on_known_object_chooses_it(
             "name => document.body.dataset.cover === name", arg=NAME
         )
         assert NAME in desk.page.inner_text("[data-part=status]")
+        assert desk.page.is_visible("[data-part=status]")
         desk.click(OTHER_CENTRE)
         desk.page.wait_for_function(
             "name => document.body.dataset.cover === name", arg=OTHER
@@ -112,6 +113,11 @@ def test_point_on_known_object_chooses_it(
         assert OTHER in desk.page.inner_text("[data-part=status]")
         assert OTHER in desk.state["undo"]
         assert list(desk.state["scene"]["objects"]) == names
+        desk.page.evaluate("() => window.editor.say('wrong', 'error')")
+        assert desk.page.is_visible("[data-part=alarm]")
+        desk.tool("push")
+        desk.page.evaluate("() => window.editor.say('right')")
+        assert desk.page.is_visible("[data-part=status]")
         assert desk.errors == []
 
 
