@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,7 @@ from physgen.phone_formats import (
 )
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Limit, Place
+from physgen.text import quoted
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -192,7 +194,7 @@ def open_picture(
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
             image = Image.open(path, formats=formats)
     except FileNotFoundError:
-        raise problem("no such file", "check the path") from None
+        raise problem("no such file", _similar_picture(path)) from None
     except IsADirectoryError:
         raise problem("is a folder", "name a picture in it") from None
     except PermissionError:
@@ -263,6 +265,23 @@ def _is_reduced(image: Image.Image) -> bool:
     tags = getattr(image, "tag_v2", {})
     is_old_copy = tags.get(OLD_SUBFILE) == OLD_REDUCED
     return bool(tags.get(SUBFILE, 0) & REDUCED) or is_old_copy
+
+
+PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".ppm")
+"""Suffixes of the pictures among which a misspelt name is looked for."""
+
+
+def _similar_picture(path: Path) -> str:
+    """Return the fix if there is no such picture: the nearest name beside it."""
+    names = [
+        file.name
+        for file in sorted(path.parent.glob("*"))
+        if file.suffix.lower() in PICTURES
+    ]
+    close = get_close_matches(path.name, names, 1)
+    if not close:
+        return "check the path"
+    return f"did you mean {quoted(str(path.with_name(close[0])))}?"
 
 
 def decode_picture(image: Image.Image, path: Path) -> None:
