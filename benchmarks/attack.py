@@ -943,7 +943,8 @@ def more_faults(folder: Path, command: tuple[str, ...], result: Result) -> list[
     faults = repeated_messages(lines) + wrong_places(lines, folder)
     faults += invalid_json(command, result.out)
     if command[0] == "render" and result.code == 0:
-        faults += motion_faults(folder / command[command.index("-o") + 1], lines)
+        clips = folder / command[command.index("-o") + 1]
+        faults += motion_faults(clips, folder / command[1], lines)
     return faults
 
 

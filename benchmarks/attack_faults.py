@@ -14,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from physgen import pipeline
+
 MESSAGE_PLACE = re.compile(r"^(?P<file>[^:\n]+):(?P<line>\d+):(?P<column>\d+): ")
 MOVED = 1.0
 """px by which a body moves that is not at rest; the engine's own tolerance is 0.25 px."""
@@ -54,20 +56,19 @@ def invalid_json(arguments: Sequence[str], out: str) -> list[str]:
     return []
 
 
-def motion_faults(clips: Path, lines: Sequence[str]) -> list[str]:
-    """Return faults of the trajectories below a folder of clips.
+def motion_faults(clips: Path, scene: Path, lines: Sequence[str]) -> list[str]:
+    """Return faults of the trajectories below a folder of clips of a scene.
 
     They are values that are not finite, and a clip whose moving objects are all
     outside of the picture after its first fifth without a word about it.
     """
     faults = []
     for file in clips.rglob("trajectory.npz"):
-        manifest = json.loads(file.with_name("manifest.json").read_text("utf-8"))
         with np.load(file) as motion:
             poses, velocities = motion["poses"], motion["velocities"]
         if not (np.isfinite(poses).all() and np.isfinite(velocities).all()):
             faults.append("a trajectory that is not finite")
-        elif not lines and has_left(poses, manifest["video"]["size"]):
+        elif not lines and has_left(poses, pipeline.load(scene).size):
             faults.append("silent though everything leaves the picture")
     return faults
 
