@@ -1,5 +1,8 @@
 """Hostile input: mutated scenes, assets, pictures, arguments, disks, interrupted and concurrent runs, requests.
 
+Beside random mutations: `mistakes` are scenes with the mistakes of people (hand_mistakes.py), `odd-photos` are photos of
+odd kinds (odd_photos.py).
+
     python benchmarks/attack.py                            # one minute, seed 0
     python benchmarks/attack.py --minutes 20 --seed 3      # longer
     python benchmarks/attack.py --only scenes --count 5000 # one kind of attack, so many times
@@ -7,7 +10,9 @@
 
 Each input goes to a command in a process of its own under limits of the kernel. A failure is a traceback, a library's
 warning, an exit code other than 0 or 2, over 20 s of processor time, over 1.5 GB (1 GB where the input is refused), a
-message without place or remedy, a file that a refused command wrote, or one left over. Failures are made small and kept
+message without place or remedy, a file that a refused command wrote, or one left over. Of mistakes and odd photos
+also: a message printed twice or at a place that its file does not have, a scene that `check` accepts and `render`
+refuses, motion that is not finite, silence though all objects leave the picture (attack_faults.py). Failures are made small and kept
 under out/attack. Exit code 1 on any. The same seed makes the same inputs.
 """
 
