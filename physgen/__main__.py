@@ -8,6 +8,8 @@ import os
 import sys
 import threading
 
+from physgen.operating_system import open_standard_streams
+
 INTERRUPTED = 130
 """Exit code, as of a shell."""
 NEW_OBJECTS = 120_000
@@ -17,6 +19,7 @@ Python's 700 that takes 6 % of such a clip, at 20,000 it takes 3 %."""
 
 def main() -> int:
     """The command line; Ctrl-C while it is imported ends it without a traceback, too."""
+    open_standard_streams()
     gc.set_threshold(NEW_OBJECTS)
     if (
         not {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"} & os.environ.keys()

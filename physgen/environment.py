@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import platform
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+
+from physgen.operating_system import available_cores, installed_memory
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,11 @@ class Machine:
 def this_machine() -> Machine:
     """Read once."""
     return Machine(
-        platform.machine(), platform.system(), _processor(), _cores(), _memory()
+        platform.machine(),
+        platform.system(),
+        _processor(),
+        available_cores(),
+        _memory_gib(),
     )
 
 
@@ -54,19 +59,9 @@ def _processor() -> str:
     return platform.processor()
 
 
-def _cores() -> int:
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on this system
-        return os.cpu_count() or 1
-
-
-def _memory() -> float | None:
-    try:
-        size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
-    return round(size / 2**30, 1) if size > 0 else None
+def _memory_gib() -> float | None:
+    size = installed_memory()
+    return None if size is None else round(size / 2**30, 1)
 
 
 def keep_freed_memory() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import shutil
 from collections.abc import Callable, Mapping
@@ -80,10 +81,10 @@ def partial(path: Path, kind: str = "part") -> Path:
 @cache
 def machine_id() -> str:
     """An id of the machine or container: processes of two may have the same number."""
-    parts = [os.uname().nodename]
+    parts = [platform.node()]
     with suppress(OSError):
         parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
-        parts.append(Path("/etc/machine-id").read_text())
+        parts.append(Path("/etc/machine-id").read_text(encoding="utf-8"))
     return sha256("\n".join(parts).encode()).hexdigest()[:8]
 
 

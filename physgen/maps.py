@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -13,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.files import back_up, write_with_backup
-from physgen.photos import open_picture, picture_size, read_channels, read_image
+from physgen.photos import (
+    open_picture,
+    page_count,
+    picture_size,
+    read_channels,
+    read_image,
+)
 from physgen.problems import InputError, Limit, Place
 
 U8 = NDArray[np.uint8]
@@ -65,16 +72,92 @@ class Percepts:
         return np.where(covered[self.labels], self.labels, np.uint16(0))
 
 
+LOSSY = {
+    "JPEG": "a JPEG",
+    "MPO": "a JPEG",
+    "HEIF": "a HEIC",
+    "AVIF": "an AVIF",
+    "JXL": "a JPEG XL",
+}
+"""Pillow's and the usual names of formats whose compression usually changes ids."""
+PAINTED_COLOURS = 256
+"""Colours of a label map with transparency, at most; a cut-out of a photo has thousands."""
+
+
 def read_labels(path: Path) -> U16:
-    """A label map: one channel of ids as it is; the distinct colours of a colour picture numbered, black = 0."""
+    """A label map: one channel of ids as it is; the distinct colours of a colour picture numbered.
+
+    0, black and what is transparent are the background, unless all that is opaque is black. Raises InputError.
+    """
+    raw, opaque = _read_painted(path)
+    return _checked_labels(raw, opaque, path)
+
+
+def read_object_masks(path: Path) -> U16:
+    """A label map as `read_labels` reads it, or the opaque regions of a picture whose opacity shows the objects.
+
+    Opacity shows them if the opaque part has one colour, or those of a photo. Raises InputError.
+    """
+    raw, opaque = _read_painted(path)
+    if opaque is None or 1 < _count_colours(raw[opaque]) <= PAINTED_COLOURS:
+        return _checked_labels(raw, opaque, path)
+    count, regions = cv2.connectedComponents(opaque.view(np.uint8), connectivity=8)
+    if count > Limit.IDS.most:
+        raise Limit.IDS.error(Place(str(path)), found=f"{count:,} regions")
+    return np.asarray(regions, np.uint16)
+
+
+def _read_painted(path: Path) -> tuple[U8 | U16, NDArray[np.bool_] | None]:
+    """Colours or ids, black where the picture is transparent; and what is opaque, None if all is. Raises InputError."""
     with open_picture(path) as image:
-        if image.format in ("JPEG", "MPO"):
+        if image.format in LOSSY or (image.format == "WEBP" and _is_lossy_webp(path)):
+            name = LOSSY.get(str(image.format), "a lossy WebP")
+            expected = f"is {name}, whose compression changes ids"
             fix = "save it as PNG, without smoothing"
-            raise InputError.of(
-                str(path), "", "is a JPEG, whose compression changes ids", fix
-            )
+            raise InputError.of(str(path), "", expected, fix)
+        if (count := page_count(image)) > 1:
+            expected = f"has {count} layers or frames"
+            raise InputError.of(str(path), "", expected, "save it as one flat PNG")
     raw = read_channels(path)
+    if raw.ndim == 2 or raw.shape[2] == 3:
+        return raw, None
+    alpha, colours = raw[:, :, -1], raw[:, :, :-1]
+    most = int(alpha.max())
+    if most == 0:
+        fix = "save it with the objects opaque"
+        raise InputError.of(str(path), "", "is transparent everywhere", fix)
+    # half of the most: masks that were drawn over a photo are translucent
+    opaque = 2 * alpha.astype(np.uint32) >= most
+    if opaque.all():
+        return colours, None
+    return np.where(opaque[:, :, None], colours, colours.dtype.type(0)), opaque
+
+
+def _is_lossy_webp(path: Path) -> bool:
+    """Whether a WebP file has a chunk of lossy pixels."""
+    with path.open("rb") as stream:
+        stream.seek(12)
+        while len(head := stream.read(8)) == 8:
+            if head[:4] == b"VP8 ":
+                return True
+            length = int.from_bytes(head[4:], "little")
+            stream.seek(length + length % 2, os.SEEK_CUR)
+    return False
+
+
+def _count_colours(pixels: U8 | U16) -> int:
+    """Number of distinct rows of (N, 1 or 3)."""
+    code = np.zeros(len(pixels), np.uint64)
+    for channel in pixels.T:
+        code = (code << np.uint64(16)) | channel
+    return len(np.unique(code))
+
+
+def _checked_labels(raw: U8 | U16, opaque: NDArray[np.bool_] | None, path: Path) -> U16:
+    """The ids of a label map, not too many. Raises InputError."""
     labels = _label_ids(raw, path)
+    if opaque is not None and not labels.any():
+        labels = opaque.astype(np.uint16)
     count = np.count_nonzero(np.bincount(labels.ravel()))
     if count > Limit.IDS.most:
         raise Limit.IDS.error(Place(str(path)), found=f"{count:,} ids")

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,7 @@ from physgen.phone_formats import (
 )
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Limit, Place
+from physgen.text import quoted
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -65,6 +67,8 @@ TURNS: dict[int, Callable[[U8], U8]] = {
 """EXIF orientation -> what makes it upright (CIPA DC-008, 4.6.4)."""
 BITS, PHOTOMETRIC, SUBFILE, DNG = 258, 262, 254, 50706
 """Tags of TIFF."""
+PLANAR, SEPARATE_PLANES = 284, 2
+"""Tag of TIFF, and its value if each channel is stored by itself."""
 REDUCED, OLD_SUBFILE, OLD_REDUCED = 0b101, 255, 2
 """Bits of SUBFILE for a reduced copy and a mask; the older tag, and its value for a reduced copy (TIFF 6.0)."""
 THUMBNAIL_SHARE = 0.5
@@ -190,7 +194,7 @@ def open_picture(
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
             image = Image.open(path, formats=formats)
     except FileNotFoundError:
-        raise problem("no such file", "check the path") from None
+        raise problem("no such file", _similar_picture(path)) from None
     except IsADirectoryError:
         raise problem("is a folder", "name a picture in it") from None
     except PermissionError:
@@ -238,18 +242,22 @@ def _usable_formats(path: Path, formats: tuple[str, ...]) -> tuple[str, ...]:
 def _select_page(image: Image.Image, path: Path) -> None:
     """Go to the first page of a TIFF that is no thumbnail. Raises InputError."""
     try:
-        count = min(getattr(image, "n_frames", 1), MOST_PAGES)
-        if count == 1:
-            return
-        sides: dict[int, int] = {}
-        for page in range(count):
-            image.seek(page)
-            if not _is_reduced(image):
-                sides[page] = max(image.size)
-        least = THUMBNAIL_SHARE * max(sides.values(), default=0)
-        image.seek(next((page for page, side in sides.items() if side > least), 0))
+        if getattr(image, "n_frames", 1) > 1:
+            pages = _full_pages(image)
+            image.seek(pages[0] if pages else 0)
     except Exception as error:
         raise _damaged(path, error) from None
+
+
+def _full_pages(image: Image.Image) -> list[int]:
+    """Pages of a TIFF that are no smaller copies of another, by number."""
+    sides: dict[int, int] = {}
+    for page in range(min(getattr(image, "n_frames", 1), MOST_PAGES)):
+        image.seek(page)
+        if not _is_reduced(image):
+            sides[page] = max(image.size)
+    least = THUMBNAIL_SHARE * max(sides.values(), default=0)
+    return [page for page, side in sides.items() if side > least]
 
 
 def _is_reduced(image: Image.Image) -> bool:
@@ -257,6 +265,23 @@ def _is_reduced(image: Image.Image) -> bool:
     tags = getattr(image, "tag_v2", {})
     is_old_copy = tags.get(OLD_SUBFILE) == OLD_REDUCED
     return bool(tags.get(SUBFILE, 0) & REDUCED) or is_old_copy
+
+
+PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".ppm")
+"""Suffixes of the pictures among which a misspelt name is looked for."""
+
+
+def _similar_picture(path: Path) -> str:
+    """Return the fix if there is no such picture: the nearest name beside it."""
+    names = [
+        file.name
+        for file in sorted(path.parent.glob("*"))
+        if file.suffix.lower() in PICTURES
+    ]
+    close = get_close_matches(path.name, names, 1)
+    if not close:
+        return "check the path"
+    return f"did you mean {quoted(str(path.with_name(close[0])))}?"
 
 
 def decode_picture(image: Image.Image, path: Path) -> None:
@@ -276,18 +301,30 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def read_channels(path: Path) -> U8 | U16:
-    """(H, W) or (H, W, 2 to 4), 8 or 16 bits, colours in the order red, green, blue; of a palette, its indices.
-
-    Raises InputError.
+    """(H, W) or (H, W, 2 to 4), 8 or 16 bits: grey or red, green, blue, then opacity where the picture has any; of a
+    palette without transparency, its indices. Raises InputError.
     """
     with open_picture(path) as image:
         decode_picture(image, path)
         raw = read_16_bit(image, path)
         if raw is not None:
             return raw[:, :, 0] if raw.shape[2] == 1 else raw
-        if image.mode in ("L", "LA", "P", "RGB", "RGBA"):
+        has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
+        is_grey = image.mode in GREYS
+        if image.mode == "P" and not has_alpha:
             return np.asarray(image)
-        return np.asarray(image.convert("L" if image.mode == "1" else "RGB"))
+        return np.asarray(image.convert(("L" if is_grey else "RGB") + "A" * has_alpha))
+
+
+def page_count(image: Image.Image) -> int:
+    """Pictures in a file, without the smaller copies in a TIFF."""
+    count = int(getattr(image, "n_frames", 1))
+    if image.format != "TIFF" or count == 1:
+        return count
+    page = image.tell()
+    pages = _full_pages(image)
+    image.seek(page)
+    return len(pages)
 
 
 def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
@@ -345,7 +382,11 @@ def _unusual(image: Image.Image, path: Path) -> str | None:
         tags.get(SUBFILE, 0) & 1 or DNG in tags or tags.get(PHOTOMETRIC) in SENSOR
     ):  # Pillow would show a thumbnail
         return "a camera's raw file"
-    return "a TIFF of an unusual kind" if 8 < _bits(image, path) != 16 else None
+    bits = _bits(image, path)
+    # Pillow and OpenCV mix such planes up
+    has_deep_planes = bits == 16 and tags.get(PLANAR) == SEPARATE_PLANES
+    is_odd = 8 < bits != 16 or (has_deep_planes and image.mode[0] != "I")
+    return "a TIFF of an unusual kind" if is_odd else None
 
 
 def _damaged(path: Path, error: Exception) -> InputError:

@@ -6,12 +6,14 @@ physics engine is such code. A lost interrupt is therefore raised again after a 
 
 from __future__ import annotations
 
-import signal
 import sys
 from contextlib import suppress
 from types import FrameType
 
+from physgen.operating_system import start_alarm
+
 DELAY = 0.001  # s after which a lost interrupt is raised again
+INTERVAL = 0.01  # s after which that is tried again, until it is raised
 
 
 def install_handler() -> None:
@@ -29,17 +31,13 @@ def install_handler() -> None:
         def again(number: int, frame: FrameType | None) -> None:
             while frame is not None and frame.f_code is not hook.__code__:
                 frame = frame.f_back
-            if (
-                frame is None
-            ):  # else the hook has not ended, and what is raised in it is lost too
-                signal.setitimer(signal.ITIMER_REAL, 0)
+            # until the hook has ended, an error that is raised in it is lost, too
+            if frame is None:
+                stop_alarm()
                 raise error.with_traceback(None)
 
         with suppress(ValueError):  # not the main thread, which alone gets signals
-            signal.signal(signal.SIGALRM, again)
-            signal.setitimer(
-                signal.ITIMER_REAL, DELAY, 0.01
-            )  # and again, until it is raised
+            stop_alarm = start_alarm(again, DELAY, INTERVAL)
 
     hook.is_ours = True  # type: ignore[attr-defined]
     sys.unraisablehook = hook

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import csv
-import fcntl
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
 from physgen.files import partial
+from physgen.operating_system import IS_POSIX, lock_file
 
 Cell = str | int | float | bool | None
 """None is an empty cell."""
@@ -66,13 +66,10 @@ class Table:
 def _open_part(path: Path) -> TextIO:
     """`NAME.part.csv`, which users may look at; where another run writes that, a file of this process."""
     part = path.with_name(f"{path.stem}.part{path.suffix}")
-    file = part.open("a", encoding="utf-8", newline="")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+    if IS_POSIX:  # elsewhere, an open file cannot be locked
+        file = part.open("a", encoding="utf-8", newline="")
+        if lock_file(file):
+            file.truncate(0)
+            return file
         file.close()
-        return partial(path).open("w", encoding="utf-8", newline="")
-    except OSError:
-        pass  # a file system without locks
-    file.truncate(0)
-    return file
+    return partial(path).open("w", encoding="utf-8", newline="")

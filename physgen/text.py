@@ -86,6 +86,29 @@ def quantity(text: str, unit: str, pixels_per_meter: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
+def pixel_power(unit: str) -> int:
+    """Return the exponent of px in a unit; 0 where it has none.
+
+    >>> pixel_power("px/s"), pixel_power("g·px²/s²"), pixel_power("g/px²")
+    (1, 2, -2)
+    """
+    measured = _measure(unit)
+    return 0 if measured is None else measured[1][0]
+
+
+def rescaled_quantity(text: str, factor: float) -> str:
+    """Return a number with a unit for pixels that are `factor` times as many.
+
+    >>> rescaled_quantity("120 px/s", 0.5), rescaled_quantity("2 m/s", 0.5)
+    ('60 px/s', '2 m/s')
+    """
+    match = _QUANTITY(text.strip()) if len(text) <= LONGEST_QUANTITY else None
+    power = pixel_power(match[2].strip()) if match else 0
+    if match is None or power == 0:
+        return text
+    return f"{float(match[1]) * factor**power:.9g} {match[2].strip()}"
+
+
 KeyPath = tuple[str | int, ...]
 """Keys and indices from the top of a document to a value."""
 

@@ -199,3 +199,13 @@ def test_a_background_job_interrupts_its_children(tmp_path: Path) -> None:
     options = ("-n", "1")
     result = run_pytest(tmp_path, INTERRUPT_TEST, *options, preexec=ignore_interrupts)
     assert result.returncode == 0, result.stdout
+
+
+def test_the_ci_script_installs_nothing() -> None:
+    script = (TESTS.parent / ".ci" / "run").read_text()
+    commands = [line for line in script.splitlines() if not line.startswith("#")]
+    assert not any(word in line for line in commands for word in ("apt", "pip", "sudo"))
+    assert [line for line in commands if line.startswith("make ")] == [
+        "make test",
+        "make test-slow",
+    ]

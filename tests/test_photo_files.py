@@ -129,6 +129,39 @@ def test_tiff_of_thumbnails_alone_is_refused(
         read_photo(path)
 
 
+def planar_tiff(rgb: np.ndarray, order: str) -> bytes:
+    """A TIFF (H, W, 3) of 16 bits, each channel in a strip by itself; `order` is < or >."""
+    height, width = rgb.shape[:2]
+    planes = np.moveaxis(rgb, 2, 0).astype(f"{order}u2").tobytes()
+    size = len(planes) // 3
+    tags = [(256, width), (257, height), (259, 1), (262, 2), (277, 3), (278, height)]
+    behind = 8 + 2 + 12 * (len(tags) + 4) + 4
+    start = behind + 6 + 24
+    entries = [struct.pack(order + "HHIHH", tag, 3, 1, value, 0) for tag, value in tags]
+    entries += [
+        struct.pack(order + "HHII", 258, 3, 3, behind),
+        struct.pack(order + "HHII", 273, 4, 3, behind + 6),
+        struct.pack(order + "HHII", 279, 4, 3, behind + 18),
+        struct.pack(order + "HHIHH", 284, 3, 1, 2, 0),
+    ]
+    entries.sort(key=lambda entry: struct.unpack(order + "H", entry[:2]))
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(order + "I", 8)
+    offsets = [start, start + size, start + 2 * size]
+    arrays = struct.pack(order + "3H6I", 16, 16, 16, *offsets, size, size, size)
+    count = struct.pack(order + "H", len(entries))
+    return head + count + b"".join(entries) + bytes(4) + arrays + planes
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_deep_tiff_of_separate_planes_is_refused(
+    picture: np.ndarray, tmp_path: Path, order: str
+) -> None:
+    path = tmp_path / "a.tif"
+    path.write_bytes(planar_tiff(picture.astype(np.uint16) * 257, order))
+    with pytest.raises(InputError):
+        read_photo(path)
+
+
 # ---- formats of phones ----
 
 PHONE_FILES = {

@@ -6,10 +6,8 @@ memory does not grow with their number.
 
 from __future__ import annotations
 
-import os
 import pickle
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable
@@ -19,7 +17,9 @@ from multiprocessing.connection import Connection, wait
 from threading import Thread
 from typing import Any, TypeVar
 
+from physgen.batch.worker_process import start_worker
 from physgen.environment import keep_freed_memory
+from physgen.operating_system import is_parent_running, terminate_self
 from physgen.signals import install_handler
 
 Item = TypeVar("Item")
@@ -42,23 +42,12 @@ class LostError(Exception):
 class Child:
     """A process that works on one item after the other; `work` must be importable.
 
-    It has a session of its own, so that Ctrl-C reaches the parent only, which ends it.
+    Ctrl-C reaches the parent only, which ends it.
     """
 
     def __init__(self, work: Callable[[Any], Any]) -> None:
         self.line, theirs = Pipe()
-        paths = [name or os.getcwd() for name in sys.path]
-        code = (
-            f"import sys; sys.path[:] = {paths!r}\n"
-            f"from physgen.batch.workers import child_main; child_main({theirs.fileno()}, {os.getpid()})"
-        )
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", code],
-            stdin=subprocess.DEVNULL,
-            pass_fds=[theirs.fileno()],
-            start_new_session=True,
-        )
-        theirs.close()
+        self._process = start_worker(child_main, theirs)
         self.send(work)
 
     def send(self, item: Any) -> None:
@@ -71,7 +60,7 @@ class Child:
         try:
             result, error = self.line.recv()
         except (EOFError, OSError):
-            code = self._process.wait()
+            code = self._process.wait() or 0
             names = {int(one): one.name for one in signal.Signals}
             how = (
                 f"ended by {names.get(-code, -code)}"
@@ -90,9 +79,7 @@ class Child:
 
     def end(self, until: float) -> None:
         """Waits until it has ended; kills it where that takes too long."""
-        try:
-            self._process.wait(max(0.0, until - time.monotonic()))
-        except subprocess.TimeoutExpired:
+        if self._process.wait(max(0.0, until - time.monotonic())) is None:
             self._process.kill()
             self._process.wait()
 
@@ -162,14 +149,13 @@ def run_parallel(
             child.end(until)
 
 
-def child_main(number: int, parent: int) -> None:
-    """Main function of a Child: `number` is the file descriptor of its line, `parent` the process that asks."""
+def child_main(line: Connection, parent: int) -> None:
+    """Main function of a Child: its end of the line, and the id of the process that asks."""
     keep_freed_memory()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
     install_handler()
     Thread(target=_watch_parent, args=(parent,), daemon=True).start()
-    line = Connection(number)
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         work = line.recv()
         while True:
@@ -194,6 +180,6 @@ def _pickled(answer: tuple[Any, Exception | None]) -> bytes:
 
 def _watch_parent(parent: int) -> None:
     """Ends this process when the parent is gone: nobody waits for its results."""
-    while os.getppid() == parent:
+    while is_parent_running(parent):
         time.sleep(PARENT_CHECK)
-    os.kill(os.getpid(), signal.SIGTERM)
+    terminate_self()

@@ -136,14 +136,26 @@ class Parser(argparse.ArgumentParser):
             )
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
+        messages = dict.fromkeys([*self.wrong, message])
         lines = [
-            quoted(text, "", LONGEST_MESSAGE)
-            for text in dict.fromkeys([*self.wrong, message])
+            quoted(self._with_example(text), "", LONGEST_MESSAGE) for text in messages
         ]
         self.exit(
             WRONG_INPUT,
             "".join(f"{self.prog}: {line}; see {self.prog} --help\n" for line in lines),
         )
+
+    def _with_example(self, message: str) -> str:
+        """Add the form of a value, or an example of the command, to argparse's message."""
+        flag = re.fullmatch(r"argument ([^:]+): expected one argument", message)
+        if flag is not None:
+            name = flag[1].rpartition("/")[2]
+            action = self._option_string_actions.get(name)
+            return message if action is None else f"{message}: {name} {action.metavar}"
+        is_count = "are required" in message or message.endswith(
+            "one argument too many"
+        )
+        return f"{message}; {self.epilog}" if is_count and self.epilog else message
 
 
 def _hide_dashes(arguments: Sequence[str] | None) -> Sequence[str] | None:
@@ -252,7 +264,43 @@ def among(known: Sequence[str]) -> Callable[[str], list[str]]:
 PROMPT_FLAGS = {4: "--box", 2: "--point"}
 """Number of coordinates -> the flag that takes so many."""
 BETWEEN_NUMBERS = re.compile(r"\s*[,;]\s*|\s+")
-IS_NUMBER_PIECE = re.compile(r"[-+]?[\d.]+(px|%)?,?|,").fullmatch
+IS_VALUE_PIECE = re.compile(
+    r"[-+=@,]|[-+=@]?[\d.]+(px|cm|mm|m|%)?,?|(px|cm|mm|m)/s"
+).fullmatch
+
+
+def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
+    """Raise InputError if spaces cut the value of a flag apart.
+
+    `arguments` is the command line; `files` are the arguments that were read as files.
+    """
+    strays = {
+        text for text in files if not Path(text).exists() and IS_VALUE_PIECE(text)
+    }
+    for at, flag in enumerate(arguments):
+        pieces = [*arguments[at + 1 : at + 2]]
+        for text in arguments[at + 2 :]:
+            if text not in strays:
+                break
+            pieces.append(text)
+        if flag.startswith("--") and len(pieces) > 1:
+            is_key = flag == "--set" and "=" not in "".join(pieces)
+            value = "=".join(pieces) if is_key else _joined(pieces)
+            raise InputError.of(
+                flag,
+                quoted(" ".join(pieces)),
+                "has spaces, which end the value of a flag",
+                f'write {flag} "{quoted(value, "")}"',
+            )
+
+
+def _joined(pieces: Sequence[str]) -> str:
+    """Return the pieces of a value as it was meant: numbers with commas between."""
+    if not all(
+        re.fullmatch(r"[-+]?[\d.]+(px|cm|mm|m|%)?,?", piece) for piece in pieces
+    ):
+        return " ".join(pieces)
+    return ",".join(piece.strip(",") for piece in pieces)
 
 
 def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
@@ -263,11 +311,9 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
     form = ",".join(("120", "80", "60", "60")[:count])
     pieces = BETWEEN_NUMBERS.split(re.sub(r"\s*px\b|[()\[\]]", "", text).strip())
     pieces = [piece for piece in pieces if piece]
-    fix = f"write e.g. {form}"
+    fix = f"write px of the photo, e.g. {form}"
     if any(piece.endswith("%") for piece in pieces):
-        raise InputError.of(
-            flag, quoted(text), "is in percent", f"{fix}, in px of the photo"
-        )
+        raise InputError.of(flag, quoted(text), "is in percent", fix)
     try:
         values = tuple(float(piece) for piece in pieces)
     except ValueError:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import Command, Parser, check_folder_name, whole
 from physgen.cli.output import (
@@ -24,6 +25,10 @@ from physgen.cli.output import (
 from physgen.cli.perceive import add_backends
 from physgen.files import check_writable, install
 from physgen.problems import InputError
+from physgen.text import quoted
+
+if TYPE_CHECKING:
+    from physgen.scene.scene import Scene
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
 SCENES = (".yaml", ".yml", ".physgen")
@@ -88,9 +93,12 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.scene.saving import note_copies, save_scene
 
     path: Path = options.scene
+    words = [*options.objects, *([options.to] if "to" in options else [])]
+    _refuse_scene_behind(options.command, path, words)
     before = Opened(path, options.allow_outside)
     scene = before.scene()
     check_writable(path.resolve().parent)
+    _refuse_other_names(scene, path, options.objects)
     names = [named(scene, str(path), name).name for name in options.objects]
     text, at = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
     ops: dict[str, list[dict[str, Any]]] = {
@@ -125,6 +133,42 @@ def edit_file(options: argparse.Namespace) -> int:
     )
     print_line(str(path))
     return OK
+
+
+def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None:
+    """Raise InputError if the scene stands behind the names."""
+    files = [
+        text
+        for text in words
+        if Path(text).suffix.lower() in SCENES and Path(text).is_file()
+    ]
+    if path.exists() or len(files) != 1:
+        return
+    names = [str(path), *(text for text in words if text not in files)]
+    fix = f"write physgen {command} {' '.join([*files, *names])}"
+    raise InputError.of(
+        str(path), "", "is no scene file: the scene is the first argument", fix
+    )
+
+
+def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
+    """Raise InputError for several names in one, and for what is no object."""
+    objects = {item.name for item in scene.objects}
+    sections = {
+        "boundary": scene.boundaries,
+        "joint": scene.joints,
+        "field": scene.fields,
+    }
+    for name in names:
+        parts = [part for part in re.split(r"[,;\s]+", name) if part]
+        if name not in objects and len(parts) > 1 and objects.issuperset(parts):
+            fix = f"write them apart: {' '.join(parts)}"
+            raise InputError.of(str(path), quoted(name), "is more than one name", fix)
+        for kind, entries in sections.items():
+            if name not in objects and name in {one.name for one in entries}:
+                fix = "edit its lines in the file, or use physgen edit"
+                expected = f"is a {kind}, not an object"
+                raise InputError.of(str(path), quoted(name), expected, fix)
 
 
 def _scene(options: argparse.Namespace) -> Path:

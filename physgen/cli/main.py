@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import io
 import re
-import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -35,6 +34,7 @@ from physgen.cli.output import (
     print_problems,
 )
 from physgen.files import final_name
+from physgen.operating_system import handle_termination
 from physgen.problems import InputError
 from physgen.signals import install_handler
 
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(given)
     options.command_line = ["physgen", *given]
     with suppress(ValueError):  # not the main thread, which alone gets signals
-        signal.signal(signal.SIGTERM, _interrupt)
+        handle_termination(_interrupt)
     install_handler()
     try:
         return COMMANDS[options.command].run(options)

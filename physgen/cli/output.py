@@ -98,13 +98,14 @@ PATH_BYTES = 1024
 
 def _descriptor_path(descriptor: int) -> Path | None:
     """Return the absolute path of an open file, as Linux and macOS tell it."""
+    link = f"/proc/self/fd/{descriptor}"
+    if os.path.lexists(link):
+        return Path(os.readlink(link))
     if sys.platform == "darwin":
         import fcntl
 
         answer = fcntl.fcntl(descriptor, fcntl.F_GETPATH, bytes(PATH_BYTES))
         return Path(os.fsdecode(answer.partition(b"\0")[0]))
-    if sys.platform.startswith("linux"):
-        return Path(os.readlink(f"/proc/self/fd/{descriptor}"))
     return None
 
 

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import (
-    IS_NUMBER_PIECE,
     Command,
     Parser,
     check_folder_name,
     check_scene_name,
     coordinates,
     names,
+    refuse_split_values,
     whole,
 )
 from physgen.cli.output import (
@@ -32,7 +32,6 @@ from physgen.cli.output import (
 )
 from physgen.files import check_writable
 from physgen.problems import InputError, Place, Problem, collect
-from physgen.text import quoted
 
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
@@ -44,7 +43,8 @@ LEAST_SIDE = 64
 def perceive(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
-    _refuse_split_numbers(options)
+    refuse_split_values(options.command_line, [str(path) for path in options.image])
+    _refuse_scenes(options.image)
     if options.refresh is None and len(options.image) > 1:
         return _perceive_many(options)
     out = options.output
@@ -91,21 +91,19 @@ def perceive(options: argparse.Namespace) -> int:
     return OK
 
 
-def _refuse_split_numbers(options: argparse.Namespace) -> None:
-    """Raise InputError if spaces cut the numbers of a box or a point apart."""
-    texts = [str(image) for image in options.image]
-    pieces = [
-        text for text in texts if IS_NUMBER_PIECE(text) and not Path(text).exists()
-    ]
-    for flag, values in (("--box", options.box), ("--point", options.point)):
-        if pieces and values:
-            numbers = ",".join(text.strip(",") for text in (values[-1], *pieces))
-            raise InputError.of(
-                flag,
-                quoted(" ".join((values[-1], *pieces))),
-                "has spaces, which end the value of a flag",
-                f"write {flag} {quoted(numbers, '')}, or put it in quotes",
+def _refuse_scenes(images: Sequence[Path]) -> None:
+    """Raise InputError if a scene file stands where a photo is expected."""
+    problems = []
+    for image in images:
+        if image.suffix in (".yaml", ".yml"):
+            fix = f"write -o {image}"
+            if image.is_file():
+                fix = f"write --refresh {image} to perceive its photo again"
+            problems.append(
+                Problem(Place(str(image)), "", "", "is a scene file, not a photo", fix)
             )
+    if problems:
+        raise InputError(problems)
 
 
 def _perceive_many(options: argparse.Namespace) -> int:
@@ -297,7 +295,10 @@ def add_perceive(parser: Parser) -> None:
         Path,
         "write the scene here (assets beside it); default: stdout",
     )
-    about = "label map of the photo's size: an id or colour for each object, 0 or black for none"
+    about = (
+        "label map of the photo's size: an id or colour for each object, 0, black or "
+        "transparent for none; of one opaque colour, each region is an object"
+    )
     parser.option("--masks", "FILE", Path, about)
     about = "box around an object, in px of the photo that you give; may be repeated"
     parser.option("--box", "X,Y,W,H", str, about, [], action="append")

@@ -13,6 +13,7 @@ from physgen.cli.arguments import (
     Command,
     Parser,
     is_folder_name,
+    refuse_split_values,
 )
 from physgen.cli.clips import (
     add_clips,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 
 def render(options: argparse.Namespace) -> int:
+    refuse_split_values(options.command_line, options.scenes)
     options.output = options.output or ("out/preview" if options.preview else "out")
     video = _video_file(options)
     if video is not None:

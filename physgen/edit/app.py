@@ -32,6 +32,7 @@ from physgen.edit.api import TOKEN, Events, Served, Services, api
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import Session
 from physgen.files import resource
+from physgen.operating_system import IS_POSIX
 from physgen.problems import EditError, InputError, Why
 
 PLAYER = ("motion", "clock", "scene", "balls", "touch", "units", "quantities", "layers")
@@ -399,7 +400,8 @@ def _listening(host: str, port: int | None) -> socket.socket:
     # with the protocol named, asyncio sends small answers at once instead of after 40 ms
     made = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if IS_POSIX:  # elsewhere, this option lets two servers share a port
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         made.bind((host, port or 0))
         made.listen(128)
     except OSError as error:

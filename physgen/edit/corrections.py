@@ -67,6 +67,8 @@ class Corrected:
     what: str
     made: str | None = None
     folder: Path | None = None
+    corrected: str | None = None
+    """The object whose mask is another now, if none is new."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,8 @@ def correct(
             )
             raise impossible(message, problem.fix) from error
         raise
-    return Corrected(new, what, next(iter(work.fresh), None), out)
+    made, changed = next(iter(work.fresh), None), next(iter(work.masks), None)
+    return Corrected(new, what, made, out, changed if made is None else None)
 
 
 def _linked_maps(assets: Path | None, path: Path) -> Path:

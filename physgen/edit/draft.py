@@ -15,6 +15,7 @@ from filelock import FileLock, Timeout
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from physgen.files import write_atomic
+from physgen.operating_system import is_private
 from physgen.problems import InputError
 
 
@@ -59,11 +60,7 @@ class Draft:
             raise InputError.of(
                 str(path), "", f"cannot have a draft beside it: {reason}", fix
             ) from None
-        if (
-            self.folder.is_symlink()
-            or found.st_uid != os.getuid()
-            or found.st_mode & 0o077
-        ):
+        if self.folder.is_symlink() or not is_private(found):
             raise self._strange("is a draft of another user or machine")
         self._lock_file = self.folder / "lock"
         self._lock = FileLock(self._lock_file, timeout=0)

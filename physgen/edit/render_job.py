@@ -8,17 +8,16 @@ from __future__ import annotations
 import json
 import os
 import shlex
-import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from secrets import token_hex
 from threading import Lock, Thread
 from typing import Any
 
 from physgen.export.video import Format
+from physgen.operating_system import separate_session, stop_process
 from physgen.problems import EditError, Why, impossible
 
 Data = dict[str, Any]
@@ -129,8 +128,7 @@ class RenderJob:
             self._stopped = self._status["running"]
             process, thread = self._process, self._thread
         if process is not None:
-            with suppress(ProcessLookupError):
-                process.send_signal(signal.SIGTERM)
+            stop_process(process)
             try:
                 process.wait(STOP_PATIENCE)
             except subprocess.TimeoutExpired:
@@ -183,12 +181,12 @@ class RenderJob:
             encoding="utf-8",
             errors="replace",
             env={**os.environ, "PHYSGEN_PROGRESS": "json"},
-            start_new_session=True,  # Ctrl-C in the server's terminal is for the server alone
+            **separate_session(),
         )
         with self._lock:
             self._process = process
         if self._stopped:  # between two commands
-            process.send_signal(signal.SIGTERM)
+            stop_process(process)
         assert process.stdout is not None
         for line in process.stdout:
             try:

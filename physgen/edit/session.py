@@ -20,6 +20,7 @@ from physgen.edit.draft import Draft, Unsaved, draft_folder
 from physgen.edit.live import Live, Pictures, mask_png, photo_png
 from physgen.edit.masks import PromptSegmenter
 from physgen.edit.operations import Body, Op, SetOp, edited, whole
+from physgen.edit.view_change import hold_objects
 from physgen.files import back_up, file_stamp, write_atomic
 from physgen.problems import EditError, InputError, Limit, Why, impossible
 from physgen.scene.document import decode
@@ -215,6 +216,7 @@ class Session:
                 "undo": history.undo,
                 "redo": history.redo,
                 "made": None,
+                "corrected": None,
             }
         look = self.live.look(text, variant)
         return known | {name: getattr(look, name) for name in LOOK_KEYS}
@@ -253,7 +255,12 @@ class Session:
                 text = without_comments(
                     text, [op.set for op in ops if isinstance(op, SetOp)], ours
                 )
-            self._push(request, text, made.what)
+            what = made.what
+            change = hold_objects(self.live, now.text, text, request.variant)
+            if change is not None:
+                text, what = change.text, f"{request.what or what}: {change.what}"
+                request = request.model_copy(update={"what": None})
+            self._push(request, text, what)
         return self.state(request.variant)
 
     def preview(
@@ -290,7 +297,8 @@ class Session:
                 if made.folder is not None:
                     shutil.rmtree(made.folder, ignore_errors=True)
                 raise
-        return self.state(request.variant) | {"made": made.made}
+        outcome = {"made": made.made, "corrected": made.corrected}
+        return self.state(request.variant) | outcome
 
     def step(self, request: EditRequest, by: int) -> Data:
         """Undo (-1) or redo (1). Raises EditError."""

@@ -625,6 +625,7 @@ def write_scene(
         "objects": {
             str(item["mask"]): item | perceived.wrote.get(name, {})
             for name, item in perceived.document["objects"].items()
+            if "mask" in item
         },
         "world": {"pixels_per_meter": per_meter, "slow": slow}
         | {

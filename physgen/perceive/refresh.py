@@ -6,7 +6,7 @@ and stays. Labels and names stay. Masks stay, but for objects with a prompt.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
@@ -224,12 +224,21 @@ def known_view(scene: Scene) -> BoundaryGuess:
     return BoundaryGuess(view, 1.0 if why.sure is None else why.sure, why.text, ())
 
 
-def as_before(perceived: PerceivedScene, scene: Scene) -> PerceivedScene:
-    """What is perceived, with the boundaries and the doubts that the scene has."""
+def as_before(
+    perceived: PerceivedScene, scene: Scene, is_resized: bool = False
+) -> PerceivedScene:
+    """What is perceived, with the boundaries and the doubts that the scene has.
+
+    Boundaries of a photo that `is_resized` move to those found near them, on which the
+    objects stand in its pixels.
+    """
     walls, doubts = (
         scene.record.world["boundaries"],
         recorded(scene.assets, "suitability"),
     )
+    if is_resized:
+        anew = perceived.document["boundaries"].values()
+        walls = {name: _nearest_wall(wall, anew) for name, wall in walls.items()}
     suits = (
         Suitability(tuple(map(str, doubts.get("reasons", ()))))
         if doubts
@@ -240,6 +249,15 @@ def as_before(perceived: PerceivedScene, scene: Scene) -> PerceivedScene:
         document={**perceived.document, "boundaries": walls},
         suitability=suits,
     )
+
+
+def _nearest_wall(wall: Entry, others: Iterable[Entry]) -> Entry:
+    """Return the boundary with the points of another one within `SAME` px, if any."""
+    for other in others:
+        for kind in LINES & wall.keys() & other.keys():
+            if equal(wall[kind], other[kind], SAME):
+                return {**wall, kind: other[kind]}
+    return wall
 
 
 def true_comments(

@@ -68,8 +68,56 @@ def perceive(
     the offline backends unless given. `given` are fields of PerceiveOptions. `inform` is called with a summary:
     some lines, the first of which has the photo's suitability.
     """
-    from physgen.maps import read_labels
     from physgen.perceive.document import summary, write_scene
+    from physgen.registry import Backends
+
+    options = PerceiveOptions(**given)
+    crew = crew or Backends()
+    crew.begin()
+    if options.masks is not None and (options.boxes or options.points):
+        fix = "choose --masks, or --box and --point"
+        raise InputError.of(
+            "perceive", "", "was given the objects in more than one way", fix
+        )
+    check_text_names(image, output)
+    check_writable((output or stdout or Path()).parent)
+    photo = _perceive_photo(image, options, crew, progress, warn)
+    perceived = photo.perceived
+    text = write_scene(
+        perceived,
+        image if photo.is_nameable else None,
+        image.stem,
+        output,
+        keep,
+        stdout=stdout,
+        full_size=photo.full_size,
+    )
+    inform(
+        f"{image}: " + "\n".join(summary(perceived))
+    )  # last: nobody may read it any more
+    return text
+
+
+@dataclass(frozen=True)
+class _PerceivedPhoto:
+    """The scene of a photo, set in motion, and how the scene can refer to the file."""
+
+    perceived: PerceivedScene
+    is_nameable: bool
+    """Whether the file's pixels are those of the scene."""
+    full_size: tuple[int, int] | None
+    """Width and height, px, of a photo that was made smaller."""
+
+
+def _perceive_photo(
+    image: Path,
+    options: PerceiveOptions,
+    crew: Backends,
+    progress: Progress,
+    warn: Warn,
+) -> _PerceivedPhoto:
+    """Perceive a photo and set its objects in motion. Raises InputError."""
+    from physgen.maps import read_object_masks
     from physgen.perceive.perceive import (
         LONGEST_SIDE,
         check_size,
@@ -85,19 +133,8 @@ def perceive(
         from_prompts,
     )
     from physgen.photos import read_photo
-    from physgen.registry import Backends
 
-    options = PerceiveOptions(**given)
     masks, boxes, points = options.masks, options.boxes, options.points
-    crew = crew or Backends()
-    crew.begin()
-    if masks is not None and (boxes or points):
-        fix = "choose --masks, or --box and --point"
-        raise InputError.of(
-            "perceive", "", "was given the objects in more than one way", fix
-        )
-    check_text_names(image, output)
-    check_writable((output or stdout or Path()).parent)
     photo = read_photo(image)
     place = Place(str(image))
     if not photo.readable:
@@ -109,6 +146,10 @@ def perceive(
         )
     rgb = shrink_photo(photo.rgb, options.side or LONGEST_SIDE)
     check_size(rgb, str(image))
+    labels = None
+    if masks is not None:
+        labels = read_object_masks(masks)
+        _check_masks(masks, labels.shape, image, (photo.rgb.shape[:2], rgb.shape[:2]))
     height, width = photo.rgb.shape[:2]
     as_it_is = photo.plain and rgb is photo.rgb
     if rgb is not photo.rgb:
@@ -126,8 +167,8 @@ def perceive(
         )
     del photo  # a large one is larger than all maps together
     found = None
-    if masks is not None:
-        found = from_masks(read_labels(masks))
+    if labels is not None:
+        found = from_masks(labels)
     elif boxes or points:
         frame = PromptFrame(width, height, rgb.shape[1] / width)
         check_prompts(boxes, points, frame)
@@ -149,27 +190,33 @@ def perceive(
     for problem in perceived.warnings:
         warn(problem)
     progress("push", 0, 1)
+    full_size = None if rgb.shape[:2] == (height, width) else (width, height)
+    return _PerceivedPhoto(_set_off(perceived, options.still), as_it_is, full_size)
+
+
+def _set_off(perceived: PerceivedScene, still: bool) -> PerceivedScene:
+    """Return the scene with falling objects held and one object pushed, unless `still`."""
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
-        perceived = (
-            perceived
-            if options.still or not perceived.document["objects"]
-            else _pushed(perceived)
-        )
-    full_size = None if rgb.shape[:2] == (height, width) else (width, height)
-    text = write_scene(
-        perceived,
-        image if as_it_is else None,
-        image.stem,
-        output,
-        keep,
-        stdout=stdout,
-        full_size=full_size,
-    )
-    inform(
-        f"{image}: " + "\n".join(summary(perceived))
-    )  # last: nobody may read it any more
-    return text
+        if perceived.document["objects"] and not still:
+            perceived = _pushed(perceived)
+    return perceived
+
+
+def _check_masks(
+    masks: Path,
+    shape: tuple[int, ...],
+    image: Path,
+    photo_shapes: tuple[tuple[int, ...], ...],
+) -> None:
+    """Raise InputError unless masks have the size of the photo, or of the smaller photo that the scene gets."""
+    if shape in photo_shapes:
+        return
+    found = f"{shape[1]} x {shape[0]} px"
+    height, width = photo_shapes[0]
+    expected = f"differs from the {width} x {height} px of {image}"
+    fix = "draw the masks on this photo, in its size"
+    raise InputError.of(str(masks), found, expected, fix)
 
 
 def _tried(perceived: PerceivedScene, *more: str) -> Opened:
@@ -477,22 +524,84 @@ def refresh(
     every other line. Objects with a `prompt` are found again; new `boxes` and `points` replace what they cover, with a
     warning for objects inside them. `inform` is called with a summary, as by `perceive`.
     """
-    from physgen.compile.compile import compile_scene
-    from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import renamed_labels, summary, write_scene
-    from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.segment.prompts import Segmenter, check_prompts
-    from physgen.photos import read_photo
-    from physgen.pipeline.stages import percepts
+    from physgen.pipeline.rebuilding import has_other_shape, with_fitting_assets
     from physgen.registry import Backends
     from physgen.scene.load import Opened
-    from physgen.scene.provenance import follows_scale
 
     options = PerceiveOptions(**given)
     crew = crew or Backends()
     crew.begin()
     check_writable(output.parent)
     opened = Opened(path, options.allow_outside)
+    is_resized = opened.ground.perceived_size is not None
+    run = _Refresh(
+        path, output, options, crew, progress, warn, keep, inform, is_resized
+    )
+    if has_other_shape(opened.ground):
+        return _perceive_anew(opened, run)
+
+    def perceive_objects(image: Path, prompts: PerceiveOptions) -> PerceivedScene:
+        photo = _perceive_photo(image, prompts, run.crew, progress, ignore_warning)
+        return photo.perceived
+
+    with with_fitting_assets(opened, path, output, perceive_objects) as (fitting, text):
+        return _refresh(fitting, text, run)
+
+
+@dataclass(frozen=True)
+class _Refresh:
+    """What the steps of a refresh share: files, options and callbacks."""
+
+    path: Path
+    output: Path
+    options: PerceiveOptions
+    crew: Backends
+    progress: Progress
+    warn: Warn
+    keep: Keep
+    inform: Callable[[str], None]
+    is_resized: bool
+    """Whether the photo has another size than when it was perceived."""
+
+
+def _perceive_anew(opened: Opened, run: _Refresh) -> str:
+    """Perceive a photo of other proportions; keep what is not in pixels of the old one."""
+    from physgen.perceive.carry import carry_over
+    from physgen.perceive.document import summary, write_scene
+
+    image, path = opened.ground.image, run.path
+    assert image is not None
+    anew = _perceive_photo(image, run.options, run.crew, run.progress, run.warn)
+    carried = carry_over(opened.document(), opened.ground.record, anew.perceived)
+    for key in carried.dropped:
+        expected = "belongs to the photo of other proportions and is left out"
+        fix = "set it again for the new photo"
+        run.warn(Problem(Place(str(path)), key, "", expected, fix, Severity.WARNING))
+    text = write_scene(
+        carried.perceived,
+        image if anew.is_nameable else None,
+        image.stem,
+        run.output,
+        run.keep,
+        full_size=anew.full_size,
+    )
+    run.inform(f"{path}: " + "\n".join(summary(carried.perceived)))
+    run.inform(f"{path}: kept: {listed(carried.kept, 'and') or 'nothing'}")
+    return text
+
+
+def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
+    """Refresh a scene whose assets fit its photo; `text` is that of its file."""
+    from physgen.compile.compile import compile_scene
+    from physgen.perceive import refresh as old_and_new
+    from physgen.perceive.document import renamed_labels, summary, write_scene
+    from physgen.perceive.perceive import perceive as perceive_scene
+    from physgen.perceive.segment.prompts import Segmenter, check_prompts
+    from physgen.photos import read_photo
+    from physgen.pipeline.stages import percepts
+    from physgen.scene.provenance import follows_scale
+
+    path, options, crew, warn = run.path, run.options, run.crew, run.warn
     scene = opened.scene()
     if scene.image is None:
         raise InputError.of(
@@ -539,14 +648,14 @@ def refresh(
     )
     layers = old_and_new.user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
-    perceived = run(
+    perceived = perceive_scene(
         photo.rgb,
         replace(begun.found, layers=layer_of, gone=gone),
         renames=options.labels,
         crew=crew,
         view=old_and_new.known_view(scene),
         pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
-        progress=progress,
+        progress=run.progress,
     )
     new_labels = {
         called[i]: text for i, text in renamed_labels(options.labels, called)[0].items()
@@ -557,7 +666,8 @@ def refresh(
             old, maps.labels, perceived.percepts.labels, gone
         )
         if old_and_new.same_objects(scene, maps.labels, marked):
-            perceived = old_and_new.as_before(perceived, scene)
+            is_resized = run.is_resized
+            perceived = old_and_new.as_before(perceived, scene, is_resized)
     seen, every = perceived.document, perceived.comments
     document = old_and_new.merge_documents(old, seen, begun, new_labels, scaled, record)
     reasons = old_and_new.true_comments(every, document, seen, record.world)
@@ -586,20 +696,20 @@ def refresh(
     summed = replace(
         perceived, document=all_of, comments={**every, **perceived.comments}
     )
-    text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
+    before = None if "extends" in own else text
     perceived = replace(
-        perceived, comments={} if text is None else perceived.comments, wrote=wrote
+        perceived, comments={} if before is None else perceived.comments, wrote=wrote
     )
     image = scene.image if photo.plain else None
     new = write_scene(
         perceived,
         image,
         scene.image.stem,
-        output,
-        keep,
-        text,
+        run.output,
+        run.keep,
+        before,
         record,
         full_size=old_and_new.full_size(scene),
     )
-    inform(f"{path}: " + "\n".join(summary(summed)))
+    run.inform(f"{path}: " + "\n".join(summary(summed)))
     return new

@@ -368,6 +368,8 @@ def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
     if _is_way(name) and any(item.name == rest.strip() for item in scene.objects):
         fix = f"write --push {rest.strip()}={name.strip()}"
         raise InputError.of("--push", quoted(text), "has the direction first", fix)
+    if not rest:
+        _refuse_other_signs(scene, text)
     item = named(scene, "--push", name.strip())
     way, speed = _direction_and_speed(scene, "--push", rest)
     if not way:
@@ -380,6 +382,15 @@ def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
         for part in parts
     ]
     return item, {f"objects.{item.name}.velocity": kept}
+
+
+def _refuse_other_signs(scene: Scene, text: str) -> None:
+    """Raise InputError if another sign stands between an object and a direction."""
+    for item in scene.objects:
+        rest = text.removeprefix(item.name).lstrip(" :,")
+        if text.startswith(item.name) and _is_way(rest.partition("@")[0]):
+            fix = f"write --push {item.name}={rest}"
+            raise InputError.of("--push", quoted(text), "lacks a =", fix)
 
 
 def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str, Any]]:
@@ -457,6 +468,9 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
             fix = f"did you mean {close}?"
         if quantity(text, "px/s", 1.0) is not None:
             fix = f"write the direction first, e.g. right@{text}"
+        way, _, speed = text.replace(",", " ").partition(" ")
+        if _is_way(way) and quantity(speed, "px/s", 1.0) is not None:
+            fix = f"write {way}@{speed.strip()}"
         raise InputError.of(flag, quoted(text), "is no direction", fix) from None
     return cos(angle), sin(angle)
 

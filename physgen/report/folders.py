@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.files import check_writable, machine_id, partial
+from physgen.operating_system import is_running
 from physgen.problems import InputError
 from physgen.report.record import TIMING
 from physgen.text import listed
@@ -58,7 +59,7 @@ def leftovers(out: Path) -> list[Path]:
         match = _LEFT.fullmatch(name)
         if match is None or match["machine"] != machine_id():
             continue
-        if not _lives(int(match["process"])):
+        if not is_running(int(match["process"])):
             paths.append(out / name)
     return paths
 
@@ -75,16 +76,6 @@ def _final_folder(leftover: Path) -> Path | None:
         return None
     final = leftover.with_name(match["name"])
     return final if leftover.is_dir() and not final.exists() else None
-
-
-def _lives(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
-    return True
 
 
 TRIES = 20

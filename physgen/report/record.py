@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import platform
-import resource
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from physgen import __version__
 from physgen.environment import this_machine
 from physgen.files import write_atomic
+from physgen.operating_system import peak_memory
 from physgen.scene.files import DATA
 from physgen.scene.scene import Scene
 
@@ -151,20 +151,6 @@ def _installed_version(name: str) -> str:
         for folder in Path(place).glob(f"{name.replace('-', '_')}-*.dist-info"):
             return folder.stem.partition("-")[2]
     return "unknown"
-
-
-def peak_memory() -> int:
-    """Bytes: the most that this process has held so far.
-
-    On Linux from /proc; `getrusage` there includes the process that started this one.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        for line in status.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else peak * 1024
 
 
 def file_hash(path: Path) -> str:

@@ -102,9 +102,8 @@ def scene_bytes(path: Path, name: str) -> bytes:
             name, "", "a folder", "name a scene file in it, e.g. scene.yaml"
         ) from None
     except FileNotFoundError:
-        raise InputError.of(
-            name, "", "no such file", "write the path of a scene file"
-        ) from None
+        fix = similar(name, path, SUFFIXES, "write the path of a scene file")
+        raise InputError.of(name, "", "no such file", fix) from None
     except (OSError, ValueError) as error:
         reason = (
             error.strerror

@@ -56,6 +56,7 @@ class Opened:
         text: str | None = None,
     ) -> None:
         self.file = Path(os.fspath(path))
+        self.allow_outside = allow_outside
         name = os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
         self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
@@ -69,7 +70,8 @@ class Opened:
         self._files = Files(allow_outside)
         self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Findings()
-        _check(in_numbers(self._root), self._own, self._files)
+        self.ground = _check(in_numbers(self._root), self._own, self._files)
+        """The photo and the assets of the file itself, as far as they can be used."""
 
     @cached_property
     def variant_problems(self) -> tuple[Problem, ...]:

@@ -72,6 +72,8 @@ class Ground:
     outlines: dict[int, tuple[int, Any, str | None]] = field(default_factory=dict)
     """Stored shapes by id in masks.png: the CRC of the mask, the shape as plain data, and its `solid`."""
     record: Record = field(default_factory=Record)
+    perceived_size: tuple[int, int] | None = None
+    """Of the photo that the assets were made of, px, where the photo is another one."""
 
 
 class Files:
@@ -103,6 +105,12 @@ class Files:
         return self._outlines[key][1]
 
 
+RESTORE_ASSETS = "restore the folder of masks.png, or perceive the photo again"
+"""What to do about assets that are missing."""
+RESTORE_PHOTO = "restore the folder, which holds the photo, or perceive the original"
+"""What to do about assets that are missing, and the copy of the photo with them."""
+
+
 def check_rules(root: Node, findings: Findings, files: Files) -> Ground:
     """Adds what is wrong between keys; values in which the schema found problems are left out."""
     return _Rules(root, findings, files).check()
@@ -116,6 +124,8 @@ class _Rules:
         self.top = children(root)
         self.objects = children(root, "objects")
         self.ground = Ground()
+        self.map_sizes: dict[str, tuple[int, int]] = {}
+        """Width and height of each map, px."""
         self.add = findings.add
 
     def check(self) -> Ground:
@@ -166,6 +176,8 @@ class _Rules:
                 self.ground.size = self.files.size(path, str(image.value))
                 self.ground.image = path
             except RefusedError as error:
+                if self.is_in_missing_assets(image):
+                    return
                 self.add(
                     image.place, "image", shown(image.value), error.expected, error.fix
                 )
@@ -180,6 +192,13 @@ class _Rules:
             else:
                 self.ground.size = (width, height)
 
+    def is_in_missing_assets(self, image: Node) -> bool:
+        """Return whether the photo was in an assets folder that is not there."""
+        assets = self.good(self.root).get("assets")
+        if assets is None or not str(image.value).startswith(f"{assets.value}/"):
+            return False
+        return not os.path.lexists(assets.source.folder / str(assets.value))
+
     def assets(self) -> None:
         node = self.good(self.root).get("assets")
         if node is None:
@@ -189,11 +208,11 @@ class _Rules:
         try:
             folder = confined(str(node.value), home, home, self.files.allow_outside)
             if not folder.is_dir():
+                image = self.top.get("image")
+                is_photo_lost = image is not None and self.is_in_missing_assets(image)
+                fix = RESTORE_PHOTO if is_photo_lost else RESTORE_ASSETS
                 raise RefusedError(
-                    "is not a folder",
-                    similar(
-                        str(node.value), folder, ("/",), "write the folder of masks.png"
-                    ),
+                    "is not a folder", similar(str(node.value), folder, ("/",), fix)
                 )
         except RefusedError as error:
             self.add(node.place, "assets", found, error.expected, error.fix)
@@ -208,6 +227,31 @@ class _Rules:
                 except RefusedError as error:
                     found = quoted(f"{node.value}/{file}")
                     self.add(node.place, "assets", found, error.expected, error.fix)
+        self.check_map_sizes(node)
+
+    def check_map_sizes(self, assets: Node) -> None:
+        """Report maps that differ from the photo; once if the photo is another one."""
+        canvas, sizes = self.ground.size, set(self.map_sizes.values())
+        if canvas is None or sizes <= {canvas}:
+            return
+        now = f"{canvas[0]} x {canvas[1]}"
+        image = self.good(self.root).get("image")
+        is_perceived = self.ground.record.objects or self.ground.record.world
+        if image is not None and is_perceived and len(sizes) == 1:
+            (size,) = sizes
+            self.ground.perceived_size = size
+            expected = (
+                f"is {now}, but this scene was made from {size[0]} x {size[1]} px"
+            )
+            fix = "restore the photo, or perceive it again"
+            self.add(image.place, "image", shown(image.value), expected, fix)
+            return
+        for file, size in self.map_sizes.items():
+            if size != canvas:
+                found = quoted(f"{assets.value}/{file}")
+                expected = f"is {size[0]} x {size[1]}, the canvas {now}"
+                fix = "make them the same size"
+                self.add(assets.place, "assets", found, expected, fix)
 
     def outlines(self, path: Path) -> None:
         """Reads the stored shapes; they are checked as those in the file are."""
@@ -252,10 +296,7 @@ class _Rules:
         self.ground.record = written(path)
 
     def map_file(self, path: Path) -> None:
-        size, canvas = self.files.size(path, path.name), self.ground.size
-        if canvas and size != canvas:
-            expected = f"is {size[0]} x {size[1]}, the canvas {canvas[0]} x {canvas[1]}"
-            raise RefusedError(expected, "make them the same size")
+        self.map_sizes[path.name] = self.files.size(path, path.name)
 
     def masks(self) -> None:
         """Ids that two parts use or that have no masks.png."""
@@ -305,7 +346,7 @@ class _Rules:
                 "assets",
                 shown(assets.value),
                 "has no masks.png",
-                "put it there",
+                RESTORE_ASSETS,
             )
 
     # Objects and boundaries

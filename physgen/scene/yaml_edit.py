@@ -731,14 +731,15 @@ def with_true_comments(
         text = _with_comment(text, ("objects",), lambda words: _counted(words, counts))
     if len(labels) != len(labels_before):
         for name in old.get("boundaries") or {}:
-            path = ("boundaries", str(name))
-            text = _with_comment(text, path, _without_support)
-    if _HIDING in text:
-        for name in labels:
-            path = ("objects", name, "layer")
-            text = _with_comment(
-                text, path, lambda words: _hidden(words, labels, renamed)
-            )
+            text = _with_comment(text, ("boundaries", str(name)), _without_support)
+    if _HIDING not in text:
+        return text
+    for name in labels:
+        text = _with_comment(
+            text,
+            ("objects", name, "layer"),
+            lambda words: _hidden(words, labels, renamed),
+        )
     return text
 
 

@@ -43,6 +43,7 @@ export function start(editor) {
   const words = element("p", { class: "mask-words", id: "mask-words" });
   const close = element("button", { type: "button", class: "act", hidden: true, on: { click: () => closed() } }, "Close the outline");
   const strip = element("div", { class: "mask-strip", hidden: true, "aria-label": "Masks", role: "group" }, ways, element("div", { class: "mask-row" }, words, sizes, join, close, relabel));
+  const messages = part("status").parentElement;
   part("run").after(strip); // in the player's place, so that the photo stays where it is
   if (!stage.hasAttribute("tabindex")) stage.tabIndex = -1;
 
@@ -57,6 +58,8 @@ export function start(editor) {
     if (strip.hidden && inUse()) strip.style.minHeight = `${part("run").offsetHeight}px`;
     strip.hidden = !inUse();
     part("run").hidden = inUse();
+    const place = inUse() ? strip : part("run");
+    if (messages.parentElement !== place) place.append(messages); // what is said is seen beside either
     stage.classList.toggle("masking", inUse());
     if (strip.hidden) return;
     for (const made of ways.children) {
@@ -73,7 +76,8 @@ export function start(editor) {
     if (document.activeElement !== label) label.value = (name && editor.state?.scene?.objects?.[name]?.label) ?? "";
     close.hidden = way.name !== "polygon" || corners.length < 3;
     strip.classList.toggle("busy", busy > 0);
-    words.replaceChildren(...(busy ? [busy > 1 ? `Applying corrections, ${busy} to go …` : "Applying the correction …"] : !editor.state?.scene ? ["Fix the errors of the file first: see YAML"]
+    words.replaceChildren(...(busy ? [busy > 1 ? `Applying corrections, ${busy} to go …` : "Applying the correction …"] : !editor.state ? ["The scene is opening …"]
+      : !editor.state.scene ? ["Fix the errors of the file first: see YAML"]
       : way.one && !name ? ["Choose an object first: click it"]
       : [...(name && way.name !== "new" ? [element("b", {}, isolated(name)), ": "] : []), way.hint(name)]));
   }
@@ -117,7 +121,10 @@ export function start(editor) {
       const state = await editor.maskOp(op);
       const found = state?.made ?? Object.keys(state?.scene?.objects ?? {}).find((name) => !before.has(name));
       if (found && op.kind !== "relabel") { editor.select(found); editor.say(`${found} is new: give it a label`); }
-      else editor.say(typeof then === "function" ? then(state) : then ?? "Corrected");
+      else {
+        if (state?.corrected && !chosen()) editor.select(state.corrected); // its mask shows what became of it
+        editor.say(typeof then === "function" ? then(state) : then ?? (state?.corrected ? `The mask of ${state.corrected} is corrected` : "Corrected"));
+      }
     } catch { /* reported by the editor */ } finally {
       busy -= 1;
     }
@@ -136,11 +143,20 @@ export function start(editor) {
       down = true;
       drag = [point];
       paint(point, point);
-    } else if (way.name === "point") ask({ kind: "point", point: short(point), object: name });
+    } else if (way.name === "point") pointed(point, hit?.kind === "object" ? hit.name : null);
     else if (way.name === "merge") { if (hit?.kind === "object" && hit.name !== name) merge(hit.name); }
     else if (way.name === "polygon") corner(point);
     else { down = true; drag = [point, point]; }
     editor.redraw();
+  }
+
+  // on another object that is known it chooses that one, on the chosen one it finds the mask again
+  function pointed(point, known) {
+    const name = chosen();
+    if (known && known !== name) {
+      editor.select(known);
+      editor.say(`${known} is an object already: click it again to find its mask anew`);
+    } else ask({ kind: "point", point: short(point), object: name });
   }
 
   function travel(point) {
@@ -257,9 +273,9 @@ export function start(editor) {
       const by = key === "ArrowRight" || key === "ArrowDown" ? 1 : -1, at = WAYS.indexOf(way);
       take(WAYS[(at + by + WAYS.length) % WAYS.length].name);
       ways.querySelector("[aria-checked=true]").focus();
-    } else if (target !== document.body && target !== stage && !(stage.contains(target) && target.matches("canvas"))) return;
-    else if (/^[1-8]$/.test(key)) take(WAYS[Number(key) - 1].name);
-    else if (key === "[" || key === "]") resize(Math.round(key === "]" ? Math.max(radius + 1, radius * 1.2) : Math.min(radius - 1, radius / 1.2)));
+    } else if (/^[1-8]$/.test(key) && !takesText(target)) take(WAYS[Number(key) - 1].name);
+    else if ((key === "[" || key === "]") && !takesText(target)) resize(Math.round(key === "]" ? Math.max(radius + 1, radius * 1.2) : Math.min(radius - 1, radius / 1.2)));
+    else if (target !== document.body && target !== stage && !(stage.contains(target) && target.matches("canvas"))) return;
     else if (/^Arrow/.test(key)) steer(key, event.shiftKey ? 10 : 1);
     else if (key === " ") {
       byKey = true;
@@ -294,6 +310,9 @@ export function start(editor) {
     maps = now;
   });
 }
+
+// whether letters and digits are typed into it
+const takesText = (target) => target.matches?.("input:not([type=range]), textarea, select, [contenteditable]") ?? false;
 
 // the table of materials, in whatever shape it comes -> names
 function labelled(table) {

@@ -2,6 +2,7 @@
 
 import { button, element, part } from "./elements.js";
 import { makeGravity } from "./dial.js";
+import { setting } from "./dragging.js";
 import { loadSchema, makeRow } from "./fields.js";
 
 const PLANETS = [
@@ -77,6 +78,10 @@ export function start(editor) {
           { value: "side", name: "from the side" },
           { value: "top", name: "from above" },
         ],
+        edits: (value) => {
+          editor.say("Finding what holds the objects …");
+          return setting(editor, ["world", "view"], value);
+        },
       }),
       ...(top
         ? [row(["world", "table", "friction"], "table friction")]
@@ -111,6 +116,11 @@ export function start(editor) {
         : [element("p.empty", {}, "No light set. Drag the sphere on the photo to set one.")]),
     );
   }
+  // what holds the objects was found anew: the deed says what
+  editor.on("state", ({ state, before }) => {
+    const views = [before, state].map((one) => one?.scene?.world.view);
+    if (views.every(Boolean) && views[0] !== views[1] && state.undo) editor.say(state.undo);
+  });
   loadSchema().then(() => {
     editor.on("state", show);
     if (editor.state) show();

@@ -14,7 +14,14 @@ from pathlib import Path
 
 import pytest
 
+from physgen.batch import worker_process
 from physgen.batch.workers import AHEAD, LostError, run_parallel
+
+
+@pytest.fixture(autouse=True, params=[True, False], ids=["posix", "other"])
+def _system(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both ways to start a process."""
+    monkeypatch.setattr(worker_process, "IS_POSIX", request.param)
 
 
 def slow_when_odd(item: int) -> tuple[int, int]:

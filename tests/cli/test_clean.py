@@ -6,6 +6,8 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import yaml
 
@@ -82,7 +84,31 @@ def test_edits_by_commands_keep_one_backup(scene: Path) -> None:
     assert "c" in yaml.safe_load(backup.read_text())["objects"]
 
 
-def test_merging_removes_no_painted_maps(blocks: Path, scene: Path) -> None:
+def test_merging_again_keeps_one_backup(tmp_path: Path) -> None:
+    picture = np.full((90, 200, 3), 90, np.uint8)
+    labels = np.zeros((90, 200), np.uint16)
+    for id_ in range(1, 5):
+        columns = slice(45 * id_ - 30, 45 * id_ - 8)
+        picture[45:70, columns] = (40, 50 * id_, 200)
+        labels[45:70, columns] = id_
+    cv2.imwrite(str(tmp_path / "photo.png"), picture)
+    cv2.imwrite(str(tmp_path / "masks.png"), labels)
+    (tmp_path / "home").mkdir()
+    scene = tmp_path / "home" / "scene.yaml"
+    perceive_label(tmp_path / "photo.png", scene, "brick")
+    for other in ("brick-2", "brick-3", "brick-4"):
+        assert main(["merge", str(scene), "brick-1", other]) == 0
+    backup = scene.with_name("scene.yaml~")
+    named = {yaml.safe_load(path.read_text())["assets"] for path in (scene, backup)}
+    images = {
+        yaml.safe_load(path.read_text())["image"].partition("/")[0]
+        for path in (scene, backup)
+    }
+    assert names(scene.parent) == {scene.name, backup.name, *named, *images}
+    assert main(["check", str(scene)]) == 0
+
+
+def test_perceiving_again_keeps_painted_maps(blocks: Path, scene: Path) -> None:
     masks = scene.parent / "scene.assets" / "masks.png"
     masks.write_bytes(masks.read_bytes() + b"painted")
     painted = masks.read_bytes()

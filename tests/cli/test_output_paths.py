@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -288,6 +289,17 @@ def test_read_only_folder_is_refused(closed: Path, below: str) -> None:
             os._exit(0 if str(closed / below) in str(error) else 1)
         os._exit(1)
     assert os.waitpid(child, 0)[1] == 0
+
+
+def test_full_disk_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", refuse)
+    with pytest.raises(OutputError) as caught:
+        check_writable(tmp_path / "out")
+    assert caught.value.problems[0].place.file == str(tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_writable_folder_is_left_as_it_was(tmp_path: Path) -> None:

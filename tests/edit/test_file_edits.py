@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from written import commented
 from physgen import pipeline
 from physgen.cli.main import main
 from physgen.edit.operations import edited
+from physgen.edit.session import EditRequest, Session
 
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
 
@@ -107,6 +109,35 @@ def test_a_merge_of_objects_far_apart_says_how_far(
         pipeline.load(scene), pipeline.percepts(pipeline.load(scene))
     ).world.bodies
     assert f"; it weighs {whole.mass:.4g} g now; scene.yaml~ is as it was" in said
+    text = scene.read_text()
+    assert "objects:  # 1 x block, from the masks given" in text
+    assert re.search(r"\n    mask: \d+\n", text), "no comment on the mask that was"
+
+
+def test_brush_removes_comment_of_mask_alone(tmp_path: Path) -> None:
+    labels = np.zeros((100, 200), np.uint8)
+    labels[40:80, 20:50], labels[40:80, 100:130] = 1, 2
+    for name, picture in (("photo", labels * 60 + 40), ("masks", labels)):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), cv2.merge([picture] * 3))
+    scene = tmp_path / "scene.yaml"
+    masks = ["--masks", str(tmp_path / "masks.png"), "--label", "*=block", "--still"]
+    photo = str(tmp_path / "photo.png")
+    assert main(["perceive", photo, *masks, "-o", str(scene)]) == 0
+    text = scene.read_text().replace("    mask: 1", "    # mine\n    mask: 1")
+    text = text.replace("    mask: 2", "    # mine, too\n    mask: 2")
+    scene.write_text(text)
+    before = re.findall(r"mask: \d+  # (.*)", text)
+    assert len(before) == 2
+    session = Session(scene)
+    stroke = {"kind": "brush", "object": "block-1", "radius": 6}
+    stroke["strokes"] = [[50, 60], [58, 60]]
+    session.correct(EditRequest(version=session.history.version), stroke)
+    after = session.now.text
+    assert re.findall(r"mask: \d+  # (.*)", after) == before[1:]
+    assert "    # mine\n    mask: 1\n" in after
+    assert "    # mine, too\n" in after
+    counts = re.findall(r"objects:  # (.*)", text)
+    assert re.findall(r"objects:  # (.*)", after) == counts
 
 
 def test_a_merge_leaves_doubtful_regions_in_the_label_map(tmp_path: Path) -> None:

@@ -241,7 +241,7 @@ class _Role:
         with suppress(
             OSError, UnicodeDecodeError, UnusableAnswerError
         ):  # none there, or a broken one
-            cached = parse_answer(file.read_text(), query)
+            cached = parse_answer(file.read_text(encoding="utf-8"), query)
             self._usage.append({"cached": 1})
             return cached
         answer = self._usable(query)

@@ -1,0 +1,117 @@
+"""A scene's data for its photo at another size: all lengths in pixels are multiplied.
+
+The origin is the centre of the top-left pixel, so that a position x is at
+`factor (x + 1/2) - 1/2` in the other photo, and a length or a speed is multiplied.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from physgen.scene.schema import Schema, expanded, inner, schema_at
+from physgen.text import KeyPath, pixel_power, rescaled_quantity
+
+VIDEO_SIZE: KeyPath = ("render", "size")
+"""The one length in pixels that is not of the photo."""
+POSITION_KEYS = {
+    *("center", "polygon", "outline", "holes", "point", "place"),
+    *("segment", "polyline", "at", "attractor"),
+    *("pivot", "weld", "motor", "spring"),
+}
+"""Keys whose numbers in px are positions. Boxes begin at the border of a pixel."""
+PATH_KEY = "path"
+"""Key of knots [s, px, px, degrees], which have no unit in the schema."""
+DIGITS = 9
+"""Significant digits of a scaled number: more than any estimate has."""
+_KEY = re.compile(r"[^.\[\]]+")
+
+
+def scale_scene(data: dict[str, Any], factor: float) -> dict[str, Any]:
+    """Return a scene's plain data for a photo `factor` times as large.
+
+    Units of the schema decide: speeds in px/s grow as lengths do, torques in g·px²/s²
+    with the square, and 1 m/s stays. Keys of variants are read as paths.
+    """
+    scaled: dict[str, Any] = _scaled(data, expanded(), "", (), factor)
+    variants = data.get("variants")
+    if isinstance(variants, dict):
+        scaled["variants"] = {
+            name: _scaled_variant(edits, factor) for name, edits in variants.items()
+        }
+    return scaled
+
+
+def scale_part(value: Any, path: KeyPath, factor: float) -> Any:
+    """Return the value at a path of a scene for a photo `factor` times as large."""
+    unit, above = "", path
+    while above and isinstance(above[-1], int):  # a list has the unit of its numbers
+        above = above[:-1]
+    schema = schema_at(path)
+    for candidate in (schema, schema_at(above)):
+        unit = unit or (candidate or {}).get("x-unit", "")
+    return value if schema is None else _scaled(value, schema, unit, path, factor)
+
+
+def _scaled_variant(edits: Any, factor: float) -> Any:
+    """Return the edits of a variant, whose keys are dotted paths."""
+    if not isinstance(edits, dict):
+        return edits
+    return {
+        key: scale_part(value, _path_of(str(key)), factor)
+        for key, value in edits.items()
+    }
+
+
+def _path_of(key: str) -> KeyPath:
+    """Split the key of an edit: `objects.*.velocity.0` or `forces[0].at`."""
+    parts = _KEY.findall(key)
+    return tuple(int(part) if part.isdecimal() else part for part in parts)
+
+
+def _scaled(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) -> Any:
+    if path == VIDEO_SIZE or isinstance(value, bool):
+        return value
+    if isinstance(value, dict):
+        return {
+            key: _scaled_child(child, schema, "", (*path, str(key)), factor)
+            for key, child in value.items()
+        }
+    if isinstance(value, list):
+        return [
+            _scaled_child(child, schema, unit, (*path, index), factor)
+            for index, child in enumerate(value)
+        ]
+    if isinstance(value, str) and unit:
+        return rescaled_quantity(value, factor)
+    if not isinstance(value, int | float):
+        return value
+    if _is_position(unit, path):
+        return _rounded(factor * (value + 0.5) - 0.5, value)
+    power = pixel_power(unit) if unit else 0
+    return value if power == 0 else _rounded(value * factor**power, value)
+
+
+def _is_position(unit: str, path: KeyPath) -> bool:
+    """Return whether the number at a path is an x or a y in px."""
+    names = [key for key in path if isinstance(key, str)]
+    if names and names[-1] == PATH_KEY:
+        return path[-1] in (1, 2)
+    return unit == "px" and bool(names) and names[-1] in POSITION_KEYS
+
+
+def _rounded(value: float, before: float) -> float:
+    """Return a value without digits that no estimate has; whole if it was and is."""
+    rounded = float(f"{value:.{DIGITS}g}")
+    is_whole = isinstance(before, int) and rounded.is_integer()
+    return int(rounded) if is_whole else rounded
+
+
+def _scaled_child(
+    value: Any, schema: Schema, unit: str, path: KeyPath, factor: float
+) -> Any:
+    """Return a value of a mapping or a list, which has a unit of its own or the list's."""
+    below = inner(schema, path[-1])
+    if below is None:
+        return value
+    return _scaled(value, below, below.get("x-unit", unit), path, factor)
