@@ -14,8 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from physgen import pipeline
-
 MESSAGE_PLACE = re.compile(r"^(?P<file>[^:\n]+):(?P<line>\d+):(?P<column>\d+): ")
 MOVED = 1.0
 """px by which a body moves that is not at rest; the engine's own tolerance is 0.25 px."""
@@ -56,8 +54,10 @@ def invalid_json(arguments: Sequence[str], out: str) -> list[str]:
     return []
 
 
-def motion_faults(clips: Path, scene: Path, lines: Sequence[str]) -> list[str]:
-    """Return faults of the trajectories below a folder of clips of a scene.
+def motion_faults(
+    clips: Path, size: tuple[int, int], lines: Sequence[str]
+) -> list[str]:
+    """Return faults of the trajectories below a folder of clips.
 
     They are values that are not finite, and a clip whose moving objects are all
     outside of the picture after its first fifth without a word about it.
@@ -68,7 +68,7 @@ def motion_faults(clips: Path, scene: Path, lines: Sequence[str]) -> list[str]:
             poses, velocities = motion["poses"], motion["velocities"]
         if not (np.isfinite(poses).all() and np.isfinite(velocities).all()):
             faults.append("a trajectory that is not finite")
-        elif not lines and has_left(poses, pipeline.load(scene).size):
+        elif not lines and has_left(poses, size):
             faults.append("silent though everything leaves the picture")
     return faults
 
