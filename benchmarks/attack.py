@@ -1,5 +1,8 @@
 """Hostile input: mutated scenes, assets, pictures, arguments, disks, interrupted and concurrent runs, requests.
 
+Beside random mutations: `mistakes` are scenes with the mistakes of people (hand_mistakes.py), `odd-photos` are photos
+of odd kinds (odd_photos.py).
+
     python benchmarks/attack.py                            # one minute, seed 0
     python benchmarks/attack.py --minutes 20 --seed 3      # longer
     python benchmarks/attack.py --only scenes --count 5000 # one kind of attack, so many times
@@ -7,8 +10,10 @@
 
 Each input goes to a command in a process of its own under limits of the kernel. A failure is a traceback, a library's
 warning, an exit code other than 0 or 2, over 20 s of processor time, over 1.5 GB (1 GB where the input is refused), a
-message without place or remedy, a file that a refused command wrote, or one left over. Failures are made small and kept
-under out/attack. Exit code 1 on any. The same seed makes the same inputs.
+message without place or remedy, a file that a refused command wrote, or one left over. Of mistakes and odd photos
+also: a message printed twice or at a place that its file does not have, a scene that `check` accepts and `render`
+refuses, motion that is not finite, silence though all objects leave the picture (attack_faults.py). Failures are made
+small and kept under out/attack. Exit code 1 on any. The same seed makes the same inputs.
 """
 
 from __future__ import annotations
@@ -47,6 +52,7 @@ from attack_faults import invalid_json, motion_faults, repeated_messages, wrong_
 from hand_mistakes import SETTINGS, write_mistaken_scene
 from odd_photos import write_odd_photo
 
+from physgen import pipeline
 from physgen.cli.main import main as physgen
 from physgen.files import file_stamp
 
@@ -943,7 +949,10 @@ def more_faults(folder: Path, command: tuple[str, ...], result: Result) -> list[
     faults = repeated_messages(lines) + wrong_places(lines, folder)
     faults += invalid_json(command, result.out)
     if command[0] == "render" and result.code == 0:
-        faults += motion_faults(folder / command[command.index("-o") + 1], lines)
+        clips = folder / command[command.index("-o") + 1]
+        edits = [command[k + 1] for k, part in enumerate(command) if part == "--set"]
+        size = pipeline.load(folder / command[1], edits).size
+        faults += motion_faults(clips, size, lines)
     return faults
 
 
@@ -951,8 +960,9 @@ def disagreement(commands: list[tuple[str, ...]], results: list[Result]) -> list
     """Return a fault if `render` refuses a scene that `check` has just accepted."""
     codes = [result.code for result in results[-2:]]
     names = [command[0] for command in commands[-2:]]
-    is_plain = "clips" in commands[-1] and "--json" not in commands[-1]
-    if names == ["check", "render"] and codes == [0, 2] and is_plain:
+    # check does not know the format of the video, which has limits of its own
+    is_about_scene = "clips" in commands[-1] and "--format" not in results[-1].err
+    if names == ["check", "render"] and codes == [0, 2] and is_about_scene:
         return ["check accepts what render refuses"]
     return []
 

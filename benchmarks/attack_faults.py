@@ -54,7 +54,9 @@ def invalid_json(arguments: Sequence[str], out: str) -> list[str]:
     return []
 
 
-def motion_faults(clips: Path, lines: Sequence[str]) -> list[str]:
+def motion_faults(
+    clips: Path, size: tuple[int, int], lines: Sequence[str]
+) -> list[str]:
     """Return faults of the trajectories below a folder of clips.
 
     They are values that are not finite, and a clip whose moving objects are all
@@ -62,12 +64,11 @@ def motion_faults(clips: Path, lines: Sequence[str]) -> list[str]:
     """
     faults = []
     for file in clips.rglob("trajectory.npz"):
-        manifest = json.loads(file.with_name("manifest.json").read_text("utf-8"))
         with np.load(file) as motion:
             poses, velocities = motion["poses"], motion["velocities"]
         if not (np.isfinite(poses).all() and np.isfinite(velocities).all()):
             faults.append("a trajectory that is not finite")
-        elif not lines and has_left(poses, manifest["video"]["size"]):
+        elif not lines and has_left(poses, size):
             faults.append("silent though everything leaves the picture")
     return faults
 

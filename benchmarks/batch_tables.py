@@ -77,10 +77,12 @@ def attack_table(rows: Sequence[Row]) -> list[str]:
         return sum(round(row[key]) for row in rows if not kinds or row["kind"] in kinds)
 
     seeds, scenes = len({row["seed"] for row in rows}), total("inputs", "scenes")
-    others = total("inputs") - scenes - total("inputs", "interrupted")
+    mistakes, photos = total("inputs", "mistakes"), total("inputs", "odd-photos")
+    interrupted = total("inputs", "interrupted")
+    others = total("inputs") - scenes - mistakes - photos - interrupted
     return prose(
-        f"{seeds} seeds: {scenes:,} mutated scenes, {others:,} other inputs,",
-        f"{total('inputs', 'interrupted')} interrupted renders.",
+        f"{seeds} seeds: {scenes:,} mutated scenes, {mistakes:,} scenes with mistakes made by hand,",
+        f"{photos:,} photos of odd kinds, {others:,} other inputs, {interrupted} interrupted renders.",
         f"Faults, as `benchmarks/attack.py` lists them: {total('faulty') or 'none'}.",
         f"{total('refused'):,} commands refused their input,",
         f"with at most {max(row['refused_mib'] for row in rows)} MiB.",
