@@ -225,16 +225,10 @@ def _written(item: Object, labels: U16 | None) -> Outline | None:
     """Outline of an explicit shape, or of one that is stored for the mask as it is; None where it is fitted."""
     shape: Shape | None = item.shape
     if isinstance(shape, Auto):
-        known = (
-            isinstance(item.mask, MaskId)
-            and labels is not None
-            and shape.stored is not None
-        )
-        shape = (
-            shape.stored
-            if known and mask_crc(labels, item.mask.id) == shape.crc
-            else None
-        )  # type: ignore[arg-type, union-attr]
+        stored, crc = shape.stored, shape.crc
+        shape = None
+        if stored is not None and labels is not None and isinstance(item.mask, MaskId):
+            shape = stored if mask_crc(labels, item.mask.id) == crc else None
     return None if shape is None else shape_outline(shape)
 
 
