@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "studio/segmentation"))
 
-from boxes import BoxFinder, Boxes, ious  # noqa: E402
+from boxes import Boxes, BoxFinder, ious  # noqa: E402
 from coco import material  # noqa: E402
 from labelled import (  # noqa: E402
     UNJUDGED,
