@@ -47,8 +47,8 @@ CLASSES = 80
 """Classes of COCO."""
 WHOLES = 2
 """Scores of whole objects: movable, immovable."""
-PRIOR = 0.02
-"""Score of a whole object before training, so that background dominates at first."""
+EXCLUDED_LOGIT = -100.0
+"""Added to the logits of classes of the other role, so that they are never the best."""
 SCORE_NAMES = tuple(f"scores-{stride}" for stride in STRIDES)
 BOX_NAMES = tuple(f"boxes-{stride}" for stride in STRIDES)
 
@@ -240,7 +240,8 @@ class Head(nn.Module):
     """One level's head: features -> logits of classes and boxes, and of wholes.
 
     PicoDet has two convolutions and one output. The branch of wholes repeats the second
-    convolution with weights of its own.
+    convolution with weights of its own, and reads the scores of the classes: a cup is
+    movable and a person is not.
     """
 
     def __init__(self, channels: int = 96) -> None:
@@ -250,21 +251,41 @@ class Head(nn.Module):
         self.out = nn.Conv2d(channels, CLASSES + 4 * BINS, 1)
         self.wholes = Depthwise(channels)
         self.wholes_out = nn.Conv2d(channels, WHOLES, 1)
+        self.class_roles = nn.Conv2d(WHOLES, WHOLES, 1, bias=False)
+        excluded = torch.zeros(WHOLES, CLASSES, 1, 1)
+        self.register_buffer("excluded", excluded)
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Return logits of scores (B, 82, h, w) and of boxes (B, 32, h, w)."""
         features = self.first(features)
         known = self.out(self.second(features))
+        classes = known[:, :CLASSES]
         wholes = self.wholes_out(self.wholes(features))
-        scores = torch.cat([wholes, known[:, :CLASSES]], dim=1)
+        wholes = wholes + self.class_roles(self.best_classes(classes))
+        scores = torch.cat([wholes, classes], dim=1)
         return scores, known[:, CLASSES:]
 
-    def start_wholes(self) -> None:
-        """Start the branch of wholes from the branch of classes."""
+    def best_classes(self, classes: Tensor) -> Tensor:
+        """Return the best logit of movable and of immovable classes (B, 2, h, w).
+
+        Class scores are learned from their own labels only, hence detached.
+        """
+        best = []
+        for excluded in self.excluded:
+            best.append((classes.detach() + excluded).amax(1, keepdim=True))
+        return torch.cat(best, dim=1)
+
+    def start_wholes(self, movable_classes: Sequence[int]) -> None:
+        """Start the branch of wholes: its convolutions from those of classes, its scores
+        as the best scores of movable and of immovable classes."""
         self.wholes.load_state_dict(self.second.state_dict())
-        nn.init.normal_(self.wholes_out.weight, std=0.01)
-        prior = torch.tensor(PRIOR)
-        nn.init.constant_(self.wholes_out.bias, float(torch.logit(prior)))
+        nn.init.zeros_(self.wholes_out.weight)
+        nn.init.zeros_(self.wholes_out.bias)
+        nn.init.dirac_(self.class_roles.weight)
+        is_movable = torch.zeros(CLASSES, dtype=torch.bool)
+        is_movable[list(movable_classes)] = True
+        self.excluded[0, ~is_movable] = EXCLUDED_LOGIT
+        self.excluded[1, is_movable] = EXCLUDED_LOGIT
 
 
 class Detector(nn.Module):

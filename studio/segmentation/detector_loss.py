@@ -27,6 +27,9 @@ FOCUS = 2.0
 BOX_WEIGHT, BIN_WEIGHT, CLASS_WEIGHT = 2.0, 0.25, 0.5
 """Weights of the losses against that of wholes."""
 
+DISTILLED_WEIGHT = 2.0
+"""Weight of the loss that keeps the class scores of the given network."""
+
 
 @dataclass(frozen=True)
 class Target:
@@ -168,6 +171,14 @@ def _class_loss(
     weights = weights[:, None].repeat(1, logits.shape[1])
     weights[cells] = 1.0
     return _varifocal(logits, wanted, weights)
+
+
+def distillation(logits: Tensor, taught: Tensor) -> Tensor:
+    """Return the distance (quality focal loss, Li et al. 2020, equation 4) of logits of
+    classes from the scores of the given network."""
+    loss = F.binary_cross_entropy_with_logits(logits, taught, reduction="none")
+    gap = (logits.detach().sigmoid() - taught).square()
+    return DISTILLED_WEIGHT * (loss * gap).sum() / taught.amax(-1).sum().clamp(min=1)
 
 
 def _in_ignored(target: Target, centres: Tensor) -> Tensor:

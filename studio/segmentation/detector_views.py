@@ -28,14 +28,14 @@ from numpy.typing import NDArray
 MOVABLE, IMMOVABLE, IGNORED = 0, 1, 2
 """Roles of a box; nothing is learned at an ignored one."""
 SET_SHARES = {
-    "coco": 0.24,
-    "coco-minis": 0.24,
-    "caltech101-part": 0.16,
-    "trashnet-grabcut": 0.08,
-    "fruits-nuts": 0.06,
-    "class5": 0.04,
-    "drawn": 0.1,
-    "flat": 0.08,
+    "coco": 0.26,
+    "coco-minis": 0.3,
+    "caltech101-part": 0.13,
+    "trashnet-grabcut": 0.07,
+    "fruits-nuts": 0.05,
+    "class5": 0.03,
+    "drawn": 0.09,
+    "flat": 0.07,
 }
 """Share of the views that each set gives. Photos with many objects count most."""
 BACKGROUND_WEIGHTS = {"coco-minis": 0.3, "caltech101-part": 0.3}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
+from coco_classes import MOVABLE_INDICES
 from detector import Detector
 from numpy.typing import NDArray
 from onnx import numpy_helper
@@ -49,4 +50,4 @@ def load_given(detector: Detector, path: Path) -> None:
             bias = arrays[node.input[2]]
             layer.bias.copy_(torch.tensor(bias.reshape(-1)))
         for head in detector.heads:
-            head.start_wholes()
+            head.start_wholes(MOVABLE_INDICES)
