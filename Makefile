@@ -55,7 +55,8 @@ train: .venv/.studio
 	$(BIN)/python $(SEG)/export.py out/segmentation/more/cutout.pt
 	$(BIN)/python $(SEG)/names.py -o out/segmentation/names
 	$(BIN)/python $(SEG)/train_detector.py -o out/segmentation/detector
-	$(BIN)/python $(SEG)/export.py out/segmentation/detector/detector.pt
+	$(BIN)/python $(SEG)/mix_weights.py out/segmentation/detector/detector.pt
+	$(BIN)/python $(SEG)/export.py out/segmentation/detector/detector-mixed.pt
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }
