@@ -42,7 +42,8 @@ from physgen.problems import (
     variant_named,
 )
 from physgen.progress import Progress, silent
-from physgen.scene.scene import ADD_OBJECT, Motion
+from physgen.scene.scene import ADD_OBJECT, Load, Motion
+from physgen.text import listed
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -229,6 +230,20 @@ class Labels:
         with self.exported(film, trajectory, folder, record) as tap:
             for index, _ in enumerate(tap(film.frames(trajectory))):
                 progress("export", index + 1, count)
+
+
+def balance_advice(world: World) -> str:
+    """Return what to change if the energy balance of a world is off, by what the world contains."""
+    ways = ["raise world.steps_per_second"]
+    if sum(body.motion is Motion.DYNAMIC for body in world.bodies) > 1:
+        ways.append("look for masses far apart")
+    if world.joints:
+        ways.append("look for joints that contradict each other")
+    if any(push.load is not Load.IMPULSE for push in world.pushes) or world.fields:
+        ways.append("look for forces that are too strong")
+    if len(ways) == 1:
+        ways.append("look for a shape that overlaps a boundary at t = 0")
+    return listed(ways)
 
 
 TABLE = "fan.csv"
@@ -497,7 +512,7 @@ class _Run:
             asdict(trajectory.effort),
         )
         if record.imbalance > UNBALANCED:
-            fix = "raise world.steps_per_second, or look for masses far apart or joints that contradict each other"
+            fix = balance_advice(world)
             found = f"has an error of {record.imbalance:.0%} of the energy that flows"
             place = scene.place("world")
             self.warn(

@@ -30,24 +30,26 @@ _HAS_KEY = re.compile(r":(?:\s|$)").search
 
 def explain_syntax(error: yaml.MarkedYAMLError, text: str) -> SyntaxFault | None:
     """Return the fault behind an error of PyYAML, None if its own words are right."""
-    if error.problem_mark is None:
+    mark = error.problem_mark
+    if mark is None:
         return None
     lines = _BREAK.split(text)
     rules = (_missing_colon, _wrong_indent, _quote_in_quotes, _open_bracket)
     for rule in rules:
-        fault = rule(error, lines)
+        fault = rule(error, mark, lines)
         if fault is not None:
             return fault
     return None
 
 
-def _missing_colon(error: yaml.MarkedYAMLError, lines: list[str]) -> SyntaxFault | None:
+def _missing_colon(
+    error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
+) -> SyntaxFault | None:
     """Find a key without a colon, or without a space after its colon."""
     problem = error.problem or ""
     if "could not find expected ':'" in problem and error.context_mark:
         number = error.context_mark.line
-    elif "mapping values are not allowed" in problem and error.problem_mark:
-        mark = error.problem_mark
+    elif "mapping values are not allowed" in problem:
         if not _BARE_KEY(_line(lines, mark.line)[: mark.column]):
             return None
         number = _line_before(lines, mark.line)
@@ -66,9 +68,10 @@ def _missing_colon(error: yaml.MarkedYAMLError, lines: list[str]) -> SyntaxFault
     return SyntaxFault(number + 1, column, "a line without a key", fix)
 
 
-def _wrong_indent(error: yaml.MarkedYAMLError, lines: list[str]) -> SyntaxFault | None:
+def _wrong_indent(
+    error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
+) -> SyntaxFault | None:
     """Find a line whose indentation is that of no line above."""
-    mark = error.problem_mark
     if "did not find expected key" not in (error.problem or ""):
         return None
     line = _line(lines, mark.line)
@@ -90,10 +93,9 @@ def _wrong_indent(error: yaml.MarkedYAMLError, lines: list[str]) -> SyntaxFault 
 
 
 def _quote_in_quotes(
-    error: yaml.MarkedYAMLError, lines: list[str]
+    error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
 ) -> SyntaxFault | None:
     """Find a quoted text that ends within its line, at a quote of its own."""
-    mark = error.problem_mark
     if "did not find expected" not in (error.problem or ""):
         return None
     before = _line(lines, mark.line)[: mark.column].rstrip()
@@ -105,13 +107,14 @@ def _quote_in_quotes(
     return SyntaxFault(mark.line + 1, len(before), "a quote within a quoted text", fix)
 
 
-def _open_bracket(error: yaml.MarkedYAMLError, lines: list[str]) -> SyntaxFault | None:
+def _open_bracket(
+    error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
+) -> SyntaxFault | None:
     """Find a bracket that is not closed, or a comma that is missing within."""
     problem, context = error.problem or "", error.context_mark
     if "did not find expected ','" not in problem or context is None:
         return None
     bracket = "[" if "']'" in problem else "{"
-    mark = error.problem_mark
     if mark.line > context.line and ("," not in _line(lines, mark.line)):
         return SyntaxFault(
             context.line + 1,

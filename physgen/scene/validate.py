@@ -337,7 +337,7 @@ class _Fault:
             meant = self._meant_list(what)
             fix = f"write {meant}" if meant else fix
         elif "boolean" in kinds:
-            meant = {
+            words = {
                 "yes": "true",
                 "on": "true",
                 "y": "true",
@@ -345,7 +345,7 @@ class _Fault:
                 "off": "false",
                 "n": "false",
             }
-            word = meant.get(value.lower()) if isinstance(value, str) else None
+            word = words.get(value.lower()) if isinstance(value, str) else None
             expected, fix = "is not true or false", f"write {word or 'true or false'}"
         elif "string" in kinds:
             is_scalar = isinstance(value, int | float)

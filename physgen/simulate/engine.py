@@ -29,6 +29,7 @@ from physgen.simulate.contacts import (
     WORDS,
     Array,
     ContactProperties,
+    Flags,
     Order,
     contact_points,
     contacts_jumped,
@@ -62,6 +63,9 @@ MOST_PARTS = 1024
 """Of a step that springs or attractors divide."""
 ATTEMPTS = 8
 """Times that a step is taken again because impacts changed what it does."""
+ABRUPT = 8.0
+"""Times the change by gravity and lasting forces in a step: contacts that change a velocity by more do so at once,
+and not in the course of the step. A body at rest on another is at 1, one that slides or rolls below 3."""
 LOOK = 8
 """Steps after which speeds are looked at again."""
 
@@ -127,6 +131,8 @@ class Running:
         self._restless = self._loads.busy or self._scripts.busy
         self._stiff = spring_parts(world)
         self._divided = self._most_parts = self._reviewed = 0
+        self._parts = 1
+        """Parts of the last base step."""
 
     @property
     def end(self) -> float:
@@ -258,6 +264,11 @@ class Running:
         if self._loads.steers:
             pace = self._loads.pace(*self._stepper.everybody(self._stepper.state()))
             parts = max(parts, min(MOST_PARTS, ceil(pace * h / PHASE)))
+        if parts < self._parts and self._stepper.is_abrupt:
+            # Chipmunk starts from the last step's impulses and scales them by the change of the step's length: of a
+            # contact that opens, the excess stays.
+            parts = self._parts
+        self._parts = parts
         self._number += 1
         if parts > 1:
             self._divided += 1
@@ -353,6 +364,11 @@ class Stepper:
             radius=[b.radius if b.radius is not None else nan for b in bodies]
             + [nan] * len(walls),
         )
+        self._reach = np.array([b.reach for b in bodies]).reshape(-1)
+        self._weight = max(float(np.hypot(*world.gravity)), world.press)
+        """px/s² that presses bodies together."""
+        self._last: tuple[float, Forces | None, float] = (0.0, None, 1.0)
+        """s of the last step, its lasting forces, and the part of gravity that acted."""
         self.budget = WorkBudget(len(bodies))
         self._joined = Assemblies(world)
         self._held = self._joined.bodies
@@ -398,8 +414,33 @@ class Stepper:
 
     @property
     def pull(self) -> Array:
-        """(M, 3): change of the velocities in the last step."""
-        return self.state()[:, 3:] - self.within
+        """(M, 3): change of the velocities in the course of the last step, without what contacts gave at once."""
+        change, lasting, abrupt = self._changes()
+        return np.where(abrupt[:, None], lasting, change)
+
+    @property
+    def is_abrupt(self) -> bool:
+        """Whether contacts changed a velocity at once in the last step."""
+        return bool(self._changes()[2].any())
+
+    def _changes(self) -> tuple[Array, Array, Flags]:
+        """Return what the last step changed (M, 3), gravity's and lasting forces' part of it, and who was struck (M,).
+
+        Bodies that joints hold are never struck: joints change velocities as much in the course of a step.
+        """
+        change: Array = self.state()[:, 3:] - self.within
+        moving = self._space.moving
+        h, load, strength = self._last
+        lasting = self._lasting.change(load, h, strength)[moving]
+        reach = self._reach[moving]
+        speed, usual = (
+            np.hypot(part[:, 0], part[:, 1]) + np.abs(part[:, 2]) * reach
+            for part in (change, lasting)
+        )
+        abrupt = speed > ABRUPT * np.maximum(usual, self._weight * h)
+        abrupt[np.isin(moving, self._held)] = False
+        # the half step to t = 0 changes half as much as a step of its length
+        return change / strength, lasting / strength, abrupt
 
     def fit(self, pose: Array, velocity: Array) -> tuple[Array, float]:
         """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
@@ -509,6 +550,7 @@ class Stepper:
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
+        self._last = h, load, 0.5 if first else 1.0
         self._within = before, self._states
         self._order, self._numbers, self._states, self.suspicious = (
             order,

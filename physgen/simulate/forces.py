@@ -313,6 +313,13 @@ class StepForces:
             fall + (load.total / self._weight)[:, :2] * self._dynamic[:, None]
         )
 
+    def change(self, load: Forces | None, h: float, strength: float) -> Array:
+        """Return (N, 3) px/s and rad/s that gravity, at a part of its strength, and `load` add in h seconds."""
+        fall = self._fall * (strength * h)
+        if load is None:
+            return fall
+        return np.asarray(fall + load.total / self._weight * h * self._dynamic[:, None])
+
     def push(
         self, state: Array, end: float, h: float, *, first: bool, alone: bool
     ) -> Forces:

@@ -12,10 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
+from physgen.geometry.polygon import cross
 from physgen.problems import UNKNOWN_PLACE, InputError, Problem
-from physgen.scene.scene import Motion
+from physgen.scene.scene import JointKind, Motion
 from physgen.simulate.collisions import Impacts
-from physgen.simulate.contacts import CONTACT_BYTES, Array, Order, touching
+from physgen.simulate.contacts import (
+    CONTACT_BYTES,
+    Array,
+    Flags,
+    Order,
+    Touching,
+    touching,
+)
 from physgen.simulate.forces import EnergyEvent, ForceFields, Forces, ScriptedMotion
 from physgen.simulate.trajectory import (
     Contacts,
@@ -149,6 +157,8 @@ BLOCK = 256
 """Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
 BLOCK_BYTES = 2_000_000
 """Of their contacts, at most."""
+MISPLACED = 0.05
+"""Of a body's energy: smaller errors of where a contact acts are left as they are; see `Recorder._misplaced`."""
 DIVERGED_FIX = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
 
 
@@ -222,6 +232,14 @@ class Recorder:
         self._owed = np.zeros(2)  # the other half
         self._struck: list[tuple[float, float, float]] = []
         self._spent = np.zeros(2)  # lost and work of the impacts of earlier blocks
+        held = {
+            body
+            for joint in world.joints
+            if joint.kind is not JointKind.SPRING
+            for body in (joint.first, joint.second)
+        }
+        self._unheld = dynamic & np.array([k not in held for k in range(N)], bool)
+        """(N,): dynamic bodies that contacts and forces alone turn."""
         self._first = True
         self._block = BLOCK // 8
         self.residual = 0.0
@@ -450,6 +468,11 @@ class Recorder:
         flow = np.stack(
             [np.bincount(row, values, S) for values in (lost, work)], axis=1
         ).astype(np.float64)
+        if (count == 2).any():
+            place = np.stack(where, axis=1)
+            flow[:, 0] += self._misplaced(
+                steps, touch, row, place, (pose, before, after)
+            )
         if len(row):
             least = np.where(count == 1, opening[0], opening.min(axis=0))
             self.residual = max(self.residual, -float(least.min()))
@@ -496,6 +519,51 @@ class Recorder:
             when[inside],
         )
         return flow
+
+    def _misplaced(
+        self,
+        steps: list[Step],
+        touch: Touching,
+        row: Index,
+        place: Array,
+        motion: tuple[Array, Array, Array],
+    ) -> Array:
+        """Return by how much more energy (S,) contacts lost than at their estimated places.
+
+        Of the two points of a contact, the engine reports the sum of the impulses, and `place` (R, 2) is an estimate of
+        where the sum acts in the step `row` (R,). Contacts that contradict each other, as those of pieces whose corners
+        lie on a boundary, invalidate the estimate; the body's angular momentum then shows the error of the torque.
+        motion: poses (S, N, 3), and velocities (S, N, 3) before and after.
+        """
+        pose, before, after = motion
+        torque, shared = self._torques(touch, row, place, pose)
+        error = self._moment * (after - before)[:, :, 2] - torque
+        for s, step in enumerate(steps):
+            if step.load is not None:
+                error[s] -= step.load.total[:, 2] * step.h
+        lost = -error * (before + after)[:, :, 2] / 2
+        inertia = np.stack([self._mass, self._mass, self._moment], axis=1)
+        weight = self._mass * float(np.hypot(*self.world.gravity))
+        # a fall by a pixel is the least energy that counts
+        energy = (inertia * np.maximum(before**2, after**2)).sum(axis=2) / 2 + weight
+        unbraked = np.array([[step.braked is NOT_BRAKED] for step in steps])
+        counts = unbraked & self._unheld & shared
+        counts &= np.abs(lost) > MISPLACED * energy
+        return np.asarray((lost * counts).sum(axis=1))
+
+    def _torques(
+        self, touch: Touching, row: Index, place: Array, pose: Array
+    ) -> tuple[Array, Flags]:
+        """Return angular impulses (S, N) of contacts at `place` (R, 2), and whether one had two points."""
+        N = pose.shape[1]
+        torque, shared = np.zeros(pose.shape[:2]), np.zeros(pose.shape[:2], bool)
+        for objects, sign in ((touch.first, 1.0), (touch.second, -1.0)):
+            of_bodies = objects < N
+            at = row[of_bodies], objects[of_bodies]
+            lever = place[of_bodies] - pose[at][:, :2]
+            np.add.at(torque, at, sign * cross(lever, touch.impulse[of_bodies]))
+            np.logical_or.at(shared, at, touch.count[of_bodies] == 2)
+        return torque, shared
 
     def _samples(
         self,
