@@ -352,11 +352,13 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             continue
         hull = outline_shape(outline).convex_hull.buffer(LIMITS.seen * area**0.5)
         corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
-        around = np.concatenate([corners, [[x, y], [x + w, y + h]]])
+        cover, (x0, y0) = coverage_box(outline, (0, 0, mask.shape[1], mask.shape[0]))
+        # a spike without area is a part of the coverage's box and not of the hull
+        drawn = [[x0, y0], [x0 + cover.shape[1], y0 + cover.shape[0]]]
+        around = np.concatenate([corners, drawn, [[x, y], [x + w, y + h]]])
         left, top = np.maximum(around.min(axis=0) - LIMITS.thin, 0).tolist()
         right, bottom = (around.max(axis=0) + LIMITS.thin).tolist()
         here = np.s_[top:bottom, left:right]
-        cover, (x0, y0) = coverage_box(outline, (0, 0, mask.shape[1], mask.shape[0]))
         box = np.s_[
             y0 - top : y0 - top + cover.shape[0], x0 - left : x0 - left + cover.shape[1]
         ]

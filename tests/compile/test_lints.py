@@ -219,6 +219,13 @@ def test_a_shape_that_misses_its_mask_is_told(
     assert abs(int(line.split("misses ")[1].split("%")[0]) - share) < 15
 
 
+def test_spike_without_area_does_not_stop_warnings(tmp_path: Path) -> None:
+    """A corner with a digit too many, so that the outline goes there and back."""
+    corners = "[[40, 50], [901, 50], [90, 50], [95, 50], [95, 100], [40, 100]]"
+    lines = masked(tmp_path, f"{{polygon: {corners}}}", (40, 46, 101, 101))
+    assert not [line for line in lines if "mask" in line]
+
+
 def test_a_shape_beyond_the_picture_misses_all_of_its_mask(tmp_path: Path) -> None:
     shape = "{circle: {center: [90, 4788.4], radius: 20}}"
     (line,) = [
