@@ -21,7 +21,7 @@ KILOBYTE = 1000
 
 
 def clean(options: argparse.Namespace) -> int:
-    unused = list[UnusedPath]()
+    unused: list[UnusedPath] = []
     for path in options.paths or [Path()]:
         unused += [one for one in _unused_of(path) if one not in unused]
     if options.cache:
