@@ -6,18 +6,15 @@ import argparse
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, print_error, print_json, print_line
 from physgen.files import cache_folder
 from physgen.problems import InputError
-from physgen.scene.saving import (
-    UnusedKind,
-    UnusedPath,
-    assets_of,
-    unused_assets,
-    unused_backups,
-)
+
+if TYPE_CHECKING:
+    from physgen.scene.saving import UnusedPath
 
 KILOBYTE = 1000
 """Bytes, as file managers count."""
@@ -47,6 +44,8 @@ def clean(options: argparse.Namespace) -> int:
 
 def _unused_of(path: Path) -> list[UnusedPath]:
     """Return what is unused in a folder, or of one scene. Raises InputError."""
+    from physgen.scene.saving import assets_of
+
     if path.is_dir():
         return _unused_in(path)
     if not path.is_file():
@@ -67,6 +66,13 @@ def _unused_of(path: Path) -> list[UnusedPath]:
 
 
 def _unused_in(folder: Path) -> list[UnusedPath]:
+    from physgen.scene.saving import (
+        UnusedKind,
+        UnusedPath,
+        unused_assets,
+        unused_backups,
+    )
+
     backups = unused_backups(folder)
     assets = unused_assets(folder, backups)
     partials = _partials(folder)
@@ -87,6 +93,8 @@ def _partials(folder: Path) -> list[Path]:
 
 
 def _cache() -> list[UnusedPath]:
+    from physgen.scene.saving import UnusedKind, UnusedPath
+
     folder = cache_folder()
     return [UnusedPath(folder, UnusedKind.CACHE)] if folder.is_dir() else []
 

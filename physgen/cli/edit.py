@@ -154,21 +154,18 @@ def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None
 def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
     """Raise InputError for several names in one, and for what is no object."""
     objects = {item.name for item in scene.objects}
-    sections = {
-        "boundary": scene.boundaries,
-        "joint": scene.joints,
-        "field": scene.fields,
-    }
+    kinds = dict.fromkeys((item.name for item in scene.boundaries), "boundary")
+    kinds |= dict.fromkeys((item.name for item in scene.joints), "joint")
+    kinds |= dict.fromkeys((item.name for item in scene.fields), "field")
     for name in names:
         parts = [part for part in re.split(r"[,;\s]+", name) if part]
         if name not in objects and len(parts) > 1 and objects.issuperset(parts):
             fix = f"write them apart: {' '.join(parts)}"
             raise InputError.of(str(path), quoted(name), "is more than one name", fix)
-        for kind, entries in sections.items():
-            if name not in objects and name in {one.name for one in entries}:
-                fix = "edit its lines in the file, or use physgen edit"
-                expected = f"is a {kind}, not an object"
-                raise InputError.of(str(path), quoted(name), expected, fix)
+        if name not in objects and name in kinds:
+            fix = "edit its lines in the file, or use physgen edit"
+            expected = f"is a {kinds[name]}, not an object"
+            raise InputError.of(str(path), quoted(name), expected, fix)
 
 
 def _scene(options: argparse.Namespace) -> Path:

@@ -213,12 +213,9 @@ def _leaving(
     scene = replace(state.scene, objects=objects)
     world = compile_shapes(scene, state.compiled.shapes).world
     end = simulate(world, np.linspace(0, PUSHED, SAMPLES)).poses[-1, :, :2]
-    is_inside = ((end >= 0) & (end < scene.size)).all(axis=1)
-    return {
-        item.name
-        for item, inside in zip(scene.objects, is_inside, strict=True)
-        if not inside
-    }
+    is_inside = np.all((end >= 0) & (end < scene.size), axis=1)
+    outside = np.flatnonzero(~is_inside).tolist()
+    return {scene.objects[k].name for k in outside}
 
 
 def _falling(state: CompiledScene) -> list[str]:
@@ -237,12 +234,8 @@ def _falling(state: CompiledScene) -> list[str]:
         moves = (distances > STILL) & np.array(is_free)
         if not moves.any():
             return falling
-        first = moves[int(moves.any(axis=1).argmax())]
-        names = [
-            item.name
-            for item, is_moving in zip(scene.objects, first, strict=True)
-            if is_moving
-        ]
+        first = np.flatnonzero(moves[int(moves.any(axis=1).argmax())]).tolist()
+        names = [scene.objects[k].name for k in first]
         falling += names
         objects = tuple(
             replace(item, motion=Motion.STATIC) if item.name in names else item

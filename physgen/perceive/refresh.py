@@ -78,15 +78,14 @@ def full_size(scene: Scene) -> tuple[int, int] | None:
     None if the scene shows the photo as it was given, or another one.
     """
     photo = recorded(scene.assets, "photo")
-    size = photo.get("size")
-    is_pair = isinstance(size, list) and len(size) == 2
-    if not is_pair or not all(isinstance(side, int) and side > 0 for side in size):
-        return None
     if scene.image is None or scene.image.name != photo.get("image"):
         return None
-    scale = scene.size[0] / size[0]
-    is_same_photo = abs(scale * size[1] - scene.size[1]) <= 1
-    return (size[0], size[1]) if is_same_photo else None
+    match photo.get("size"):
+        case [int(width), int(height)] if width > 0 and height > 0:
+            scaled_height = height * scene.size[0] / width
+            is_same_photo = abs(scaled_height - scene.size[1]) <= 1
+            return (width, height) if is_same_photo else None
+    return None
 
 
 def prompted(objects: Sequence[Object]) -> list[Object]:

@@ -540,7 +540,12 @@ def refresh(
     if has_other_shape(opened.ground):
         return _perceive_anew(opened, run)
 
-    def perceive_objects(image: Path, prompts: PerceiveOptions) -> PerceivedScene:
+    def perceive_objects(
+        image: Path, boxes: Sequence[Any], points: Sequence[Any]
+    ) -> PerceivedScene:
+        # the scene is in the pixels of its photo, which keeps its size
+        side = max(opened.ground.size or (0, 0)) or None
+        prompts = PerceiveOptions(boxes=boxes, points=points, side=side)
         photo = _perceive_photo(image, prompts, run.crew, progress, ignore_warning)
         return photo.perceived
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zlib import crc32
@@ -28,14 +27,17 @@ from physgen.scene.yaml_edit import marked, write
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
-    from physgen.pipeline.perceiving import PerceiveOptions
     from physgen.scene.load import Opened
     from physgen.scene.rules import Ground
 
 Labels = NDArray[np.uint16]
 """(H, W) ids of objects, 0 for none."""
-PerceiveObjects = Callable[[Path, "PerceiveOptions"], "PerceivedScene"]
-"""Perceives the photo at a path, with the boxes and points of options."""
+Numbers = tuple[float, ...]
+"""x, y, w, h px of a box, or x, y px of a point."""
+PerceiveObjects = Callable[
+    [Path, Sequence[Numbers], Sequence[Numbers]], "PerceivedScene"
+]
+"""Perceives the photo at a path, at its size, with boxes and points on its objects."""
 ID_MAPS = ("masks", "shadows")
 """Maps of ids, which have no values in between."""
 MASKED = ("objects", "boundaries", "doubtful")
@@ -147,7 +149,8 @@ def _write_resized_map(source: Path, target: Path, size: tuple[int, int]) -> Non
     is_smaller = size[0] < picture.shape[1]
     smooth = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
     method = cv2.INTER_NEAREST_EXACT if source.stem in ID_MAPS else smooth
-    write_png(target, cv2.resize(picture, size, interpolation=method))
+    resized: Any = cv2.resize(picture, size, interpolation=method)
+    write_png(target, resized)
 
 
 def _scaled_record(record: dict[str, Any], factor: float) -> dict[str, Any]:
@@ -230,19 +233,14 @@ def _perceive_prompted(
     The prompts of the scene are used if they mark all objects: others are found again
     at the refresh.
     """
-    from physgen.pipeline.perceiving import PerceiveOptions
-
     assert ground.image is not None
-    assert ground.size is not None
     prompts = _prompts(data)
-    options = PerceiveOptions(side=max(ground.size))
     if len(prompts) < len(data["objects"]):
-        return perceive_objects(ground.image, options), {}
+        return perceive_objects(ground.image, (), ()), {}
     boxes = [tuple(one["box"]) for one in prompts.values() if "box" in one]
     points = [tuple(one["point"]) for one in prompts.values() if "point" in one]
-    options = replace(options, boxes=boxes, points=points)
     ids = dict(enumerate(prompts, 1))
-    return perceive_objects(ground.image, options), ids
+    return perceive_objects(ground.image, boxes, points), ids
 
 
 def _matched_ids(

@@ -707,13 +707,16 @@ def with_comments(
 
 
 _COUNTS = re.compile(
-    r"\d+ x .+?(, (?:where you|from the masks|found by|as the scene had) .*)"
+    r"\d+ x .+?(, (?:where you pointed|from the masks given|found by [^,]+"
+    r"|as the scene had them(?:, and where you pointed)?)"
+    r", counted from left to right(?:; \d+ specks of under \d+ px left out)?)"
 )
 """What perception says of all objects: 2 x ball, 1 x block, found by ..."""
 _SUPPORTED = re.compile(r"under \d+ objects?")
 """What perception says of a boundary."""
 _HIDING = "in front: it hides parts of "
 """What perception says of a layer, before the names of objects."""
+_HIDDEN = re.compile(_HIDING + r"([\w-]+(?:, [\w-]+)*(?: and [\w-]+)?)")
 
 
 def with_true_comments(
@@ -745,8 +748,8 @@ def with_true_comments(
 
 def _is_ours(words: str, ours: Collection[str]) -> bool:
     """Return whether perception wrote a comment, or an edit brought it up to date."""
-    is_updated = words.startswith(_HIDING) or _COUNTS.fullmatch(words) is not None
-    return words in ours or is_updated
+    is_updated = _HIDDEN.fullmatch(words) or _COUNTS.fullmatch(words)
+    return words in ours or is_updated is not None
 
 
 def _labels(data: Mapping[str, Any]) -> dict[str, str]:
@@ -781,9 +784,10 @@ def _without_support(words: str) -> str:
 
 def _hidden(words: str, names: Collection[str], renamed: Mapping[str, str]) -> str:
     """Return a comment on a layer with the names that hidden objects have now."""
-    if not words.startswith(_HIDING):
+    match = _HIDDEN.fullmatch(words)
+    if match is None:
         return words
-    before = re.split(", | and ", words.removeprefix(_HIDING))
+    before = re.split(", | and ", match[1])
     now = [renamed.get(name, name) for name in before]
     hidden = [name for name in now if name in names]
     return _HIDING + listed(hidden, "and") if hidden else ""

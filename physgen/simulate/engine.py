@@ -66,6 +66,8 @@ ATTEMPTS = 8
 ABRUPT = 8.0
 """Times the change by gravity and lasting forces in a step: contacts that change a velocity by more do so at once,
 and not in the course of the step. A body at rest on another is at 1, one that slides or rolls below 3."""
+KEPT_PARTS = 64
+"""Parts of a step that the next one keeps after an abrupt contact, at most: more would take long."""
 LOOK = 8
 """Steps after which speeds are looked at again."""
 
@@ -264,7 +266,7 @@ class Running:
         if self._loads.steers:
             pace = self._loads.pace(*self._stepper.everybody(self._stepper.state()))
             parts = max(parts, min(MOST_PARTS, ceil(pace * h / PHASE)))
-        if parts < self._parts and self._stepper.is_abrupt:
+        if parts < self._parts <= KEPT_PARTS and self._stepper.is_abrupt:
             # Chipmunk starts from the last step's impulses and scales them by the change of the step's length: of a
             # contact that opens, the excess stays.
             parts = self._parts

@@ -397,7 +397,7 @@ def test_perceive_on_stdout_puts_assets_beside(
         (["perceive", "no.png"], "no.png: no such file; check the path"),
         (
             ["perceive", "{photo}", "--box", "1,2"],
-            '--box: "1,2" is not 4 numbers; write e.g. 120,80,60,60',
+            '--box: "1,2" is not 4 numbers; write --point, or px of the photo, e.g. 120,80,60,60',
         ),
         (
             ["perceive", "{photo}", "--masks", "{photo}", "--box", "1,2,3,4"],
@@ -416,7 +416,7 @@ def test_perceive_on_stdout_puts_assets_beside(
         (["perceive", "{photo}", "--box=200,3,50,50"], "is off the 160 x 120 photo"),
         (
             ["perceive", "{photo}", "--box=10,10,0,5"],
-            "leaves under 4 px of the 160 x 120 photo",
+            "--box 10,10,0,5: is under 4 px wide or high",
         ),
         (["simulate", "{lesson}", "-o", "."], "is no name for a trajectory"),
         (

@@ -140,7 +140,7 @@ TEXTS: dict[str, tuple[Callable[[], str], str]] = {
     ),
     "long key": (
         lambda: HEAD + "x" * 10**6 + ": 1",
-        "scene.yaml:3:1: not YAML: ",
+        "scene.yaml:3:1000001: not YAML: could not find expected ':'",
     ),
     "long number": (
         lambda: BALL + "    mass: " + "9" * 10**6,

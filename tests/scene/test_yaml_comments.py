@@ -201,6 +201,16 @@ def test_comments_of_perception_stay_true(
     assert comments_of(edited(PERCEIVED, [op]).text) == expected
 
 
+def test_comments_that_a_user_continued_stay() -> None:
+    text = PERCEIVED.replace("to right\n", "to right, and mine\n")
+    text = text.replace("and cup-1\n", "and cup-1, and mine\n")
+    text = text.replace("}  # under 3 objects\n", "}  # under 3 objects, and mine\n")
+    new = edited(text, [{"remove": ["objects", "ball-2"]}]).text
+    own = [one for one in comments_of(text) if "and mine" in one]
+    assert len(own) == 3
+    assert [one for one in comments_of(new) if "and mine" in one] == own
+
+
 def test_updated_comments_are_still_those_of_perception() -> None:
     text = edited(PERCEIVED, [{"rename": ["objects", "cup-1"], "to": "mug"}]).text
     text = without_comments(text, [("objects", "ball-1", "layer")], ())

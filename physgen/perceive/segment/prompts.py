@@ -265,13 +265,15 @@ def from_prompts(
     masks: list[PromptedMask] = []
     problems: list[Problem] = []
     frame = frame or PromptFrame.of(rgb)
-    written = [("box", box) for box in boxes] + [("point", point) for point in points]
+    written: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
+    written += [("point", point) for point in points]
     boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
     found = cache(lambda: segment(rgb))
     answers = segment.answers(rgb, boxes, points)
 
     def report(order: int, expected: str, fix: str) -> None:
-        problems.append(frame.problem(order, *written[order], expected, fix))
+        kind, numbers = written[order]
+        problems.append(frame.problem(order, kind, numbers, expected, fix))
 
     for k, box in enumerate(boxes):
         try:
