@@ -65,7 +65,7 @@ ADDRESSES = 6 * 10**9
 """Bytes of address space: far more than may be held, so that the machine is safe."""
 CRASHED = 70
 """Exit code of a command that raised."""
-HANG = 600
+HANG = 1800
 """Wall time after which a command is killed, s: it waits for something. Work ends sooner, by SECONDS; on a machine with
 much else to do it takes many times as long."""
 LONGEST = 2_000
