@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 Handler = Callable[[int, "FrameType | None"], Any]
 NEW_PROCESS_GROUP = 0x200
 """Windows' flag, as `subprocess` has it there."""
+PATH_BYTES = 1024
+"""Buffer that macOS fills with the path of an open file: MAXPATHLEN."""
 OTHER_USERS = 0o077
 """Permissions of a file's group and of everybody else."""
 
@@ -52,6 +54,17 @@ def open_standard_streams() -> None:
 
 
 # --- files -----------------------------------------------------------------------------------------------------------
+
+
+def open_file_path(descriptor: int) -> Path | None:
+    """Return the absolute path of an open file, if Linux or macOS gives it."""
+    link = f"/proc/self/fd/{descriptor}"
+    if os.path.lexists(link):
+        return Path(os.readlink(link))
+    if sys.platform == "darwin":
+        path = fcntl.fcntl(descriptor, fcntl.F_GETPATH, bytes(PATH_BYTES))
+        return Path(os.fsdecode(path.partition(b"\0")[0]))
+    return None
 
 
 def lock_file(stream: IO[Any]) -> bool:

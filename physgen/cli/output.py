@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from physgen.operating_system import open_file_path
 from physgen.problems import Problem
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
@@ -83,30 +84,13 @@ def stdout_file() -> Path | None:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             return None
-        path = _descriptor_path(descriptor)
+        path = open_file_path(descriptor)
         # the file may have been renamed or removed since it was opened
         if path is None or not os.path.samestat(status, path.stat()):
             return None
         return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
     except (OSError, ValueError):
         return None
-
-
-PATH_BYTES = 1024
-"""Buffer that macOS fills with the path of an open file: MAXPATHLEN."""
-
-
-def _descriptor_path(descriptor: int) -> Path | None:
-    """Return the absolute path of an open file, as Linux and macOS tell it."""
-    link = f"/proc/self/fd/{descriptor}"
-    if os.path.lexists(link):
-        return Path(os.readlink(link))
-    if sys.platform == "darwin":
-        import fcntl
-
-        answer = fcntl.fcntl(descriptor, fcntl.F_GETPATH, bytes(PATH_BYTES))
-        return Path(os.fsdecode(answer.partition(b"\0")[0]))
-    return None
 
 
 PROGRESS = "PHYSGEN_PROGRESS"

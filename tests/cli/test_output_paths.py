@@ -198,8 +198,11 @@ def test_all_formats_of_an_output_video_are_written(lesson: Path) -> None:
         ["gallery", "{home}/sub", "-o", "{home}/new"],
         ["gallery", "{home}/sub", "-o", "{home}/new.mp4"],
         ["simulate", "{lesson}", "-o", "{home}/new.mp4"],
-        ["perceive", "{lesson}", "-o", "{home}/new.png"],
-        ["perceive", "{lesson}", "{home}/b.yaml", "-o", "{home}/new.png"],
+        ["perceive", "{home}/sub/photo.png", "-o", "{home}/new.png"],
+        [
+            *("perceive", "{home}/sub/photo.png", "{home}/sub/photo.labels.png"),
+            *("-o", "{home}/new.png"),
+        ],
         ["evaluate", "segmentation", "{home}/sub", "-o", "{home}/new.html"],
     ],
 )
