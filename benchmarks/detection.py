@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "studio/segmentation"))
 
-from boxes import BoxFinder, Boxes, ious  # noqa: E402
+from boxes import Boxes, BoxFinder, ious  # noqa: E402
 from coco import material  # noqa: E402
 from labelled import (  # noqa: E402
     UNJUDGED,
@@ -57,6 +57,8 @@ class Truth:
     """(N, 4) movable objects that count, px."""
     ignored: NDArray[np.float32]
     """(M, 4) movable objects that do not count, px."""
+    classes: NDArray[np.int64]
+    """(N,) index of COCO's class of the objects that count, -1 if unknown."""
     labels: NDArray[np.uint8]
 
 
@@ -92,7 +94,9 @@ def truth_of(photo: LabelledPhoto) -> Truth:
         is_large = objects.areas >= SMALLEST * labels.size
     counts = objects.is_movable & is_large
     ignored = objects.is_movable & ~is_large
-    return Truth(objects.boxes[counts], objects.boxes[ignored], labels)
+    return Truth(
+        objects.boxes[counts], objects.boxes[ignored], objects.classes[counts], labels
+    )
 
 
 def unjudged_shares(
@@ -135,6 +139,20 @@ def average_precision(photos: list[Scored]) -> float:
     return float(highest[is_right].sum() / max(objects, 1))
 
 
+def class_accuracy(
+    found: list[Boxes], photos: list[tuple[NDArray[np.uint8], Truth]]
+) -> float | None:
+    """Return the share of objects whose best right box has the right class, or None if
+    no class is known."""
+    is_named: list[bool] = []
+    for boxes, (_, truth) in zip(found, photos, strict=True):
+        shared = ious(truth.boxes, boxes.boxes) >= OVERLAPS[0]
+        for k in np.flatnonzero((truth.classes >= 0) & shared.any(axis=1)):
+            best = int(shared[k].argmax())
+            is_named.append(boxes.classes[best].argmax() == truth.classes[k])
+    return round(float(np.mean(is_named)), 3) if is_named else None
+
+
 def measure(finder: BoxFinder, photos: list[tuple[NDArray[np.uint8], Truth]]) -> dict:
     """Return recall and average precision on the photos of one set."""
     found = [finder.find(bgr) for bgr, _ in photos]
@@ -149,6 +167,9 @@ def measure(finder: BoxFinder, photos: list[tuple[NDArray[np.uint8], Truth]]) ->
             recall = float((ranks < budget).mean())
             row[f"recall_{budget}_{overlap:g}"] = round(recall, 3)
         row[f"ap_{overlap:g}"] = round(average_precision(scored), 3)
+    accuracy = class_accuracy(found, photos)
+    if accuracy is not None:
+        row["class_accuracy"] = accuracy
     return row
 
 

@@ -2,7 +2,7 @@
 
 The architecture is PicoDet-S of PaddleDetection (Yu et al. 2021, arXiv:2111.00902;
 Apache-2.0): an ESNet backbone, a CSP-PAN neck of four levels and a light head. Batch
-norms are folded into the convolutions. `load_given` reads the published weights;
+norms are folded into the convolutions. `given.py` reads the published weights;
 `train_detector.py` trains all of them further together with the added branch that
 scores whole objects.
 
@@ -27,16 +27,11 @@ row by row):
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
-import numpy as np
-import onnx
 import torch
-from numpy.typing import NDArray
-from onnx import numpy_helper
 from torch import Tensor, nn
-from torch.nn import functional as F
+from torch.nn import functional as F  # noqa: N812
 
 SIDE = 416
 """Side of the square input, px."""
@@ -52,8 +47,8 @@ CLASSES = 80
 """Classes of COCO."""
 WHOLES = 2
 """Scores of whole objects: movable, immovable."""
-PRIOR = 0.02
-"""Score of a whole object before training, so that background dominates at first."""
+EXCLUDED_LOGIT = -100.0
+"""Added to the logits of classes of the other role, so that they are never the best."""
 SCORE_NAMES = tuple(f"scores-{stride}" for stride in STRIDES)
 BOX_NAMES = tuple(f"boxes-{stride}" for stride in STRIDES)
 
@@ -245,7 +240,8 @@ class Head(nn.Module):
     """One level's head: features -> logits of classes and boxes, and of wholes.
 
     PicoDet has two convolutions and one output. The branch of wholes repeats the second
-    convolution with weights of its own.
+    convolution with weights of its own, and reads the scores of the classes: a cup is
+    movable and a person is not.
     """
 
     def __init__(self, channels: int = 96) -> None:
@@ -255,21 +251,41 @@ class Head(nn.Module):
         self.out = nn.Conv2d(channels, CLASSES + 4 * BINS, 1)
         self.wholes = Depthwise(channels)
         self.wholes_out = nn.Conv2d(channels, WHOLES, 1)
+        self.class_roles = nn.Conv2d(WHOLES, WHOLES, 1, bias=False)
+        excluded = torch.zeros(WHOLES, CLASSES, 1, 1)
+        self.register_buffer("excluded", excluded)
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Return logits of scores (B, 82, h, w) and of boxes (B, 32, h, w)."""
         features = self.first(features)
         known = self.out(self.second(features))
+        classes = known[:, :CLASSES]
         wholes = self.wholes_out(self.wholes(features))
-        scores = torch.cat([wholes, known[:, :CLASSES]], dim=1)
+        wholes = wholes + self.class_roles(self.best_classes(classes))
+        scores = torch.cat([wholes, classes], dim=1)
         return scores, known[:, CLASSES:]
 
-    def start_wholes(self) -> None:
-        """Start the branch of wholes from the branch of classes."""
+    def best_classes(self, classes: Tensor) -> Tensor:
+        """Return the best logit of movable and of immovable classes (B, 2, h, w).
+
+        Class scores are learned from their own labels only, hence detached.
+        """
+        best = []
+        for excluded in self.excluded:
+            best.append((classes.detach() + excluded).amax(1, keepdim=True))
+        return torch.cat(best, dim=1)
+
+    def start_wholes(self, movable_classes: Sequence[int]) -> None:
+        """Start the branch of wholes: its convolutions from those of classes, its scores
+        as the best scores of movable and of immovable classes."""
         self.wholes.load_state_dict(self.second.state_dict())
-        nn.init.normal_(self.wholes_out.weight, std=0.01)
-        prior = torch.tensor(PRIOR)
-        nn.init.constant_(self.wholes_out.bias, float(torch.logit(prior)))
+        nn.init.zeros_(self.wholes_out.weight)
+        nn.init.zeros_(self.wholes_out.bias)
+        nn.init.dirac_(self.class_roles.weight)
+        is_movable = torch.zeros(CLASSES, dtype=torch.bool)
+        is_movable[list(movable_classes)] = True
+        self.excluded[0, ~is_movable] = EXCLUDED_LOGIT
+        self.excluded[1, is_movable] = EXCLUDED_LOGIT
 
 
 class Detector(nn.Module):
@@ -302,44 +318,6 @@ class Detector(nn.Module):
             scores.append(level_scores.sigmoid().flatten(2).transpose(1, 2))
             boxes.append(level_boxes.flatten(2).transpose(1, 2))
         return (*scores, *boxes)
-
-
-def given_convolutions(detector: Detector) -> Iterator[nn.Conv2d]:
-    """Yield the convolutions that PicoDet has, in the order of its file."""
-    for module in (detector.backbone, detector.neck):
-        for layer in module.modules():
-            if isinstance(layer, nn.Conv2d):
-                yield layer
-    for head in detector.heads:
-        for module in (head.first, head.second, head.out):
-            for layer in module.modules():
-                if isinstance(layer, nn.Conv2d):
-                    yield layer
-
-
-def load_given(detector: Detector, path: Path) -> None:
-    """Load the weights of a PicoDet-S file (ONNX, batch norms folded)."""
-    graph = onnx.load(str(path)).graph
-    arrays: dict[str, NDArray[np.float32]] = {}
-    for initializer in graph.initializer:
-        arrays[initializer.name] = numpy_helper.to_array(initializer)
-    for node in graph.node:
-        if node.op_type == "Constant":
-            arrays[node.output[0]] = numpy_helper.to_array(node.attribute[0].t)
-    nodes = [node for node in graph.node if node.op_type == "Conv"]
-    with torch.no_grad():
-        for layer, node in zip(given_convolutions(detector), nodes, strict=True):
-            weight = torch.tensor(arrays[node.input[1]])
-            if weight.shape != layer.weight.shape:
-                raise ValueError(
-                    f"{path}: {node.name} has {tuple(weight.shape)} weights,"
-                    f" not {tuple(layer.weight.shape)}"
-                )
-            layer.weight.copy_(weight)
-            bias = arrays[node.input[2]]
-            layer.bias.copy_(torch.tensor(bias.reshape(-1)))
-        for head in detector.heads:
-            head.start_wholes()
 
 
 def cells(side: int = SIDE) -> tuple[Tensor, Tensor]:

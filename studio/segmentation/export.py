@@ -1,5 +1,5 @@
-"""Trained weights -> the ONNX files that physgen ships: `python studio/segmentation/export.py out/segmentation/weights.pt`, or
-`cutout.pt` for the head that cuts out.
+"""Trained weights -> the ONNX files that physgen ships: `python studio/segmentation/export.py out/segmentation/weights.pt`,
+`cutout.pt` for the head that cuts out, or `detector.pt` for the detector.
 
 Weights are stored in 16 bits. OpenCV must give what torch gives, or nothing is written.
 """
@@ -17,6 +17,8 @@ import cv2
 import numpy as np
 import onnx
 import torch
+from detector import BOX_NAMES, SCORE_NAMES, Detector
+from detector import SIDE as DETECTOR_SIDE
 from network import UP, Cutout, Network, load_exported
 from onnx import numpy_helper
 from torch import Tensor, nn
@@ -26,6 +28,10 @@ from physgen.perceive.segment.network import OUTPUTS, SIDE
 SHIPPED = Path(__file__).resolve().parents[2] / "physgen/perceive/segment"
 CLOSE = 0.1
 """What 16-bit weights may change of a logit."""
+
+
+SCORE_TOLERANCE = 0.03
+"""What 16-bit weights may change of a score of the detector, in 0..1."""
 
 
 class _Seen(nn.Module):
@@ -58,6 +64,7 @@ def export(
     trials: Sequence[tuple[Tensor, ...]],
     path: Path,
     any_size: bool = False,
+    tolerance: float = CLOSE,
 ) -> float:
     """Write the file; returns the largest difference of a logit, the first output, from torch's on the `trials`."""
     free = {name: {2: f"{name} height", 3: f"{name} width"} for name in (*into, *out)}
@@ -92,12 +99,25 @@ def export(
                     off, np.abs(theirs.forward(list(out))[0] - ours.numpy()).max()
                 )
             )
-        if not off <= CLOSE:  # nor NaN
+        if not off <= tolerance:  # nor NaN
             raise SystemExit(
                 f"OpenCV's output is {off:.3f} from torch's; nothing written"
             )
         path.write_bytes(file.read_bytes())
     return off
+
+
+def export_detector(weights: dict[str, Tensor], path: Path) -> float:
+    """Write the detector's file; return the largest difference of a score of stride 8
+    from torch's."""
+    detector = Detector().eval()
+    detector.load_state_dict(weights)
+    generator = torch.Generator().manual_seed(0)
+    photo = torch.randn(1, 3, DETECTOR_SIDE, DETECTOR_SIDE, generator=generator)
+    names = [*SCORE_NAMES, *BOX_NAMES]
+    return export(
+        detector, ["photo"], names, [(photo,)], path, tolerance=SCORE_TOLERANCE
+    )
 
 
 def main() -> None:
@@ -112,7 +132,10 @@ def main() -> None:
         )
     held = torch.load(args.weights, map_location="cpu", weights_only=True)
     network = Network().eval()
-    if "place" in held:
+    if "backbone.stem.0.weight" in held:
+        path = args.output / "detector.onnx"
+        off = export_detector(held, path)
+    elif "place" in held:
         path = args.output / "cutout.onnx"
         load_exported(
             network, SHIPPED / "segmentation.onnx", torch.zeros(1, 3, SIDE, SIDE)
@@ -135,7 +158,7 @@ def main() -> None:
             _Seen(network).eval(), ["photo"], OUTPUTS, photos, path, any_size=True
         )
     print(
-        f"{path.stat().st_size / 1e6:.1f} MB, logits within {off:.4f} of torch's",
+        f"{path.stat().st_size / 1e6:.1f} MB, the first output within {off:.4f} of torch's",
         file=sys.stderr,
     )
 

@@ -16,7 +16,7 @@ import numpy as np
 from coco import material
 from coco_classes import CLASSES, MOVABLE
 from numpy.typing import NDArray
-from split import is_training
+from photo_split import is_training
 
 UNJUDGED = 255
 """Label of pixels whose truth is unknown."""
