@@ -2,7 +2,7 @@
 # make test: install what tests need, lint, type-check, run the tests that are not slow
 # make test-slow: the slow tests alone
 # make docs: build the site of docs/ into out/site, with strict links
-# make train: draw and render pictures, train the networks that find and name objects and export them; 175 minutes on two cores; needs PHYSGEN_MATERIAL
+# make train: draw and render pictures, train the networks that find and name objects and export them; 4 hours on two cores; needs PHYSGEN_MATERIAL
 # make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
 BIN = .venv/bin
@@ -54,6 +54,9 @@ train: .venv/.studio
 	$(BIN)/python $(SEG)/cutout.py out/segmentation/homes-store=0.35 out/segmentation/drawn=0.15 --more --steps 1500 -o out/segmentation/more
 	$(BIN)/python $(SEG)/export.py out/segmentation/more/cutout.pt
 	$(BIN)/python $(SEG)/names.py -o out/segmentation/names
+	$(BIN)/python $(SEG)/train_detector.py -o out/segmentation/detector
+	$(BIN)/python $(SEG)/mix_weights.py out/segmentation/detector/detector.pt
+	$(BIN)/python $(SEG)/export.py out/segmentation/detector/detector-mixed.pt
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }

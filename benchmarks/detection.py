@@ -8,8 +8,9 @@ peer-scenes/, and the held-out fifth of trashnet-grabcut, fruits-nuts and class5
 given PicoDet is measured beside it, ranked by the best score of its movable classes and
 by the best of all its scores.
 
-A movable object counts if it covers 1 % of a photo of COCO; smaller ones are neither
-missed nor wrong. A box that is mostly on unjudged pixels is neither right nor wrong.
+A movable object counts if it covers 1 % of a photo of COCO. Smaller ones are neither
+missed nor wrong, nor are smaller boxes, as in COCO's own figures by area. A box that is
+mostly on unjudged pixels is neither right nor wrong.
 """
 
 from __future__ import annotations
@@ -60,6 +61,8 @@ class Truth:
     classes: NDArray[np.int64]
     """(N,) index of COCO's class of the objects that count, -1 if unknown."""
     labels: NDArray[np.uint8]
+    smallest_area: float
+    """px of the smallest box that can be wrong."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +92,16 @@ def truth_of(photo: LabelledPhoto) -> Truth:
     """Return the objects of a photo that count, and those that do not."""
     labels = photo.read_labels()
     objects = objects_of(photo, labels)
-    is_large = np.ones(len(objects.boxes), bool)
-    if photo.set_name == "coco":
-        is_large = objects.areas >= SMALLEST * labels.size
+    smallest = SMALLEST * labels.size if photo.set_name == "coco" else 0.0
+    is_large = objects.areas >= smallest
     counts = objects.is_movable & is_large
     ignored = objects.is_movable & ~is_large
     return Truth(
-        objects.boxes[counts], objects.boxes[ignored], objects.classes[counts], labels
+        objects.boxes[counts],
+        objects.boxes[ignored],
+        objects.classes[counts],
+        labels,
+        smallest,
     )
 
 
@@ -123,6 +129,8 @@ def score(found: Boxes, truth: Truth, overlap: float) -> Scored:
             ranks[int(free.argmax())] = k
             is_right[k] = True
     is_ignored = unjudged_shares(found.boxes, truth.labels) > DOUBTFUL
+    sides = found.boxes[:, 2:] - found.boxes[:, :2]
+    is_ignored |= sides.prod(axis=1) < truth.smallest_area
     if len(truth.ignored):
         is_ignored |= ious(found.boxes, truth.ignored).max(axis=1) >= overlap
     return Scored(found.scores, is_right, is_ignored & ~is_right, ranks)

@@ -10,17 +10,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from coco_classes import CLASSES, MOVABLE
 from numpy.typing import NDArray
 from photos import validation_ids
 from store import IMMOVABLE, MOST, UNSAID, Store
 
-FIXED = frozenset(
-    {
-        "person", "bird", "cat", "dog", "horse", "sheep", "cow", "elephant", "bear", "zebra", "giraffe", "train",
-        "chair", "couch", "bed", "bench", "dining table", "toilet", "traffic light", "fire hydrant", "stop sign",
-        "parking meter", "oven", "sink", "refrigerator",
-    }
-)  # fmt: skip
+FIXED = frozenset(CLASSES) - MOVABLE
 """Classes that are wholes, but nothing that physgen moves."""
 VIEWS = 8
 """Of each photo: the whole, squeezed, and square parts of it."""
@@ -32,7 +27,8 @@ def material() -> Path:
     """The folder that PHYSGEN_MATERIAL names."""
     if "PHYSGEN_MATERIAL" not in os.environ:
         raise SystemExit(
-            "PHYSGEN_MATERIAL is not set; name the folder that holds coco/ and models3d/"
+            "PHYSGEN_MATERIAL is not set; name the folder that contains coco/, "
+            "material/ and models3d/"
         )
     return Path(os.environ["PHYSGEN_MATERIAL"])
 

@@ -210,7 +210,7 @@ def learn_step(
 def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=1200)
+    parser.add_argument("--steps", type=int, default=450)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
         "--keep", type=int, default=100, help="steps between weights that are kept"

@@ -11,13 +11,15 @@ import torch
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "studio/segmentation"))
-from boxes import MEAN, decoded, ious, prepared, suppressed  # noqa: E402
+from boxes import MEAN, BoxFinder, decoded, ious, prepared, suppressed  # noqa: E402
 from coco_classes import CLASSES, MOVABLE, MOVABLE_INDICES  # noqa: E402
 from detector import Detector, cells, decode_boxes  # noqa: E402
 from detector_drawings import flat_drawing  # noqa: E402
 from detector_loss import Target, assign, losses  # noqa: E402
 from detector_views import MOVABLE as MOVABLE_ROLE  # noqa: E402
 from detector_views import flat_example, placed, view  # noqa: E402
+from export import export_detector  # noqa: E402
+from labelled import box_of  # noqa: E402
 from photo_split import is_coco_training, is_held_out, is_training  # noqa: E402
 
 SIDE = 416
@@ -182,3 +184,33 @@ def test_network_gives_a_score_per_cell() -> None:
     assert [tuple(o.shape[1:]) for o in outputs[4:]] == [(n, 32) for n in counts]
     assert scores.shape == (1, sum(counts), 82)
     assert torch.equal(torch.cat(outputs[4:], dim=1), bins)
+
+
+def test_exported_file_matches_its_network(tmp_path: Path) -> None:
+    path = tmp_path / "detector.onnx"
+    torch.manual_seed(0)
+    detector = Detector()
+    error = export_detector(detector.state_dict(), path)
+    assert error < 0.03
+    finder = BoxFinder(path, "movable")
+    bgr = np.random.default_rng(0).integers(0, 256, (300, 400, 3), dtype=np.uint8)
+    scores, boxes = finder.raw(bgr)
+    assert scores.shape == (3598, 82)
+    assert boxes.shape == (3598, 4)
+    with torch.inference_mode():
+        logits, _ = detector.eval().logits(torch.from_numpy(prepared(bgr)))
+    np.testing.assert_allclose(scores, logits[0].sigmoid().numpy(), atol=0.03)
+
+
+def test_shipped_detector_finds_billiard_balls() -> None:
+    scene = ROOT / "scenes/billiards"
+    finder = BoxFinder(ROOT / "physgen/perceive/segment/detector.onnx", "movable")
+    boxes = finder.find(cv2.imread(str(scene / "photo.png")))
+    labels = cv2.imread(str(scene / "photo.assets/masks.png"), cv2.IMREAD_UNCHANGED)
+    truth = [box_of(labels == label) for label in np.unique(labels) if label]
+    overlaps = ious(np.array(truth, np.float32), boxes.boxes)
+    assert (overlaps.max(axis=1) > 0.5).mean() > 0.8
+    best = overlaps.argmax(axis=1)
+    assert np.median(boxes.scores[best]) > 0.3
+    sports_ball = CLASSES.index("sports ball")
+    assert boxes.classes[best].sum(axis=0).argmax() == sports_ball
