@@ -17,6 +17,7 @@
     python benchmarks/run.py editor          # physgen edit: how soon an edit shows its motion
     python benchmarks/run.py plausibility    # right clips told from wrong ones, and our scenes
     python benchmarks/run.py properties controllability runtime    # the paper's measures of that name
+    python benchmarks/run.py objects         # what perceive writes under objects:, on real photos and drawings
     python benchmarks/run.py sureness        # stated confidences of masses beside their errors
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -46,6 +47,7 @@ from ghosts import ghosts
 from growth import growth, plot
 from kills import kills
 from labels import labels
+from objects import objects
 from paper import controllability, properties, runtime
 from perceiving import first_clips, perceiving
 from percepts import percepts
@@ -228,6 +230,7 @@ PARTS = {
     "render": render,
     "start": start,
     "segmentation": segmentation,
+    "objects": objects,
     "names": names,
     "physics": physics,
 }

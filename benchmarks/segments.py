@@ -11,7 +11,6 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from time import process_time
-from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -30,9 +29,8 @@ from physgen.evaluate.segmentation import (
     match,
     pairs,
 )
-from physgen.perceive.backends import label_imagenet, segment_learned
+from physgen.perceive.backends import label_imagenet
 from physgen.perceive.roles import Rgb, Segments
-from physgen.perceive.segment.candidates import FEATURES
 
 ROOT = Path(__file__).resolve().parents[1]
 PEERS = ("pool", "domino", "pig_ball", "boxes")
@@ -118,20 +116,9 @@ CONFIDENCES = (0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 """Borders of the bins of the reliability table."""
 
 
-def taken_away() -> dict[str, dict[str, object]]:
-    """Parts of finding objects, and what stands in segment_learned without each of them."""
-    constants, foreground = segment_learned.LEARNED, FEATURES.index("foreground")
-    return {
-        "joining of parts": {"joined": lambda found, fit, best: best},
-        "agreement of edges": {"LEARNED": replace(constants, agreement=0.0)},
-        "colours around": {"LEARNED": replace(constants, gap_penalty=0.0)},
-        "the judge": {"expected_fit": lambda evidence: evidence[:, foreground].copy()},
-    }
-
-
 def segmentation(folder: Path) -> list[dict]:
-    """Rows a photo (`photo` is its name), a row a set (`photo` is ""), a row a set of real photos without a part
-    (`without`), and a row a bin of confidence (`set` is "reliability")."""
+    """Rows a photo (`photo` is its name), a row a set (`photo` is ""), and a row a bin of confidence (`set` is
+    "reliability")."""
     find = registry.make("segment", "learned")
     rows, real, sets = [], [], photos(folder)
     shown: list[tuple[float, NDArray[np.uint8]]] = []
@@ -160,18 +147,6 @@ def segmentation(folder: Path) -> list[dict]:
     tiles = [tile for _, tile in sorted(shown, key=lambda one: one[0])[:WORST]]
     sheet = np.vstack([np.hstack(tiles[k : k + 5]) for k in range(0, WORST, 5)])
     Image.fromarray(sheet).save(ROOT / "docs/segmentation.webp", quality=75, method=6)
-    for part, stand_ins in taken_away().items():
-        with patch.multiple(segment_learned, **stand_ins):
-            for name in REAL:
-                if name in sets:
-                    rows.append(
-                        {
-                            "set": name,
-                            "without": part,
-                            "photo": None,
-                            **_total(evaluate(sets[name], find)),
-                        }
-                    )
     rows += _reliability(real)
     if absent := {name for name in REAL if name not in sets}:  # their former rows stay
         before = json.loads(

@@ -432,6 +432,8 @@ def _by_cicp(image: Image.Image, path: Path) -> ToSrgb | None:
         return None
     if len(body) != 4 or body[2] != 0:  # a matrix is not allowed in PNG
         raise ColourError
+    if UNSPECIFIED_CODE in (body[0], body[1]):
+        return None  # the other chunks describe the colours
     return coded_space(body[0], body[1], is_full_range=body[3] == 1).to_srgb
 
 

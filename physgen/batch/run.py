@@ -153,12 +153,16 @@ def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
     """
     name = Format(video.suffix.lower().removeprefix(".")).file
     earlier = read_manifest(job.folder).get("files", {}).get(name)
+    source = job.folder / name
+    stamp = file_stamp(source)
     done = _run(job, progress)
-    if done.folder is None:
+    is_new = source.is_file() and file_stamp(source) != stamp
+    if done.folder is None and not is_new:
         return done
+    # without a folder but with a new file, only another format failed
     kept: list[Path] = []
     try:
-        data = (done.folder / name).read_bytes()
+        data = source.read_bytes()
         if video.is_file() and sha256(video.read_bytes()).hexdigest() == earlier:
             write_atomic(video, data)
         else:

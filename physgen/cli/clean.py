@@ -21,9 +21,12 @@ KILOBYTE = 1000
 
 
 def clean(options: argparse.Namespace) -> int:
-    unused: list[UnusedPath] = []
+    by_place: dict[Path, UnusedPath] = {}
     for path in options.paths or [Path()]:
-        unused += [one for one in _unused_of(path) if one not in unused]
+        for one in _unused_of(path):
+            place = one.path.parent.resolve() / one.path.name
+            by_place.setdefault(place, one)
+    unused = list(by_place.values())
     if options.cache:
         unused += _cache()
     sizes = [one.size for one in unused]
@@ -52,7 +55,7 @@ def _unused_of(path: Path) -> list[UnusedPath]:
         raise InputError.of(str(path), "", "is not there", "name a scene or a folder")
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
-    folder = _unused_in(path.parent)
+    folder = _unused_in(path.parent, backup)
     backups = [one for one in folder if backup.fullmatch(one.path.name)]
     named = {assets_of(one.path) for one in backups}
     return [
@@ -65,7 +68,10 @@ def _unused_of(path: Path) -> list[UnusedPath]:
     ]
 
 
-def _unused_in(folder: Path) -> list[UnusedPath]:
+def _unused_in(
+    folder: Path, backup_names: re.Pattern[str] | None = None
+) -> list[UnusedPath]:
+    """Return what is unused in a folder; of its backups, only those of these names."""
     from physgen.scene.saving import (
         UnusedKind,
         UnusedPath,
@@ -73,7 +79,11 @@ def _unused_in(folder: Path) -> list[UnusedPath]:
         unused_backups,
     )
 
-    backups = unused_backups(folder)
+    backups = [
+        path
+        for path in unused_backups(folder)
+        if backup_names is None or backup_names.fullmatch(path.name)
+    ]
     assets = unused_assets(folder, backups)
     partials = _partials(folder)
     for one in folder.glob("*.assets"):

@@ -401,7 +401,10 @@ class _Run:
                 f"the clip of {other} that was there is replaced",
             )
         elif lost := lost_files(earlier, {*record.files, "report.html"}):
-            change, gone = "name all formats at once", f"{lost} of an earlier run went"
+            change, gone = (
+                "name all formats at once",
+                f"{lost} of an earlier run is replaced",
+            )
         if gone:
             fix = f"{change}, or choose another folder with -o, to have both"
             self._warn(

@@ -524,7 +524,11 @@ def refresh(
     every other line. Objects with a `prompt` are found again; new `boxes` and `points` replace what they cover, with a
     warning for objects inside them. `inform` is called with a summary, as by `perceive`.
     """
-    from physgen.pipeline.rebuilding import has_other_shape, with_fitting_assets
+    from physgen.pipeline.rebuilding import (
+        check_own_assets,
+        has_other_shape,
+        with_fitting_assets,
+    )
     from physgen.registry import Backends
     from physgen.scene.load import Opened
 
@@ -538,6 +542,7 @@ def refresh(
         path, output, options, crew, progress, warn, keep, inform, is_resized
     )
     if has_other_shape(opened.ground):
+        check_own_assets(path.read_bytes().decode("utf-8-sig"), path)
         return _perceive_anew(opened, run)
 
     def perceive_objects(
@@ -577,7 +582,9 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
     image, path = opened.ground.image, run.path
     assert image is not None
     anew = _perceive_photo(image, run.options, run.crew, run.progress, run.warn)
-    carried = carry_over(opened.document(), opened.ground.record, anew.perceived)
+    old = opened.document()
+    _report_lost_objects(old, anew.perceived, path, run.warn)
+    carried = carry_over(old, opened.ground.record, anew.perceived)
     for key in carried.dropped:
         expected = "belongs to the photo of other proportions and is left out"
         fix = "set it again for the new photo"
@@ -593,6 +600,23 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
     run.inform(f"{path}: " + "\n".join(summary(carried.perceived)))
     run.inform(f"{path}: kept: {listed(carried.kept, 'and') or 'nothing'}")
     return text
+
+
+def _report_lost_objects(
+    old: dict[str, Any], perceived: PerceivedScene, path: Path, warn: Warn
+) -> None:
+    """Warn of objects that are not in the new photo. Raises InputError if none is."""
+    names = perceived.document["objects"]
+    lost = [name for name in old.get("objects", {}) if name not in names]
+    if lost and not names:
+        expected = "none of the objects is found in the photo of other proportions"
+        fix = "restore the photo, or perceive it anew with --masks, --box or --point"
+        raise InputError.of(str(path), "", expected, fix)
+    for name in lost:
+        expected = "is not found by this name in the photo of other proportions"
+        fix = "compare it with the objects that were found, or point at it"
+        problem = Problem(Place(str(path)), f"objects.{name}", "", expected, fix)
+        warn(replace(problem, severity=Severity.WARNING))
 
 
 def _refresh(opened: Opened, text: str, run: _Refresh) -> str:

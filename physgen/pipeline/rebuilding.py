@@ -74,7 +74,7 @@ def with_fitting_assets(
     if not is_resized and not _lacks_masks(opened):
         yield opened, text
         return
-    _check_own_assets(text, path)
+    check_own_assets(text, path)
     folder = partial(path.with_name(f"{path.name}.assets"))
     folder.mkdir()
     try:
@@ -98,7 +98,7 @@ def _lacks_masks(opened: Opened) -> bool:
     return not has_masks and bool(_ids(document))
 
 
-def _check_own_assets(text: str, path: Path) -> None:
+def check_own_assets(text: str, path: Path) -> None:
     """Refuse a scene that inherits: its base names the photo. Raises InputError."""
     if "extends" in marked(text).data():
         expected = "extends another scene, whose photo or assets changed"

@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -30,7 +31,10 @@ WRITTEN_FILE = "written.json"
 MOST_TEXTS = 50
 """Hashes of scenes that are kept: more than anybody makes backups."""
 TEXT_SUFFIXES = (*SUFFIXES, ".json", ".physgen")
-"""Endings of files that may name an assets folder."""
+"""Endings of files that may name an assets folder from another folder."""
+MOST_FILES = 2_000
+"""Files below a folder that are searched for the name of its assets; with more of
+them, the assets count as used."""
 
 
 def save_scene(
@@ -157,32 +161,56 @@ def _checksums(assets: Path) -> dict[str, Any]:
 
 
 def is_unused(assets: Path, ignored: Collection[Path] = ()) -> bool:
-    """Return whether an assets folder is as physgen wrote it, and no scene names it.
+    """Return whether an assets folder is as physgen wrote it, and no file names it.
 
-    Scenes, backups and drafts of the editor count, in its folder and the one above,
-    except the files in `ignored`.
+    All files in its folder count, copies and backups of scenes among them, and scenes
+    in the folders below and in the one above, except the files in `ignored`.
     """
-    name = assets.name.encode()
-    home = assets.parent
-    above = home.resolve().parent
     try:
-        for text in (*_text_files(home), *_text_files(above, SUFFIXES)):
-            if text not in ignored and name in text.read_bytes():
-                return False
-        return is_written_folder(assets)
+        if not is_written_folder(assets):
+            return False
+        files = list(islice(_files_that_may_name(assets), MOST_FILES + 1))
+        if len(files) > MOST_FILES:
+            return False
+        return not any(
+            _names_folder(file.read_bytes(), assets.name)
+            for file in files
+            if file not in ignored
+        )
     except OSError:  # a file that cannot be read may name it
         return False
 
 
-def _text_files(
-    folder: Path, suffixes: Collection[str] = TEXT_SUFFIXES
-) -> Iterator[Path]:
-    """Yield the files of a folder that may be scenes, backups or drafts of scenes."""
-    for path in folder.iterdir():
-        is_scene = path.suffix.lower() in suffixes or BACKUP.fullmatch(path.name)
-        if is_scene and path.is_file() and path.stat().st_size <= Limit.BYTES.most:
+def _names_folder(data: bytes, name: str) -> bool:
+    """Return whether the bytes of a file may name a folder.
+
+    YAML and JSON can write other than ASCII letters as escapes in several ways, so each
+    backslash counts as such a letter.
+    """
+    return name.encode() in data or (not name.isascii() and b"\\" in data)
+
+
+def _files_that_may_name(assets: Path) -> Iterator[Path]:
+    """Yield the files that may be scenes, or copies or drafts of scenes, with `assets`."""
+    home = assets.parent
+    for path in home.iterdir():
+        if _is_small_file(path):
             yield path
-    yield from folder.glob(".*.editing/draft.json")
+    for path in home.rglob("*"):
+        is_inside = path.is_relative_to(assets)
+        is_scene = path.suffix.lower() in TEXT_SUFFIXES
+        if path.parent != home and is_scene and not is_inside and _is_small_file(path):
+            yield path
+    for path in home.resolve().parent.iterdir():
+        is_backup = BACKUP.fullmatch(path.name) is not None
+        is_scene = path.suffix.lower() in SUFFIXES or is_backup
+        if is_scene and _is_small_file(path):
+            yield path
+
+
+def _is_small_file(path: Path) -> bool:
+    """Return whether a path is a file that is not too large for a scene."""
+    return path.is_file() and path.stat().st_size <= Limit.BYTES.most
 
 
 # ---- what is no longer used
@@ -221,7 +249,7 @@ class UnusedPath:
         if self.path.is_dir():
             shutil.rmtree(self.path)
         else:
-            self.path.unlink()
+            self.path.unlink(missing_ok=True)
 
 
 def unused_backups(folder: Path) -> list[Path]:

@@ -218,3 +218,51 @@ def test_clean_needs_a_path_that_exists(
     missing = str(tmp_path / "no.yaml")
     assert main(["clean", missing, "--yes"]) == 2
     assert capsys.readouterr().err.startswith(f"{missing}: ")
+
+
+@pytest.mark.parametrize("kind", ["copy", "below", "escaped"])
+def test_assets_of_other_users_stay(blocks: Path, scene: Path, kind: str) -> None:
+    home = scene.parent
+    scene = scene.rename(home / "Käse.yaml")
+    shutil.rmtree(home / "scene.assets")
+    perceive_label(blocks, scene, "brick")
+    text = scene.read_text()
+    assets = home / yaml.safe_load(text)["assets"]
+    if kind == "copy":
+        (home / "saved.bak").write_text(text)
+    elif kind == "below":
+        (home / "sub").mkdir()
+        (home / "sub" / "x.yaml").write_text(text.replace("assets: ", "assets: ../"))
+    else:
+        (home / "x.json").write_text(json.dumps(yaml.safe_load(text)))
+    for label in ("book", "can", "mug"):
+        perceive_label(blocks, scene, label)
+    assert main(["clean", str(home), "--yes"]) == 0
+    assert (assets / "masks.png").is_file()
+
+
+def test_clean_lists_each_path_once(
+    blocks: Path, scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    perceive_label(blocks, scene, "book")
+    home = scene.parent
+    capsys.readouterr()
+    paths = [str(home), str(home / ".." / home.name), str(home.resolve())]
+    assert main(["clean", *paths, "--json"]) == 0
+    listed = [row["path"] for row in json.loads(capsys.readouterr().out)["unused"]]
+    assert len({Path(path).resolve() for path in listed}) == len(listed)
+    assert main(["clean", *paths, "--yes"]) == 0
+
+
+def test_clean_of_a_scene_spares_assets_of_other_backups(
+    blocks: Path, scene: Path
+) -> None:
+    other = scene.with_name("other.yaml")
+    shutil.copy(scene, other.with_name("other.yaml~"))
+    perceive_label(blocks, other, "can")
+    for label in ("book", "mug"):
+        perceive_label(blocks, scene, label)
+    assets = scene.parent / yaml.safe_load(Path(f"{other}~").read_text())["assets"]
+    assert main(["clean", str(scene), "--yes"]) == 0
+    assert Path(f"{other}~").is_file()
+    assert (assets / "masks.png").is_file()

@@ -110,6 +110,15 @@ def test_formats_that_fail_keep_the_others(
     assert (folder / "video.gif").exists()
 
 
+def test_video_is_written_if_another_format_fails(lesson: Path, tmp_path: Path) -> None:
+    wide = lesson.read_text().replace("fps: 24", "fps: 24, size: [17000, 16]")
+    lesson.write_text(wide)
+    output = tmp_path / "clip.gif"
+    command = ["render", str(lesson), "-o", str(output), "--format", "gif,webp"]
+    assert main(command) == 2
+    assert output.read_bytes() == (tmp_path / "clip" / "video.gif").read_bytes()
+
+
 def test_what_an_earlier_run_wrote_goes_with_a_warning(
     lesson: Path, tmp_path: Path, capsys
 ) -> None:
@@ -119,9 +128,7 @@ def test_what_an_earlier_run_wrote_goes_with_a_warning(
     assert main([*command, "--format", "gif"]) == 0
     folder = tmp_path / "lesson"
     assert not (folder / "video.mp4").exists()
-    warning = (
-        f"{folder}: warning: video.mp4 of an earlier run went; name all formats at once"
-    )
+    warning = f"{folder}: warning: video.mp4 of an earlier run is replaced; name all formats at once"
     assert warning in capsys.readouterr().err
     assert main([*command, "--format", "gif,mp4"]) == 0
     assert main([*command, "--format", "gif,mp4", "--no-cache"]) == 0

@@ -62,7 +62,8 @@ def refreshed(scene: Path, *options: str) -> tuple[Scene, NDArray[np.uint16]]:
     out = scene.with_name("again.yaml")
     assert main(["perceive", "--refresh", str(scene), *options, "-o", str(out)]) == 0
     loaded = pipeline.load(out)
-    return loaded, read_labels(out.with_name("again.assets") / "masks.png")
+    assert loaded.assets is not None
+    return loaded, read_labels(loaded.assets / "masks.png")
 
 
 @pytest.mark.slow

@@ -338,3 +338,20 @@ def test_scene_that_extends_another_is_not_rebuilt(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{top}: ")
     assert files_of(scene.parent) == before
+
+
+def test_other_proportions_spare_a_scene_that_extends(scene: Path) -> None:
+    child = scene.with_name("child.yaml")
+    child.write_text(f"extends: {scene.name}\nrender: {{fps: 25}}\n")
+    resize_photo(scene, 300, 220)
+    before = files_of(scene.parent)
+    assert refresh(child) == 2
+    assert files_of(scene.parent) == before
+
+
+def test_other_proportions_without_objects_change_nothing(scene: Path) -> None:
+    photo = np.full((220, 300, 3), 128, np.uint8)
+    cv2.imwrite(str(scene.with_name("photo.png")), photo)
+    before = files_of(scene.parent)
+    assert refresh(scene) == 2
+    assert files_of(scene.parent) == before
