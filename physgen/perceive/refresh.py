@@ -66,11 +66,13 @@ def start_refresh(
     boxes: Sequence[Box],
     points: Sequence[Point],
     segment: Segmenter,
+    *,
+    smallest: bool = False,
 ) -> RefreshStart:
     """Keeps objects without a prompt, segments those with one again; new boxes and points replace what they cover.
 
     `old` is the scene's data with its sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay.
-    Raises InputError as `from_prompts`.
+    `smallest`, of new points, and errors are as in `from_prompts`.
     """
     ids = _mask_ids(objects)
     by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
@@ -79,7 +81,7 @@ def start_refresh(
         for k, item in enumerate(objects)
         if item.prompt is not None and k not in by_box
     ]
-    new = from_prompts(rgb, boxes, points, segment)
+    new = from_prompts(rgb, boxes, points, segment, smallest=smallest)
     old_boxes = [objects[k].prompt.box for k in by_box]  # type: ignore[union-attr]
     old_points = [objects[k].prompt.point for k in by_point]  # type: ignore[union-attr]
     again = from_prompts(rgb, old_boxes, old_points, segment)

@@ -33,6 +33,8 @@ class PerceiveOptions:
     """x, y, w, h px of objects."""
     points: Sequence[tuple[float, float]] = ()
     """x, y px on objects."""
+    smallest: bool = False
+    """Whether a point means the smallest object there, and not the whole one."""
     labels: Sequence[str] = ()
     """`NAME=TEXT`."""
     asked: Sequence[str] = ()
@@ -118,7 +120,13 @@ def perceive(
         x, y = rgb.shape[1] / width, rgb.shape[0] / height
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
         points = [(point[0] * x, point[1] * y) for point in points]
-        found = from_prompts(rgb, boxes, points, Segmenter(crew, options.asked))
+        found = from_prompts(
+            rgb,
+            boxes,
+            points,
+            Segmenter(crew, options.asked),
+            smallest=options.smallest,
+        )
         crew.release("segment")
     for problem in _unused_choices(crew, options):
         warn(problem)
@@ -450,7 +458,14 @@ def refresh(
     own = opened.document()
     old = old_and_new.with_sources(own, scene)
     begun = old_and_new.start_refresh(
-        photo.rgb, scene.objects, old, ids, options.boxes, options.points, find
+        photo.rgb,
+        scene.objects,
+        old,
+        ids,
+        options.boxes,
+        options.points,
+        find,
+        smallest=options.smallest,
     )
     crew.release("segment")
     for name in begun.gone:
