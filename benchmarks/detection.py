@@ -30,7 +30,7 @@ sys.path.append(str(ROOT / "studio/segmentation"))
 
 from boxes import Boxes, BoxFinder, ious  # noqa: E402
 from coco import material  # noqa: E402
-from labelled import (  # noqa: E402
+from labelled_photos import (  # noqa: E402
     UNJUDGED,
     LabelledPhoto,
     objects_of,

@@ -1,7 +1,7 @@
 """Objects that `perceive` writes under `objects:` -> precision, recall and calibration.
 
 Doubtful regions do not count. No photo is one that the networks or the judge learned
-from; `studio/segmentation/split.py` holds the split.
+from; `studio/segmentation/photo_split.py` holds the split.
 """
 
 from __future__ import annotations
@@ -97,9 +97,9 @@ def _labelled(set_name: str, folder: Path) -> Iterator[Pair]:
 
     People, animals and furniture are background: to find one is wrong.
     """
-    from labelled import UNJUDGED as UNKNOWN
-    from labelled import _is_movable as is_movable
-    from labelled import photos_of
+    from labelled_photos import UNJUDGED as UNKNOWN
+    from labelled_photos import _is_movable as is_movable
+    from labelled_photos import photos_of
 
     least = LEAST_AREA if set_name == "coco" else 0.0
     for one in photos_of(set_name, training=False):

@@ -545,7 +545,6 @@ def write_scene(
     before: str | None = None,
     known: Record = UNKNOWN,
     stdout: Path | None = None,
-    full_size: tuple[int, int] | None = None,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
@@ -556,7 +555,6 @@ def write_scene(
     file `stdout` that the caller writes the text to, or to `NAME.assets/` in the current
     folder. Assets of another scene in the way stay, and the new ones go to
     `OUTPUT-STEM-2.assets/`.
-    `full_size` is the width and height, px, of a photo that was made smaller; the record keeps them.
     `photo` is its file; None where no scene can name the file as it is. Of that, and of a file outside the scene's
     folder, the pixels are written as `NAME.png`: a copy of the file would keep where the photo was taken. Existing
     files that differ are kept as `NAME~` (`keep` is called with them).
@@ -644,9 +642,9 @@ def write_scene(
             }
         ),
     }
-    if full_size is not None:
+    if perceived.full_size is not None:
         name_of_photo = copy if photo is None else copy or photo.name
-        record["photo"] = {"image": name_of_photo, "size": list(full_size)}
+        record["photo"] = {"image": name_of_photo, "size": list(perceived.full_size)}
     if (suits := perceived.suitability) is not None:
         record["suitability"] = {
             "verdict": suits.verdict,

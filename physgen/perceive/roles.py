@@ -319,3 +319,5 @@ class PerceivedScene:
     """Reason and confidence of the view."""
     wrote: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     """What perception wrote where a user has set something else since, by object; `""` for the scale."""
+    full_size: tuple[int, int] | None = None
+    """Width and height, px, of a photo that was made smaller; None if it was not."""

@@ -90,7 +90,6 @@ def perceive(
         output,
         keep,
         stdout=stdout,
-        full_size=photo.full_size,
     )
     inform(
         f"{image}: " + "\n".join(summary(perceived))
@@ -105,8 +104,6 @@ class _PerceivedPhoto:
     perceived: PerceivedScene
     is_nameable: bool
     """Whether the file's pixels are those of the scene."""
-    full_size: tuple[int, int] | None
-    """Width and height, px, of a photo that was made smaller."""
 
 
 def _perceive_photo(
@@ -191,7 +188,8 @@ def _perceive_photo(
         warn(problem)
     progress("push", 0, 1)
     full_size = None if rgb.shape[:2] == (height, width) else (width, height)
-    return _PerceivedPhoto(_set_off(perceived, options.still), as_it_is, full_size)
+    perceived = replace(perceived, full_size=full_size)
+    return _PerceivedPhoto(_set_off(perceived, options.still), as_it_is)
 
 
 def _set_off(perceived: PerceivedScene, still: bool) -> PerceivedScene:
@@ -595,7 +593,6 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
         image.stem,
         run.output,
         run.keep,
-        full_size=anew.full_size,
     )
     run.inform(f"{path}: " + "\n".join(summary(carried.perceived)))
     run.inform(f"{path}: kept: {listed(carried.kept, 'and') or 'nothing'}")
@@ -727,7 +724,10 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     )
     before = None if "extends" in own else text
     perceived = replace(
-        perceived, comments={} if before is None else perceived.comments, wrote=wrote
+        perceived,
+        comments={} if before is None else perceived.comments,
+        wrote=wrote,
+        full_size=old_and_new.full_size(scene),
     )
     image = scene.image if photo.plain else None
     new = write_scene(
@@ -738,7 +738,6 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         run.keep,
         before,
         record,
-        full_size=old_and_new.full_size(scene),
     )
     run.inform(f"{path}: " + "\n".join(summary(summed)))
     return new

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from detector_drawings import flat_drawing
 from drawn import draw
-from labelled import (
+from labelled_photos import (
     UNJUDGED,
     LabelledPhoto,
     Objects,

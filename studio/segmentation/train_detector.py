@@ -24,7 +24,7 @@ from detector import DEVIATION, MEAN, WHOLES, Detector, cells
 from detector_loss import Target, distillation, losses
 from detector_views import SET_SHARES, WEIGHT_STEP, Example, View, load_sets, view
 from given import load_given
-from labelled import OPEN_LICENCES
+from labelled_photos import OPEN_LICENCES
 from torch import Tensor
 
 SIDES = (320, 320, 416)

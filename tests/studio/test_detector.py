@@ -19,7 +19,7 @@ from detector_loss import Target, assign, losses  # noqa: E402
 from detector_views import MOVABLE as MOVABLE_ROLE  # noqa: E402
 from detector_views import flat_example, placed, view  # noqa: E402
 from export import export_detector  # noqa: E402
-from labelled import box_of  # noqa: E402
+from labelled_photos import box_of  # noqa: E402
 from photo_split import is_coco_training, is_held_out, is_training  # noqa: E402
 
 SIDE = 416
