@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import struct
+import warnings
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import av
@@ -519,3 +522,31 @@ def test_photos_are_made_smaller_in_linear_light() -> None:
     assert (small == round(float(srgb(np.array(0.5))) * 255)).all()
     for level in range(256):
         assert (shrink_photo(np.full((9, 9, 3), level, np.uint8), 3) == level).all()
+
+
+@pytest.mark.parametrize("compression", ["raw", "tiff_lzw", "tiff_adobe_deflate"])
+@pytest.mark.parametrize("pages", [1, 2])
+def test_damaged_tiffs_print_nothing(
+    compression: str,
+    pages: int,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Pillow warns and logs, and libtiff writes to stderr itself."""
+    monkeypatch.setattr(logging.root, "handlers", [])
+    path = tmp_path / "photo.tiff"
+    page = Image.new("RGB", (8, 8), (40, 90, 160))
+    others = [page.resize((9, 9))] * (pages - 1)
+    page.save(path, compression=compression, save_all=True, append_images=others)
+    data = path.read_bytes()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        for index in range(len(data)):
+            damaged = bytearray(data)
+            damaged[index] ^= 0xFF
+            for content in (damaged, data[:index]):
+                path.write_bytes(content)
+                with suppress(InputError):
+                    read_photo(path)
+    assert capfd.readouterr().err == ""
