@@ -364,16 +364,12 @@ def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
         return np.asarray(np.clip(np.asarray(image), 0, 65535)[:, :, None], np.uint16)
     if _bits(image, path) != 16 or image.mode not in ("LA", "RGB", "RGBA"):
         return None
-    log = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, and 4: it must not print
-    level = log.getLogLevel()
-    log.setLogLevel(0)
+    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-        data = _decode_page(path, image.tell(), flags)
+        with discard_native_errors():
+            data = _decode_page(path, image.tell(), flags)
     except cv2.error:
         return None
-    finally:
-        log.setLogLevel(level)
     if data is None or data.dtype != np.uint16 or data.ndim != 3:
         return None
     order = cv2.COLOR_BGRA2RGBA if data.shape[2] == 4 else cv2.COLOR_BGR2RGB
