@@ -594,6 +594,7 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         provenance=MappingProxyType(dict(item["from"])),
         prompt=_prompt(item["prompt"]) if "prompt" in item else None,
         place=tuple(map(float, [*item["place"], 0][:3])) if "place" in item else None,
+        wheels=tuple(_make(parts.Wheel, wheel) for wheel in item.get("wheels", ())),
     )
 
 

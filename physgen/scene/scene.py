@@ -237,6 +237,23 @@ class PointPrompt:
 
 
 @dataclass(frozen=True)
+class Wheel:
+    """A wheel of a vehicle: a circle of the photo."""
+
+    center: Point
+    """px: its axle."""
+    radius: float
+    """px."""
+
+
+class Facing(Enum):
+    """The side of the photo at which the front of a vehicle is."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+
+@dataclass(frozen=True)
 class Object:
     """One object of the photo."""
 
@@ -271,6 +288,10 @@ class Object:
     place: tuple[float, float, float] | None = None
     """px, px, degrees: where its centre of mass is at t = 0, and how far it is turned from what the photo shows; None:
     as the photo shows it."""
+    wheels: tuple[Wheel, ...] = ()
+    """They turn on pins of the object; empty unless it is a vehicle."""
+    facing: Facing | None = None
+    """Where its front is; None: unknown."""
 
 
 @dataclass(frozen=True)
