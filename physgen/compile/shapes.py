@@ -196,6 +196,17 @@ class Shapes:
     """Outlines as the file or the assets have them; None where one is fitted."""
     labels: U16  # (H, W): id k + 1 is the k-th object; 0 = background
     fits: Fitted
+    wholes: tuple[Outline | None, ...] = ()
+    """With the parts that other objects hide, as the assets have them; None if none is known."""
+
+    @property
+    def drawn(self) -> tuple[Outline, ...]:
+        """Outlines with their hidden parts, photo frame, for drawing."""
+        wholes = self.wholes or (None,) * len(self.written)
+        return tuple(
+            outline if whole is None else whole
+            for outline, whole in zip(self.outlines, wholes, strict=True)
+        )
 
     @property
     def outlines(self) -> tuple[Outline, ...]:
@@ -213,7 +224,10 @@ def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
     fits = fit_masks(
         scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None]
     )
-    return Shapes(tuple(written), of_objects, fits)
+    wholes = [_stored_whole(item, labels) for item in scene.objects]
+    if not any(whole is not None for whole in wholes):
+        wholes = []
+    return Shapes(tuple(written), of_objects, fits, tuple(wholes))
 
 
 def mask_crc(labels: U16, id_: int) -> int:
@@ -230,6 +244,16 @@ def _written(item: Object, labels: U16 | None) -> Outline | None:
     if isinstance(shape, Auto):
         shape = _stored_shape(shape, item.mask, labels)
     return None if shape is None else shape_outline(shape)
+
+
+def _stored_whole(item: Object, labels: U16 | None) -> Outline | None:
+    """Return the whole outline that was stored for an object's mask if it is unchanged."""
+    shape = item.shape
+    if not isinstance(shape, Auto) or shape.whole is None:
+        return None
+    if _stored_shape(shape, item.mask, labels) is None:
+        return None
+    return shape_outline(shape.whole)
 
 
 def _stored_shape(shape: Auto, mask: Mask | None, labels: U16 | None) -> Shape | None:

@@ -25,6 +25,7 @@ from physgen.geometry.polygon import (
 )
 from physgen.materials import is_billiard_ball
 from physgen.scene.scene import (
+    Auto,
     Combine,
     FieldKind,
     JointKind,
@@ -382,6 +383,24 @@ def world_in_photo(world: World) -> World:
     return replace(world, bodies=tuple(map(body_in_photo, world.bodies)))
 
 
+def world_as_drawn(world: World, shapes: Sequence[Outline]) -> World:
+    """Return the world with balls as large as their whole outlines.
+
+    Neighbours that hide a ball keep the engine's disc smaller than it.
+    """
+    bodies = []
+    for body, shape in zip(world.bodies, shapes, strict=True):
+        is_larger = (
+            isinstance(shape, Disc)
+            and body.radius is not None
+            and shape.radius > body.radius
+        )
+        if is_larger and isinstance(shape, Disc):
+            body = replace(body, radius=shape.radius)
+        bodies.append(body)
+    return replace(world, bodies=tuple(bodies))
+
+
 def appearance(scene: Scene, world: World) -> tuple[object, ...]:
     """All values but the photo's maps that a Stage depends on, as plain data for the key of a cache.
 
@@ -401,5 +420,6 @@ def appearance(scene: Scene, world: World) -> tuple[object, ...]:
         (settings.view, settings.tilt, settings.backdrop),
         (render.relight, render.shadows, render.supersample, camera),
         [(item.layer, is_billiard_ball(item.label)) for item in scene.objects],
+        [item.shape.whole for item in scene.objects if isinstance(item.shape, Auto)],
         (world.size, world.view, bodies, [wall.chains for wall in world.walls]),
     )

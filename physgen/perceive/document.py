@@ -595,7 +595,10 @@ def write_scene(
     body = {key: value for key, value in perceived.document.items() if key not in heads}
     old: dict[str, Any] = {} if before is None else marked(before).data()
     body["objects"], outlines = short_entries(
-        body["objects"], perceived.percepts.labels, old.get("objects", {})
+        body["objects"],
+        perceived.percepts.labels,
+        old.get("objects", {}),
+        perceived.wholes,
     )
 
     def written(assets: Path) -> str:
@@ -770,9 +773,12 @@ def value_at(document: Mapping[str, Any], key: str) -> object:
 
 
 def short_entries(
-    objects: Mapping[str, Any], labels: Labels, written: Mapping[str, Any]
+    objects: Mapping[str, Any],
+    labels: Labels,
+    written: Mapping[str, Any],
+    wholes: Mapping[int, Outline] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], str]:
-    """The objects as the file has them, and `outlines.json` with their shapes and solids.
+    """The objects as the file has them, and `outlines.json` with their shapes and solids, and their `wholes` by id.
 
     The file has no shape, solid, `from` or default but where it was `written`, or where the object's mask is no id.
     """
@@ -784,6 +790,8 @@ def short_entries(
             entry = {"crc": mask_crc(labels, mask)} | {
                 key: item[key] for key in ours if key in item
             }
+            if mask in wholes:
+                entry["whole"] = shape_entry(wholes[mask])
             stored.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
             item = {key: value for key, value in item.items() if key not in ours}
         short[name] = {

@@ -34,6 +34,7 @@ from physgen.geometry.scale import (
 from physgen.maps import F32, Percepts
 from physgen.materials import kind
 from physgen.perceive import document
+from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.poisson import fill_behind
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -126,6 +127,7 @@ def perceive(
         )
         names = run.name(found, objects, renames)
         outlined = outline_as_named(rgb, found.labels, names.objects)
+        outlined, wholes = continue_outlines(found.labels, outlined)
         names = replace(names, objects=outlined)
         matter, scale = run.weigh(names, pixels_per_meter)
         boundaries, depth, normals = run.find_boundaries(
@@ -249,7 +251,9 @@ def perceive(
         )  # fmt: skip
         reason = document.provenance(boundaries.reason, boundaries.confidence)
         return run.signed(
-            PerceivedScene(percepts, scene, comments, warnings, (), suits, reason)
+            PerceivedScene(
+                percepts, scene, comments, warnings, (), suits, reason, wholes=wholes
+            )
         )
 
 

@@ -151,6 +151,8 @@ class Auto:
     """From the assets' outlines.json."""
     crc: int = 0
     """`mask_crc` of the mask for which it is stored."""
+    whole: Circle | Box | Polygon | None = None
+    """With the part that other objects hide, for drawing; None if none is known."""
 
 
 Shape = Circle | Box | Polygon | Auto
