@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from physgen.geometry.circles import robust_circle
-from physgen.geometry.fitting import fit_outlines, long_border
+from physgen.geometry.fitting import fit_outlines, long_border, touching_masks
 from physgen.geometry.polygon import Array, Disc, Outline
 from physgen.materials import kind
 from physgen.perceive.occlusion import OcclusionOrder, drawing_layers, occlusion_orders
@@ -38,6 +38,7 @@ class HiddenConstants:
     smooth: float = 0.03  # of its size, by which a border leaves an ellipse
     open: float = 0.08  # share of a circle that may show what is behind the object
     least: float = 0.02  # of an object's area: less is not worth completing
+    least_of_ball: float = 0.004  # of a ball's disc: a bite shows on a round outline
     most: float = 1.5  # times its area: more is a guess
     bay: float = 0.8  # share of a bay that objects in front fill
     smallest: float = 0.6  # of a ball's radius that is left where neighbours touch
@@ -55,7 +56,7 @@ def continue_outlines(
     """
     ids = [item.id for item in objects]
     _, orders = drawing_layers(occlusion_orders(labels, ids), {})
-    fronts = fronts_of(orders)
+    fronts = with_neighbours_of_balls(fronts_of(orders), labels, objects)
     wholes: dict[int, Outline] = {}
     completed = list(objects)
     for place, item in enumerate(objects):
@@ -71,6 +72,22 @@ def continue_outlines(
             if disc is not None:
                 completed[place] = replace(item, outline=disc)
     return completed, wholes
+
+
+def with_neighbours_of_balls(
+    fronts: Mapping[int, set[int]], labels: Labels, objects: Sequence[PhotoObject]
+) -> dict[int, set[int]]:
+    """Return the fronts, of each ball with all that it touches.
+
+    Its circle tells what is hidden of it, also where an order of two is unsure.
+    """
+    completed = {i: set(front) for i, front in fronts.items()}
+    balls = {item.id for item in objects if kind(item.label).form in ROLLING_FORMS}
+    for i, j in touching_masks(labels, [item.id for item in objects]):
+        for own, other in ((i, j), (j, i)):
+            if own in balls:
+                completed.setdefault(own, set()).add(other)
+    return completed
 
 
 def fronts_of(orders: Sequence[OcclusionOrder]) -> Mapping[int, set[int]]:
@@ -92,7 +109,10 @@ def _whole_outline(
     if len(border) < HIDDEN.points:
         return None
     is_ball = kind(item.label).form in ROLLING_FORMS
-    if is_ball and (disc := _circle(border, own, by)) is not None:
+    if is_ball:
+        disc = _circle(border, own, by)
+        if disc is None or _hidden_share(disc, own, by) < HIDDEN.least_of_ball:
+            return None
         return Disc(disc.center + corner, disc.radius)
     hidden = _ellipse(border, own, by)
     if hidden is None:
@@ -152,6 +172,14 @@ def _circle(border: Array, own: Mask, by: Mask) -> Disc | None:
     if (inside & ~own & ~by).sum() > HIDDEN.open * np.pi * radius**2:
         return None
     return Disc(center, radius)
+
+
+def _hidden_share(disc: Disc, own: Mask, by: Mask) -> float:
+    """Return the share of a disc that what is in front of it hides."""
+    rows, columns = np.indices(own.shape)
+    away = np.hypot(columns - disc.center[0], rows - disc.center[1])
+    inside = away <= disc.radius
+    return float((inside & by).sum() / max(inside.sum(), 1))
 
 
 def _ellipse(border: Array, own: Mask, by: Mask) -> Mask | None:

@@ -36,6 +36,7 @@ from physgen.materials import kind
 from physgen.perceive import document
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.poisson import fill_behind
+from physgen.perceive.remains import Remain, attach_remains, find_remains
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
     BoundaryGuess,
@@ -106,8 +107,14 @@ def perceive(
     check_size(rgb)
     run = _Run(rgb, crew or Backends(), progress)
     scenery: Scenery | None = None
+    unsure: Sequence[Remain] = ()
     if found is None:
         found, scenery = run.detect(asked)
+        ids = [int(i) for i in np.unique(found.labels) if i > 0]
+        attached, unsure = attach_remains(
+            found.labels, find_remains(rgb, found.labels, ids)
+        )
+        found = replace(found, labels=attached)
     objects, specks = fit_objects(rgb, found)
     if not objects:
         document.relabel_objects(objects, renames, {})
@@ -225,6 +232,11 @@ def perceive(
             document.unknown_label(t.label) for t in objects if t.id in names.renamed
         )
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
+        warnings += tuple(
+            remain_problem(remain, called[remain.owner])
+            for remain in unsure
+            if remain.owner in called
+        )
         if moved := [
             f"{names.before[i]} is {name}"
             for i, name in called.items()
@@ -479,6 +491,16 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
             PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
         )
     return objects, len(every) - len(ids)
+
+
+def remain_problem(remain: Remain, name: str) -> Problem:
+    """Return a warning about a part beside an object that may stay behind."""
+    x, y = remain.place
+    found = f"something narrow at {x}, {y}"
+    expected = "may be a part of it that stays behind when it moves"
+    fix = "add it with --box around the whole object, or in physgen edit by the brush"
+    path = f"objects.{name}.mask"
+    return Problem(Place("the photo"), path, found, expected, fix, Severity.WARNING)
 
 
 def outline_as_named(

@@ -67,7 +67,7 @@ class StagingTuning:
     seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
     back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
-    lumpy: float = 0.2  # of its radius, by which a fruit may be larger than its circle
+    lumpy: float = 0.5  # of its radius, by which a fruit may be larger than its circle
     around: float = (
         0.75  # of a disc's ring that must be seen, for light to be told from paint
     )

@@ -18,7 +18,7 @@ SUN = DistantLight((-0.3, -0.4, 0.866), 0.8, 0.3)
 
 def apple_skin() -> np.ndarray:
     """Red on the left, yellow on the right, with pores."""
-    rows, columns = np.mgrid[:SIDE, :SIDE]
+    _, columns = np.mgrid[:SIDE, :SIDE]
     share = 1 / (1 + np.exp(-(columns - CENTER[0]) / 12))[..., None]
     colour = (1 - share) * np.array([0.6, 0.08, 0.05]) + share * np.array(
         [0.7, 0.5, 0.1]
@@ -81,7 +81,7 @@ def test_white_highlights_leave_the_skin():
 @pytest.mark.parametrize("is_painted", [True, False])
 def test_only_billiard_balls_have_patterns(is_painted: bool):
     """An apple with a pale half is two-coloured, too."""
-    rows, columns = np.mgrid[:SIDE, :SIDE]
+    rows, _ = np.mgrid[:SIDE, :SIDE]
     pale = (rows < 55)[..., None]
     colour = np.where(pale, [0.7, 0.65, 0.5], [0.5, 0.04, 0.04]).astype(np.float32)
     ball = ball_from_photo(
