@@ -165,6 +165,19 @@ def kind(label: str) -> Kind:
     return found
 
 
+PAINTED_BALLS = ("billiard ball", "snooker ball")
+"""Nouns of balls that wear one or two flat paints, all around alike."""
+
+
+def is_billiard_ball(label: str) -> bool:
+    """Return whether a label names a ball of billiards.
+
+    >>> is_billiard_ball("yellow pool ball"), is_billiard_ball("apple")
+    (True, False)
+    """
+    return kind(label).noun in PAINTED_BALLS
+
+
 def materials() -> Iterator[Material]:
     """Every material of the table."""
     return (_material(name) for name in _table()[0])

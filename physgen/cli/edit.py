@@ -99,7 +99,18 @@ def edit_file(options: argparse.Namespace) -> int:
     scene = before.scene()
     check_writable(path.resolve().parent)
     _refuse_other_names(scene, path, options.objects)
-    names = [named(scene, str(path), name).name for name in options.objects]
+    is_merge = options.command == "merge"
+    names = list(options.objects)
+    doubtful = set(scene.document.get("doubtful") or {})
+    for name in names:
+        if not (is_merge and name in doubtful):
+            named(scene, str(path), name)
+    if is_merge and len(names) < 2:
+        fix = f"write physgen merge {path} {names[0]} and what is a part of it"
+        expected = "is one name; two or more are merged"
+        raise InputError.of(str(path), quoted(names[0]), expected, fix)
+    if is_merge and names[0] in doubtful:
+        _refuse_doubtful_first(scene, path, names)
     text, at = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
     ops: dict[str, list[dict[str, Any]]] = {
         "rename": [{"rename": at, "to": getattr(options, "to", "")}],
@@ -107,7 +118,6 @@ def edit_file(options: argparse.Namespace) -> int:
     }
     try:
         merged = {"kind": "merge", "objects": names}
-        is_merge = options.command == "merge"
         made: Any = (
             correct(Live(path), text, merged)
             if is_merge
@@ -149,6 +159,17 @@ def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None
     raise InputError.of(
         str(path), "", "is no scene file: the scene is the first argument", fix
     )
+
+
+def _refuse_doubtful_first(scene: Scene, path: Path, names: Sequence[str]) -> None:
+    """Raise InputError for a merge whose first name is a doubtful region."""
+    objects = [name for name in names if name in {item.name for item in scene.objects}]
+    fix = "name the object first that the region belongs to"
+    if objects:
+        others = [name for name in names if name != objects[0]]
+        fix = f"write {' '.join([objects[0], *others])}"
+    expected = "is a doubtful region, not an object"
+    raise InputError.of(str(path), quoted(names[0]), expected, fix)
 
 
 def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
@@ -223,8 +244,12 @@ def _add_file_edit(extra: Sequence[str], parser: Parser) -> None:
     parser.add_argument(
         "scene", metavar="SCENE", type=Path, help="the file, which is changed"
     )
-    count: Any = {"merge": 2, "remove": "+"}.get(parser.prog.split()[-1], 1)
-    parser.add_argument("objects", metavar="NAME", nargs=count, help="an object")
+    verb = parser.prog.split()[-1]
+    count: Any = {"merge": "+", "remove": "+"}.get(verb, 1)
+    about = "an object"
+    if verb == "merge":
+        about = "the object that remains, then objects and doubtful regions"
+    parser.add_argument("objects", metavar="NAME", nargs=count, help=about)
     if "to" in extra:
         parser.add_argument("to", metavar="NEW", help="its new name")
     parser.flag("--allow-outside", "let the scene read files outside its folder")
@@ -247,8 +272,8 @@ FILE_EDITS = tuple(
         ),
         (
             "merge",
-            "Makes one object of two, under the name of the first.",
-            "mug-1 mug-2",
+            "Makes one object of several, under the name of the first; others may be doubtful regions.",
+            "mug-1 handle-1 maybe-2",
             [],
         ),
         ("remove", "Removes objects from a scene and from the picture.", "ball-2", []),

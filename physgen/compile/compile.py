@@ -16,6 +16,7 @@ from physgen.compile.shapes import (
     snapped_to_boundaries,
     walls_of,
 )
+from physgen.compile.vehicles import with_wheels
 from physgen.compile.world import (
     Body,
     Field,
@@ -218,11 +219,10 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
     bodies = []
     for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
         try:
-            bodies.append(
-                replace(
-                    _body(item, outline, scene), rest=rest_pose(before, item, scene)
-                )
+            body = replace(
+                _body(item, outline, scene), rest=rest_pose(before, item, scene)
             )
+            bodies.append(with_wheels(body, item, outline, before, scene))
         except InputError as error:
             problems += error.problems
         except ValueError as error:

@@ -23,7 +23,9 @@ from physgen.geometry.polygon import (
     mass_properties,
     rotation,
 )
+from physgen.materials import is_billiard_ball
 from physgen.scene.scene import (
+    Auto,
     Combine,
     FieldKind,
     JointKind,
@@ -46,6 +48,16 @@ class Surface:
 
     friction: float
     elasticity: float
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A wheel that turns on a pin of its body."""
+
+    axle: Array
+    """(2,) px in the body's frame."""
+    radius: float
+    """px."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +96,8 @@ class Body:
     """(K, 4): s, x px, y px, rad; empty unless scripted."""
     rest: Array | None = None
     """(3,) px, px, rad: the pose in which the photo shows it, where it is put elsewhere; None: as it is at t = 0."""
+    wheels: tuple[Wheel, ...] = ()
+    """They carry it instead of its pieces, which end above them; mass and moment include them."""
 
     @property
     def reach(self) -> float:
@@ -359,6 +373,7 @@ def body_in_photo(body: Body) -> Body:
         center=body.rest[:2],
         rings=tuple(ring @ turn.T for ring in body.rings),
         pieces=tuple(piece @ turn.T for piece in body.pieces),
+        wheels=tuple(replace(w, axle=turn @ w.axle) for w in body.wheels),
         rest=None,
     )
 
@@ -366,6 +381,24 @@ def body_in_photo(body: Body) -> Body:
 def world_in_photo(world: World) -> World:
     """The world with all bodies as the photo shows them."""
     return replace(world, bodies=tuple(map(body_in_photo, world.bodies)))
+
+
+def world_as_drawn(world: World, shapes: Sequence[Outline]) -> World:
+    """Return the world with balls as large as their whole outlines.
+
+    Neighbours that hide a ball keep the engine's disc smaller than it.
+    """
+    bodies = []
+    for body, shape in zip(world.bodies, shapes, strict=True):
+        is_larger = (
+            isinstance(shape, Disc)
+            and body.radius is not None
+            and shape.radius > body.radius
+        )
+        if is_larger and isinstance(shape, Disc):
+            body = replace(body, radius=shape.radius)
+        bodies.append(body)
+    return replace(world, bodies=tuple(bodies))
 
 
 def appearance(scene: Scene, world: World) -> tuple[object, ...]:
@@ -379,13 +412,14 @@ def appearance(scene: Scene, world: World) -> tuple[object, ...]:
         () if scene.image is not None else (render.scale, render.size, render.camera)
     )
     bodies = [
-        (body.center, body.radius, body.pieces, body.rings, body.solid)
+        (body.center, body.radius, body.pieces, body.rings, body.solid, body.wheels)
         for body in world_in_photo(world).bodies
     ]
     return (
         (scene.size, scene.image is not None, scene.assets is not None, scene.light),
         (settings.view, settings.tilt, settings.backdrop),
         (render.relight, render.shadows, render.supersample, camera),
-        [item.layer for item in scene.objects],
+        [(item.layer, is_billiard_ball(item.label)) for item in scene.objects],
+        [item.shape.whole for item in scene.objects if isinstance(item.shape, Auto)],
         (world.size, world.view, bodies, [wall.chains for wall in world.walls]),
     )

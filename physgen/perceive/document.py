@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import atan2, degrees, floor
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from zlib import crc32
 
@@ -38,6 +39,7 @@ from physgen.perceive.roles import (
     Wall,
 )
 from physgen.perceive.support.viewpoint import DOUBTS
+from physgen.perceive.wheels import Vehicle
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.scene.files import MAPS, OUTLINES, RECORD, UNKNOWN, Record, recorded
@@ -207,6 +209,7 @@ def object_entries(
     labels: Mapping[int, Name],
     label_sources: Mapping[int, str],
     table: str,
+    vehicles: Mapping[int, Vehicle] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """`objects:`, and comments by dotted path. `table` is the backend of matter."""
     layer_of, kept = drawing_layers(
@@ -250,7 +253,10 @@ def object_entries(
         rolls = isinstance(item.outline, Disc) and (
             boundaries.view is View.SIDE or its.solid is Solid.SPHERE
         )
-        if rolls and not (item.cut or held):
+        vehicle = None if held else vehicles.get(item.id)
+        if vehicle is not None:
+            one["rolling"] = max(its.rolling, kind("wheel").material.rolling)
+        elif rolls and not (item.cut or held):
             one["rolling"] = its.rolling
         else:
             del sources["rolling"]
@@ -271,6 +277,16 @@ def object_entries(
             comments[f"{at}.friction"] = (
                 "at least this much, since it lies still on a slope"
             )
+        if vehicle is not None:
+            one |= vehicle_entry(vehicle)
+            sources["wheels"] = provenance("circles", vehicle.confidence)
+            comments[f"{at}.wheels"] = (
+                f"circles at its lower edge (confidence {vehicle.confidence:g});"
+                " they turn and carry it"
+            )
+            comments[f"{at}.facing"] = (
+                "a guess: the cabin is behind the middle; left or right"
+            )
         if item.id in layer_of:
             behind = [order for order in kept if order.front == item.id]
             one["layer"] = layer_of[item.id]
@@ -288,6 +304,18 @@ def object_entries(
         if item.id in found.prompts:
             entries[name]["prompt"] = dict(found.prompts[item.id])
     return entries, comments
+
+
+def vehicle_entry(vehicle: Vehicle) -> dict[str, Any]:
+    """Return `wheels:` and `facing:` of an object."""
+    wheels = [
+        {
+            "center": [short(x) for x in wheel.center],
+            "radius": short(wheel.radius),
+        }
+        for wheel in vehicle.wheels
+    ]
+    return {"wheels": wheels, "facing": vehicle.facing.value}
 
 
 def _mask_source(found: Detections, i: int) -> str:
@@ -567,7 +595,10 @@ def write_scene(
     body = {key: value for key, value in perceived.document.items() if key not in heads}
     old: dict[str, Any] = {} if before is None else marked(before).data()
     body["objects"], outlines = short_entries(
-        body["objects"], perceived.percepts.labels, old.get("objects", {})
+        body["objects"],
+        perceived.percepts.labels,
+        old.get("objects", {}),
+        perceived.wholes,
     )
 
     def written(assets: Path) -> str:
@@ -742,9 +773,12 @@ def value_at(document: Mapping[str, Any], key: str) -> object:
 
 
 def short_entries(
-    objects: Mapping[str, Any], labels: Labels, written: Mapping[str, Any]
+    objects: Mapping[str, Any],
+    labels: Labels,
+    written: Mapping[str, Any],
+    wholes: Mapping[int, Outline] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], str]:
-    """The objects as the file has them, and `outlines.json` with their shapes and solids.
+    """The objects as the file has them, and `outlines.json` with their shapes and solids, and their `wholes` by id.
 
     The file has no shape, solid, `from` or default but where it was `written`, or where the object's mask is no id.
     """
@@ -756,6 +790,8 @@ def short_entries(
             entry = {"crc": mask_crc(labels, mask)} | {
                 key: item[key] for key in ours if key in item
             }
+            if mask in wholes:
+                entry["whole"] = shape_entry(wholes[mask])
             stored.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
             item = {key: value for key, value in item.items() if key not in ours}
         short[name] = {

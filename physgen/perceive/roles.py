@@ -319,5 +319,7 @@ class PerceivedScene:
     """Reason and confidence of the view."""
     wrote: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     """What perception wrote where a user has set something else since, by object; `""` for the scale."""
+    wholes: Mapping[int, Outline] = field(default_factory=dict)
+    """Outlines with their hidden parts, by id in the label map, of objects behind others."""
     full_size: tuple[int, int] | None = None
     """Width and height, px, of a photo that was made smaller; None if it was not."""

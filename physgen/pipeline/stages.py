@@ -220,7 +220,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
 
     Flat shapes are drawn as large as `render` shows them at most. Depends on nothing that only shows in motion.
     """
-    from physgen.compile.world import photo_poses, world_in_photo
+    from physgen.compile.world import photo_poses, world_as_drawn, world_in_photo
     from physgen.render.camera import canvas_scale
     from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
@@ -256,7 +256,8 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
         & ~np.isin(maps.labels, doubtful)
     )
     with single_threaded():
-        shapes = compiled.shapes.outlines
+        shapes = compiled.shapes.drawn
+        world = world_as_drawn(world, shapes)
         toward = (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
         sprites = cut_sprites(
             maps.rgb,
