@@ -87,8 +87,7 @@ def test_bar_shows_the_time_of_slow_stages(monkeypatch: pytest.MonkeyPatch) -> N
             time.sleep(0.01)
         bar.aside(output.print_error)("a message")
     lines = terminal.getvalue().split("\r")
-    assert "a message\n" in lines  # on a line of its own
-    assert not lines[-1].strip()
+    assert lines[-1] == "a message\n"  # on a line of its own
 
 
 def test_bar_is_cleared_before_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
