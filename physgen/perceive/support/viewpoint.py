@@ -259,7 +259,10 @@ def judge_suitability(
     ]
     on = contacts([t.outline for t in loose], [np.array(w.points) for w in unseen])
     beneath = boundaries.held | {loose[c.body].id for c in on if c.other < 0}
-    if (unheld := sum(t.id in beneath for t in loose)) > DOUBTS.unheld * len(loose):
+    unheld = sum(t.id in beneath for t in loose)
+    # at an angle, the ground is seen around what stands on it
+    is_ground_visible = boundaries.tilt is not None
+    if unheld > DOUBTS.unheld * len(loose) and not is_ground_visible:
         reasons.append(
             f"no support is seen beneath {unheld} of {counted(len(loose), 'object')}"
         )
