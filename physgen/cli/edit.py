@@ -22,7 +22,7 @@ from physgen.cli.output import (
     print_line,
     print_problem,
 )
-from physgen.cli.perceive import add_backends
+from physgen.cli.perceive import BEGIN, add_backends, crew_of
 from physgen.files import check_writable, install
 from physgen.problems import InputError
 from physgen.text import quoted
@@ -41,7 +41,8 @@ def edit(options: argparse.Namespace) -> int:
         raise InputError.of("physgen edit", "", what, install("edit"))
     check_folder_name(options.output)
     check_writable(options.output)
-    scene, host = _scene(options), options.host.strip() or LOOPBACK[0]
+    host = options.host.strip() or LOOPBACK[0]
+    scene, is_new = _scene(options)
     from physgen.edit.app import Editor
     from physgen.edit.draft import BusyError
 
@@ -53,6 +54,7 @@ def edit(options: argparse.Namespace) -> int:
         print_error(f"{scene}: is open in an editor already, at this address")
         _print_address(options, scene, busy.address)
         return OK
+    editor.session.is_new = is_new
     try:
         if editor.session.recovered:
             print_error(f"{scene}: goes on where the editor ended before it was saved")
@@ -189,28 +191,33 @@ def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
             raise InputError.of(str(path), quoted(name), expected, fix)
 
 
-def _scene(options: argparse.Namespace) -> Path:
-    """The scene, or the one that is perceived of a photo."""
+def _scene(options: argparse.Namespace) -> tuple[Path, bool]:
+    """Return the scene, and whether its photo was perceived for it now."""
     path: Path = options.scene
     if not path.is_file() or path.suffix.lower() in SCENES:
-        return path
+        return path, False
     scene = path.with_name(f"{path.stem}.yaml")
     if scene.exists():
         print_error(
             f"{scene}: is there already and is opened; move it away to start again"
         )
-        return scene
-    from physgen import pipeline
-    from physgen.cli.perceive import crew_of
-
-    check_writable(scene.parent)
+        return scene, False
     bar = Bar()
-    crew = crew_of(options)
-    pipeline.perceive(
-        path, scene, crew=crew, progress=bar.show, warn=print_problem, keep=print_backup
-    )
-    bar.clear()
-    return scene
+    with bar.ticking():
+        bar.show(BEGIN, 0, 1)
+        from physgen import pipeline
+
+        check_writable(scene.parent)
+        pipeline.perceive(
+            path,
+            scene,
+            crew=crew_of(options),
+            progress=bar.show,
+            warn=bar.aside(print_problem),
+            keep=bar.aside(print_backup),
+            inform=bar.aside(print_error),
+        )
+    return scene, True
 
 
 def _print_address(options: argparse.Namespace, scene: Path, address: str) -> None:

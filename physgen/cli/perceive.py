@@ -36,17 +36,26 @@ from physgen.problems import InputError, Place, Problem, collect
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
 
+BEGIN = "begin"
+"""Stage that is shown before the packages of perception are loaded, which takes seconds."""
 LEAST_SIDE = 64
 """px of --side: in the bundled photos made smaller, nothing is found."""
 
 
 def perceive(options: argparse.Namespace) -> int:
+    bar = Bar()
+    with bar.ticking():
+        bar.show(BEGIN, 0, 1)
+        return _perceive(options, bar)
+
+
+def _perceive(options: argparse.Namespace, bar: Bar) -> int:
     from physgen import pipeline
 
     refuse_split_values(options.command_line, [str(path) for path in options.image])
     _refuse_scenes(options.image)
     if options.refresh is None and len(options.image) > 1:
-        return _perceive_many(options)
+        return _perceive_many(options, bar)
     out = options.output
     if (
         options.image
@@ -54,7 +63,7 @@ def perceive(options: argparse.Namespace) -> int:
         and (out.is_dir() or not (out.suffix or out.exists() or out.name == "-"))
     ):
         options.output = out / f"{options.image[0].stem}.yaml"
-    bar, boxes, output = Bar(), len(options.box), options.output or options.refresh
+    boxes, output = len(options.box), options.output or options.refresh
     redirected = None if output else stdout_file()
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),
@@ -71,9 +80,9 @@ def perceive(options: argparse.Namespace) -> int:
         "asked": options.find,
         "crew": crew,
         "progress": bar.show,
-        "warn": print_problem,
-        "keep": print_backup,
-        "inform": print_error,
+        "warn": bar.aside(print_problem),
+        "keep": bar.aside(print_backup),
+        "inform": bar.aside(print_error),
         "still": options.still,
     }
     if options.refresh:
@@ -106,7 +115,7 @@ def _refuse_scenes(images: Sequence[Path]) -> None:
         raise InputError(problems)
 
 
-def _perceive_many(options: argparse.Namespace) -> int:
+def _perceive_many(options: argparse.Namespace, bar: Bar) -> int:
     """Several photos into one folder, with models loaded once; an error in one does not stop the others."""
     from physgen import pipeline
 
@@ -147,7 +156,6 @@ def _perceive_many(options: argparse.Namespace) -> int:
     check_writable(options.output)
     crew = crew_of(options, keep=True)
     failed: list[Problem] = []
-    bar = Bar()
     for k, image in enumerate(options.image):
         output = options.output / f"{names[k]}.yaml"
 
@@ -159,9 +167,10 @@ def _perceive_many(options: argparse.Namespace) -> int:
         try:
             pipeline.perceive(
                 image, output, crew=crew, asked=options.find, side=options.side, still=options.still,
-                progress=step, warn=print_problem, keep=print_backup,
-                inform=lambda text: print_error(text.partition("\n")[0]),
+                progress=step, warn=bar.aside(print_problem), keep=bar.aside(print_backup),
+                inform=bar.aside(lambda text: print_error(text.partition("\n")[0])),
             )  # fmt: skip
+            bar.clear()
             write_result("", output)
         except InputError as error:
             failed += error.problems

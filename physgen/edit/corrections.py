@@ -42,7 +42,7 @@ from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
 from physgen.problems import InputError, impossible
-from physgen.scene.files import OUTLINES, RECORD, read_record
+from physgen.scene.files import OUTLINES, OVERVIEW, RECORD, read_record
 from physgen.scene.scene import MaskId
 from physgen.scene.yaml_edit import without_comments
 
@@ -131,11 +131,14 @@ def correct(
 
 
 def _linked_maps(assets: Path | None, path: Path) -> Path:
-    """A new folder beside the scene with all files of its assets under a second name, or copied to another disk."""
+    """A new folder beside the scene with all files of its assets under a second name, or copied to another disk.
+
+    The overview stays behind: it shows the masks as perception found them.
+    """
     out = free_folder(path)[0]
     out.mkdir()
     for file in assets.iterdir() if assets is not None and assets.is_dir() else ():
-        if file.is_file():
+        if file.is_file() and file.name != OVERVIEW:
             try:
                 os.link(os.path.realpath(file), out / file.name)
             except OSError:

@@ -42,7 +42,15 @@ from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.perceive.wheels import Vehicle
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.scene.files import MAPS, OUTLINES, RECORD, UNKNOWN, Record, recorded
+from physgen.scene.files import (
+    MAPS,
+    OUTLINES,
+    OVERVIEW,
+    RECORD,
+    UNKNOWN,
+    Record,
+    recorded,
+)
 from physgen.scene.provenance import provenance as provenance
 from physgen.scene.provenance import stated_scale, table_confidences
 from physgen.scene.saving import note_files, note_scene, save_scene
@@ -564,6 +572,16 @@ def with_doubtful(
 # files
 
 
+@dataclass(frozen=True)
+class Description:
+    """What perception found, for people: nothing is computed from it."""
+
+    overview: bytes
+    """A PNG file."""
+    summary: Sequence[str]
+    """Lines, as `summary` returns them."""
+
+
 def write_scene(
     perceived: PerceivedScene,
     photo: Path | None,
@@ -573,9 +591,11 @@ def write_scene(
     before: str | None = None,
     known: Record = UNKNOWN,
     stdout: Path | None = None,
+    description: Description | None = None,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
+    `description` is for people, and is written among the assets.
     `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
     `known` is the record beside it.
 
@@ -633,7 +653,7 @@ def write_scene(
             there.name.encode() in one.read_bytes() for one in folder.glob("*.yaml")
         )
     assets = there if there and same else assets
-    ours = {*(f"{name}.png" for name in MAPS), OUTLINES, SCHEMA}
+    ours = {*(f"{name}.png" for name in MAPS), OUTLINES, OVERVIEW, SCHEMA}
     for file, crc in recorded(assets, "files").items():
         if (
             file in ours
@@ -644,6 +664,8 @@ def write_scene(
     ranges = write_assets(perceived.percepts, assets, keep)
     if copy:
         write_png(assets / copy, perceived.percepts.rgb, keep)
+    if description is not None:
+        write_with_backup(assets / OVERVIEW, description.overview, keep)
     write_with_backup(assets / OUTLINES, outlines.encode(), keep)
     write_with_backup(assets / SCHEMA, resource("schemas", SCHEMA).read_bytes(), keep)
     per_meter = stated_scale(perceived.document)
@@ -681,6 +703,8 @@ def write_scene(
             "verdict": suits.verdict,
             "reasons": list(suits.reasons),
         }
+    if description is not None:
+        record["summary"] = list(description.summary)
     made = sorted(file for file in assets.iterdir() if file.name in ours)
     record["files"] = {file.name: crc32(file.read_bytes()) for file in made}
     write_atomic(
@@ -804,8 +828,9 @@ def short_entries(
 
 
 def _free_of_maps(name: str) -> str:
-    """The photo's name among the assets: no map has it."""
-    return f"photo-{name}" if Path(name).stem.lower() in MAPS else name
+    """The photo's name among the assets: no other picture has it."""
+    taken = {*MAPS, Path(OVERVIEW).stem}
+    return f"photo-{name}" if Path(name).stem.lower() in taken else name
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -583,7 +583,10 @@ def _world(
     }
     if boundaries.view is View.TOP:
         world["table"] = dict(document.TABLE)
-    return world | document.view_entry(shadows, boundaries.view is View.SIDE)
+    is_side = boundaries.view is View.SIDE
+    if is_side and boundaries.tilt is not None:
+        world["tilt"] = boundaries.tilt
+    return world | document.view_entry(shadows, is_side)
 
 
 def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:

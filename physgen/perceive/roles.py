@@ -185,6 +185,8 @@ class BoundaryGuess:
     """Ids of objects that nothing seen keeps from falling."""
     grip: Mapping[int, float] = field(default_factory=dict)
     """By id, the least friction that objects must have, since they lie still on a slope."""
+    tilt: float | None = None
+    """Degrees by which the camera looks down on the ground, if it is seen at an angle."""
 
 
 # The roles: what the backends of each are called with, and what they return.

@@ -15,6 +15,7 @@ from physgen.progress import Progress, silent
 from physgen.text import listed
 
 if TYPE_CHECKING:
+    from physgen.perceive.document import Description
     from physgen.perceive.refresh import PromptFrames
     from physgen.perceive.roles import PerceivedScene
     from physgen.registry import Backends
@@ -68,7 +69,7 @@ def perceive(
     the offline backends unless given. `given` are fields of PerceiveOptions. `inform` is called with a summary:
     some lines, the first of which has the photo's suitability.
     """
-    from physgen.perceive.document import summary, write_scene
+    from physgen.perceive.document import write_scene
     from physgen.registry import Backends
 
     options = PerceiveOptions(**given)
@@ -83,6 +84,7 @@ def perceive(
     check_writable((output or stdout or Path()).parent)
     photo = _perceive_photo(image, options, crew, progress, warn)
     perceived = photo.perceived
+    description = _description(perceived)
     text = write_scene(
         perceived,
         image if photo.is_nameable else None,
@@ -90,11 +92,38 @@ def perceive(
         output,
         keep,
         stdout=stdout,
+        description=description,
     )
-    inform(
-        f"{image}: " + "\n".join(summary(perceived))
-    )  # last: nobody may read it any more
+    # last: nobody may read it any more
+    lines = [*description.summary, *_overview_lines(text, output or stdout)]
+    inform(f"{image}: " + "\n".join(lines))
     return text
+
+
+def _description(perceived: PerceivedScene) -> Description:
+    """Return the overview and the summary of a perceived photo."""
+    from physgen.perceive.document import Description, summary
+    from physgen.report.overview import overview_png
+
+    velocities: dict[str, Sequence[float]] = {}
+    with suppress(InputError):  # it is reported when the scene is rendered
+        for item in _tried(perceived, "velocity").scene().objects:
+            velocities[item.name] = item.velocity
+    rgb, labels = perceived.percepts.rgb, perceived.percepts.labels
+    overview = overview_png(rgb, labels, perceived.document, velocities)
+    return Description(overview, summary(perceived))
+
+
+def _overview_lines(text: str, target: Path | None) -> list[str]:
+    """Return the line of the summary that names the overview of a scene's text."""
+    from physgen.scene.files import OVERVIEW
+    from physgen.scene.saving import named_assets
+
+    folder = Path() if target is None else target.parent
+    assets = named_assets(text.encode("utf-8"), folder)
+    if assets is None or not (assets / OVERVIEW).is_file():
+        return []
+    return [f"  picture   {assets / OVERVIEW}"]
 
 
 @dataclass(frozen=True)
@@ -502,6 +531,7 @@ def import_physgen(
         output,
         keep,
         stdout=stdout,
+        description=_description(imported),
     )
 
 
@@ -575,7 +605,7 @@ class _Refresh:
 def _perceive_anew(opened: Opened, run: _Refresh) -> str:
     """Perceive a photo of other proportions; keep what is not in pixels of the old one."""
     from physgen.perceive.carry import carry_over
-    from physgen.perceive.document import summary, write_scene
+    from physgen.perceive.document import write_scene
 
     image, path = opened.ground.image, run.path
     assert image is not None
@@ -583,6 +613,7 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
     old = opened.document()
     _report_lost_objects(old, anew.perceived, path, run.warn)
     carried = carry_over(old, opened.ground.record, anew.perceived)
+    description = _description(carried.perceived)
     for key in carried.dropped:
         expected = "belongs to the photo of other proportions and is left out"
         fix = "set it again for the new photo"
@@ -593,8 +624,10 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
         image.stem,
         run.output,
         run.keep,
+        description=description,
     )
-    run.inform(f"{path}: " + "\n".join(summary(carried.perceived)))
+    lines = [*description.summary, *_overview_lines(text, run.output)]
+    run.inform(f"{path}: " + "\n".join(lines))
     run.inform(f"{path}: kept: {listed(carried.kept, 'and') or 'nothing'}")
     return text
 
@@ -620,7 +653,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     """Refresh a scene whose assets fit its photo; `text` is that of its file."""
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import renamed_labels, summary, write_scene
+    from physgen.perceive.document import renamed_labels, write_scene
     from physgen.perceive.perceive import perceive as perceive_scene
     from physgen.perceive.segment.prompts import Segmenter, check_prompts
     from physgen.photos import read_photo
@@ -730,6 +763,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         full_size=old_and_new.full_size(scene),
     )
     image = scene.image if photo.plain else None
+    description = _description(summed)
     new = write_scene(
         perceived,
         image,
@@ -738,6 +772,8 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         run.keep,
         before,
         record,
+        description=description,
     )
-    run.inform(f"{path}: " + "\n".join(summary(summed)))
+    lines = [*description.summary, *_overview_lines(new, run.output)]
+    run.inform(f"{path}: " + "\n".join(lines))
     return new

@@ -15,6 +15,7 @@ from physgen.geometry.shadows import (
     shadow_on_table,
 )
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
+from physgen.perceive.shadow import side_view
 from physgen.perceive.shadow.shadow_removal import (
     refill_background,
     remove_reflections,
@@ -576,3 +577,18 @@ def test_in_a_balls_shadow_less_of_the_sky_is_missed() -> None:
         hidden = (1 + (away / r) ** 2) ** -1.5
         left = np.exp(-dark[100 - y0, 100 + away - x0])
         assert left == pytest.approx(0.4 * (1 - 0.4 * hidden), abs=0.03)
+
+
+def test_shadows_of_oblique_photos_stay_in_place() -> None:
+    """With the floor's known tilt, shadows fall on the same pixels as with the fitted one."""
+    setting = ShadowSetting(
+        DistantLight((0.3, -0.7, 0.65), 1.0, 0.2), 4.0, False, 0.1, np.inf, (320, 240)
+    )
+    known = side_view._with_known_tilt(setting, 45.0)
+    assert known.tilt == pytest.approx(1.0)
+    assert np.linalg.norm(known.light.direction) == pytest.approx(1)
+    x, y, z = setting.light.direction
+    a, b, c = known.light.direction
+    assert x / y == pytest.approx(a / b)
+    assert setting.tilt * z / y == pytest.approx(known.tilt * c / b)
+    assert side_view._with_known_tilt(setting, None) is setting

@@ -42,6 +42,7 @@ from physgen.perceive.support.ground_contact import (
     touching_objects,
 )
 from physgen.perceive.support.supports import SOURCE, add_supports, free_parts
+from physgen.perceive.support.view_classifier import view_chances
 from physgen.perceive.support.viewpoint import guess_view
 from physgen.photometry import decode
 from physgen.scene.scene import View
@@ -115,10 +116,11 @@ def support() -> Boundary:
 def _support(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: View | None
 ) -> BoundaryGuess:
+    chances = view_chances(run_network(rgb).features)
     if view is None:
         alone, upright = view_evidence(objects, feet_groups(labels, objects))
         found, sure, reason = guess_view(
-            rgb, labels, run_network(rgb).normals, alone, upright
+            rgb, labels, run_network(rgb).normals, alone, upright, chances
         )
     else:
         found, sure, reason = view, 1.0, "as given"
@@ -130,7 +132,14 @@ def _support(
     walls = [photo_bottom(labels), *stood.walls]
     walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
     return BoundaryGuess(
-        found, sure, reason, tuple(walls), stood.outlines, held, stood.grip
+        found,
+        sure,
+        reason,
+        tuple(walls),
+        stood.outlines,
+        held,
+        stood.grip,
+        chances.tilt,
     )
 
 
