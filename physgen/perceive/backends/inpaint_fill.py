@@ -22,6 +22,7 @@ from physgen.perceive.inpaint.poisson import (
     harmonic_fill,
     hole_pieces,
 )
+from physgen.perceive.inpaint.shift_map import shift_map_fill
 from physgen.perceive.roles import Inpaint, Mask, Rgb
 
 
@@ -65,14 +66,17 @@ def _fill(rgb: Rgb, hole: Mask) -> Rgb:
     near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
-    borrowed = _smooth_pieces(photo, patch_match_fill(photo, far), far)
+    borrowed, smooth = _smooth_pieces(photo, patch_match_fill(photo, far), far)
     gap = np.where(
         near[:, :, None],
         np.float32(0),
         np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit),
     )
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
-    return blend_at_border(_carry_level_lines(filled, photo, near), rgb, hole)
+    guide = _carry_level_lines(filled, photo, near)
+    textured = near & ~smooth
+    copied = shift_map_fill(guide, textured, guide) if textured.any() else guide
+    return blend_at_border(copied, rgb, hole)
 
 
 def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
@@ -121,8 +125,11 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
     return found
 
 
-def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
-    """`borrowed` (H, W, 3), but a harmonic fill with grain of one place in pieces with smooth surroundings."""
+def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> tuple[F32, Mask]:
+    """`borrowed` (H, W, 3), but a harmonic fill with grain of one place in pieces with smooth surroundings.
+
+    And (H, W) these pieces.
+    """
     smooth, own = (
         np.zeros_like(hole),
         borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain),
@@ -146,9 +153,9 @@ def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
             like = _like_place(own, hole, part, piece, rough)
             grain[part][piece] = np.clip(own[like][piece], -2 * rough, 2 * rough)
     if not smooth.any():
-        return borrowed
+        return borrowed, smooth
     film = harmonic_fill(np.where(hole[:, :, None], borrowed, photo), smooth, 0.1)
-    return np.where(smooth[:, :, None], film + grain, borrowed)
+    return np.where(smooth[:, :, None], film + grain, borrowed), smooth
 
 
 def _like_place(
