@@ -9,11 +9,13 @@ stay, and the fill meets them within a few pixels.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.edge_continuation import continue_arcs
 from physgen.perceive.inpaint.patch_match import patch_match_fill
 from physgen.perceive.inpaint.poisson import (
     blend_at_border,
@@ -48,17 +50,19 @@ class _Limits:
     differ: float = 0.3
     uneven: float = 0.5
     drawn: int = 2
+    arc_grain: float = 8.0  # levels: more beside an arc is an edge of the fill
+    detail: float = 2.0  # px: standard deviation of the blur below which is grain
 
 
 LIMITS = _Limits()
 
 
-def fill() -> Inpaint:
-    """The backend `fill`."""
-    return _fill
+def fill(*, copies: bool = True) -> Inpaint:
+    """The backend `fill`; without `copies`, means of patches everywhere."""
+    return partial(_fill, copies=copies)
 
 
-def _fill(rgb: Rgb, hole: Mask) -> Rgb:
+def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
@@ -73,10 +77,33 @@ def _fill(rgb: Rgb, hole: Mask) -> Rgb:
         np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit),
     )
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
-    guide = _carry_level_lines(filled, photo, near)
-    textured = near & ~smooth
-    copied = shift_map_fill(guide, textured, guide) if textured.any() else guide
-    return blend_at_border(copied, rgb, hole)
+    guide, drawn = _carry_arcs(filled, photo, near)
+    guide = _carry_level_lines(guide, photo, _pieces_without(drawn, near))
+    textured = near & ~smooth & ~drawn
+    if copies and textured.any():
+        guide = shift_map_fill(guide, textured, guide)
+    return blend_at_border(guide, rgb, hole)
+
+
+def _carry_arcs(filled: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
+    """`filled` (H, W, 3) with circles and ellipses continued through the `hole`, and where.
+
+    Strips have the fine detail of the fill.
+    """
+    arcs, drawn = continue_arcs(photo, hole)
+    if not drawn.any():
+        return filled, drawn
+    detail = filled - cv2.GaussianBlur(filled, (0, 0), LIMITS.detail)
+    detail = np.clip(detail, -LIMITS.arc_grain, LIMITS.arc_grain)
+    return np.where(drawn[..., None], arcs + detail, filled), drawn
+
+
+def _pieces_without(drawn: Mask, hole: Mask) -> Mask:
+    """The pieces of `hole` (H, W) without a `drawn` pixel."""
+    count, names = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
+    chosen = np.bincount(names[drawn], minlength=count) == 0
+    chosen[0] = False
+    return np.asarray(chosen[names])
 
 
 def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:

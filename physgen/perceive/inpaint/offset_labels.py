@@ -30,8 +30,10 @@ class _Costs:
     guide_blur: float = 2.0  # px: finer differences from the guide do not count
     contrast: float = 300.0  # of the squared logarithm of contrast beside the expected
     contrast_most: float = 6.0  # squared logarithm: different is different
-    far: float = 60.0  # for an offset as long as the picture
-    copy: float = 40.0  # for any offset: an even surface keeps the guide
+    blur: float = 300.0  # for the guide, of the logarithm of contrast beyond `even`
+    even: float = 2.5  # logarithm of squared levels: less contrast is an even surface
+    far: float = 30.0  # for an offset as long as the picture
+    copy: float = 20.0  # for any offset: an even surface keeps the guide
     rim: float = 2.0  # of the squared difference from known neighbours
     rim_second: float = 0.35  # the same for those that do not touch
     unusable: float = 1e7  # where nothing is known
@@ -129,7 +131,9 @@ class OffsetLabels:
         copies = _known_blur(photo.contrast, photo.blocked, 1.0)[sources]
         guide = cv2.GaussianBlur(photo.contrast, (0, 0), 1.0)[self.box][..., None]
         gap = (np.concatenate([copies, guide], axis=2) - expected) ** 2
-        return np.asarray(COSTS.contrast * np.minimum(gap, COSTS.contrast_most))
+        costs = COSTS.contrast * np.minimum(gap, COSTS.contrast_most)
+        costs[..., -1:] += COSTS.blur * np.maximum(expected - COSTS.even, 0)
+        return np.asarray(costs, np.float32)
 
     def _rim_costs(self) -> F32:
         """(h, w, K): differences of known neighbours and what is beside the copies."""

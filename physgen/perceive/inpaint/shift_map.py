@@ -26,8 +26,8 @@ class _Tuning:
     """Sizes, chosen for time; px of the photo unless said otherwise."""
 
     hole_pixels: int = 700  # of the reduced picture, at most
-    reduced_side: int = 130  # px of the reduced picture's longer side, at most
-    context: float = 1.0  # of a hole's longer side: surroundings that are copied from
+    reduced_side: int = 200  # px of the reduced picture's longer side, at most
+    context: float = 3.0  # of a hole's longer side: surroundings that are copied from
     least_context: int = 64
     smallest: int = 40  # px: a smaller piece of the hole keeps the guide
     detail: float = 3.0  # standard deviation of the blur that separates fine detail
