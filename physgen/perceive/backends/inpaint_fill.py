@@ -78,10 +78,12 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     )
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
     guide, drawn = _carry_arcs(filled, photo, near)
-    guide = _carry_level_lines(guide, photo, _pieces_without(drawn, near))
+    level = _pieces_without(drawn, near)
+    guide = _carry_level_lines(guide, photo, level)
     textured = near & ~smooth & ~drawn
     if copies and textured.any():
-        guide = shift_map_fill(guide, textured, guide)
+        copied = shift_map_fill(guide, textured, guide)
+        guide = _carry_level_lines(copied, photo, level)
     return blend_at_border(guide, rgb, hole)
 
 

@@ -27,6 +27,7 @@ SIDE = 7  # px on each side of an edge whose colours are averaged
 OFFSET = 5  # px from the hole at which edges are looked for
 PAD = 12  # px by which the photo is extended, so that an edge which enters a hole close to the border is seen
 ARC_STRIP = 6  # px to each side of an arc, which is certain: the rest is copied
+ARC_CONTRAST = 45.0  # levels between both sides: fainter edges may be texture
 TWIN = 4  # px across the edges of a painted line over which colours are compared
 TWIN_CONTRAST = 0.5  # of one edge's contrast that the other has at least, reversed
 CHUNK = 500_000  # pairs of a pixel and a point of a line that are held in memory
@@ -244,7 +245,7 @@ def border_profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
 def _lines(
     ends: list[BorderEnd], piece: Mask, known: KnownSurroundings
 ) -> Iterator[BorderLine]:
-    """Ends joined in pairs, best first; then the unmatched ones."""
+    """Arcs, then ends joined in pairs, best first; then the unmatched ones."""
     drawn = np.zeros(piece.shape, bool)
     joined: set[int] = set()
     for line in _arcs(ends, piece, known, joined):
@@ -290,8 +291,10 @@ def _arcs(
     ends: list[BorderEnd], piece: Mask, known: KnownSurroundings, joined: set[int]
 ) -> Iterator[BorderLine]:
     """Arcs of ellipses between ends that are of one edge; adds these to `joined`."""
-    every = ends + [twin for end in ends if (twin := _twin(end, known)) is not None]
-    owner = {id(end): number for number, end in enumerate(ends)}
+    number = {id(end): index for index, end in enumerate(ends)}
+    strong = [end for end in ends if end.contrast > ARC_CONTRAST]
+    twins = [_twin(end, known) for end in strong]
+    every = strong + [twin for twin in twins if twin is not None]
     edges = [
         follow_edge(known.picture, known.blocked, end.at, -end.towards) for end in every
     ]
@@ -304,7 +307,7 @@ def _arcs(
             points = ellipse_arc(sides, (a.towards, b.towards), piece)
             if points is not None:
                 used |= {first, second}
-                joined |= {owner[id(end)] for end in (a, b) if id(end) in owner}
+                joined |= {number[id(end)] for end in (a, b) if id(end) in number}
                 yield BorderLine(points, a.profile, b.profile[::-1])
 
 

@@ -27,9 +27,11 @@ class _Tuning:
     across: float = 2.0  # from the edge to the colours that are compared
     fade: float = 0.4  # share of an end's contrast below which the edge has ended
     steps: int = 60  # at most followed from one end
-    fewest: int = 8  # steps that must be visible on each side
+    fewest: int = 16  # steps that must be visible on each side
+    bend: float = 0.25  # rad by which each visible side must turn: a straight one tells no ellipse
+    hidden: float = 2.5  # hidden turn over the visible one, at most
     turn: float = 0.25  # rad from a straight line: a flatter arc is a cubic as well
-    error: float = 0.8  # root mean square distance of the visible edge from the ellipse
+    error: float = 0.7  # root mean square distance of the visible edge from the ellipse
     tangent: float = 0.35  # rad between the ellipse and the direction at an end
     smallest: float = 8.0  # semi-axis: less is no ring, but a corner
     largest: float = 3.0  # semi-axis over the distance of both ends
@@ -94,6 +96,9 @@ def ellipse_arc(
     if min(len(edge) for edge in edges) < TUNING.fewest:
         return None
     points = np.concatenate(edges)
+    bends = [_turning(edge) for edge in edges]
+    if min(bends) < TUNING.bend:
+        return None
     ellipse = _Ellipse.fitted(points)
     start, end = edges[0][0], edges[1][0]
     chord = float(np.hypot(*(end - start)))
@@ -112,10 +117,17 @@ def ellipse_arc(
         return None
     leaves, arrives = arc[2] - arc[0], arc[-1] - arc[-3]
     turns = (_angle(leaves, directions[0]), _angle(arrives, -directions[1]))
-    straight = _angle(leaves, arrives)
-    if max(turns) > TUNING.tangent or straight < TUNING.turn:
+    if max(turns) > TUNING.tangent or _angle(leaves, arrives) < TUNING.turn:
         return None
-    return arc
+    hidden = _turning(arc)
+    return arc if hidden < TUNING.hidden * sum(bends) else None
+
+
+def _turning(points: F64) -> float:
+    """Angle by which a curve (n, 2) turns in all, rad, without its finest wiggles."""
+    chords = np.diff(points[:: max(1, len(points) // 4)], axis=0)
+    angles = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
+    return abs(float(angles[-1] - angles[0]))
 
 
 def _angle(one: F64, other: F64) -> float:

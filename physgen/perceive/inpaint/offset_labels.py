@@ -2,7 +2,7 @@
 
 The cost of two offsets at neighbouring pixels is the difference of what both would copy to both pixels (Kwatra et al.
 2003, Graphcut textures). Messages are passed line by line, down, up, right and left (Tappen and Freeman 2003). The last
-label is the guide, a fill by other means, which a smooth surface keeps.
+label is the guide, a fill by other means, for pixels that no offset can fill.
 """
 
 from __future__ import annotations
@@ -30,10 +30,8 @@ class _Costs:
     guide_blur: float = 2.0  # px: finer differences from the guide do not count
     contrast: float = 300.0  # of the squared logarithm of contrast beside the expected
     contrast_most: float = 6.0  # squared logarithm: different is different
-    blur: float = 300.0  # for the guide, of the logarithm of contrast beyond `even`
-    even: float = 2.5  # logarithm of squared levels: less contrast is an even surface
     far: float = 30.0  # for an offset as long as the picture
-    copy: float = 20.0  # for any offset: an even surface keeps the guide
+    keep: float = 5e5  # for the guide, which shows only if no offset is usable
     rim: float = 2.0  # of the squared difference from known neighbours
     rim_second: float = 0.35  # the same for those that do not touch
     unusable: float = 1e7  # where nothing is known
@@ -53,7 +51,7 @@ class ReducedPhoto:
     guide: F32  # equals the picture outside the hole
     hole: Mask
     blocked: Mask  # the hole, and what else is not to be copied
-    contrast: F32  # logarithm of mean squared fine detail; of the guide in the hole
+    contrast: F32  # logarithm of mean squared fine detail; arbitrary in what is blocked
 
 
 class OffsetLabels:
@@ -95,11 +93,11 @@ class OffsetLabels:
         """(h, w, K + 1): costs that do not depend on the neighbours' labels."""
         photo, sources = self.photo, self._sources()
         costs = self._guide_costs(sources) + COSTS.rim * self._rim_costs()
-        costs += COSTS.copy
         costs += COSTS.far * offset_cost(self.offsets, photo.hole.shape)
         costs[~self._usable(sources)] = COSTS.unusable
-        costs = np.concatenate([costs, np.zeros_like(costs[..., :1])], axis=2)
         costs += self._contrast_costs(sources)
+        guide = np.full_like(costs[..., :1], COSTS.keep)
+        costs = np.concatenate([costs, guide], axis=2)
         costs[~self.inside] = 0
         return np.asarray(costs, np.float32)
 
@@ -120,7 +118,7 @@ class OffsetLabels:
         return np.asarray(np.minimum(COSTS.guide * gap, COSTS.guide_most), np.float32)
 
     def _contrast_costs(self, sources: tuple[NDArray[np.int64], ...]) -> F32:
-        """(h, w, K + 1): a blur costs as much as too strong a texture."""
+        """(h, w, K): a blur costs as much as too strong a texture."""
         photo = self.photo
         known = (~photo.blocked).astype(np.float32)
         total, weights = np.zeros_like(known), np.zeros_like(known)
@@ -129,11 +127,8 @@ class OffsetLabels:
             weights += gain * cv2.GaussianBlur(known, (0, 0), sigma)
         expected = (total / np.maximum(weights, 1e-9))[self.box][..., None]
         copies = _known_blur(photo.contrast, photo.blocked, 1.0)[sources]
-        guide = cv2.GaussianBlur(photo.contrast, (0, 0), 1.0)[self.box][..., None]
-        gap = (np.concatenate([copies, guide], axis=2) - expected) ** 2
-        costs = COSTS.contrast * np.minimum(gap, COSTS.contrast_most)
-        costs[..., -1:] += COSTS.blur * np.maximum(expected - COSTS.even, 0)
-        return np.asarray(costs, np.float32)
+        gap = np.minimum((copies - expected) ** 2, COSTS.contrast_most)
+        return np.asarray(COSTS.contrast * gap, np.float32)
 
     def _rim_costs(self) -> F32:
         """(h, w, K): differences of known neighbours and what is beside the copies."""

@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.contact_strips import contact_strips
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import Inpaint, Mask, Rgb
 
 ISLAND = 6  # px: gaps between objects narrower than this are mostly contact shadow
 FADE = 5.0  # px into the hole over which a difference at its border fades
+CONTACT_RIM = 2  # px around contact shadow: its soft end
 JUMP = 100.0  # levels of contrast that edges seldom have
 STEP = 60.0  # levels: a larger step at a seam is an edge, and is not blended
 SEAM_ERROR = 0.3  # levels of blended copies: less than rounding
@@ -175,10 +177,11 @@ def rim_width(photo: Rgb, hole: Mask) -> int:
 
 
 def fill_behind(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
-    """`photo` (H, W, 3) with `hole` (H, W) and the blurred rim around it filled."""
+    """`photo` (H, W, 3) with `hole` (H, W), its blurred rim and contact shadow filled."""
     if not hole.any() or hole.all():
         return photo.copy()
     wide = _reach_around(hole)[1] <= rim_width(photo, hole)
+    wide |= dilate(contact_strips(photo, hole), CONTACT_RIM)
     return fill(photo, hole if wide.all() else wide)
 
 

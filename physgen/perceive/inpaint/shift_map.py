@@ -31,6 +31,8 @@ class _Tuning:
     least_context: int = 64
     smallest: int = 40  # px: a smaller piece of the hole keeps the guide
     detail: float = 3.0  # standard deviation of the blur that separates fine detail
+    ring: int = 14  # px around the hole whose contrast a fill should have
+    favour: float = 0.15  # logarithm: copies are taken unless they are worse by this
     noise: float = 4.0  # squared levels of detail that nobody sees
     seam_band: int = 2  # px around a copy over which its place is refined
 
@@ -42,11 +44,15 @@ def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
     """`picture` (H, W, 3) with `hole` (H, W) filled by copies from its surroundings.
 
     `guide` (H, W, 3) is a fill by other means: copies follow its colours roughly, and
-    pixels keep it if no copy suits.
+    a piece of the hole keeps it if its contrast suits the surroundings better. A blur
+    is as wrong as too much texture.
     """
     result = np.where(hole[..., None], guide, picture)
     for part, piece in _windows(hole):
-        filled = _Window(picture[part], guide[part], piece, hole[part]).fill()
+        window = _Window(picture[part], guide[part], piece, hole[part])
+        filled = window.fill()
+        if window.contrast_error(filled) > window.contrast_error() + TUNING.favour:
+            continue
         result[part] = np.where(piece[..., None], filled, result[part])
     return np.asarray(result, np.float32)
 
@@ -88,6 +94,21 @@ class _Window:
         shifts = self._shifts(_enlarged(labels, scale, self.hole), offsets, scale)
         return join_gradients(self._sources(), shifts, self.hole)
 
+    def contrast_error(self, filled: F32 | None = None) -> float:
+        """Difference of contrast in the hole and around it, as logarithm of squares.
+
+        `filled` (H, W, 3) is the fill; the guide if it is None.
+        """
+        fill = self.guide if filled is None else filled
+        whole = np.where(self.hole[..., None], fill, self.picture)
+        inside = self._detail(whole, ~self.blocked | self.hole)[self.hole]
+        ring = dilate(self.hole, TUNING.ring) & ~dilate(self.blocked, 1)
+        if not ring.any():
+            return 0.0
+        around = self._detail(self.picture, ~self.blocked)[ring]
+        means = [np.log(part + TUNING.noise).mean() for part in (inside, around)]
+        return float(abs(means[0] - means[1]))
+
     def _sources(self) -> F32:
         """(2 H, W, 3): the photo, and the guide below it, so that one shift names it."""
         return np.concatenate([self.picture, self.guide])
@@ -103,10 +124,8 @@ class _Window:
         hole = _block_means(self.hole.astype(np.float32), scale) > 0
         filled = np.where(self.blocked[..., None], self.guide, self.picture)
         guide = _block_means(filled, scale)
-        contrast = self._detail(self.picture, ~self.blocked)
-        smooth = self._detail(filled, np.ones_like(self.hole))
-        squares = np.where(self.blocked, smooth, contrast)
-        energy = np.log(_block_means(squares, scale) + TUNING.noise)
+        detail = self._detail(self.picture, ~self.blocked)
+        energy = np.log(_block_means(detail, scale) + TUNING.noise)
         return ReducedPhoto(guide, guide, hole, blocked, energy)
 
     @staticmethod
