@@ -56,7 +56,9 @@ def outcome_doubts(
     doubts = []
     if outcome.grade is Grade.NOTHING:
         doubts.append(f"the push of {names} moves nothing visibly")
-    if outcome.grade is Grade.LEAVES:
+    if outcome.grade is Grade.LEAVES and not outcome.left:
+        doubts.append(f"{names} would rebound from a wall that the photo does not show")
+    elif outcome.grade is Grade.LEAVES:
         left = listed(list(outcome.left), "and")
         doubts.append(f"{left} leaves the picture, also at the gentlest push")
     if outcome.grade is Grade.RESTLESS:
