@@ -69,10 +69,11 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         partial(crew_of, options),
         partial(check_scene_name, options.output),
         partial(_refuse_beside_refresh, options),
+        partial(_refuse_push_and_still, options),
         *(partial(coordinates, "--box", text, 4) for text in options.box),
         *(partial(coordinates, "--point", text, 2) for text in options.point),
     ]
-    crew, _, _, *marks = collect(checks)
+    crew, _, _, _, *marks = collect(checks)
     settings: dict[str, Any] = {
         "boxes": marks[:boxes],
         "points": marks[boxes:],
@@ -84,6 +85,8 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         "keep": bar.aside(print_backup),
         "inform": bar.aside(print_error),
         "still": options.still,
+        "pushes": options.push,
+        "view": options.view,
     }
     if options.refresh:
         from physgen.pipeline.perceiving import refresh
@@ -120,7 +123,7 @@ def _perceive_many(options: argparse.Namespace, bar: Bar) -> int:
     from physgen import pipeline
 
     single = {"--masks": options.masks, "--box": options.box, "--point": options.point,
-             "--label": options.label}  # fmt: skip
+             "--label": options.label, "--push": options.push}  # fmt: skip
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
     fix = "leave it out, or name one photo"
@@ -167,6 +170,7 @@ def _perceive_many(options: argparse.Namespace, bar: Bar) -> int:
         try:
             pipeline.perceive(
                 image, output, crew=crew, asked=options.find, side=options.side, still=options.still,
+                view=options.view,
                 progress=step, warn=bar.aside(print_problem), keep=bar.aside(print_backup),
                 inform=bar.aside(lambda text: print_error(text.partition("\n")[0])),
             )  # fmt: skip
@@ -235,6 +239,14 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
         problems.append(Problem(place, "", "--refresh", "needs -o", fix))
     if problems:
         raise InputError(problems)
+
+
+def _refuse_push_and_still(options: argparse.Namespace) -> None:
+    """Raise InputError if a push is both given and left out."""
+    if options.push and options.still:
+        found = f'"{options.push[0]}"'
+        fix = "leave --push or --still out"
+        raise InputError.of("--push", found, "cannot be used with --still", fix)
 
 
 def import_(options: argparse.Namespace) -> int:
@@ -324,6 +336,13 @@ def add_perceive(parser: Parser) -> None:
     about = "longest side of the scene's photo, px; default: at most 1600"
     parser.option("--side", "PX", whole(LEAST_SIDE, 100_000), about)
     parser.flag("--still", "leave out the push that sets the scene in motion")
+    about = (
+        "push this object in place of the one that perceive chooses: ball-1=right, "
+        "ball-1=up-left@0.5 m/s; may be repeated"
+    )
+    parser.option("--push", "NAME=DIRECTION[@SPEED]", str, about, [], action="append")
+    about = "how the photo was taken, if perceive takes it the other way"
+    parser.option("--view", "side|top", str, about, choices=("side", "top"))
     about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
     parser.option("--find", "NOUN,...", names, about, [])
     add_backends(parser)

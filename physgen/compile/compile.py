@@ -325,6 +325,13 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     )
 
 
+def set_velocity(body: Body, item: Object, view: View) -> Body:
+    """Return a dynamic body that moves, turns and rolls as its object is written."""
+    velocity = np.array(item.velocity, np.float64)
+    roll = _roll(item, body.radius, view)
+    return replace(body, velocity=velocity, spin=radians(item.spin), roll=roll)
+
+
 def _roll(item: Object, radius: float | None, view: View) -> Array:
     """rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
     if (

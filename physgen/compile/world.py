@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import radians, sqrt
 from typing import Generic, TypeVar
 
@@ -114,28 +115,37 @@ class Body:
         """
         if self.radius is not None:
             return 2 * self.radius
-        pairs = [(_width(piece), piece) for piece in self.pieces]
-        size = max(width for width, _ in pairs)
-        if len(pairs) == 1:
-            return size
-        pairs.sort(key=lambda pair: -pair[0])
-        corners = np.concatenate([piece for _, piece in pairs])
-        owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
-        points = shapely.points(corners)
-        shapes = shapely.polygons(shapely.linearrings(corners, indices=owner))
-        away = np.where(
-            owner[:, None] > np.arange(len(pairs)),
-            shapely.distance(points[:, None], shapes),
-            np.inf,
-        )
-        for k, (width, _) in enumerate(pairs[1:], 1):
-            # a union takes long, and is needed only for what may be a limb
-            if away[owner == k].min(axis=1).max() > 0.999 * width:
-                beyond = shapely.distance(
-                    points[owner == k], shapely.union_all(shapes[:k])
-                )
-                size = width if beyond.max() > width else size
+        return _limb_width(tuple(piece.tobytes() for piece in self.pieces))
+
+
+@lru_cache(maxsize=256)
+def _limb_width(pieces: tuple[bytes, ...]) -> float:
+    """Return the smallest width of the thinnest limb of convex pieces, px.
+
+    The pieces are the bytes of (K, 2) arrays: trials of a push simulate the same shapes
+    again and again.
+    """
+    arrays = [np.frombuffer(piece).reshape(-1, 2) for piece in pieces]
+    pairs = [(_width(piece), piece) for piece in arrays]
+    size = max(width for width, _ in pairs)
+    if len(pairs) == 1:
         return size
+    pairs.sort(key=lambda pair: -pair[0])
+    corners = np.concatenate([piece for _, piece in pairs])
+    owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
+    points = shapely.points(corners)
+    shapes = shapely.polygons(shapely.linearrings(corners, indices=owner))
+    away = np.where(
+        owner[:, None] > np.arange(len(pairs)),
+        shapely.distance(points[:, None], shapes),
+        np.inf,
+    )
+    for k, (width, _) in enumerate(pairs[1:], 1):
+        # a union takes long, and is needed only for what may be a limb
+        if away[owner == k].min(axis=1).max() > 0.999 * width:
+            beyond = shapely.distance(points[owner == k], shapely.union_all(shapes[:k]))
+            size = width if beyond.max() > width else size
+    return size
 
 
 def _width(piece: Array) -> float:

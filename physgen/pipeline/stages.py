@@ -111,9 +111,13 @@ def _check_springs(scene: Scene, world: World) -> None:
         spring_parts(world)
 
 
+PAUSE_SAMPLES = 21
+"""Times in the pause at the end at which motion is looked for: a frame of 30 a second."""
+
+
 def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
-    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows, and after forces,
-    views and waypoints that begin later. And the run that found it.
+    """The same with `duration: auto` resolved: 0.7 s of video after the last motion that shows, and after forces,
+    views and waypoints that begin later, 2.5 s at least. And the run that found it.
     """
     if not scene.world.until_rest:
         return compiled, None
@@ -140,7 +144,9 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
         default=0.0,
     )
     with scene.located():
-        run = Running(replace(world, duration=most), np.arange(0.0, most, pause / 15))
+        run = Running(
+            replace(world, duration=most), np.arange(0.0, most, pause / PAUSE_SAMPLES)
+        )
     for length in (
         *(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most),
         most,
@@ -160,7 +166,7 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
         last = max(float(times[moving.any(axis=1)].max(initial=0.0)), latest)
         if last <= length - 2 * pause:
             break
-    end = min(max(last + pause, 1 / slow), most)
+    end = min(max(last + pause, PLAYBACK.shortest / slow), most)
     return replace(
         compiled, world=replace(world, duration=end, times=frame_times(scene, end))
     ), run
