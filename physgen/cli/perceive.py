@@ -60,13 +60,15 @@ def perceive(options: argparse.Namespace) -> int:
         partial(crew_of, options),
         partial(check_scene_name, options.output),
         partial(_refuse_beside_refresh, options),
+        partial(_refuse_without_point, options),
         *(partial(coordinates, "--box", text, 4) for text in options.box),
         *(partial(coordinates, "--point", text, 2) for text in options.point),
     ]
-    crew, _, _, *marks = collect(checks)
+    crew, _, _, _, *marks = collect(checks)
     settings: dict[str, Any] = {
         "boxes": marks[:boxes],
         "points": marks[boxes:],
+        "smallest": options.smallest,
         "labels": options.label,
         "asked": options.find,
         "crew": crew,
@@ -110,7 +112,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
     """Several photos into one folder, with models loaded once; an error in one does not stop the others."""
     from physgen import pipeline
 
-    single = {"--masks": options.masks, "--box": options.box, "--point": options.point,
+    single = {"--masks": options.masks, "--box": options.box, "--point": options.point, "--smallest": options.smallest,
              "--label": options.label}  # fmt: skip
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
@@ -228,6 +230,13 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
         raise InputError(problems)
 
 
+def _refuse_without_point(options: argparse.Namespace) -> None:
+    """Raise InputError where --smallest has no point to refer to."""
+    if options.smallest and not options.point:
+        fix = "add --point X,Y, or leave it out"
+        raise InputError.of("perceive", "--smallest", "is for --point", fix)
+
+
 def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
@@ -310,6 +319,8 @@ def add_perceive(parser: Parser) -> None:
         [],
         action="append",
     )
+    about = "with --point: the smallest object there, not the whole one"
+    parser.flag("--smallest", about)
     about = "what an object is; may be repeated"
     parser.option("--label", "NAME=TEXT", str, about, [], action="append")
     about = "longest side of the scene's photo, px; default: at most 1600"

@@ -35,6 +35,8 @@ class PerceiveOptions:
     """x, y, w, h px of objects, in the photo that was given, upright."""
     points: Sequence[tuple[float, float]] = ()
     """x, y px on objects, in the same photo."""
+    smallest: bool = False
+    """Whether a point means the smallest object there, and not the whole one."""
     labels: Sequence[str] = ()
     """`NAME=TEXT`."""
     asked: Sequence[str] = ()
@@ -170,7 +172,9 @@ def _perceive_photo(
         frame = PromptFrame(width, height, rgb.shape[1] / width)
         check_prompts(boxes, points, frame)
         segmenter = Segmenter(crew, options.asked)
-        found = from_prompts(rgb, boxes, points, segmenter, frame)
+        found = from_prompts(
+            rgb, boxes, points, segmenter, frame, smallest=options.smallest
+        )
         crew.release("segment")
     for problem in _unused_choices(crew, options):
         warn(problem)
@@ -650,6 +654,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         options.points,
         find,
         frames,
+        smallest=options.smallest,
     )
     crew.release("segment")
     for name in begun.gone:
