@@ -78,8 +78,8 @@ def _as_input(rgb: NDArray[np.uint8], scale: float) -> F32:
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     square = np.zeros((SIDE, SIDE, 3), np.float32)
     square[: size[1], : size[0]] = cv2.resize(rgb, size, interpolation=how)[..., ::-1]
-    square = (square - np.float32(MEAN)) / np.float32(SPREAD)
-    return np.ascontiguousarray(square.transpose(2, 0, 1)[None], np.float32)
+    blob = np.asarray((square - np.array(MEAN)) / np.array(SPREAD), np.float32)
+    return np.ascontiguousarray(blob.transpose(2, 0, 1)[None])
 
 
 def run_levels(blob: F32) -> tuple[Array, Array]:
