@@ -4,7 +4,7 @@
 
 One file a picture, `SET/NAME.npz`; what is there is not made again, so a run that was
 interrupted goes on. Pictures for training and pictures that only measure lie in folders
-of their own, as split.py and flat_shapes.py divide them.
+of their own, as photo_split.py and flat_shapes.py divide them.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _sources() -> list[Iterator[Example]]:
 
 def _material(set_name: str, is_training: bool) -> Iterator[Example]:
     from coco_classes import MOVABLE
-    from labelled import OPEN_LICENCES, photo_licences, photos_of
+    from labelled_photos import OPEN_LICENCES, photo_licences, photos_of
 
     is_counted = MOVABLE.__contains__
 
@@ -100,8 +100,8 @@ def _material(set_name: str, is_training: bool) -> Iterator[Example]:
 
 
 def _read_material(photo: Any) -> tuple[NDArray[np.uint8], Labels]:
-    from labelled import CALTECH_EXCLUDED, _is_movable
-    from labelled import UNJUDGED as UNKNOWN
+    from labelled_photos import CALTECH_EXCLUDED, _is_movable
+    from labelled_photos import UNJUDGED as UNKNOWN
 
     stored = photo.read_labels().astype(np.uint16)
     labels = np.where(stored == UNKNOWN, np.uint16(UNJUDGED), stored)
@@ -114,7 +114,7 @@ def _read_material(photo: Any) -> tuple[NDArray[np.uint8], Labels]:
 
 
 def _scenes(folder: str) -> Iterator[Example]:
-    from labelled import scene_photos
+    from labelled_photos import scene_photos
 
     for one in scene_photos(folder):
         yield Example(folder, one.name, False, (one.path, one.label_path))
