@@ -42,6 +42,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from threading import Event
 from urllib.parse import quote
 
 import cv2
@@ -141,6 +142,7 @@ def run(
             resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 5, SECONDS + 6))
             resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
             if prepare:
                 prepare()
             code = physgen(arguments)
@@ -241,6 +243,8 @@ POINTS = (
     "-5,1e400",
 )
 """Of --kick and --point."""
+STOP = Event()
+"""Whether a campaign is asked to end early; what it has counted until then is printed."""
 NOTED = 20
 """Inputs between two lines about progress."""
 REQUESTS = 30
@@ -1007,7 +1011,7 @@ def campaign(
     faults: Counter[str] = Counter()
     shutil.rmtree(out, ignore_errors=True)
     for number in numbers or itertools.count():
-        if numbers is None and time.monotonic() > end:
+        if STOP.is_set() or (numbers is None and time.monotonic() > end):
             break
         chance = random.Random(f"{seed} {number}")
         if rows and number % NOTED == 0:
@@ -1134,9 +1138,7 @@ def main() -> int:
         help="folder of what failed",
     )
     options = parser.parse_args()
-    signal.signal(
-        signal.SIGTERM, lambda *_: sys.exit(143)
-    )  # folders under way are removed
+    signal.signal(signal.SIGTERM, lambda *_: STOP.set())  # after the input under way
     cv2.setNumThreads(1)
     for name in AHEAD:
         importlib.import_module(name)

@@ -7,10 +7,12 @@ colorimetric); colours beyond sRGB are clipped. `colour_spaces` converts what is
 from __future__ import annotations
 
 import io
+import logging
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -50,6 +52,10 @@ U16 = NDArray[np.uint16]
 ToSrgb = Callable[[NDArray[Any]], U8]
 """(H, W, 1, 3 or 4) stored numbers of 8 or 16 bits -> (H, W, 3) sRGB."""
 
+logging.getLogger("PIL").addHandler(logging.NullHandler())
+"""Pillow logs damages that it also raises; without a handler Python prints them."""
+STDERR = 2
+"""File descriptor (POSIX)."""
 BAND = 512  # rows that are converted at a time, so that memory stays small
 GREYS = ("1", "L", "LA", "La")
 WITH_ALPHA = ("LA", "La", "PA", "RGBA", "RGBa")
@@ -211,7 +217,8 @@ def open_picture(
         Exception
     ) as error:  # for damaged headers Pillow's readers raise errors of many kinds
         raise _damaged(path, error) from None
-    with image:
+    with image, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about damaged metadata, as they are read
         if image.format == "TIFF":
             _select_page(image, path)
         width, height = image.size
@@ -286,12 +293,33 @@ def _similar_picture(path: Path) -> str:
 
 def decode_picture(image: Image.Image, path: Path) -> None:
     """Decodes the pixels. Raises InputError, one line, for a damaged picture."""
+    # libtiff itself writes about a damaged file to stderr
+    quiet = discard_native_errors() if image.format == "TIFF" else nullcontext()
     try:
-        with warnings.catch_warnings():
+        with quiet, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             image.load()
     except Exception as error:
         raise _damaged(path, error) from None
+
+
+@contextmanager
+def discard_native_errors() -> Iterator[None]:
+    """Discard what C libraries of this process write to stderr."""
+    try:
+        stderr = os.dup(STDERR)
+    except OSError:  # it is closed
+        yield
+        return
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    with open(os.devnull, "wb") as discarded:
+        os.dup2(discarded.fileno(), STDERR)
+    try:
+        yield
+    finally:
+        os.dup2(stderr, STDERR)
+        os.close(stderr)
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -336,16 +364,12 @@ def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
         return np.asarray(np.clip(np.asarray(image), 0, 65535)[:, :, None], np.uint16)
     if _bits(image, path) != 16 or image.mode not in ("LA", "RGB", "RGBA"):
         return None
-    log = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, and 4: it must not print
-    level = log.getLogLevel()
-    log.setLogLevel(0)
+    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-        data = _decode_page(path, image.tell(), flags)
+        with discard_native_errors():
+            data = _decode_page(path, image.tell(), flags)
     except cv2.error:
         return None
-    finally:
-        log.setLogLevel(level)
     if data is None or data.dtype != np.uint16 or data.ndim != 3:
         return None
     order = cv2.COLOR_BGRA2RGBA if data.shape[2] == 4 else cv2.COLOR_BGR2RGB

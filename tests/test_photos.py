@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import struct
+import warnings
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import av
@@ -519,3 +523,47 @@ def test_photos_are_made_smaller_in_linear_light() -> None:
     assert (small == round(float(srgb(np.array(0.5))) * 255)).all()
     for level in range(256):
         assert (shrink_photo(np.full((9, 9, 3), level, np.uint8), 3) == level).all()
+
+
+def stored_tiff(compression: str, pages: int) -> bytes:
+    stream = io.BytesIO()
+    page = Image.new("RGB", (8, 8), (40, 90, 160))
+    others = [page.resize((9, 9))] * (pages - 1)
+    page.save(
+        stream, "TIFF", compression=compression, save_all=True, append_images=others
+    )
+    return stream.getvalue()
+
+
+DAMAGED = {
+    "plain": stored_tiff("raw", 1),
+    "plain-pages": stored_tiff("raw", 2),
+    "lzw": stored_tiff("tiff_lzw", 1),
+    "lzw-pages": stored_tiff("tiff_lzw", 2),
+    "deflate": stored_tiff("tiff_adobe_deflate", 1),
+    "16-bit-png": cv2.imencode(".png", np.full((7, 9, 3), 9_000, np.uint16))[1],
+    "16-bit-tiff": cv2.imencode(".tiff", np.full((7, 9, 3), 9_000, np.uint16))[1],
+}
+"""Small files, which the test damages at each byte."""
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_damaged_photos_print_nothing(
+    name: str,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Pillow warns and logs; libtiff and libpng write to stderr themselves."""
+    monkeypatch.setattr(logging.root, "handlers", [])
+    path, data = tmp_path / "photo", bytes(DAMAGED[name])
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        for index in range(len(data)):
+            damaged = bytearray(data)
+            damaged[index] ^= 0xFF
+            for content in (damaged, data[:index]):
+                path.write_bytes(content)
+                with suppress(InputError):
+                    read_photo(path)
+    assert capfd.readouterr().err == ""

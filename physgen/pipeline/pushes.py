@@ -50,6 +50,9 @@ class _Trial:
         0.85  # of the most that a candidate shows, that the first one needs to be taken
     )
     samples: int = 16  # times at which positions are compared
+    longest: float = 6.0
+    """s of a trial at most, in which a push crosses a photo that shows 100 m; a scale
+    that is wrong by powers of ten would take minutes of work."""
     far: float = 0.25  # a displacement that counts in full
     least: float = 0.07  # a displacement that is seen: 36 px of a photo of 512
     written: float = (
@@ -250,7 +253,8 @@ def shown_by(
     side, k = max(scene.size), scene.objects.index(item)
     ordinary = push_speed(side, scene.world.pixels_per_meter)
     slow = np.clip(TRIAL.gentlest * ordinary / max(hypot(*velocity), 1.0), 1, 2)
-    times = np.linspace(0, slow * side / ordinary, TRIAL.samples)
+    end = min(slow * side / ordinary, TRIAL.longest)
+    times = np.linspace(0, end, TRIAL.samples)
     motion = simulate(compiled.world, times)
     poses = motion.poses[..., :2]
     inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)

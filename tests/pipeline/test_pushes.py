@@ -10,13 +10,23 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.cli.main import main
 from physgen.compile.shapes import shapes_of
+from physgen.compile.world import World
 from physgen.geometry.scale import push_speed
-from physgen.pipeline.pushes import Push, default_push, motion_edits, shown_by
+from physgen.pipeline.pushes import (
+    TRIAL,
+    Push,
+    default_push,
+    motion_edits,
+    shown_by,
+)
 from physgen.problems import InputError
+from physgen.simulate.engine import simulate
+from physgen.simulate.trajectory import Trajectory
 from physgen.text import quantity
 
 ROW = (
@@ -610,3 +620,21 @@ def test_a_scene_is_written_though_nobody_reads_its_summary(
             bundled / "pendulum" / "photo.png", scene, inform=closed, still=True
         )
     assert "objects:" in scene.read_text()
+
+
+def test_trials_of_pushes_have_a_longest_time(
+    row: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A scale that is wrong by powers of ten: a push would cross the photo in days."""
+    ends: list[float] = []
+
+    def record_end(world: World, times: NDArray[np.float64]) -> Trajectory:
+        ends.append(float(times[-1]))
+        return simulate(world, times)
+
+    monkeypatch.setattr("physgen.simulate.engine.simulate", record_end)
+    row.write_text(ROW.replace("pixels_per_meter: 800", "pixels_per_meter: 1.0e-6"))
+    scene = pipeline.load(row)
+    default_push(scene, shapes_of(scene, None), {})
+    assert ends
+    assert max(ends) <= TRIAL.longest

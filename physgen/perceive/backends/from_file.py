@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from physgen.perceive import roles
 from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
 from physgen.photometry import decode
-from physgen.photos import read_photo
+from physgen.photos import discard_native_errors, read_photo
 from physgen.problems import InputError
 from physgen.registry import Setup
 
@@ -135,7 +135,8 @@ def _raw(path: Path, what: str) -> Map:
         if _array(path):
             return np.asarray(np.load(path, allow_pickle=False))
         stored = np.fromfile(path, np.uint8)
-        read = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED) if stored.size else None
+        with discard_native_errors():
+            read = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED) if stored.size else None
     except (OSError, ValueError, EOFError, cv2.error):
         read = None
     if read is None:
