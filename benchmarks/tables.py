@@ -259,16 +259,6 @@ def _segmentation(rows: list[dict]) -> list[str]:
         for row in rows
         if row["photo"] == ""
     ]
-    reliability = [
-        [
-            f"{row['from']:.2f} to {row['to']:.2f}",
-            row["found"],
-            f"{row['stated']:.2f}",
-            f"{row['right']:.2f}",
-        ]
-        for row in rows
-        if row["set"] == "reliability"
-    ]
     counts = ["hit", "found", "true", "precision", "recall", "mean IoU"]
     return [
         *prose(
@@ -279,10 +269,6 @@ def _segmentation(rows: list[dict]) -> list[str]:
         ),
         "",
         *table(["set", *counts, "AP50", "error"], sets),
-        "",
-        "Reliability on the real photos: the confidence stated, and the share that is right.",
-        "",
-        *table(["confidence", "found", "stated", "right"], reliability),
     ]
 
 
@@ -293,7 +279,6 @@ def _objects(rows: list[dict]) -> list[str]:
     body = [
         [
             row["set"],
-            row["photos"],
             row["said"],
             row["true"],
             *(_share(row[key]) for key in keys),
@@ -313,15 +298,14 @@ def _objects(rows: list[dict]) -> list[str]:
         if "from" in row
     ]
     (error,) = (row["error"] for row in reliability if "from" not in row)
-    heads = ["set", "photos", "found", "true", "precision", "recall", "F1", "mean IoU"]
+    heads = ["set", "found", "true", "precision", "recall", "F1", "mean IoU"]
     return [
         *prose(
             "What `perceive` writes under `objects:`, at an intersection over union of 0.5; regions under `doubtful:`",
             "do not count. Coco are the 60 photos of COCO val2017 in the material, as far as they show movable",
-            "objects of 1 % of the photo or more; of trashnet-grabcut, fruits-nuts and class5 a fifth is held out",
-            "(`studio/segmentation/photo_split.py`), of the drawings of flat shapes a half. The segmentation network",
-            "learned from 48 of the 60 photos; the detector and the judge from none. The judge learned from the tune half of",
-            "the studio's photos. Error: expected calibration error.",
+            "objects of 1 % of the photo or more; of trashnet-grabcut, fruits-nuts and class5 a fifth is held out,",
+            "of the drawings of flat shapes a half. The segmentation network learned from 48 of the 60 photos, the",
+            "detector and the judge from none; the judge from the tune half. Error: expected calibration error.",
         ),
         "",
         *table([*heads, "error", "CPU s a photo"], body),

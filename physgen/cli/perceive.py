@@ -47,13 +47,7 @@ def perceive(options: argparse.Namespace) -> int:
     _refuse_scenes(options.image)
     if options.refresh is None and len(options.image) > 1:
         return _perceive_many(options)
-    out = options.output
-    if (
-        options.image
-        and out
-        and (out.is_dir() or not (out.suffix or out.exists() or out.name == "-"))
-    ):
-        options.output = out / f"{options.image[0].stem}.yaml"
+    _name_in_folder(options)
     bar, boxes, output = Bar(), len(options.box), options.output or options.refresh
     redirected = None if output else stdout_file()
     checks: list[Callable[[], Any]] = [
@@ -91,6 +85,15 @@ def perceive(options: argparse.Namespace) -> int:
     bar.clear()
     write_result(text, output, redirected)
     return OK
+
+
+def _name_in_folder(options: argparse.Namespace) -> None:
+    """Let -o name the scene of one photo where it names a folder."""
+    out = options.output
+    if not options.image or out is None or out.name == "-":
+        return
+    if out.is_dir() or not (out.suffix or out.exists()):
+        options.output = out / f"{options.image[0].stem}.yaml"
 
 
 def _refuse_scenes(images: Sequence[Path]) -> None:

@@ -116,13 +116,11 @@ def start_refresh(
     points: Sequence[Point],
     segment: Segmenter,
     frames: PromptFrames | None = None,
-    *,
-    smallest: bool = False,
 ) -> RefreshStart:
     """Keeps objects without a prompt, segments those with one again; new boxes and points replace what they cover.
 
     `old` is the scene's data with its sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay.
-    `smallest`, of new points, and errors are as in `from_prompts`.
+    Raises InputError as `from_prompts`.
     """
     ids = _mask_ids(objects)
     by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
@@ -132,8 +130,9 @@ def start_refresh(
         if item.prompt is not None and k not in by_box
     ]
     frames = frames or PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
-    new = from_prompts(rgb, boxes, points, segment, frames.new, smallest=smallest)
-    again = from_prompts(rgb, *prompts_of(objects), segment, frames.old)
+    new = from_prompts(rgb, boxes, points, segment, frames.new)
+    whole = replace(segment, is_smallest_meant=False)
+    again = from_prompts(rgb, *prompts_of(objects), whole, frames.old)
 
     result = np.zeros(labels.shape, np.uint16)
     owner = {i: k for k, i in enumerate(ids)}  # id -> index in objects

@@ -171,10 +171,8 @@ def _perceive_photo(
     elif boxes or points:
         frame = PromptFrame(width, height, rgb.shape[1] / width)
         check_prompts(boxes, points, frame)
-        segmenter = Segmenter(crew, options.asked)
-        found = from_prompts(
-            rgb, boxes, points, segmenter, frame, smallest=options.smallest
-        )
+        segmenter = Segmenter(crew, options.asked, options.smallest)
+        found = from_prompts(rgb, boxes, points, segmenter, frame)
         crew.release("segment")
     for problem in _unused_choices(crew, options):
         warn(problem)
@@ -642,7 +640,8 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     check_prompts(*old_and_new.prompts_of(scene.objects), frames.old)
     maps = percepts(scene)
     ids = compile_scene(scene, None if maps is None else maps.labels).labels
-    photo, find = read_photo(scene.image), Segmenter(crew, options.asked)
+    photo = read_photo(scene.image)
+    find = Segmenter(crew, options.asked, options.smallest)
     own = opened.document()
     old = old_and_new.with_sources(own, scene)
     begun = old_and_new.start_refresh(
@@ -654,7 +653,6 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         options.points,
         find,
         frames,
-        smallest=options.smallest,
     )
     crew.release("segment")
     for name in begun.gone:

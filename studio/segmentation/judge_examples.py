@@ -20,12 +20,30 @@ from typing import Any
 
 import cv2
 import numpy as np
+from coco_classes import MOVABLE
+from drawn import draw
+from flat_shapes import drawings
+from labelled_photos import (
+    CALTECH_EXCLUDED,
+    OPEN_LICENCES,
+    _is_movable,
+    photo_licences,
+    photos_of,
+    scene_photos,
+)
+from labelled_photos import UNJUDGED as UNKNOWN
 from numpy.typing import NDArray
+from photo_split import SPLIT_SETS
 
+from physgen.maps import read_labels
 from physgen.perceive.segment.candidates import find_candidates
 from physgen.perceive.segment.detector import detect_boxes
+from physgen.perceive.segment.edges import search_edges
+from physgen.perceive.segment.evidence import gather_evidence, judge_features
+from physgen.perceive.segment.focus import rim_sharpness
 from physgen.perceive.segment.network import NetworkMaps, run_network
 from physgen.perceive.segment.proposals import Proposal
+from physgen.photos import read_image
 
 ROOT = Path(__file__).resolve().parents[2]
 UNJUDGED, IMMOVABLE = 65535, 32768
@@ -70,7 +88,6 @@ def examples() -> Iterator[Example]:
 
 def _sources() -> list[Iterator[Example]]:
     """Return one iterator for each set and part of it."""
-    from photo_split import SPLIT_SETS
 
     sources = [_scenes("photos"), _scenes("peer-scenes"), _bundled(), _flat(), _homes()]
     for name in ("coco", *SPLIT_SETS):
@@ -81,8 +98,6 @@ def _sources() -> list[Iterator[Example]]:
 
 
 def _material(set_name: str, is_training: bool) -> Iterator[Example]:
-    from coco_classes import MOVABLE
-    from labelled_photos import OPEN_LICENCES, photo_licences, photos_of
 
     is_counted = MOVABLE.__contains__
 
@@ -100,8 +115,6 @@ def _material(set_name: str, is_training: bool) -> Iterator[Example]:
 
 
 def _read_material(photo: Any) -> tuple[NDArray[np.uint8], Labels]:
-    from labelled_photos import CALTECH_EXCLUDED, _is_movable
-    from labelled_photos import UNJUDGED as UNKNOWN
 
     stored = photo.read_labels().astype(np.uint16)
     labels = np.where(stored == UNKNOWN, np.uint16(UNJUDGED), stored)
@@ -114,8 +127,6 @@ def _read_material(photo: Any) -> tuple[NDArray[np.uint8], Labels]:
 
 
 def _scenes(folder: str) -> Iterator[Example]:
-    from labelled_photos import scene_photos
-
     for one in scene_photos(folder):
         yield Example(folder, one.name, False, (one.path, one.label_path))
 
@@ -129,15 +140,10 @@ def _bundled() -> Iterator[Example]:
 
 
 def _read_files(paths: tuple[Path, Path]) -> tuple[NDArray[np.uint8], Labels]:
-    from physgen.maps import read_labels
-    from physgen.photos import read_image
-
     return read_image(paths[0]), read_labels(paths[1])
 
 
 def _flat() -> Iterator[Example]:
-    from flat_shapes import drawings
-
     for one in drawings():
         picture = (one.rgb, one.labels)
         yield Example("flat", one.name, not one.is_held_out, picture)
@@ -156,7 +162,6 @@ def _drawn() -> Iterator[Example]:
 
 
 def _read_drawn(seed: int) -> tuple[NDArray[np.uint8], Labels]:
-    from drawn import draw
 
     picture = draw(seed, DRAWN_SIDE)
     labels = np.where(picture.unsaid, np.uint16(UNJUDGED), picture.labels)
@@ -176,7 +181,10 @@ READERS = {
 
 def describe(rgb: NDArray[np.uint8], labels: Labels, seen: NetworkMaps) -> dict:
     """Return the arrays of one picture's file."""
-    found = find_candidates(rgb, seen, detect_boxes(rgb))
+    boxes = detect_boxes(rgb)
+    found = find_candidates(rgb, seen, boxes, search_edges(rgb))
+    own = found.proposals[: np.count_nonzero(found.edges == 0)]
+    alone = judge_features(own, gather_evidence(rgb, seen, boxes))
     size = found.shape[::-1]
     truth = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
     ids = [int(i) for i in np.unique(truth) if i not in (0, UNJUDGED)]
@@ -187,6 +195,9 @@ def describe(rgb: NDArray[np.uint8], labels: Labels, seen: NetworkMaps) -> dict:
     area = [float((truth == i).mean()) for i in ids]
     return {
         "features": found.features.astype(np.float32),
+        "alone": alone.astype(np.float32),  # the same without what edges select
+        "edges": found.edges,  # (n,): confidence of what edges select, else 0
+        "sharpness": rim_sharpness(rgb, found.proposals, found.shape),  # (n,)
         "overlap": overlap,  # (n, objects): IoU
         "unjudged": unjudged,  # (n,): share of unknown truth
         "is_movable": np.array([i < IMMOVABLE for i in ids], bool),

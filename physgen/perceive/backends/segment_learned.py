@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from physgen.perceive.roles import Doubt, Segment, Segments
 from physgen.perceive.segment.candidates import Candidates
 from physgen.perceive.segment.evidence import COLOUR_STEPS, FEATURES, colour_steps
+from physgen.perceive.segment.focus import blur_shares, rim_sharpness
 from physgen.perceive.segment.judge import confidence, judge_photo
 from physgen.perceive.segment.network import mask_in_box
 from physgen.perceive.segment.proposals import (
@@ -22,6 +23,8 @@ from physgen.perceive.segment.proposals import (
     overlap,
 )
 from physgen.perceive.segment.selection import SHARED, choose_candidates
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -57,11 +60,15 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
     """Return the movable objects of a photo (H, W, 3) uint8 sRGB, and doubtful ones."""
     judged = judge_photo(rgb)
     found = judged.found
-    fit = with_agreement(found, judged.fit)
+    fit = with_agreement(judged.fit, found.edges, found.features)
     best = choose_candidates(found.proposals, found.shape, fit, LEARNED.threshold)
     # edges bound a gap as they bound an object: there their agreement says nothing
     gap = continued_colours(rgb, [found.proposals[k] for k in best], found.shape)
     fit[best] -= gap * (LEARNED.gap_penalty + fit[best] - judged.fit[best])
+    best = best[fit[best] > LEARNED.threshold]
+    chosen = [found.proposals[k] for k in best.tolist()]
+    areas = np.array([one.area for one in chosen], np.float64)
+    fit[best] *= 1 - blur_shares(rim_sharpness(rgb, chosen, found.shape), areas)
     sure = best[fit[best] > LEARNED.threshold]
     objects = as_segments(rgb, found, sure, fit[sure])
     return replace(objects, doubtful=find_doubts(found, fit, sure, rgb.shape[:2]))
@@ -69,7 +76,7 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
 
 def continued_colours(
     rgb: NDArray[np.uint8], chosen: Sequence[Proposal], shape: tuple[int, int]
-) -> NDArray[np.float64]:
+) -> Array:
     """Return (n,) 0..1: how surely chosen candidates are gaps between others.
 
     The colours around a gap are seen through it. `shape` (h, w) is that of the grid.
@@ -95,17 +102,20 @@ def continued_colours(
     return np.asarray(np.interp(shares, LEARNED.explained, (0, 1)))
 
 
-def with_agreement(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return expected fits (n,) with a bonus for what edges select on an object."""
-    foreground = found.features[:, FEATURES.index("foreground")]
+def with_agreement(fit: Array, edges: Array, features: Array) -> Array:
+    """Return expected fits (n,) with a bonus for what edges select on an object.
+
+    `edges` (n,) is the confidence of that selection, `features` (n, k) as of FEATURES.
+    """
+    foreground = features[:, FEATURES.index("foreground")]
     share = np.interp(foreground, LEARNED.foreground, (0, 1))
     share[fit < LEARNED.possible] = 0
-    return np.asarray(fit + LEARNED.agreement * found.edges * share)
+    return np.asarray(fit + LEARNED.agreement * edges * share)
 
 
 def find_doubts(
     found: Candidates,
-    fit: NDArray[np.float64],
+    fit: Array,
     sure: NDArray[np.intp],
     size: tuple[int, ...],
 ) -> list[Doubt]:
@@ -134,7 +144,7 @@ def as_segments(
     rgb: NDArray[np.uint8],
     found: Candidates,
     chosen: NDArray[np.intp],
-    fit: NDArray[np.float64],
+    fit: Array,
 ) -> Segments:
     """Return the chosen candidates as labels of the photo; `fit` is theirs.
 

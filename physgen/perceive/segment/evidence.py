@@ -135,7 +135,7 @@ def judge_features(candidates: Sequence[Proposal], evidence: Evidence) -> Array:
     if not candidates:
         return np.zeros((0, len(FEATURES)))
     maps = map_features(candidates, evidence.seen)
-    colours = [_colour_features(one, evidence) for one in candidates]
+    colours = [_colour_features(candidate, evidence) for candidate in candidates]
     boxes = box_features(candidates, evidence)
     return np.hstack([maps, np.array(colours), boxes])
 
@@ -144,18 +144,20 @@ def map_features(candidates: Sequence[Proposal], seen: NetworkMaps) -> Array:
     """Return (n, len(MAP_FEATURES))."""
     rim = np.asarray(cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8)), np.float32)
     reach = max(max(abs(down), abs(right)) for down, right in OFFSETS)
-    return np.array([_map_features(one, seen, rim, reach) for one in candidates])
+    return np.array(
+        [_map_features(candidate, seen, rim, reach) for candidate in candidates]
+    )
 
 
 def _map_features(
-    one: Proposal, seen: NetworkMaps, rim: F32, reach: int
+    candidate: Proposal, seen: NetworkMaps, rim: F32, reach: int
 ) -> list[float]:
     height, width = seen.foreground.shape
-    left, top, right, bottom = one.box
+    left, top, right, bottom = candidate.box
     x0, y0 = max(left - reach, 0), max(top - reach, 0)
     box = np.s_[y0 : min(bottom + reach, height), x0 : min(right + reach, width)]
     mask = np.zeros(seen.foreground[box].shape, bool)
-    mask[top - y0 : bottom - y0, left - x0 : right - x0] = one.mask
+    mask[top - y0 : bottom - y0, left - x0 : right - x0] = candidate.mask
     near = np.s_[
         max(top - SURROUNDINGS - y0, 0) : bottom + SURROUNDINGS - y0,
         max(left - SURROUNDINGS - x0, 0) : right + SURROUNDINGS - x0,
@@ -174,7 +176,7 @@ def _map_features(
         )
         > 0
     )
-    contour = outline(one.mask)
+    contour = outline(candidate.mask)
     x, y = contour[:, 0] + left, contour[:, 1] + top
     free = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
     along = np.sort(rim[y[free], x[free]]) if free.any() else np.zeros(1, np.float32)
@@ -182,7 +184,7 @@ def _map_features(
     together, others = _pairs(mask, foreground, seen.pairs[(slice(None), *box)])
     hull = cv2.convexHull(contour)
     area, length = (
-        max(float(one.area), 1.0),
+        max(float(candidate.area), 1.0),
         max(float(cv2.arcLength(contour, True)), 1.0),
     )
     return [
@@ -201,7 +203,7 @@ def _map_features(
         float(np.sqrt(4 * np.pi * area) / length),
         float(seen.normals[box][..., 2][mask].mean()),
         float(seen.movable[box][mask].mean()),
-        float(one.mask.mean()),
+        float(candidate.mask.mean()),
     ]
 
 
@@ -227,25 +229,25 @@ def _pairs(mask: Mask, foreground: F32, pairs: F32) -> tuple[list[float], list[f
             both = a & b
             own += float(affinity[both].sum())
             own_count += int(both.sum())
-            one = a != b
-            if one.any():
-                weight = np.where(a, foreground[there], foreground[here])[one]
-                other += float((affinity[one] * weight).sum())
+            is_split = a != b
+            if is_split.any():
+                weight = np.where(a, foreground[there], foreground[here])[is_split]
+                other += float((affinity[is_split] * weight).sum())
                 other_count += float(weight.sum())
         within.append((own + 0.5) / (own_count + 1.0))
         across.append(other / (other_count + 1.0))
     return within, across
 
 
-def _colour_features(one: Proposal, evidence: Evidence) -> list[float]:
+def _colour_features(candidate: Proposal, evidence: Evidence) -> list[float]:
     """Return how much of a candidate's colours goes on around, and the step there."""
     height, width = evidence.colours.shape
-    reach = max(SURROUNDINGS, round(0.5 * np.sqrt(one.area)))
-    left, top, right, bottom = one.box
+    reach = max(SURROUNDINGS, round(0.5 * np.sqrt(candidate.area)))
+    left, top, right, bottom = candidate.box
     x, y = max(left - reach, 0), max(top - reach, 0)
     window = np.s_[y : min(bottom + reach, height), x : min(right + reach, width)]
     inside = np.zeros(evidence.colours[window].shape, bool)
-    inside[top - y : bottom - y, left - x : right - x] = one.mask
+    inside[top - y : bottom - y, left - x : right - x] = candidate.mask
     kernel = np.ones((3, 3), np.uint8)
     outside = cv2.dilate(inside.astype(np.uint8), kernel, iterations=2) == 0
     if not outside.any():
@@ -259,20 +261,20 @@ def _colour_features(one: Proposal, evidence: Evidence) -> list[float]:
     own = counts / counts.sum()
     step = lab[inside].mean(axis=0) - lab[outside].mean(axis=0)
     goes_on = float(np.minimum(own, RARER * other).sum())
-    return [goes_on, float(np.linalg.norm(step)), *_edge_features(one, evidence)]
+    return [goes_on, float(np.linalg.norm(step)), *_edge_features(candidate, evidence)]
 
 
-def _edge_features(one: Proposal, evidence: Evidence) -> list[float]:
+def _edge_features(candidate: Proposal, evidence: Evidence) -> list[float]:
     """Return the photo's edges along a candidate's rim, along its weakest part, inside."""
-    left, top, right, bottom = one.box
-    x, y = outline(one.mask).T + np.array([[left], [top]])
+    left, top, right, bottom = candidate.box
+    x, y = outline(candidate.mask).T + np.array([[left], [top]])
     height, width = evidence.edges.shape
     free = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
     if not free.any():
         return [0.0, 0.0, 0.0]
     along = np.sort(evidence.wide_edges[y[free], x[free]])
     weakest = along[: max(1, len(along) // 4)]
-    mask = np.pad(one.mask, 1).astype(np.uint8)
+    mask = np.pad(candidate.mask, 1).astype(np.uint8)
     inner = cv2.erode(mask, np.ones((5, 5), np.uint8))[1:-1, 1:-1] > 0
     edges = evidence.edges[top:bottom, left:right]
     inside = float(edges[inner].mean()) if inner.any() else 0.0
@@ -285,8 +287,8 @@ def box_features(candidates: Sequence[Proposal], evidence: Evidence) -> Array:
     boxes, corners = evidence.boxes, evidence.corners
     if not boxes:
         return np.zeros((count, len(BOX_FEATURES)))
-    own = np.array([one.box for one in candidates], np.float64)
-    overlap = box_overlap(own, corners)
+    rectangles = np.array([candidate.box for candidate in candidates], np.float64)
+    overlap = box_overlap(rectangles, corners)
     # of boxes that fit almost alike the better one counts
     best = (overlap * (0.5 + boxes.scores.max(axis=1))).argmax(axis=1)
     matched, rows = boxes.scores[best], np.arange(count)
@@ -305,39 +307,43 @@ def box_features(candidates: Sequence[Proposal], evidence: Evidence) -> Array:
             *groups,
             (proportion * boxes.movable).max(axis=1),
             (proportion * boxes.immovable).max(axis=1),
-            *_relatives(own, evidence),
+            *_relatives(rectangles, evidence),
             (boxes.movable[None] > matched[:, :1]).sum(axis=1),
             np.full(count, boxes.movable.max()),
             np.full(count, (boxes.movable > LIKELY).sum()),
-            _count_alike(own, (proportion * boxes.movable).max(axis=1)),
+            _count_alike(rectangles, (proportion * boxes.movable).max(axis=1)),
         ]
     )
 
 
-def _count_alike(own: Array, score: Array) -> Array:
+def _count_alike(rectangles: Array, score: Array) -> Array:
     """Return how many candidates apart have a box (n, 4) of the same size, by score.
 
     Objects come in sets: balls of a rack, dominoes, boxes of a stack.
     """
-    sides = np.log(np.maximum(own[:, 2:] - own[:, :2], 1))
+    sides = np.log(np.maximum(rectangles[:, 2:] - rectangles[:, :2], 1))
     away = np.abs(sides[:, None] - sides[None]).max(axis=2)
-    alike = np.exp(-((away / SAME_SIZE) ** 2)) * (box_overlap(own, own) < APART)
+    alike = np.exp(-((away / SAME_SIZE) ** 2)) * (
+        box_overlap(rectangles, rectangles) < APART
+    )
     # many candidates show one object: the best in each place counts
-    place = np.rint((own[:, :2] + own[:, 2:]) / np.exp(sides.mean(axis=1))[:, None])
+    place = np.rint(
+        (rectangles[:, :2] + rectangles[:, 2:]) / np.exp(sides.mean(axis=1))[:, None]
+    )
     _, places = np.unique(place, axis=0, return_inverse=True)
-    best = np.zeros((len(own), int(places.max()) + 1))
-    rows = np.arange(len(own))[:, None]
+    best = np.zeros((len(rectangles), int(places.max()) + 1))
+    rows = np.arange(len(rectangles))[:, None]
     np.maximum.at(best, (rows, places.ravel()[None]), alike * score[None])
     return np.asarray(np.minimum(best.sum(axis=1), MOST_ALIKE))
 
 
-def _relatives(own: Array, evidence: Evidence) -> list[Array]:
+def _relatives(rectangles: Array, evidence: Evidence) -> list[Array]:
     """Return scores of the wholes around candidates' boxes (n, 4) and of parts inside."""
     boxes, corners = evidence.boxes, evidence.corners
-    low = np.maximum(own[:, None, :2], corners[None, :, :2])
-    high = np.minimum(own[:, None, 2:], corners[None, :, 2:])
+    low = np.maximum(rectangles[:, None, :2], corners[None, :, :2])
+    high = np.minimum(rectangles[:, None, 2:], corners[None, :, 2:])
     shared = np.clip(high - low, 0, None).prod(axis=2)
-    area = (own[:, 2:] - own[:, :2]).prod(axis=1)[:, None]
+    area = (rectangles[:, 2:] - rectangles[:, :2]).prod(axis=1)[:, None]
     areas = np.maximum((corners[:, 2:] - corners[:, :2]).prod(axis=1), 1e-6)[None]
     is_whole = (shared > WITHIN * area) & (areas > LARGER * area)
     is_part = (shared > WITHIN * areas) & (area > LARGER * areas)
@@ -357,12 +363,12 @@ def context_features(candidates: Sequence[Proposal], fit: Array) -> Array:
     """Return (n, len(CONTEXT_FEATURES)) from the first fit (n,) of all candidates."""
     if not candidates:
         return np.zeros((0, len(CONTEXT_FEATURES)))
-    own = np.array([one.box for one in candidates], np.float64)
-    area = np.array([one.area for one in candidates], np.float64)
-    low = np.maximum(own[:, None, :2], own[None, :, :2])
-    high = np.minimum(own[:, None, 2:], own[None, :, 2:])
+    rectangles = np.array([candidate.box for candidate in candidates], np.float64)
+    area = np.array([candidate.area for candidate in candidates], np.float64)
+    low = np.maximum(rectangles[:, None, :2], rectangles[None, :, :2])
+    high = np.minimum(rectangles[:, None, 2:], rectangles[None, :, 2:])
     shared = np.clip(high - low, 0, None).prod(axis=2)
-    box_area = (own[:, 2:] - own[:, :2]).prod(axis=1)
+    box_area = (rectangles[:, 2:] - rectangles[:, :2]).prod(axis=1)
     is_part = (shared > WITHIN * box_area[None]) & (area[None] < PART * area[:, None])
     overlap = shared / (box_area[:, None] + box_area[None] - shared)
     is_rival = (overlap > RIVAL) & ~np.eye(len(fit), dtype=bool)
@@ -376,7 +382,7 @@ def context_features(candidates: Sequence[Proposal], fit: Array) -> Array:
             share,
             count,
             np.where(is_rival, fit[None], 0).max(axis=1),
-            _count_alike(own, fit),
+            _count_alike(rectangles, fit),
         ]
     )
 
@@ -387,7 +393,7 @@ def _parts(
     """Return the share of each candidate that good parts without overlap fill.
 
     The second array is their number. `is_part` (n, n): candidate j is a part of i;
-    `common` (n, n): the two are one.
+    `common` (n, n): the two are candidate.
     """
     order = np.argsort(-fit * np.sqrt(area), kind="stable")
     order = order[fit[order] > GOOD_PART]

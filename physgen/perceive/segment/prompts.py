@@ -209,6 +209,8 @@ class Segmenter:
 
     backends: Backends
     nouns: Sequence[str] = ()
+    is_smallest_meant: bool = False
+    """Whether a point means the smallest object there, and not the whole one."""
 
     def __call__(self, rgb: Rgb) -> Segments:
         """Objects found in the photo."""
@@ -259,14 +261,12 @@ def from_prompts(
     points: Sequence[Point],
     segment: Segmenter,
     frame: PromptFrame | None = None,
-    *,
-    smallest: bool = False,
 ) -> Detections:
     """One object for each box and then for each point: ids 1, 2, ...
 
     A backend that takes prompts answers first; else a box is `segment_box`, and a point `segment_point`.
-    Boxes and points are in pixels of the `frame`, or of the photo itself. With `smallest`, a point means the smallest
-    object there, and the box of that becomes its prompt.
+    Boxes and points are in pixels of the `frame`, or of the photo itself. Where a point means the
+    smallest object, the box of that becomes its prompt.
     Raises InputError with every box or point that is off the photo or shows no object.
     """
     masks: list[PromptedMask] = []
@@ -291,7 +291,9 @@ def from_prompts(
         try:
             masks.append(
                 answers.get(k)
-                or segment_point(rgb, point, found(), points, smallest=smallest)
+                or segment_point(
+                    rgb, point, found(), points, smallest=segment.is_smallest_meant
+                )
             )
         except InputError as error:
             report(k, error.problems[0].expected, error.problems[0].fix)
@@ -310,7 +312,7 @@ def from_prompts(
             report(k - 1, "shows what another box or point shows", "leave one out")
     if problems:
         raise InputError(problems)
-    if smallest:  # the scene keeps what was chosen, not how
+    if segment.is_smallest_meant:  # the scene keeps what was chosen, not how
         for k, one in enumerate(masks[len(boxes) :], len(boxes)):
             left, top, right, bottom = box_of(one.mask)
             places[k] = "box", (left, top, right - left, bottom - top)
