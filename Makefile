@@ -60,6 +60,8 @@ train: .venv/.studio
 	$(BIN)/python $(SEG)/train_detector.py -o out/segmentation/detector
 	$(BIN)/python $(SEG)/mix_weights.py out/segmentation/detector/detector.pt
 	$(BIN)/python $(SEG)/export.py out/segmentation/detector/detector-mixed.pt
+	$(BIN)/python $(SEG)/judge_examples.py -o out/segmentation/judge --jobs 2
+	$(BIN)/python $(SEG)/judge.py out/segmentation/judge
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }

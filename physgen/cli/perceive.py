@@ -56,13 +56,7 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
     _refuse_scenes(options.image)
     if options.refresh is None and len(options.image) > 1:
         return _perceive_many(options, bar)
-    out = options.output
-    if (
-        options.image
-        and out
-        and (out.is_dir() or not (out.suffix or out.exists() or out.name == "-"))
-    ):
-        options.output = out / f"{options.image[0].stem}.yaml"
+    _name_in_folder(options)
     boxes, output = len(options.box), options.output or options.refresh
     redirected = None if output else stdout_file()
     checks: list[Callable[[], Any]] = [
@@ -70,6 +64,7 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         partial(check_scene_name, options.output),
         partial(_refuse_beside_refresh, options),
         partial(_refuse_push_and_still, options),
+        partial(_refuse_without_point, options),
         *(partial(coordinates, "--box", text, 4) for text in options.box),
         *(partial(coordinates, "--point", text, 2) for text in options.point),
     ]
@@ -77,6 +72,7 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
     settings: dict[str, Any] = {
         "boxes": marks[:boxes],
         "points": marks[boxes:],
+        "smallest": options.smallest,
         "labels": options.label,
         "asked": options.find,
         "crew": crew,
@@ -103,6 +99,15 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
     return OK
 
 
+def _name_in_folder(options: argparse.Namespace) -> None:
+    """Let -o name the scene of one photo where it names a folder."""
+    out = options.output
+    if not options.image or out is None or out.name == "-":
+        return
+    if out.is_dir() or not (out.suffix or out.exists()):
+        options.output = out / f"{options.image[0].stem}.yaml"
+
+
 def _refuse_scenes(images: Sequence[Path]) -> None:
     """Raise InputError if a scene file stands where a photo is expected."""
     problems = []
@@ -122,8 +127,8 @@ def _perceive_many(options: argparse.Namespace, bar: Bar) -> int:
     """Several photos into one folder, with models loaded once; an error in one does not stop the others."""
     from physgen import pipeline
 
-    single = {"--masks": options.masks, "--box": options.box, "--point": options.point,
-             "--label": options.label, "--push": options.push}  # fmt: skip
+    single = {"--masks": options.masks, "--box": options.box, "--point": options.point, "--smallest": options.smallest,
+              "--label": options.label, "--push": options.push}  # fmt: skip
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
     fix = "leave it out, or name one photo"
@@ -249,6 +254,13 @@ def _refuse_push_and_still(options: argparse.Namespace) -> None:
         raise InputError.of("--push", found, "cannot be used with --still", fix)
 
 
+def _refuse_without_point(options: argparse.Namespace) -> None:
+    """Raise InputError where --smallest has no point to refer to."""
+    if options.smallest and not options.point:
+        fix = "add --point X,Y, or leave it out"
+        raise InputError.of("perceive", "--smallest", "is for --point", fix)
+
+
 def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
@@ -331,6 +343,8 @@ def add_perceive(parser: Parser) -> None:
         [],
         action="append",
     )
+    about = "with --point: the smallest object there, not the whole one"
+    parser.flag("--smallest", about)
     about = "what an object is; may be repeated"
     parser.option("--label", "NAME=TEXT", str, about, [], action="append")
     about = "longest side of the scene's photo, px; default: at most 1600"

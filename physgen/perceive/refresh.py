@@ -131,7 +131,8 @@ def start_refresh(
     ]
     frames = frames or PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
     new = from_prompts(rgb, boxes, points, segment, frames.new)
-    again = from_prompts(rgb, *prompts_of(objects), segment, frames.old)
+    whole = replace(segment, is_smallest_meant=False)
+    again = from_prompts(rgb, *prompts_of(objects), whole, frames.old)
 
     result = np.zeros(labels.shape, np.uint16)
     owner = {i: k for k, i in enumerate(ids)}  # id -> index in objects

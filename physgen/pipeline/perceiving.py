@@ -37,6 +37,8 @@ class PerceiveOptions:
     """x, y, w, h px of objects, in the photo that was given, upright."""
     points: Sequence[tuple[float, float]] = ()
     """x, y px on objects, in the same photo."""
+    smallest: bool = False
+    """Whether a point means the smallest object there, and not the whole one."""
     labels: Sequence[str] = ()
     """`NAME=TEXT`."""
     asked: Sequence[str] = ()
@@ -203,7 +205,7 @@ def _perceive_photo(
     elif boxes or points:
         frame = PromptFrame(width, height, rgb.shape[1] / width)
         check_prompts(boxes, points, frame)
-        segmenter = Segmenter(crew, options.asked)
+        segmenter = Segmenter(crew, options.asked, options.smallest)
         found = from_prompts(rgb, boxes, points, segmenter, frame)
         crew.release("segment")
     for problem in _unused_choices(crew, options):
@@ -787,7 +789,8 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     check_prompts(*old_and_new.prompts_of(scene.objects), frames.old)
     maps = percepts(scene)
     ids = compile_scene(scene, None if maps is None else maps.labels).labels
-    photo, find = read_photo(scene.image), Segmenter(crew, options.asked)
+    photo = read_photo(scene.image)
+    find = Segmenter(crew, options.asked, options.smallest)
     own = opened.document()
     old = old_and_new.with_sources(own, scene)
     begun = old_and_new.start_refresh(

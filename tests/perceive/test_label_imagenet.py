@@ -17,6 +17,7 @@ from physgen.materials import kind
 from physgen.perceive.backends import label_imagenet as naming
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
+from physgen.perceive.segment.detector import DetectedBoxes
 from physgen.perceive.segment.prompts import from_masks
 from physgen.scene.load import load
 from physgen.scene.provenance import source
@@ -179,7 +180,44 @@ def test_the_written_table_has_every_class_once() -> None:
     assert shipped == [label for _, label in pairs]
 
 
-def test_nothing_found_is_named_a_person() -> None:
+def scores_of(name: str, score: float) -> np.ndarray:
+    """Return a row of scores of COCO's classes, which the heads know by label."""
+    head = naming.heads()
+    place = head.coco.tolist().index(head.labels.index(name))
+    scores = np.zeros((1, len(head.coco)), np.float32)
+    scores[0, place] = score
+    return scores
+
+
+@pytest.mark.parametrize("name", ["person", "dog", "car", "teddy bear"])
+def test_detector_names_what_network_does_not(name: str) -> None:
+    head = naming.heads()
+    blank = np.zeros((1, head.own.shape[1]), np.float32)
+    joint, is_sure = head.joint_chances(blank, scores_of(name, 0.8))
+    assert head.labels[joint[0].argmax()] == name
+    assert joint[0].max() == pytest.approx(0.8, abs=0.05)
+    assert is_sure[0]
+    joint, is_sure = head.joint_chances(blank, scores_of(name, 0.5))
+    assert not is_sure[0]
+
+
+def test_box_that_fits_tells_classes() -> None:
+    """The best box lies on the object; a larger one around it tells nothing."""
+    mask = np.zeros((60, 80), bool)
+    mask[10:30, 20:50] = True
+    scores = np.zeros((2, 82))
+    scores[0, 2 + 5], scores[1, 2 + 7] = 0.9, 0.6
+    corners = np.array([[0.0, 0, 80, 60], [20, 10, 50, 30]])
+    seen = naming.detected_classes(DetectedBoxes(corners, scores), mask)
+    assert seen.shape == (80,)
+    assert (seen.argmax(), seen.max()) == (7, pytest.approx(0.6))
+    far = naming.detected_classes(DetectedBoxes(corners[:1], scores[:1]), mask)
+    assert not far.any()
+    none = DetectedBoxes(np.zeros((0, 4)), np.zeros((0, 82)))
+    assert not naming.detected_classes(none, mask).any()
+
+
+def test_network_names_no_person() -> None:
     """Heads that see people alone: no object has a label of theirs."""
     head = naming.heads()
     people = np.array(
@@ -190,3 +228,9 @@ def test_nothing_found_is_named_a_person() -> None:
     )
     assert head.labels[chances[0].argmax()] == "person"
     assert sureness[0] == 0
+    blank = np.zeros((1, head.own.shape[1]), np.float32)
+    joint, is_sure = replace(head, shift=people).joint_chances(
+        blank, np.zeros((1, len(head.coco)), np.float32)
+    )
+    assert joint[0, head.labels.index("person")] == 0
+    assert not is_sure[0]

@@ -6,13 +6,15 @@ import cv2
 import numpy as np
 from pytest import approx
 
-from physgen.perceive.segment.candidates import (
-    FEATURES,
-    network_proposals,
-    proposal_features,
-    rescaled,
+from physgen.perceive.segment.candidates import network_proposals
+from physgen.perceive.segment.evidence import MAP_FEATURES, map_features
+from physgen.perceive.segment.network import (
+    OFFSETS,
+    WEIGHTS,
+    NetworkMaps,
+    rough_mask_in_box,
+    run_network,
 )
-from physgen.perceive.segment.network import OFFSETS, WEIGHTS, NetworkMaps, run_network
 from physgen.perceive.segment.proposals import Proposal, cut_out
 
 
@@ -88,10 +90,10 @@ def test_evidence_tells_wholes_from_halves_and_pairs() -> None:
     seen = true_maps(labels)
     half = labels == 5
     half[:, 45:] = False
-    told = proposal_features(
+    told = map_features(
         [whole(labels == 5), whole(half), whole((labels == 4) | (labels == 5))], seen
     )
-    at = {name: k for k, name in enumerate(FEATURES)}
+    at = {name: k for k, name in enumerate(MAP_FEATURES)}
     object_, part, pair = told
     assert object_[at["foreground"]] == approx(0.97, abs=0.01)
     assert (
@@ -108,22 +110,20 @@ def test_evidence_tells_wholes_from_halves_and_pairs() -> None:
     assert object_[at["cut by the photo"]] == 0
 
 
-def test_a_proposal_keeps_its_place_on_another_grid() -> None:
-    mask = np.zeros((300, 400), np.uint8)
-    cv2.ellipse(mask, (180, 140), (70, 40), 20, 0, 360, 1, -1)
-    one = whole(mask > 0)
-    small = rescaled(one, (300, 400), (105, 140))
-    assert small is not None
-    expected = (
-        cv2.resize(mask.astype(np.float32), (140, 105), interpolation=cv2.INTER_AREA)
-        >= 0.5
-    )
-    both = small.on((105, 140))
-    assert (both & expected).sum() / (both | expected).sum() > 0.96
-    back = rescaled(small, (105, 140), (300, 400))
-    assert back is not None
-    again = back.on((300, 400))
-    assert (again & (mask > 0)).sum() / (again | (mask > 0)).sum() > 0.93
+def test_rough_mask_lies_where_object_is() -> None:
+    """In a box that reaches beyond the photo, and on a grid of another size."""
+    rgb = np.full((240, 320, 3), (190, 190, 185), np.uint8)
+    cv2.circle(rgb, (290, 60), 50, (150, 60, 40), -1, cv2.LINE_AA)
+    for shape in ((120, 160), (240, 320), (96, 128)):
+        found = rough_mask_in_box(rgb, (235.0, 5.0, 345.0, 115.0), shape)
+        assert found is not None
+        y, x = np.indices(shape)
+        scale = 240 / shape[0]
+        away = np.hypot((x + 0.5) * scale - 290.5, (y + 0.5) * scale - 60.5)
+        truth = away <= 50
+        mask = found.on(shape)
+        assert (mask & truth).sum() > 0.85 * (mask | truth).sum(), shape
+    assert rough_mask_in_box(rgb, (500.0, 5.0, 600.0, 99.0), (120, 160)) is None
 
 
 def test_the_shipped_network_is_small_and_sees_mirrored_what_is_mirrored() -> None:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import cv2
 import numpy as np
@@ -14,17 +11,11 @@ import pytest
 from physgen import pipeline
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc
-from physgen.perceive.backends.segment_learned import (
-    continued,
-    joined,
-    segment,
-    with_handles,
-)
+from physgen.perceive.backends.segment_learned import continued_colours, segment
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
-from physgen.perceive.roles import Detections, Doubt, Segments
-from physgen.perceive.segment.candidates import Candidates
-from physgen.perceive.segment.proposals import Proposal, cut_out
+from physgen.perceive.roles import Detections, Doubt
+from physgen.perceive.segment.proposals import Proposal
 
 
 def noise(size: tuple[int, int]) -> np.ndarray:
@@ -107,33 +98,10 @@ def test_compressed_photos_show_the_same_objects(
     )
 
 
-def blocks(*boxes: tuple[int, int, int, int], whole: int = -1) -> Candidates:
-    """Rectangles x, y, w, h as candidates."""
-    some = [Proposal(x, y, np.ones((h, w), bool), w * h) for x, y, w, h in boxes]
-    none = np.zeros(len(boxes))
-    return Candidates(
-        (100, 200),
-        some,
-        np.zeros((len(boxes), 1)),
-        none,
-        none,
-        np.arange(len(boxes)) == whole,
-    )
-
-
 @pytest.mark.parametrize("size", [(10, 400), (400, 10), (8, 1600)])
 def test_photos_of_a_few_rows_or_columns(size: tuple[int, int]) -> None:
     """The network's map of them is narrower than its pairs of pixels are apart."""
     assert not len(segment(noise(size)).confidence)
-
-
-def test_parts_that_fit_better_than_their_whole_stay() -> None:
-    found = blocks((0, 0, 40, 40), (40, 0, 40, 40), (0, 0, 80, 40), whole=2)
-    assert joined(found, np.array([0.8, 0.75, 0.7]), np.array([0, 1])).tolist() == [2]
-    assert joined(found, np.array([0.9, 0.95, 0.7]), np.array([0, 1])).tolist() == [
-        0,
-        1,
-    ]
 
 
 def test_a_photo_without_objects_becomes_an_empty_scene(tmp_path: Path) -> None:
@@ -183,66 +151,15 @@ def test_a_doubtful_thing_can_be_switched_on(tmp_path: Path) -> None:
     assert abs(y - 60) < 1
 
 
-def test_a_gap_between_objects_shows_the_colours_around_them() -> None:
+def test_gap_shows_colours_around_it() -> None:
     random = np.random.default_rng(0)
-    rgb = np.clip(random.normal((90, 60, 40), 6, (120, 160, 3)), 0, 255).astype(
-        np.uint8
-    )
-    masks = np.zeros((3, 120, 160), bool)
-    for k, left in enumerate((40, 60, 80)):
-        masks[k, 30:90, left : left + 20] = True
-    rgb[masks[0] | masks[2]] = (220, 210, 170)
-    some = [one for mask in masks if (one := cut_out(mask, 0, 0, 1)) is not None]
-    found = cast(Candidates, SimpleNamespace(proposals=some, shape=(120, 160)))
-    shares = continued(rgb, found, np.arange(3))
+    rgb = random.normal((90, 60, 40), 6, (120, 160, 3))
+    rgb = np.clip(rgb, 0, 255).astype(np.uint8)
+    chosen = [
+        Proposal(left, 30, np.ones((60, 20), bool), 1200) for left in (40, 60, 80)
+    ]
+    rgb[30:90, 40:60] = rgb[30:90, 80:100] = (220, 210, 170)
+    shares = continued_colours(rgb, chosen, (120, 160))
     assert shares[1] > 0.9
     assert max(shares[0], shares[2]) < 0.1
-    assert continued(rgb, found, np.zeros(0, np.intp)).shape == (0,)
-
-
-@pytest.mark.parametrize(
-    ("wide", "long", "head_colour", "whole"),
-    [
-        (8, 100, (150, 95, 55), True),
-        (30, 100, (150, 95, 55), False),
-        (8, 12, (150, 95, 55), False),
-        (8, 100, (250, 240, 60), False),
-    ],
-)
-def test_the_head_of_a_spoon_is_no_ball(
-    wide: int, long: int, head_colour: tuple[int, ...], whole: bool
-) -> None:
-    """Something narrow and long goes on below it; a jar's body, a nub, or the pole behind a ball are none."""
-    y, x = np.mgrid[:240, :200]
-    head = (x - 100) ** 2 + (y - 60) ** 2 <= 24**2
-    spoon = head | (
-        (y > 60) & (y < 84 + long) & (abs(x - 100 - (y - 60) / 20) <= wide / 2)
-    )
-    rgb = np.full((240, 200, 3), (205, 205, 200), np.uint8)
-    rgb[200:] = (150, 140, 130)
-    rgb[spoon] = (150, 95, 55)
-    rgb[head] = head_colour
-    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.8)
-    found = (
-        with_handles(rgb, Segments(head.astype(np.uint16), np.array([0.9]))).labels > 0
-    )
-    if whole:
-        assert (found & spoon).sum() > 0.9 * (found | spoon).sum()
-    else:
-        assert np.array_equal(found, head)
-
-
-@pytest.mark.parametrize(
-    "box", [(0, 2, 40, 60), (0, 30, 0, 10), (0, 30, 90, 100), (100, 120, 90, 100)]
-)
-def test_objects_at_the_photos_border_have_no_handle(
-    box: tuple[int, int, int, int],
-) -> None:
-    labels = np.zeros((120, 100), np.uint16)
-    labels[box[0] : box[1], box[2] : box[3]] = 1
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = with_handles(
-            np.full((120, 100, 3), 200, np.uint8), Segments(labels, np.array([0.9]))
-        )
-    assert np.array_equal(found.labels, labels)
+    assert continued_colours(rgb, [], (120, 160)).shape == (0,)

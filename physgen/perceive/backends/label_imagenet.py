@@ -2,8 +2,8 @@
 
 The network is EfficientNet-Lite0 with its ImageNet weights. It sees a crop of each object with the background dimmed.
 The probabilities of its 1,000 classes are added up by labels of the material table, and a logistic regression on its
-features adds classes of household photos that ImageNet lacks. `studio/segmentation/names.py` writes both files; OpenCV
-runs the network.
+features adds classes of household photos that ImageNet lacks. The detector's classes of COCO join them, and they alone
+tell people. `studio/segmentation/names.py` writes both files; OpenCV runs the network.
 """
 
 from __future__ import annotations
@@ -24,9 +24,15 @@ from physgen.geometry.scale import box_sides
 from physgen.maps import F32
 from physgen.perceive.backends.label_shape import shape
 from physgen.perceive.roles import Label, Labels, Mask, Name, PhotoObject, Rgb
+from physgen.perceive.segment.detector import (
+    DetectedBoxes,
+    box_overlap,
+    detect_boxes,
+)
 
 LOCK = Lock()
 NETWORK, HEADS = "names.onnx", "names.npz"
+PERSON = "person"
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,8 @@ class CropConstants:
     middle: float = 127.0  # 8-bit code of the dimmed background; the input is (code - middle) / spread
     spread: float = 128.0
     least: int = 200  # px: smaller objects are named by shape
+    joint: float = 0.7  # probability of network or detector from which a label is sure
+    same: float = 0.5  # IoU of boxes from which the detector's is the object's
     likely: int = 3  # names that are kept beside the label
     floor: float = 0.01  # probability below which they are not
     pool_table: int = 736
@@ -71,6 +79,7 @@ class Heads:
     own: F32  # (L + 1, 1280) log odds per feature that the regression adds
     shift: F32  # (L + 1,) the same without features
     sure: float  # mean probability from which a label is written
+    coco: Any  # (80,) label of each class of COCO, L where there is none
 
     def chances(self, features: F32) -> tuple[F32, F32]:
         """(N, 1280) features -> (N, L + 1) probabilities, and (N,) those of the likeliest labels, 0 for people.
@@ -78,10 +87,7 @@ class Heads:
         The latter are means with ImageNet's own: the regression knows few classes, and takes a can for a cup. What is
         found as an object and taken for a person is none: it was a plant, a bench or a tie.
         """
-        plain = np.zeros((len(features), len(self.labels) + 1), np.float32)
-        np.add.at(
-            plain.T, self.group, _softmax(features @ self.weights.T + self.bias).T
-        )
+        plain = self._plain(features)
         learned = _softmax(
             self.trust * np.log(plain + 1e-4) + features @ self.own.T + self.shift
         )
@@ -90,6 +96,46 @@ class Heads:
         return learned, np.asarray(
             objects * (learned[best] + plain[best]) / 2, np.float32
         )
+
+    def joint_chances(
+        self, features: F32, detected: F32
+    ) -> tuple[F32, NDArray[np.bool_]]:
+        """Return (N, L + 1): that the network or the detector (N, 80) is right.
+
+        The second array (N,) tells whose likeliest label is sure. People are named by
+        the detector alone: the network takes plants, benches and ties for them.
+        """
+        learned, sureness = self.chances(features)
+        named = (learned + self._plain(features)) / 2
+        if PERSON in self.labels:
+            named[:, self.labels.index(PERSON)] = 0
+        seen = np.zeros_like(named)
+        for k, label in enumerate(self.coco.tolist()):
+            seen[:, label] = np.maximum(seen[:, label], detected[:, k])
+        joint = np.asarray(1 - (1 - named) * (1 - seen), np.float32)
+        joint[:, -1] = 0
+        best = joint.argmax(axis=1)
+        is_sure = (sureness >= self.sure) & (best == learned[:, :-1].argmax(axis=1))
+        return joint, is_sure | (joint.max(axis=1) >= CROP.joint)
+
+    def _plain(self, features: F32) -> F32:
+        """Return (N, L + 1): ImageNet's own probabilities."""
+        plain = np.zeros((len(features), len(self.labels) + 1), np.float32)
+        classes = _softmax(features @ self.weights.T + self.bias)
+        np.add.at(plain.T, self.group, classes.T)
+        return plain
+
+
+def detected_classes(boxes: DetectedBoxes, mask: Mask) -> F32:
+    """Return (80,): the class scores of the box that fits an object best, by its fit."""
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    own = np.array([[x, y, x + width, y + height]], np.float64)
+    if not boxes:
+        return np.zeros(boxes.scores.shape[1] - 2, np.float32)
+    fit = box_overlap(own, boxes.corners)[0]
+    best = int((fit * (0.5 + boxes.scores.max(axis=1))).argmax())
+    share = fit[best] if fit[best] >= CROP.same else 0.0
+    return np.asarray(share * boxes.scores[best, 2:], np.float32)
 
 
 def imagenet() -> Label:
@@ -111,18 +157,21 @@ def _imagenet(
     if not large:
         return names | pool
     head = heads()
-    seen = head.chances(np.stack([features(crop(rgb, labels == i)) for i in large]))
-    for i, chances, sureness in zip(large, *seen, strict=True):
+    boxes = detect_boxes(rgb)
+    joint, is_sure = head.joint_chances(
+        np.stack([features(crop(rgb, labels == i)) for i in large]),
+        np.stack([detected_classes(boxes, labels == i) for i in large]),
+    )
+    for i, chances, is_named in zip(large, joint, is_sure, strict=True):
         best = np.argsort(-chances[:-1])[: CROP.likely + 1]
         likely = [
             (head.labels[k], round(float(chances[k]), 2))
             for k in best
             if chances[k] >= CROP.floor
         ]
-        if sureness >= head.sure:
-            names[i] = Name(
-                likely[0][0], round(float(sureness), 2), tuple(likely[1:]), "imagenet"
-            )
+        if is_named:
+            label, chance = likely[0]
+            names[i] = Name(label, chance, tuple(likely[1:]), "imagenet")
         else:
             names[i] = replace(names[i], likely=tuple(likely[: CROP.likely]))
     names = name_like_others(names, {item.id: item for item in objects})
@@ -227,7 +276,7 @@ def heads() -> Heads:
         weights = stored["weights"] * stored["scale"][:, None]
         return Heads(
             label, stored["group"], weights, stored["bias"], float(stored["trust"]), own, stored["shift"],
-            float(stored["sure"]),
+            float(stored["sure"]), stored["coco"],
         )  # fmt: skip
 
 

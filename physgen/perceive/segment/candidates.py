@@ -1,207 +1,169 @@
-"""Candidate objects from edges and from the segmentation network, and the judge that predicts their fit."""
+"""Candidate objects: groups of pixels that belong together, cut-outs of boxes, and what edges select."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.segment.gradient import Gradient
-from physgen.perceive.segment.network import F32, OFFSETS, NetworkMaps
-from physgen.perceive.segment.proposals import (
-    Mask,
-    Proposal,
-    cut_out,
-    distinct,
-    outline,
+from physgen.perceive.segment.detector import DetectedBoxes, box_overlap
+from physgen.perceive.segment.edges import EdgeSearch
+from physgen.perceive.segment.evidence import (
+    Evidence,
+    gather_evidence,
+    judge_features,
 )
+from physgen.perceive.segment.network import (
+    F32,
+    OFFSETS,
+    NetworkMaps,
+    rough_mask_in_box,
+)
+from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct
 from physgen.perceive.segment.regions import (
-    EDGE_CAP,
     basins,
-    edge_borders,
     merge_tree,
     pair_borders,
     tree_regions,
 )
-from physgen.perceive.segment.selection import WIDEST_AREAS, EdgeSearch
 
 Array = NDArray[np.float64]
-
-FEATURES = (
-    "foreground", "foreground, weakest tenth", "foreground around", "border along the rim",
-    "border along its weakest quarter", "border inside", "border inside, strongest fiftieth",
-    "together, near", "together, farther", "together, far", "with others, near", "with others, farther",
-    "with others, far", "log size", "cut by the photo", "solidity", "compactness", "facing the viewer",
-)  # fmt: skip
-RANGES = (range(0, 2), range(2, 6), range(6, 8))
-"""Indices of OFFSETS: near, farther and far pairs."""
 
 
 @dataclass(frozen=True)
 class CandidateConstants:
-    """Constants of proposals from the network; areas are in px of its grid."""
+    """Constants of candidates; areas are in px of the network's grid."""
 
-    surroundings: int = (
-        3  # px of the grid around a proposal that count as its surroundings
-    )
     on: float = 0.3  # foreground from which a basin may be part of an object
     border_share: float = 0.6
     """Share of the boundary map in the relief; the rest is the lack of affinity of neighbours."""
-    edge_share: float = 0.7  # share of a border that needs an edge in the photo, which fixes its exact course
-    score_middle: float = 0.8
-    """Score of the selection by edges whose confidence is a half; chosen on tune and validation data."""
-    score_width: float = 0.05  # width of the logistic from score to confidence
-    least_foreground: float = (
-        0.2  # mean foreground of a proposal below which it is dropped
-    )
     joining: int = 9  # px of the grid: pairs of pixels up to so far apart say which basins belong together
     whole: float = 0.4  # mean affinity from which parts are one object
-    smallest: int = 14  # px of the network's grid, of the smallest proposal
+    smallest: int = 14  # px of the network's grid, of the smallest candidate
+    largest: float = 0.8  # of the photo: the largest candidate
+    least_foreground: float = 0.2
+    """Mean foreground of a group below which it is dropped."""
+    score_middle: float = 0.8
+    """Score of the selection by edges whose confidence is a half."""
+    score_width: float = 0.05  # width of the logistic from score to confidence
+    cut_outs: int = 9
+    """Boxes that are cut out in any photo, the best ones: each costs 35 ms."""
+    likely: float = 0.3  # score of a movable whole from which more boxes are cut out
+    likely_cut_outs: int = 20  # boxes that are cut out at most
+    same_group: float = 0.9
+    """IoU of a box with a group's from which the group stands for it."""
 
 
 CANDIDATES = CandidateConstants()
 
 
-def proposal_features(proposals: Sequence[Proposal], seen: NetworkMaps) -> Array:
-    """(n, len(FEATURES)) for proposals on the grid of the network's output."""
-    rim = np.asarray(cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8)), np.float32)
-    reach = max(max(abs(down), abs(right)) for down, right in OFFSETS)
-    return np.array(
-        [_features(proposal, seen, rim, reach) for proposal in proposals]
-    ).reshape(-1, len(FEATURES))
+@dataclass(frozen=True, eq=False)
+class Outlined:
+    """A candidate that the photo's edges selected."""
+
+    rough: Proposal  # on the network's grid
+    mask: Proposal  # on the grid of the edges
+    shape: tuple[int, int]  # (h, w) of that grid
+    confidence: float  # 0..1, of the selection by edges
 
 
-def _features(one: Proposal, seen: NetworkMaps, rim: F32, reach: int) -> list[float]:
-    height, width = seen.foreground.shape
-    left, top, right, bottom = one.box
-    x0, y0 = max(left - reach, 0), max(top - reach, 0)
-    box = np.s_[y0 : min(bottom + reach, height), x0 : min(right + reach, width)]
-    mask = np.zeros(seen.foreground[box].shape, bool)
-    mask[top - y0 : bottom - y0, left - x0 : right - x0] = one.mask
-    near = np.s_[
-        max(top - CANDIDATES.surroundings - y0, 0) : bottom
-        + CANDIDATES.surroundings
-        - y0,
-        max(left - CANDIDATES.surroundings - x0, 0) : right
-        + CANDIDATES.surroundings
-        - x0,
-    ]
-    small = mask[near].astype(np.uint8)
-    foreground, boundary = seen.foreground[box], seen.boundary[box]
-    on = foreground[mask]
-    kernel = np.ones(
-        (2 * CANDIDATES.surroundings + 1, 2 * CANDIDATES.surroundings + 1), np.uint8
-    )
-    around = (cv2.dilate(small, kernel) > 0) & (small == 0)
-    inner = (
-        cv2.erode(
-            small,
-            np.ones((5, 5), np.uint8),
-            borderType=cv2.BORDER_CONSTANT,
-            borderValue=0,
-        )
-        > 0
-    )
-    contour = outline(one.mask)
-    x, y = contour[:, 0] + left, contour[:, 1] + top
-    free = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
-    along = np.sort(rim[y[free], x[free]]) if free.any() else np.zeros(1, np.float32)
-    inside = boundary[near][inner] if inner.any() else np.zeros(1, np.float32)
-    together, others = _pairs(mask, foreground, seen.pairs[(slice(None), *box)])
-    hull = cv2.convexHull(contour)
-    area, length = (
-        max(float(one.area), 1.0),
-        max(float(cv2.arcLength(contour, True)), 1.0),
-    )
-    return [
-        float(on.mean()),
-        _lowest(on, 0.1),
-        float(foreground[near][around].mean()) if around.any() else 0.0,
-        float(along.mean()),
-        float(along[: max(1, len(along) // 4)].mean()),
-        float(inside.mean()),
-        -_lowest(-inside, 0.02),
-        *together,
-        *others,
-        float(np.log(area / (height * width))),
-        1 - float(free.mean()),
-        area / max(float(cv2.contourArea(hull)) + length / 2 + 1, area),
-        float(np.sqrt(4 * np.pi * area) / length),
-        float(seen.normals[box][..., 2][mask].mean()),
-    ]
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Candidates on the network's grid of `shape` (h, w), with what the judge reads."""
+
+    shape: tuple[int, int]
+    proposals: Sequence[Proposal]
+    features: Array  # (n, len(FEATURES))
+    edges: Array
+    """(n,) 0..1: confidence of the selection by edges; 0 where it did not select it."""
+    outlined: Mapping[int, Outlined] = field(default_factory=dict)
+    """What edges selected, by index."""
+
+    def on_photo(self, k: int, size: tuple[int, int]) -> Mask:
+        """Return the mask of a candidate on a photo of `size` (H, W)."""
+        mask = self.proposals[k].on(self.shape)
+        if k in self.outlined:
+            fine = self.outlined[k]
+            mask = fine.mask.on(fine.shape)
+        return cv2.resize(mask.astype(np.uint8), size[::-1]) > 0
 
 
-def _lowest(values: F32, share: float) -> float:
-    """The greatest of the lowest `share` of some values."""
-    k = int(share * (len(values) - 1))
-    return float(np.partition(values, k)[k])
+def find_candidates(
+    rgb: NDArray[np.uint8],
+    seen: NetworkMaps,
+    boxes: DetectedBoxes,
+    edges: EdgeSearch | None = None,
+) -> Candidates:
+    """Return the candidates of a photo (H, W, 3) sRGB.
 
-
-def _pairs(mask: Mask, foreground: F32, pairs: F32) -> tuple[list[float], list[float]]:
-    """Mean affinity of pixels within the proposal, and with other foreground, for near, farther and far pairs."""
-    h, w = mask.shape
-    within, across = [], []
-    for some in RANGES:
-        own = other = own_count = other_count = 0.0
-        for n in some:
-            down, right = OFFSETS[n]
-            if down >= h or abs(right) >= w:
-                continue
-            here = np.s_[: h - down, max(-right, 0) : w - max(right, 0)]
-            there = np.s_[down:, max(right, 0) : w + min(right, 0)]
-            a, b, affinity = mask[here], mask[there], pairs[n][here]
-            both = a & b
-            own += float(affinity[both].sum())
-            own_count += int(both.sum())
-            one = a != b
-            if one.any():
-                weight = np.where(a, foreground[there], foreground[here])[one]
-                other += float((affinity[one] * weight).sum())
-                other_count += float(weight.sum())
-        within.append((own + 0.5) / (own_count + 1.0))
-        across.append(other / (other_count + 1.0))
-    return within, across
-
-
-JUDGE = "judge.json"
-
-
-def expected_fit(evidence: Array, numbers: Mapping[str, Any] | None = None) -> Array:
-    """(n,) 0..1: expected IoU with the best object, from features (n, k) by a network of two hidden layers.
-
-    `numbers` replace those of the shipped judge.
+    Those that `edges` selected come last; the judge learns without them.
     """
-    judge = _judge() if numbers is None else numbers
-    value = (evidence - judge["mean"]) / judge["spread"]
-    for weights, bias in zip(judge["weights"][:-1], judge["biases"][:-1], strict=True):
-        value = np.maximum(value @ weights + bias, 0)
-    out = value @ judge["weights"][-1] + judge["biases"][-1]
-    return np.asarray(1 / (1 + np.exp(-np.clip(out[:, 0], -30, 30))))
+    shape = seen.foreground.shape
+    evidence = gather_evidence(rgb, seen, boxes)
+    groups = find_groups(seen)
+    cut_outs = cut_out_boxes(rgb, evidence, groups)
+    first = len(groups) + len(cut_outs)
+    outlined = edge_candidates(edges, seen) if edges else []
+    proposals = [*groups, *cut_outs, *(one.rough for one in outlined)]
+    agreement = np.array([0.0] * first + [one.confidence for one in outlined])
+    return Candidates(
+        shape,
+        proposals,
+        judge_features(proposals, evidence),
+        agreement,
+        {first + k: one for k, one in enumerate(outlined)},
+    )
 
 
-def confidence(fit: Array) -> Array:
-    """(n,) 0..1: the counted share of chosen proposals of such a fit (n,) that are right."""
-    judge = _judge()
-    return np.asarray(np.interp(fit, judge["fit"], judge["right"]))
+def edge_candidates(edges: EdgeSearch, seen: NetworkMaps) -> list[Outlined]:
+    """Return what the photo's edges selected on what the network sees as objects."""
+    shape = seen.foreground.shape
+    sure = 1 / (
+        1 + np.exp((CANDIDATES.score_middle - edges.scores) / CANDIDATES.score_width)
+    )
+    outlined = []
+    for one, confidence in zip(edges.chosen, sure.tolist(), strict=True):
+        rough = rescaled(one, edges.shape, shape)
+        if rough and _mean(seen.foreground, rough) >= CANDIDATES.least_foreground:
+            outlined.append(Outlined(rough, one, edges.shape, confidence))
+    return outlined
 
 
-@cache
-def _judge() -> dict[str, Any]:
-    numbers = json.loads(Path(__file__).with_name(JUDGE).read_text(encoding="utf-8"))
-    return {
-        name: [np.array(part) for part in value]
-        if name in ("weights", "biases")
-        else np.array(value)
-        for name, value in numbers.items()
-        if not isinstance(value, str)
-    }
+def find_groups(seen: NetworkMaps) -> list[Proposal]:
+    """Return groups of pixels that the network sees as one: parts, wholes and piles."""
+    cells = seen.foreground.size
+    largest = round(CANDIDATES.largest * cells)
+    groups, wholes = network_proposals(seen, CANDIDATES.smallest, largest)
+    return [
+        one
+        for one in distinct([*groups, *wholes])
+        if _mean(seen.foreground, one) >= CANDIDATES.least_foreground
+    ]
+
+
+def cut_out_boxes(
+    rgb: NDArray[np.uint8], evidence: Evidence, groups: Sequence[Proposal]
+) -> list[Proposal]:
+    """Cut out the best boxes, without those that a group already fits."""
+    boxes, shape = evidence.boxes, evidence.colours.shape
+    group_boxes = np.array([one.box for one in groups], np.float64).reshape(-1, 4)
+    fit = box_overlap(evidence.corners, group_boxes).max(axis=1, initial=0.0)
+    free = np.flatnonzero(fit < CANDIDATES.same_group)
+    promise = np.maximum(boxes.movable, 0.5 * boxes.immovable)[free]
+    likely = np.count_nonzero(boxes.movable[free] > CANDIDATES.likely)
+    count = max(CANDIDATES.cut_outs, min(int(likely), CANDIDATES.likely_cut_outs))
+    best = free[np.argsort(-promise, kind="stable")][:count]
+    masks = [rough_mask_in_box(rgb, boxes.corners[k], shape) for k in best.tolist()]
+    return [one for one in masks if one is not None]
+
+
+def _mean(values: F32, one: Proposal) -> float:
+    """Mean of a map of the network (h, w) on a proposal of its grid."""
+    left, top, right, bottom = one.box
+    return float(values[top:bottom, left:right][one.mask].mean())
 
 
 def border_relief(seen: NetworkMaps) -> F32:
@@ -254,97 +216,10 @@ def network_proposals(
     ]
 
 
-def guided_proposals(
-    gradient: Gradient, seen: NetworkMaps, smallest: int, largest: int
-) -> list[Proposal]:
-    """Proposals on the photo's own grid: bounded by its edges, joined by the network's borders."""
-    size = gradient.strength.shape[::-1]
-    border = cv2.dilate(
-        border_relief(seen), np.ones((3, 3), np.uint8)
-    )  # the network may be a pixel off
-    border = np.clip(cv2.resize(border, size, interpolation=cv2.INTER_LINEAR), 0, 1)
-    foreground = np.clip(
-        cv2.resize(seen.foreground, size, interpolation=cv2.INTER_LINEAR), 0, 1
-    )
-    labels = basins(
-        np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise)
-    )
-    share = np.float32(CANDIDATES.edge_share)
-    sharp = np.minimum(gradient.strength, EDGE_CAP) / np.float32(EDGE_CAP)
-    edge = np.float32(EDGE_CAP) * border * (1 - share + share * sharp)
-    kept = _on_objects(labels, np.asarray(foreground, np.float32))
-    tree = merge_tree(edge_borders(labels, edge.astype(np.float32), kept))
-    return [
-        one
-        for _, one in tree_regions(tree, labels, tree.without(kept), smallest, largest)
-    ]
-
-
 def _on_objects(labels: NDArray[np.int32], foreground: F32) -> NDArray[np.bool_]:
     """(basins,): which basins (h, w) may be parts of objects."""
     on = np.bincount(labels.ravel(), foreground.ravel())
     return np.asarray(on >= CANDIDATES.on * np.bincount(labels.ravel()))
-
-
-@dataclass(frozen=True, eq=False)
-class Candidates:
-    """Proposals on a grid of `shape`, with the network's features."""
-
-    shape: tuple[int, int]
-    proposals: Sequence[Proposal]
-    evidence: NDArray[np.float64]  # (n, k), see `FEATURES`
-    edges: NDArray[np.float64]
-    """(n,) 0..1: confidence of the selection by edges alone; 0 where it did not select the proposal."""
-    movable: NDArray[np.float64]  # (n,) 0..1: mean movability
-    whole: NDArray[
-        np.bool_
-    ]  # (n,): the largest groups whose parts the network sees as one
-
-
-def candidates(by_edges: EdgeSearch, seen: NetworkMaps) -> Candidates:
-    """Of a photo, from its edges and from what the network sees in it."""
-    shape, grid = by_edges.shape, seen.foreground.shape
-    cells = grid[0] * grid[1]
-    least, most = WIDEST_AREAS
-    own, wholes = network_proposals(
-        seen, max(CANDIDATES.smallest, round(least * cells)), round(most * cells)
-    )
-    bounds = (max(12, round(part * shape[0] * shape[1])) for part in (least, most))
-    both_ways = distinct(
-        [*by_edges.proposals, *guided_proposals(by_edges.gradient, seen, *bounds)]
-    )
-    pool: list[tuple[Proposal | None, Proposal | None]] = [
-        (one, rescaled(one, shape, grid)) for one in (*by_edges.chosen, *both_ways)
-    ]
-    of_photo = len(pool)
-    pool += [(rescaled(one, grid, shape), one) for one in (*wholes, *distinct(own))]
-    agreed = np.zeros(len(pool))
-    agreed[: len(by_edges.chosen)] = 1 / (
-        1 + np.exp((CANDIDATES.score_middle - by_edges.scores) / CANDIDATES.score_width)
-    )
-    both = [
-        (k, fine, rough)
-        for k, (fine, rough) in enumerate(pool)
-        if fine is not None
-        and rough is not None
-        and _mean(seen.foreground, rough) >= CANDIDATES.least_foreground
-    ]
-    kept = np.array([k for k, _, _ in both], np.intp)
-    roughs = [rough for _, _, rough in both]
-    return Candidates(
-        shape,
-        [fine for _, fine, _ in both],
-        proposal_features(roughs, seen),
-        agreed[kept],
-        np.array([_mean(seen.movable, rough) for rough in roughs], np.float64),
-        np.asarray((kept >= of_photo) & (kept < of_photo + len(wholes))),
-    )
-
-
-def _mean(values: F32, one: Proposal) -> float:
-    """Mean of a map of the network (h, w) on a proposal of its grid."""
-    left, top, right, bottom = one.box
-    return float(values[top:bottom, left:right][one.mask].mean())
 
 
 def rescaled(

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.roles import SMALLEST_OBJECT, PromptedMask
-from physgen.perceive.segment.proposals import cut_out
+from physgen.perceive.segment.proposals import Proposal, cut_out
 
 F32 = NDArray[np.float32]
 LOCK = Lock()
@@ -235,6 +235,38 @@ def mask_at_point(
     half = side / (1 + 2 * MARGIN) / 2
     x, y = point
     return _segment(rgb, (x - half, y - half, x + half, y + half), at_point=True)
+
+
+def rough_mask_in_box(
+    rgb: NDArray[np.uint8], box: Sequence[float], shape: tuple[int, int]
+) -> Proposal | None:
+    """Return the object in a box of the photo, on a grid of `shape` (h, w).
+
+    One look without its mirror image and without the photo's edges, in half the time of
+    `mask_in_box`. None where nothing is seen.
+    """
+    left, top, right, bottom = bounds(box)
+    chances = _chances(crop(rgb, box, SIDE), at_point=False)
+    scale = np.array([shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]])
+    low = np.floor(np.array([left, top]) * scale).astype(int)
+    high = np.ceil(np.array([right, bottom]) * scale).astype(int)
+    x0, y0 = np.maximum(low, 0).tolist()
+    x1, y1 = np.minimum(high, shape[::-1]).tolist()
+    if x1 <= x0 or y1 <= y0:
+        return None
+    # centres of the grid's cells -> those of the head's output
+    step = np.array([right - left, bottom - top]) / np.array(chances.shape[::-1])
+    factor = 1 / (scale * step)
+    first = (np.array([x0, y0]) + 0.5) * factor - np.array([left, top]) / step - 0.5
+    matrix = np.array([[factor[0], 0, first[0]], [0, factor[1], first[1]]])
+    there = cv2.warpAffine(
+        chances,
+        matrix,
+        (x1 - x0, y1 - y0),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return cut_out(there >= 0.5, x0, y0, 4)
 
 
 def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:

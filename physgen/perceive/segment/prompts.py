@@ -20,7 +20,9 @@ from physgen.perceive.roles import (
     Rgb,
     Segments,
 )
+from physgen.perceive.segment.judge import confidence, judge_photo
 from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
+from physgen.perceive.segment.proposals import Proposal
 from physgen.problems import InputError, Place, Problem
 from physgen.registry import Backends
 
@@ -38,6 +40,8 @@ class PromptRule:
         0.33  # confidence below which what is pointed at makes the photo doubtful
     )
     likely: float = 0.7  # confidence from which a point takes the segmenter's object
+    candidate: float = 0.25  # expected fit from which a candidate may be what is meant
+    tries: int = 4  # candidates that are cut out again at most
     whole: float = 0.9  # share of the photo from which a mask is the photo and no object: it has nothing behind it
     visible: float = (
         0.3  # share of a prompted object that the others must leave visible
@@ -205,6 +209,8 @@ class Segmenter:
 
     backends: Backends
     nouns: Sequence[str] = ()
+    is_smallest_meant: bool = False
+    """Whether a point means the smallest object there, and not the whole one."""
 
     def __call__(self, rgb: Rgb) -> Segments:
         """Objects found in the photo."""
@@ -259,7 +265,8 @@ def from_prompts(
     """One object for each box and then for each point: ids 1, 2, ...
 
     A backend that takes prompts answers first; else a box is `segment_box`, and a point `segment_point`.
-    Boxes and points are in pixels of the `frame`, or of the photo itself.
+    Boxes and points are in pixels of the `frame`, or of the photo itself. Where a point means the
+    smallest object, the box of that becomes its prompt.
     Raises InputError with every box or point that is off the photo or shows no object.
     """
     masks: list[PromptedMask] = []
@@ -282,7 +289,12 @@ def from_prompts(
             report(k, error.problems[0].expected, error.problems[0].fix)
     for k, point in enumerate(points, len(boxes)):
         try:
-            masks.append(answers.get(k) or segment_point(rgb, point, found(), points))
+            masks.append(
+                answers.get(k)
+                or segment_point(
+                    rgb, point, found(), points, smallest=segment.is_smallest_meant
+                )
+            )
         except InputError as error:
             report(k, error.problems[0].expected, error.problems[0].fix)
     if problems:
@@ -292,13 +304,18 @@ def from_prompts(
         range(len(masks)), key=lambda k: -int(masks[k].mask.sum())
     ):  # small objects in front
         labels[masks[k].mask] = k + 1
-    places = [("box", box) for box in boxes] + [("point", point) for point in points]
+    places: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
+    places += [("point", point) for point in points]
     for k in range(1, len(places) + 1):
         least = max(RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT)
         if np.count_nonzero(labels == k) < least:
             report(k - 1, "shows what another box or point shows", "leave one out")
     if problems:
         raise InputError(problems)
+    if segment.is_smallest_meant:  # the scene keeps what was chosen, not how
+        for k, one in enumerate(masks[len(boxes) :], len(boxes)):
+            left, top, right, bottom = box_of(one.mask)
+            places[k] = "box", (left, top, right - left, bottom - top)
     prompts = {
         k: {kind: [round(float(v), 2) for v in place]}
         for k, (kind, place) in enumerate(places, 1)
@@ -320,59 +337,145 @@ def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
 
 
 def segment_point(
-    rgb: Rgb, point: Point, segments: Segments | None, points: Sequence[Point] = ()
+    rgb: Rgb,
+    point: Point,
+    segments: Segments | None,
+    points: Sequence[Point] = (),
+    *,
+    smallest: bool = False,
 ) -> PromptedMask:
-    """The object at a point: of `segments`, else the surest that is seen around it, cut out again in its box.
+    """Return the object at a point.
 
-    What also holds another of the `points` is not meant. Raises InputError where there is none.
+    It is that of `segments`, or else the candidate that the judge expects to fit best,
+    or else the surest that is seen around the point, cut out again in its box. With
+    `smallest`, the smallest candidate comes first. What also holds another of the
+    `points` is not meant. Raises InputError where there is none.
     """
     x, y = _pixel(rgb, point)
-    height, width = rgb.shape[:2]
-    others = [(round(u), round(v)) for u, v in points]
-    others = [
-        (u, v)
-        for u, v in others
-        if 0 <= u < width and 0 <= v < height and (u, v) != (x, y)
-    ]
-
-    def meant(mask: Mask) -> bool:
-        return bool(mask[y, x]) and not any(mask[v, u] for u, v in others)
-
-    found = []
-    if (
-        segments is not None
-        and (i := int(segments.labels[y, x]))
-        and meant(own := segments.labels == i)
-    ):
-        found.append(PromptedMask(own, float(segments.confidence[i - 1])))
-        if found[0].confidence >= RULE.likely:
-            return found[0]
-    contested = False
-    for look in RULE.looks:
-        first = mask_at_point(rgb, (x, y), look * max(height, width))
-        if not first.mask[y, x] or first.mask.mean() >= RULE.whole:
-            continue
-        own = split(rgb, first.mask, (x, y), others)
-        again = mask_in_box(rgb, box_of(own)) if own.any() else PromptedMask(own, 0.0)
-        contested |= not meant(first.mask)
-        if meant(again.mask) and again.mask.mean() < RULE.whole:
-            alike = np.count_nonzero(first.mask & again.mask) / np.count_nonzero(
-                first.mask | again.mask
-            )
-            found.append(
-                PromptedMask(
-                    again.mask, float(first.confidence * again.confidence * alike)
-                )
-            )
+    others = _other_pixels(rgb, points, (x, y))
+    found: list[PromptedMask] = []
+    if segments is not None and not smallest:
+        known = _known_object(segments, (x, y), others)
+        if known is not None:
+            found.append(known)
+            if known.confidence >= RULE.likely:
+                return known
+    candidate = _candidate_at(rgb, (x, y), others, smallest)
+    if candidate is not None:
+        return candidate
+    around, is_contested = _looks_around(rgb, (x, y), others)
+    found += around
     if not found:
         expected, fix = (
             "shows no object that ends somewhere",
             "draw a box around it: --box x,y,w,h",
         )
-        if contested:
+        if is_contested:
             expected, fix = "shows what another box or point shows", "leave one out"
         raise InputError.of(_flag("point", point), "", expected, fix)
     return max(found, key=lambda one: one.confidence)
+
+
+def _other_pixels(
+    rgb: Rgb, points: Sequence[Point], own: tuple[int, int]
+) -> list[tuple[int, int]]:
+    """Return the columns and rows of points on the photo that are not the own one."""
+    height, width = rgb.shape[:2]
+    pixels = [(round(u), round(v)) for u, v in points]
+    return [
+        (u, v)
+        for u, v in pixels
+        if 0 <= u < width and 0 <= v < height and (u, v) != own
+    ]
+
+
+def _is_meant(
+    mask: Mask, own: tuple[int, int], others: Sequence[tuple[int, int]]
+) -> bool:
+    """Return whether a mask (H, W) holds the own pixel (x, y) and no other one."""
+    return bool(mask[own[::-1]]) and not any(mask[v, u] for u, v in others)
+
+
+def _known_object(
+    segments: Segments, own: tuple[int, int], others: Sequence[tuple[int, int]]
+) -> PromptedMask | None:
+    """Return the segmenter's object at a pixel, None where there is none."""
+    label = int(segments.labels[own[::-1]])
+    mask = segments.labels == label
+    if label == 0 or not _is_meant(mask, own, others):
+        return None
+    return PromptedMask(mask, float(segments.confidence[label - 1]))
+
+
+def _candidate_at(
+    rgb: Rgb, own: tuple[int, int], others: Sequence[tuple[int, int]], smallest: bool
+) -> PromptedMask | None:
+    """Return the best candidate of the detector and the network at a pixel.
+
+    With `smallest`, the smallest likely one. None where none is likely.
+    """
+    judged = judge_photo(rgb)
+    shape = judged.found.shape
+    scale = np.array([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]])
+    here = [
+        (k, one)
+        for k, one in enumerate(judged.found.proposals)
+        if judged.fit[k] >= RULE.candidate and _holds(one, own, others, scale)
+    ]
+    order = sorted(here, key=lambda one: -judged.fit[one[0]])
+    if smallest:
+        order = sorted(here, key=lambda one: one[1].area)
+    for k, one in order[: RULE.tries]:
+        found = mask_in_box(rgb, one.box * np.tile(scale, 2))
+        if _is_meant(found.mask, own, others) and found.mask.mean() < RULE.whole:
+            return PromptedMask(found.mask, float(confidence(judged.fit[k : k + 1])[0]))
+    return None
+
+
+def _holds(
+    one: Proposal,
+    own: tuple[int, int],
+    others: Sequence[tuple[int, int]],
+    scale: NDArray[np.float64],
+) -> bool:
+    """Return whether a candidate holds the own pixel (x, y) of the photo and no other.
+
+    The photo is `scale` (across, down) times as large as the candidate's grid.
+    """
+
+    def has(pixel: tuple[int, int]) -> bool:
+        x, y = ((np.array(pixel) + 0.5) / scale - (one.x, one.y)).astype(int).tolist()
+        height, width = one.mask.shape
+        return 0 <= x < width and 0 <= y < height and bool(one.mask[y, x])
+
+    return has(own) and not any(map(has, others))
+
+
+def _looks_around(
+    rgb: Rgb, own: tuple[int, int], others: Sequence[tuple[int, int]]
+) -> tuple[list[PromptedMask], bool]:
+    """Return what is seen in squares of several sizes around a pixel.
+
+    The second value tells whether some of it also holds another point.
+    """
+    height, width = rgb.shape[:2]
+    found = []
+    is_contested = False
+    for look in RULE.looks:
+        first = mask_at_point(rgb, own, look * max(height, width))
+        if not first.mask[own[::-1]] or first.mask.mean() >= RULE.whole:
+            continue
+        part = split(rgb, first.mask, own, others)
+        again = PromptedMask(part, 0.0)
+        if part.any():
+            again = mask_in_box(rgb, box_of(part))
+        is_contested |= not _is_meant(first.mask, own, others)
+        if _is_meant(again.mask, own, others) and again.mask.mean() < RULE.whole:
+            shared = np.count_nonzero(first.mask & again.mask)
+            alike = shared / np.count_nonzero(first.mask | again.mask)
+            sure = float(first.confidence * again.confidence * alike)
+            found.append(PromptedMask(again.mask, sure))
+    return found, is_contested
 
 
 def split(

@@ -1,119 +1,37 @@
-"""Selection of the best set of proposals without overlap."""
+"""Selection of the best set of candidates without overlap."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
-from physgen.perceive.segment.proposals import (
-    Proposal,
-    Scores,
-    distinct,
-    outline,
-    overlap,
-    score_proposals,
-)
-from physgen.perceive.segment.regions import discs, stable_regions
-
-
-@dataclass(frozen=True)
-class SelectionConstants:
-    """Constants of the selection by edges, chosen on photos."""
-
-    threshold: float = 0.58
-    """Score below which a proposal is dropped. This and the following values were chosen on photos."""
-    area_power: float = 0.7
-    """Exponent of the area in a proposal's gain, which balances wholes against their parts."""
-    set_bonus: float = 0.1
-    """Bonus where three selected proposals have the same size and compactness: objects come in sets."""
-    gap_penalty: float = 0.4
-    """Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
-    working_area: int = 512 * 512  # px searched; larger photos are reduced to it
-    working_side: int = 4096  # px: the longest side searched, of a panorama
-    areas: tuple[float, ...] = (0.0012, 0.22)
-    """Of the photo: bounds of an object's area in the selection by edges."""
-
-
-SELECTION = SelectionConstants()
+from physgen.perceive.segment.proposals import Proposal, overlap
 
 SHARED = 0.12
-"""Common share of the smaller of two proposals above which they exclude each other."""
+"""Common share of the smaller of two candidates above which they exclude each other."""
+AREA_POWER = 0.7
+"""Exponent of the area in a candidate's gain, which balances wholes against parts."""
 
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
 
 
-WIDEST_AREAS = (0.0005, 0.6)
-"""Of the photo: bounds of the area of all proposals."""
+def choose_candidates(
+    candidates: Sequence[Proposal], shape: tuple[int, int], fit: Values, least: float
+) -> NDArray[np.intp]:
+    """Return the set without overlap of the largest gain, of a fit (n,) above the least.
 
-
-@dataclass(frozen=True, eq=False)
-class EdgeSearch:
-    """Proposals from edges and circles, on a grid of `shape` (h, w)."""
-
-    shape: tuple[int, int]
-    gradient: Gradient
-    proposals: Sequence[
-        Proposal
-    ]  # All of them, also larger and smaller ones than are selected from
-    chosen: Sequence[Proposal]  # The best set of them
-    scores: NDArray[np.float64]  # (n,) of the chosen ones
-
-
-def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
-    """The proposals of a photo (H, W, 3) uint8 sRGB, and the best set of them."""
-    height, width = rgb.shape[:2]
-    scale = min(
-        1.0,
-        (SELECTION.working_area / (height * width)) ** 0.5,
-        SELECTION.working_side / max(height, width),
-    )
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
-    shape = size[1], size[0]
-    least, most, smallest, largest = (
-        round(part * size[0] * size[1]) for part in (*WIDEST_AREAS, *SELECTION.areas)
-    )
-    least, smallest = max(12, least), max(12, smallest)
-    colour = smoothed_lab(np.asarray(reduced, np.uint8))
-    gradient = colour_gradient(colour)
-    regions = stable_regions(colour, gradient, least, most)
-    circles = discs(gradient, smallest, largest)
-    proposals = distinct(
-        [one for one in regions if smallest <= one.area <= largest] + circles
-    )
-    scores = score_proposals(proposals, colour, gradient)
-    chosen, final = select(proposals, scores, shape)
-    return EdgeSearch(shape, gradient, distinct(regions + circles), chosen, final)
-
-
-def select(
-    proposals: Sequence[Proposal], looks: Scores, shape: tuple[int, int]
-) -> tuple[list[Proposal], NDArray[np.float64]]:
-    """The set without overlap of the largest gain on a grid of `shape` (h, w), with final scores.
-
-    There are two rounds, since the scores depend on the selection.
+    `shape` (h, w) is that of the grid.
     """
-    worth = np.flatnonzero(looks.score > SELECTION.threshold - SELECTION.set_bonus)
-    pool = [proposals[i] for i in worth.tolist()]
-    if not pool:
-        return [], np.zeros(0)
-    score, compactness = looks.score[worth], looks.compactness[worth]
-    area = np.array([proposal.area for proposal in pool], np.float64)
-    weight = (area / (shape[0] * shape[1])) ** SELECTION.area_power
-    excludes = exclusions(pool)
-    final, gap = score, np.zeros(len(pool))
-    chosen = best_set((final - SELECTION.threshold) * weight, excludes)
-    for _ in range(2):
-        gap = np.maximum(gap, _gaps(pool, area, chosen, shape))
-        final = score + _sets(score, area, compactness, chosen, excludes) - gap
-        chosen = best_set((final - SELECTION.threshold) * weight, excludes)
-    return [pool[i] for i in np.flatnonzero(chosen).tolist()], final[chosen]
+    pool = np.flatnonzero(fit > least)
+    if not len(pool):
+        return pool
+    some = [candidates[k] for k in pool.tolist()]
+    area = np.array([one.area for one in some], np.float64) / (shape[0] * shape[1])
+    gain = (fit[pool] - least) * area**AREA_POWER
+    return pool[best_set(gain, exclusions(some))]
 
 
 def exclusions(proposals: Sequence[Proposal]) -> Flags:
@@ -171,48 +89,3 @@ def _fill(chosen: Flags, order: NDArray[np.intp], excludes: Flags) -> Flags:
             chosen[i] = True
             blocked |= excludes[i]
     return chosen
-
-
-def _sets(
-    score: Values, area: Values, compactness: Values, chosen: Flags, excludes: Flags
-) -> Values:
-    """(n,): the bonus of proposals with the size and compactness of several selected ones."""
-    size = np.log(area[:, None] / area[chosen]) / 0.12
-    round_ = np.log(compactness[:, None] / compactness[chosen]) / 0.15
-    alike = np.exp(-(size**2) - round_**2) * np.clip(
-        (score[chosen] - SELECTION.threshold) / 0.2, 0, 1
-    )
-    alike[(excludes | np.eye(len(area), dtype=np.bool_))[:, chosen]] = 0
-    bonus: Values = SELECTION.set_bonus * np.minimum(alike.sum(1), 3) / 3
-    return bonus
-
-
-def _gaps(
-    proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tuple[int, int]
-) -> Values:
-    """(n,): the penalty of selected proposals next to larger selected ones along much of the outline."""
-    reach = 3
-    labels = np.zeros((shape[0] + 2 * reach, shape[1] + 2 * reach), np.int32)
-    members = np.flatnonzero(chosen).tolist()
-    for i in members:
-        left, top, right, bottom = (edge + reach for edge in proposals[i].box)
-        labels[top:bottom, left:right][proposals[i].mask] = i + 1
-    penalty = np.zeros(len(proposals))
-    for i in members:
-        left, top, right, bottom = proposals[i].box
-        around = labels[top : bottom + 2 * reach, left : right + 2 * reach]
-        others = (around > 0) & (around != i + 1)
-        if not others.any():
-            continue
-        near = cv2.dilate(
-            others.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-        )
-        x, y = (outline(proposals[i].mask) + reach).T
-        enclosed = max(0.0, float(near[y, x].mean()) - 0.3) / 0.7
-        beside = float(np.median(area[np.unique(around[others]) - 1]))
-        penalty[i] = (
-            SELECTION.gap_penalty
-            * enclosed
-            * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
-        )
-    return penalty
