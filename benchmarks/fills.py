@@ -4,8 +4,8 @@
     python benchmarks/fills.py FOLDER --half tune --count 40
     python benchmarks/fills.py FOLDER --pairs OUT     # 40 pairs beside each other, left and right by chance
 
-FOLDER holds photos ID.jpg and label maps ID.png (0 = background, 1.. = objects, 255 = not judged). A hole is an object's
-outline from one photo, at a place of another where no object is labelled. Halves are split by photo.
+FOLDER holds photos ID.jpg and label maps ID.png (0 = background, 1.. = objects, 255 = not judged). A hole is an
+object's outline from one photo, at a place of another where no object is labelled. Halves are split by photo.
 
 Contrast is the root mean square of grey minus its blur of DETAIL px, inside the fill over in the photo: a blur has
 about 0.3. The rim is the step of contrast between bands of RIM px on both sides of what was filled, as a logarithm, in
