@@ -65,10 +65,14 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         partial(_refuse_beside_refresh, options),
         partial(_refuse_push_and_still, options),
         partial(_refuse_without_point, options),
+    ]
+    coordinate_checks = [
         *(partial(coordinates, "--box", text, 4) for text in options.box),
         *(partial(coordinates, "--point", text, 2) for text in options.point),
     ]
-    crew, _, _, _, *marks = collect(checks)
+    results = collect([*checks, *coordinate_checks])
+    crew = results[0]
+    marks = results[len(checks) :]
     settings: dict[str, Any] = {
         "boxes": marks[:boxes],
         "points": marks[boxes:],
