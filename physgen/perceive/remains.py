@@ -21,6 +21,7 @@ from physgen.perceive.roles import Labels, Mask, Rgb
 class RemainConstants:
     """Constants of the search, tuned on three photos of toys and fruit by eye."""
 
+    side: int = 800  # px: longer side of the photo when it is searched
     smallest: int = 2000  # px of an object: of a smaller one parts are too small to see
     reach: float = 1.2  # of its size (root of its area), around it, that is searched
     wide: float = 0.09  # of its size: the widest part
@@ -67,9 +68,22 @@ class Remain:
 
 def find_remains(rgb: Rgb, labels: Labels, ids: Sequence[int]) -> list[Remain]:
     """Return the narrow parts that start at the outlines of objects and end nearby."""
+    height, width = labels.shape
+    scale = min(1.0, REMAINS.side / max(height, width))
+    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    small_labels = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
     remains: list[Remain] = []
     for i in ids:
-        remains += _remains_of(rgb, labels, i)
+        for remain in _remains_of(small, small_labels, i):
+            mask = cv2.resize(
+                remain.mask.astype(np.uint8),
+                (width, height),
+                interpolation=cv2.INTER_NEAREST_EXACT,
+            )
+            is_free = (labels == 0) & (mask > 0)
+            if is_free.any():
+                remains.append(Remain(i, is_free, remain.is_sure))
     return remains
 
 
