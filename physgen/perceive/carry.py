@@ -16,7 +16,16 @@ from physgen.scene.scaling import scale_part
 
 Entry = Mapping[str, Any]
 """One object or section of the scene's data."""
-PIXEL_KEYS = {"mask", "shape", "prompt", "from", "layer", "confidence"}
+PIXEL_KEYS = {
+    "mask",
+    "shape",
+    "prompt",
+    "from",
+    "layer",
+    "confidence",
+    "wheels",
+    "facing",
+}
 """Keys of an object that belong to the pixels of one photo."""
 VIEW_KEYS = {"view", "tilt", "backdrop", "table", "pixels_per_meter"}
 """Keys of `world` that follow from one photo."""

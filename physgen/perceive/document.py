@@ -288,6 +288,7 @@ def object_entries(
         if vehicle is not None:
             one |= vehicle_entry(vehicle)
             sources["wheels"] = provenance("circles", vehicle.confidence)
+            sources["facing"] = provenance("cabin", FACING_CONFIDENCE)
             comments[f"{at}.wheels"] = (
                 f"circles at its lower edge (confidence {vehicle.confidence:g});"
                 " they turn and carry it"
@@ -312,6 +313,10 @@ def object_entries(
         if item.id in found.prompts:
             entries[name]["prompt"] = dict(found.prompts[item.id])
     return entries, comments
+
+
+FACING_CONFIDENCE = 0.6
+"""Not measured: buses and bicycles look alike from both ends."""
 
 
 def vehicle_entry(vehicle: Vehicle) -> dict[str, Any]:

@@ -149,7 +149,8 @@ def _free_border(own: Mask, window: Labels) -> Array:
     away = cv2.distanceTransform(1 - others, cv2.DIST_L2, 5)
     columns = np.clip(np.rint(border[:, 0]).astype(int), 0, own.shape[1] - 1)
     rows = np.clip(np.rint(border[:, 1]).astype(int), 0, own.shape[0] - 1)
-    return border[away[rows, columns] > HIDDEN.near]
+    is_free = away[rows, columns] > HIDDEN.near
+    return np.asarray(border[is_free], np.float64)
 
 
 def _covered_turn(border: Array, center: Array) -> float:

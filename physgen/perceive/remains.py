@@ -21,6 +21,7 @@ from physgen.perceive.roles import Labels, Mask, Rgb
 class RemainConstants:
     """Constants of the search, tuned on three photos of toys and fruit by eye."""
 
+    side: int = 800  # px: longer side of the photo when it is searched
     smallest: int = 2000  # px of an object: of a smaller one parts are too small to see
     reach: float = 1.2  # of its size (root of its area), around it, that is searched
     wide: float = 0.09  # of its size: the widest part
@@ -67,9 +68,25 @@ class Remain:
 
 def find_remains(rgb: Rgb, labels: Labels, ids: Sequence[int]) -> list[Remain]:
     """Return the narrow parts that start at the outlines of objects and end nearby."""
+    height, width = labels.shape
+    scale = min(1.0, REMAINS.side / max(height, width))
+    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    area, nearest = cv2.INTER_AREA, cv2.INTER_NEAREST_EXACT
+    small = np.asarray(cv2.resize(rgb, size, interpolation=area), np.uint8)
+    small_labels = np.asarray(
+        cv2.resize(labels, size, interpolation=nearest), np.uint16
+    )
     remains: list[Remain] = []
     for i in ids:
-        remains += _remains_of(rgb, labels, i)
+        for remain in _remains_of(small, small_labels, i):
+            mask = cv2.resize(
+                remain.mask.astype(np.uint8),
+                (width, height),
+                interpolation=nearest,
+            )
+            is_free = (labels == 0) & (mask > 0)
+            if is_free.any():
+                remains.append(Remain(i, is_free, remain.is_sure))
     return remains
 
 
@@ -147,8 +164,8 @@ def _unlike_plain(rgb: Rgb, free: Mask, away: F32, area: int) -> list[Mask]:
     if float((off[free] < REMAINS.even).mean()) < REMAINS.plain:
         return []
     unlike = ((off > REMAINS.unlike) & free).astype(np.uint8)
-    unlike = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    count, pieces, stats, _ = cv2.connectedComponentsWithStats(unlike, connectivity=8)
+    closed = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    count, pieces, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
     slope = _slope(rgb)
     parts = []
     for k in range(1, count):
@@ -218,8 +235,8 @@ def _parts(
 ) -> list[Mask]:
     """Return the connected narrow parts that start at the object and end nearby."""
     strong = ((response >= limit) & free).astype(np.uint8)
-    strong = cv2.morphologyEx(strong, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    count, pieces, stats, _ = cv2.connectedComponentsWithStats(strong, connectivity=8)
+    closed = cv2.morphologyEx(strong, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count, pieces, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
     parts = []
     for k in range(1, count):
         piece = pieces == k

@@ -155,7 +155,7 @@ def _candidates(grey: NDArray[np.float32], own: Mask) -> list[_Candidate]:
     evidence = np.sort(votes, axis=0)[-3:].mean(axis=0)
     evidence[: rows[0] + round(SEARCH.low * height)] = 0
     evidence[~own] = 0
-    found = []
+    found: list[_Candidate] = []
     while len(found) < SEARCH.candidates:
         y, x = np.unravel_index(int(evidence.argmax()), evidence.shape)
         score = float(evidence[y, x])

@@ -139,11 +139,12 @@ def wheel_from_photo(
     if x1 - x0 < 3 or y1 - y0 < 3:
         return None
     alpha = coverage[y0:y1, x0:x1]
-    colour = light[y0:y1, x0:x1] / np.maximum(alpha, 0.05)[..., None]
+    bare = light[y0:y1, x0:x1] / np.maximum(alpha, 0.05)[..., None]
+    colour = np.asarray(bare, np.float32)
     axle = (center[0] - x0, center[1] - y0)
     part = _turning_part(colour, alpha, axle, radius)
     center, radius = (part.x + x0, part.y + y0), part.radius
-    rings = _Rings.of(colour.astype(np.float32), alpha, part)
+    rings = _Rings.of(colour, alpha, part)
     rings = rings.without_body().without_shading()
     away, place = _polar_places(alpha.shape, part, rings.paint.shape)
     paint = _from_rings(rings.paint, place)
@@ -340,7 +341,7 @@ def _median_around(values: NDArray[np.int64], window: int) -> NDArray[np.int64]:
     half = window // 2
     padded = np.concatenate([values[-half:], values, values[:half]])
     views = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    return np.rint(np.median(views, axis=1)).astype(np.int64)
+    return np.asarray(np.rint(np.median(views, axis=1)), np.int64)
 
 
 def _polar_places(

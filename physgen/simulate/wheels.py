@@ -102,7 +102,7 @@ def fold_wheels(trajectory: Trajectory, world: World) -> Trajectory:
     if not wheels:
         return trajectory
     count = len(world.bodies)
-    owners = np.array([k for k, _ in wheels], np.int64)
+    owners = np.array([k for k, _ in wheels], np.int32)
     angles = trajectory.poses[:, :, 2]
     return replace(
         trajectory,
