@@ -459,6 +459,10 @@ def scene_comments(
         comments["world.table"] = (
             "friction cannot be seen: 0.2 is cloth, 0 lets objects glide for ever"
         )
+    if boundaries.tilt is not None and boundaries.view is View.SIDE:
+        comments["world.tilt"] = (
+            "degrees by which the camera looks down, by the looks of the photo"
+        )
     if found.doubtful:
         comments["doubtful"] = (
             "perhaps objects, too: move a line to objects to have one"
@@ -577,16 +581,6 @@ def with_doubtful(
 # files
 
 
-@dataclass(frozen=True)
-class Description:
-    """What perception found, for people: nothing is computed from it."""
-
-    overview: bytes
-    """A PNG file."""
-    summary: Sequence[str]
-    """Lines, as `summary` returns them."""
-
-
 def write_scene(
     perceived: PerceivedScene,
     photo: Path | None,
@@ -596,11 +590,9 @@ def write_scene(
     before: str | None = None,
     known: Record = UNKNOWN,
     stdout: Path | None = None,
-    description: Description | None = None,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
-    `description` is for people, and is written among the assets.
     `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
     `known` is the record beside it.
 
@@ -669,6 +661,7 @@ def write_scene(
     ranges = write_assets(perceived.percepts, assets, keep)
     if copy:
         write_png(assets / copy, perceived.percepts.rgb, keep)
+    description = perceived.description
     if description is not None:
         write_with_backup(assets / OVERVIEW, description.overview, keep)
     write_with_backup(assets / OUTLINES, outlines.encode(), keep)

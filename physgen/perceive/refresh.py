@@ -330,12 +330,10 @@ def merge_documents(
         world["pixels_per_meter"] = seen["pixels_per_meter"]
     if "table" not in seen and world.get("table") in (document.TABLE, {"friction": 0}):
         del world["table"]  # seen from the side now
-    if (
-        "table" in seen
-        and "table" not in world
-        and seen["view"] != record.world.get("view")
-    ):
-        world["table"] = seen["table"]
+    is_turned = seen["view"] != record.world.get("view")
+    for key in ("table", "tilt"):
+        if is_turned and key in seen and key not in world:
+            world[key] = seen[key]
     walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
     result = {**old, "objects": objects} | ({"world": world} if world else {})
     return result | ({"boundaries": walls} if walls or "boundaries" in old else {})

@@ -304,6 +304,16 @@ class Suitability:
 
 
 @dataclass(frozen=True)
+class Description:
+    """What perception found, for people: nothing is computed from it."""
+
+    overview: bytes
+    """A PNG file."""
+    summary: Sequence[str]
+    """Lines: what was found in short, then one for each subject."""
+
+
+@dataclass(frozen=True)
 class PerceivedScene:
     """The result of perception."""
 
@@ -325,3 +335,5 @@ class PerceivedScene:
     """Outlines with their hidden parts, by id in the label map, of objects behind others."""
     full_size: tuple[int, int] | None = None
     """Width and height, px, of a photo that was made smaller; None if it was not."""
+    description: Description | None = None
+    """For people, and written among the assets."""

@@ -15,9 +15,8 @@ from physgen.scene.provenance import meters, source
 from physgen.text import listed
 
 if TYPE_CHECKING:
-    from physgen.perceive.document import Description
     from physgen.perceive.refresh import PromptFrames
-    from physgen.perceive.roles import BoundaryGuess, PerceivedScene
+    from physgen.perceive.roles import BoundaryGuess, Description, PerceivedScene
     from physgen.pipeline.push_trials import Outcome
     from physgen.registry import Backends
     from physgen.scene.load import Opened
@@ -93,13 +92,12 @@ def perceive(
     perceived = photo.perceived
     description = _description(perceived)
     text = write_scene(
-        perceived,
+        replace(perceived, description=description),
         image if photo.is_nameable else None,
         image.stem,
         output,
         keep,
         stdout=stdout,
-        description=description,
     )
     # last: nobody may read it any more
     lines = [*description.summary, *_overview_lines(text, output or stdout)]
@@ -109,7 +107,8 @@ def perceive(
 
 def _description(perceived: PerceivedScene) -> Description:
     """Return the overview and the summary of a perceived photo."""
-    from physgen.perceive.document import Description, summary
+    from physgen.perceive.document import summary
+    from physgen.perceive.roles import Description
     from physgen.report.overview import overview_png
 
     velocities: dict[str, Sequence[float]] = {}
@@ -627,13 +626,12 @@ def import_physgen(
     for problem in imported.warnings:
         warn(problem)
     return write_scene(
-        imported,
+        replace(imported, description=_description(imported)),
         folder / "original.png",
         folder.resolve().name,
         output,
         keep,
         stdout=stdout,
-        description=_description(imported),
     )
 
 
@@ -737,12 +735,11 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
         fix = "set it again for the new photo"
         run.warn(Problem(Place(str(path)), key, "", expected, fix, Severity.WARNING))
     text = write_scene(
-        carried.perceived,
+        replace(carried.perceived, description=description),
         image if anew.is_nameable else None,
         image.stem,
         run.output,
         run.keep,
-        description=description,
     )
     lines = [*description.summary, *_overview_lines(text, run.output)]
     run.inform(f"{path}: " + "\n".join(lines))
@@ -885,14 +882,13 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     image = scene.image if photo.plain else None
     description = _description(summed)
     new = write_scene(
-        perceived,
+        replace(perceived, description=description),
         image,
         scene.image.stem,
         run.output,
         run.keep,
         before,
         record,
-        description=description,
     )
     lines = [*description.summary, *_overview_lines(new, run.output)]
     run.inform(f"{path}: " + "\n".join(lines))

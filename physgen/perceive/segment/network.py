@@ -76,7 +76,8 @@ def _seen(codes: bytes, height: int, width: int) -> NetworkMaps:
     passes, features = [], np.zeros(0, np.float32)
     for side in PASSES:
         one, other = _pass(rgb, side), _pass(mirror, side)
-        passes.append((one.maps + mirrored(other.maps)) / 2)
+        mean_maps = (one.maps + mirrored(other.maps)) / 2
+        passes.append(np.asarray(mean_maps, np.float32))
         if side == PASSES[0]:
             pairs_of_levels = zip(one.levels, other.levels, strict=True)
             features = pool([*pairs_of_levels, (passes[0],)])

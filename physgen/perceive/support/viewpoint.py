@@ -54,7 +54,9 @@ class _Cue:
 
 
 CUES_WEIGHT = 0.5
-"""Of the log odds of all cues, beside those of the looks: cues depend on each other."""
+"""Of the log odds of all cues: they depend on each other."""
+BESIDE_LOOKS = 0.5
+"""Of what cues tell, if the looks tell something, too: both see the same background."""
 MOST_LOOKS = 6.0
 """Log odds of the looks at most: one in 400 labelled photos is seen wrongly for sure."""
 LOOKS = {
@@ -101,7 +103,7 @@ def guess_view(
     reasons = []
     if chances is not None:
         looks = _log_odds(1 - chances.top)
-        total += looks
+        total = looks + BESIDE_LOOKS * total
         if (looks >= 0) == (total >= 0):
             reasons.append(_looks_reason(chances))
     view = View.SIDE if total >= 0 else View.TOP
