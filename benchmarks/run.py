@@ -18,6 +18,7 @@
     python benchmarks/run.py plausibility    # right clips told from wrong ones, and our scenes
     python benchmarks/run.py properties controllability runtime    # the paper's measures of that name
     python benchmarks/run.py objects         # what perceive writes under objects:, on real photos and drawings
+    python benchmarks/run.py views           # the view of photos that were labelled by hand
     python benchmarks/run.py sureness        # stated confidences of masses beside their errors
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -58,6 +59,7 @@ from refine import refining
 from segments import names, segmentation
 from sureness import sureness
 from tables import RESULTS, write
+from views import views
 
 from physgen import pipeline
 from physgen.cli.main import main as physgen
@@ -259,6 +261,7 @@ PARTS |= {
     "fid": fid,
     "editor": editor,
     "sureness": sureness,
+    "views": views,
 }
 PARTS |= {
     "properties": properties,

@@ -17,6 +17,7 @@ import fidelity
 import paper
 import plausibility.table
 import sureness
+import views
 from ghosts import RING
 from growth import KINDS, exponent
 from layout import number, prose, table
@@ -570,6 +571,7 @@ SECTIONS = {
     "Finding objects": ("segmentation", _segmentation),
     "Naming objects": ("names", _names),
     "Pointing at objects": ("prompts", _prompts),
+    "Views": ("views", views.tables),
     "Perception against truth": ("percepts", _percepts),
     "Removing shadows": ("shadows", _shadows),
     "Ghosts": ("ghosts", _ghosts),

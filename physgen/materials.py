@@ -34,6 +34,10 @@ ALIKE = 1.12
 """Ratio of densities up to which two materials count as one for the mass."""
 GROWN = frozenset(["fruit", "vegetable", "eggshell", "bread", "cheese", "flesh"])
 """Materials of food, of which there are copies in plastic."""
+LIVING = frozenset(["person", "animal"])
+"""Nouns of people and animals."""
+VEHICLES = frozenset(["toy car", "die-cast car", "skateboard"])
+"""Nouns of what drives forwards on wheels."""
 TAIL = re.compile(r"\b(?:of|with|on|in|from|for|at|under|beside|made)\b|[,;:(/]")
 """Words and marks after which a label only describes the noun before them."""
 PLACES = frozenset([
@@ -163,6 +167,38 @@ def kind(label: str) -> Kind:
     ):
         found = replace(found, holds=0.6, mass=None)
     return found
+
+
+PAINTED_BALLS = ("billiard ball", "snooker ball")
+"""Nouns of balls that wear one or two flat paints, all around alike."""
+
+
+def is_billiard_ball(label: str) -> bool:
+    """Return whether a label names a ball of billiards.
+
+    >>> is_billiard_ball("yellow pool ball"), is_billiard_ball("apple")
+    (True, False)
+    """
+    return kind(label).noun in PAINTED_BALLS
+
+
+def is_living(label: str) -> bool:
+    """Return whether a label names a person or an animal, not a toy or a picture of one.
+
+    >>> is_living("dog"), is_living("old man"), is_living("toy dog"), is_living("teddy bear")
+    (True, True, False, False)
+    """
+    what = kind(label)
+    return what.noun in LIVING and what.material.name == "flesh"
+
+
+def is_vehicle(label: str) -> bool:
+    """Return whether a label names something that drives on wheels.
+
+    >>> is_vehicle("red car"), is_vehicle("skateboard"), is_vehicle("carton")
+    (True, True, False)
+    """
+    return kind(label).noun in VEHICLES
 
 
 def materials() -> Iterator[Material]:

@@ -22,7 +22,7 @@ from physgen.cli.output import (
     print_line,
     print_problem,
 )
-from physgen.cli.perceive import add_backends
+from physgen.cli.perceive import BEGIN, add_backends, crew_of
 from physgen.files import check_writable, install
 from physgen.problems import InputError
 from physgen.text import quoted
@@ -41,7 +41,8 @@ def edit(options: argparse.Namespace) -> int:
         raise InputError.of("physgen edit", "", what, install("edit"))
     check_folder_name(options.output)
     check_writable(options.output)
-    scene, host = _scene(options), options.host.strip() or LOOPBACK[0]
+    host = options.host.strip() or LOOPBACK[0]
+    scene, is_new = _scene(options)
     from physgen.edit.app import Editor
     from physgen.edit.draft import BusyError
 
@@ -53,6 +54,7 @@ def edit(options: argparse.Namespace) -> int:
         print_error(f"{scene}: is open in an editor already, at this address")
         _print_address(options, scene, busy.address)
         return OK
+    editor.session.is_new = is_new
     try:
         if editor.session.recovered:
             print_error(f"{scene}: goes on where the editor ended before it was saved")
@@ -99,7 +101,18 @@ def edit_file(options: argparse.Namespace) -> int:
     scene = before.scene()
     check_writable(path.resolve().parent)
     _refuse_other_names(scene, path, options.objects)
-    names = [named(scene, str(path), name).name for name in options.objects]
+    is_merge = options.command == "merge"
+    names = list(options.objects)
+    doubtful = set(scene.document.get("doubtful") or {})
+    for name in names:
+        if not (is_merge and name in doubtful):
+            named(scene, str(path), name)
+    if is_merge and len(names) < 2:
+        fix = f"write physgen merge {path} {names[0]} and what is a part of it"
+        expected = "is one name; two or more are merged"
+        raise InputError.of(str(path), quoted(names[0]), expected, fix)
+    if is_merge and names[0] in doubtful:
+        _refuse_doubtful_first(scene, path, names)
     text, at = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
     ops: dict[str, list[dict[str, Any]]] = {
         "rename": [{"rename": at, "to": getattr(options, "to", "")}],
@@ -107,7 +120,6 @@ def edit_file(options: argparse.Namespace) -> int:
     }
     try:
         merged = {"kind": "merge", "objects": names}
-        is_merge = options.command == "merge"
         made: Any = (
             correct(Live(path), text, merged)
             if is_merge
@@ -151,6 +163,17 @@ def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None
     )
 
 
+def _refuse_doubtful_first(scene: Scene, path: Path, names: Sequence[str]) -> None:
+    """Raise InputError for a merge whose first name is a doubtful region."""
+    objects = [name for name in names if name in {item.name for item in scene.objects}]
+    fix = "name the object first that the region belongs to"
+    if objects:
+        others = [name for name in names if name != objects[0]]
+        fix = f"write {' '.join([objects[0], *others])}"
+    expected = "is a doubtful region, not an object"
+    raise InputError.of(str(path), quoted(names[0]), expected, fix)
+
+
 def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
     """Raise InputError for several names in one, and for what is no object."""
     objects = {item.name for item in scene.objects}
@@ -168,28 +191,33 @@ def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
             raise InputError.of(str(path), quoted(name), expected, fix)
 
 
-def _scene(options: argparse.Namespace) -> Path:
-    """The scene, or the one that is perceived of a photo."""
+def _scene(options: argparse.Namespace) -> tuple[Path, bool]:
+    """Return the scene, and whether its photo was perceived for it now."""
     path: Path = options.scene
     if not path.is_file() or path.suffix.lower() in SCENES:
-        return path
+        return path, False
     scene = path.with_name(f"{path.stem}.yaml")
     if scene.exists():
         print_error(
             f"{scene}: is there already and is opened; move it away to start again"
         )
-        return scene
-    from physgen import pipeline
-    from physgen.cli.perceive import crew_of
-
-    check_writable(scene.parent)
+        return scene, False
     bar = Bar()
-    crew = crew_of(options)
-    pipeline.perceive(
-        path, scene, crew=crew, progress=bar.show, warn=print_problem, keep=print_backup
-    )
-    bar.clear()
-    return scene
+    with bar.ticking():
+        bar.show(BEGIN, 0, 1)
+        from physgen import pipeline
+
+        check_writable(scene.parent)
+        pipeline.perceive(
+            path,
+            scene,
+            crew=crew_of(options),
+            progress=bar.show,
+            warn=bar.aside(print_problem),
+            keep=bar.aside(print_backup),
+            inform=bar.aside(print_error),
+        )
+    return scene, True
 
 
 def _print_address(options: argparse.Namespace, scene: Path, address: str) -> None:
@@ -223,8 +251,12 @@ def _add_file_edit(extra: Sequence[str], parser: Parser) -> None:
     parser.add_argument(
         "scene", metavar="SCENE", type=Path, help="the file, which is changed"
     )
-    count: Any = {"merge": 2, "remove": "+"}.get(parser.prog.split()[-1], 1)
-    parser.add_argument("objects", metavar="NAME", nargs=count, help="an object")
+    verb = parser.prog.split()[-1]
+    count: Any = {"merge": "+", "remove": "+"}.get(verb, 1)
+    about = "an object"
+    if verb == "merge":
+        about = "the object that remains, then objects and doubtful regions"
+    parser.add_argument("objects", metavar="NAME", nargs=count, help=about)
     if "to" in extra:
         parser.add_argument("to", metavar="NEW", help="its new name")
     parser.flag("--allow-outside", "let the scene read files outside its folder")
@@ -247,8 +279,8 @@ FILE_EDITS = tuple(
         ),
         (
             "merge",
-            "Makes one object of two, under the name of the first.",
-            "mug-1 mug-2",
+            "Makes one object of several, under the name of the first; others may be doubtful regions.",
+            "mug-1 handle-1 maybe-2",
             [],
         ),
         ("remove", "Removes objects from a scene and from the picture.", "ball-2", []),

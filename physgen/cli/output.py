@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import stat
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +99,10 @@ PROGRESS = "PHYSGEN_PROGRESS"
 """Environment variable: `json` makes progress a line of JSON on stderr, for programs."""
 JSON_INTERVAL = 0.1
 """s between two such lines of one stage, at least."""
+TICK = 0.5
+"""s between two looks at how long a stage has taken."""
+SHOWN_FROM = 1.0
+"""s from which a stage's time is shown: most stages are over by then."""
 
 
 class Bar:
@@ -107,6 +113,8 @@ class Bar:
         self._live = sys.stderr.isatty() and not self.as_json
         self._width = 0
         self._last = "", 0.0
+        self._text, self._begun = "", 0.0
+        self._lock = threading.RLock()
         self.prefix = ""
         """Before each text."""
 
@@ -121,16 +129,55 @@ class Bar:
 
     def write(self, text: str) -> None:
         """Put a text in the line."""
-        if self._live:
-            print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
-            self._width = len(text)
+        with self._lock:
+            if text != self._text:
+                self._text, self._begun = text, time.monotonic()
+            self._draw(text)
 
     def clear(self) -> None:
         """Leave an empty line for the next print."""
-        if self._width:
-            self.write("")
-            self.write("\r")
-            self._width = 0
+        with self._lock:
+            if self._width:
+                self._draw("")
+                self._draw("\r")
+            self._width, self._text = 0, ""
+
+    @contextmanager
+    def ticking(self) -> Iterator[None]:
+        """Show for how many seconds a stage has been at work; clear the line at the end."""
+        stop = threading.Event()
+        ticker = threading.Thread(target=self._tick, args=(stop,), daemon=True)
+        if self._live:
+            ticker.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            if self._live:
+                ticker.join()
+            self.clear()
+
+    def aside(self, print_one: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a function that prints on a line of its own, not behind the progress."""
+
+        def print_aside(what: Any) -> None:
+            with self._lock:
+                self.clear()
+                print_one(what)
+
+        return print_aside
+
+    def _tick(self, stop: threading.Event) -> None:
+        while not stop.wait(TICK):
+            with self._lock:
+                seconds = time.monotonic() - self._begun
+                if self._text and seconds >= SHOWN_FROM and not stop.is_set():
+                    self._draw(f"{self._text}, {seconds:.0f} s")
+
+    def _draw(self, text: str) -> None:
+        if self._live:
+            print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
+            self._width = len(text)
 
     def _print_json(self, stage: str, done: int, total: int) -> None:
         import json

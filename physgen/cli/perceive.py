@@ -36,24 +36,34 @@ from physgen.problems import InputError, Place, Problem, collect
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
 
+BEGIN = "begin"
+"""Stage that is shown before the packages of perception are loaded, which takes seconds."""
 LEAST_SIDE = 64
 """px of --side: in the bundled photos made smaller, nothing is found."""
 
 
 def perceive(options: argparse.Namespace) -> int:
+    bar = Bar()
+    with bar.ticking():
+        bar.show(BEGIN, 0, 1)
+        return _perceive(options, bar)
+
+
+def _perceive(options: argparse.Namespace, bar: Bar) -> int:
     from physgen import pipeline
 
     refuse_split_values(options.command_line, [str(path) for path in options.image])
     _refuse_scenes(options.image)
     if options.refresh is None and len(options.image) > 1:
-        return _perceive_many(options)
+        return _perceive_many(options, bar)
     _name_in_folder(options)
-    bar, boxes, output = Bar(), len(options.box), options.output or options.refresh
+    boxes, output = len(options.box), options.output or options.refresh
     redirected = None if output else stdout_file()
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),
         partial(check_scene_name, options.output),
         partial(_refuse_beside_refresh, options),
+        partial(_refuse_push_and_still, options),
         partial(_refuse_without_point, options),
         *(partial(coordinates, "--box", text, 4) for text in options.box),
         *(partial(coordinates, "--point", text, 2) for text in options.point),
@@ -67,10 +77,12 @@ def perceive(options: argparse.Namespace) -> int:
         "asked": options.find,
         "crew": crew,
         "progress": bar.show,
-        "warn": print_problem,
-        "keep": print_backup,
-        "inform": print_error,
+        "warn": bar.aside(print_problem),
+        "keep": bar.aside(print_backup),
+        "inform": bar.aside(print_error),
         "still": options.still,
+        "pushes": options.push,
+        "view": options.view,
     }
     if options.refresh:
         from physgen.pipeline.perceiving import refresh
@@ -111,12 +123,12 @@ def _refuse_scenes(images: Sequence[Path]) -> None:
         raise InputError(problems)
 
 
-def _perceive_many(options: argparse.Namespace) -> int:
+def _perceive_many(options: argparse.Namespace, bar: Bar) -> int:
     """Several photos into one folder, with models loaded once; an error in one does not stop the others."""
     from physgen import pipeline
 
     single = {"--masks": options.masks, "--box": options.box, "--point": options.point, "--smallest": options.smallest,
-             "--label": options.label}  # fmt: skip
+              "--label": options.label, "--push": options.push}  # fmt: skip
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
     fix = "leave it out, or name one photo"
@@ -152,7 +164,6 @@ def _perceive_many(options: argparse.Namespace) -> int:
     check_writable(options.output)
     crew = crew_of(options, keep=True)
     failed: list[Problem] = []
-    bar = Bar()
     for k, image in enumerate(options.image):
         output = options.output / f"{names[k]}.yaml"
 
@@ -164,9 +175,11 @@ def _perceive_many(options: argparse.Namespace) -> int:
         try:
             pipeline.perceive(
                 image, output, crew=crew, asked=options.find, side=options.side, still=options.still,
-                progress=step, warn=print_problem, keep=print_backup,
-                inform=lambda text: print_error(text.partition("\n")[0]),
+                view=options.view,
+                progress=step, warn=bar.aside(print_problem), keep=bar.aside(print_backup),
+                inform=bar.aside(lambda text: print_error(text.partition("\n")[0])),
             )  # fmt: skip
+            bar.clear()
             write_result("", output)
         except InputError as error:
             failed += error.problems
@@ -231,6 +244,14 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
         problems.append(Problem(place, "", "--refresh", "needs -o", fix))
     if problems:
         raise InputError(problems)
+
+
+def _refuse_push_and_still(options: argparse.Namespace) -> None:
+    """Raise InputError if a push is both given and left out."""
+    if options.push and options.still:
+        found = f'"{options.push[0]}"'
+        fix = "leave --push or --still out"
+        raise InputError.of("--push", found, "cannot be used with --still", fix)
 
 
 def _refuse_without_point(options: argparse.Namespace) -> None:
@@ -329,6 +350,13 @@ def add_perceive(parser: Parser) -> None:
     about = "longest side of the scene's photo, px; default: at most 1600"
     parser.option("--side", "PX", whole(LEAST_SIDE, 100_000), about)
     parser.flag("--still", "leave out the push that sets the scene in motion")
+    about = (
+        "push this object in place of the one that perceive chooses: ball-1=right, "
+        "ball-1=up-left@0.5 m/s; may be repeated"
+    )
+    parser.option("--push", "NAME=DIRECTION[@SPEED]", str, about, [], action="append")
+    about = "how the photo was taken, if perceive takes it the other way"
+    parser.option("--view", "side|top", str, about, choices=("side", "top"))
     about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
     parser.option("--find", "NOUN,...", names, about, [])
     add_backends(parser)

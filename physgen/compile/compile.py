@@ -16,6 +16,7 @@ from physgen.compile.shapes import (
     snapped_to_boundaries,
     walls_of,
 )
+from physgen.compile.vehicles import with_wheels
 from physgen.compile.world import (
     Body,
     Field,
@@ -218,11 +219,10 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
     bodies = []
     for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
         try:
-            bodies.append(
-                replace(
-                    _body(item, outline, scene), rest=rest_pose(before, item, scene)
-                )
+            body = replace(
+                _body(item, outline, scene), rest=rest_pose(before, item, scene)
             )
+            bodies.append(with_wheels(body, item, outline, before, scene))
         except InputError as error:
             problems += error.problems
         except ValueError as error:
@@ -323,6 +323,13 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         spin=radians(item.spin) if moving else 0.0,
         path=_path(item, center, scene),
     )
+
+
+def set_velocity(body: Body, item: Object, view: View) -> Body:
+    """Return a dynamic body that moves, turns and rolls as its object is written."""
+    velocity = np.array(item.velocity, np.float64)
+    roll = _roll(item, body.radius, view)
+    return replace(body, velocity=velocity, spin=radians(item.spin), roll=roll)
 
 
 def _roll(item: Object, radius: float | None, view: View) -> Array:

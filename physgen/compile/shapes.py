@@ -196,6 +196,17 @@ class Shapes:
     """Outlines as the file or the assets have them; None where one is fitted."""
     labels: U16  # (H, W): id k + 1 is the k-th object; 0 = background
     fits: Fitted
+    wholes: tuple[Outline | None, ...] = ()
+    """With the parts that other objects hide, as the assets have them; None if none is known."""
+
+    @property
+    def drawn(self) -> tuple[Outline, ...]:
+        """Outlines with their hidden parts, photo frame, for drawing."""
+        wholes = self.wholes or (None,) * len(self.written)
+        return tuple(
+            outline if whole is None else whole
+            for outline, whole in zip(self.outlines, wholes, strict=True)
+        )
 
     @property
     def outlines(self) -> tuple[Outline, ...]:
@@ -213,7 +224,10 @@ def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
     fits = fit_masks(
         scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None]
     )
-    return Shapes(tuple(written), of_objects, fits)
+    wholes = [_stored_whole(item, labels) for item in scene.objects]
+    if not any(whole is not None for whole in wholes):
+        wholes = []
+    return Shapes(tuple(written), of_objects, fits, tuple(wholes))
 
 
 def mask_crc(labels: U16, id_: int) -> int:
@@ -230,6 +244,16 @@ def _written(item: Object, labels: U16 | None) -> Outline | None:
     if isinstance(shape, Auto):
         shape = _stored_shape(shape, item.mask, labels)
     return None if shape is None else shape_outline(shape)
+
+
+def _stored_whole(item: Object, labels: U16 | None) -> Outline | None:
+    """Return the whole outline that was stored for an object's mask if it is unchanged."""
+    shape = item.shape
+    if not isinstance(shape, Auto) or shape.whole is None:
+        return None
+    if _stored_shape(shape, item.mask, labels) is None:
+        return None
+    return shape_outline(shape.whole)
 
 
 def _stored_shape(shape: Auto, mask: Mask | None, labels: U16 | None) -> Shape | None:
@@ -250,37 +274,45 @@ def snapped_to_boundaries(
     scene: Scene, outlines: tuple[Outline, ...], fitted: list[bool]
 ) -> tuple[Outline, ...]:
     """The outlines, those that were fitted brought onto the lines within reach of their lowest points."""
-    gravity = np.array(scene.world.gravity, np.float64)
-    strength = float(np.hypot(*gravity))
-    if scene.world.view is View.TOP or strength == 0 or not any(fitted):
+    lines = carrying_lines(scene) if any(fitted) else []
+    if not lines:
         return outlines
-    lines = [
-        line
-        for boundary in scene.boundaries
-        for a, b in pairwise(np.array(boundary.points, np.float64).reshape(-1, 2))
-        if (line := _Line.of(a, b, gravity / strength)) is not None
-    ]
     return tuple(
-        _stood(outline, lines) if fit else outline
+        stand_on_lines(outline, lines) if fit else outline
         for outline, fit in zip(outlines, fitted, strict=True)
     )
 
 
-class _Line:
+def carrying_lines(scene: Scene) -> list[Line]:
+    """Return the boundaries' segments that carry objects; none seen from above."""
+    gravity = np.array(scene.world.gravity, np.float64)
+    strength = float(np.hypot(*gravity))
+    if scene.world.view is View.TOP or strength == 0:
+        return []
+    return [
+        line
+        for boundary in scene.boundaries
+        for a, b in pairwise(np.array(boundary.points, np.float64).reshape(-1, 2))
+        if (line := Line.of(a, b, gravity / strength)) is not None
+    ]
+
+
+class Line:
     """A segment that carries: its start, the unit vector along it, its length, and its normal upwards."""
 
     def __init__(self, start: Array, along: Array, length: float, up: Array) -> None:
         self.start, self.along, self.length, self.up = start, along, length, up
 
     @staticmethod
-    def of(a: Array, b: Array, down: Array) -> _Line | None:
+    def of(a: Array, b: Array, down: Array) -> Line | None:
+        """Return the line from `a` to `b` px; None if it is too steep to carry."""
         length = float(np.hypot(*(b - a)))
         if length == 0:
             return None
         along = (b - a) / length
         up = np.array([-along[1], along[0]])
         up = -up if up @ down > 0 else up
-        return _Line(a, along, length, up) if -(up @ down) >= LEVEL else None
+        return Line(a, along, length, up) if -(up @ down) >= LEVEL else None
 
     def near(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
         """Which points lie along the segment, and the heights of all over its line."""
@@ -289,7 +321,8 @@ class _Line:
         return (along >= -BAND) & (along <= self.length + BAND), off @ self.up
 
 
-def _stood(outline: Outline, lines: list[_Line]) -> Outline:
+def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
+    """Return the outline brought onto the lines within reach of its lowest points."""
     for line in lines:
         if isinstance(outline, Disc):
             along, height = line.near(outline.center[None])
@@ -310,7 +343,7 @@ def _stood(outline: Outline, lines: list[_Line]) -> Outline:
     return outline
 
 
-def _flat(points: Array, line: _Line) -> Array:
+def _flat(points: Array, line: Line) -> Array:
     """Points within the band brought onto the line."""
     along, height = line.near(points)
     at = along & (np.abs(height) <= BAND)

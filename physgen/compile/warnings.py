@@ -121,9 +121,12 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if not dynamic and (any(item.velocity) or item.spin):
             key = "velocity" if any(item.velocity) else "spin"
             yield warning(scene, f"{path}.{key}", key, fixed, let_go)
-        if item.rolling > 0 and not (
-            dynamic and (sphere if above else body.radius is not None)
-        ):
+        is_round = body.radius is not None or bool(body.wheels)
+        if item.wheels and not body.wheels:
+            why = "have no effect seen from above" if above else fixed
+            fix = "take them out" if above else let_go
+            yield warning(scene, f"{path}.wheels", "wheels", why, fix)
+        if item.rolling > 0 and not (dynamic and (sphere if above else is_round)):
             why = (
                 fixed
                 if not dynamic

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import radians, sqrt
 from typing import Generic, TypeVar
 
@@ -23,7 +24,9 @@ from physgen.geometry.polygon import (
     mass_properties,
     rotation,
 )
+from physgen.materials import is_billiard_ball
 from physgen.scene.scene import (
+    Auto,
     Combine,
     FieldKind,
     JointKind,
@@ -46,6 +49,16 @@ class Surface:
 
     friction: float
     elasticity: float
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A wheel that turns on a pin of its body."""
+
+    axle: Array
+    """(2,) px in the body's frame."""
+    radius: float
+    """px."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +97,8 @@ class Body:
     """(K, 4): s, x px, y px, rad; empty unless scripted."""
     rest: Array | None = None
     """(3,) px, px, rad: the pose in which the photo shows it, where it is put elsewhere; None: as it is at t = 0."""
+    wheels: tuple[Wheel, ...] = ()
+    """They carry it instead of its pieces, which end above them; mass and moment include them."""
 
     @property
     def reach(self) -> float:
@@ -100,28 +115,37 @@ class Body:
         """
         if self.radius is not None:
             return 2 * self.radius
-        pairs = [(_width(piece), piece) for piece in self.pieces]
-        size = max(width for width, _ in pairs)
-        if len(pairs) == 1:
-            return size
-        pairs.sort(key=lambda pair: -pair[0])
-        corners = np.concatenate([piece for _, piece in pairs])
-        owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
-        points = shapely.points(corners)
-        shapes = shapely.polygons(shapely.linearrings(corners, indices=owner))
-        away = np.where(
-            owner[:, None] > np.arange(len(pairs)),
-            shapely.distance(points[:, None], shapes),
-            np.inf,
-        )
-        for k, (width, _) in enumerate(pairs[1:], 1):
-            # a union takes long, and is needed only for what may be a limb
-            if away[owner == k].min(axis=1).max() > 0.999 * width:
-                beyond = shapely.distance(
-                    points[owner == k], shapely.union_all(shapes[:k])
-                )
-                size = width if beyond.max() > width else size
+        return _limb_width(tuple(piece.tobytes() for piece in self.pieces))
+
+
+@lru_cache(maxsize=256)
+def _limb_width(pieces: tuple[bytes, ...]) -> float:
+    """Return the smallest width of the thinnest limb of convex pieces, px.
+
+    The pieces are the bytes of (K, 2) arrays: trials of a push simulate the same shapes
+    again and again.
+    """
+    arrays = [np.frombuffer(piece).reshape(-1, 2) for piece in pieces]
+    pairs = [(_width(piece), piece) for piece in arrays]
+    size = max(width for width, _ in pairs)
+    if len(pairs) == 1:
         return size
+    pairs.sort(key=lambda pair: -pair[0])
+    corners = np.concatenate([piece for _, piece in pairs])
+    owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
+    points = shapely.points(corners)
+    shapes = shapely.polygons(shapely.linearrings(corners, indices=owner))
+    away = np.where(
+        owner[:, None] > np.arange(len(pairs)),
+        shapely.distance(points[:, None], shapes),
+        np.inf,
+    )
+    for k, (width, _) in enumerate(pairs[1:], 1):
+        # a union takes long, and is needed only for what may be a limb
+        if away[owner == k].min(axis=1).max() > 0.999 * width:
+            beyond = shapely.distance(points[owner == k], shapely.union_all(shapes[:k]))
+            size = width if beyond.max() > width else size
+    return size
 
 
 def _width(piece: Array) -> float:
@@ -359,6 +383,7 @@ def body_in_photo(body: Body) -> Body:
         center=body.rest[:2],
         rings=tuple(ring @ turn.T for ring in body.rings),
         pieces=tuple(piece @ turn.T for piece in body.pieces),
+        wheels=tuple(replace(w, axle=turn @ w.axle) for w in body.wheels),
         rest=None,
     )
 
@@ -366,6 +391,24 @@ def body_in_photo(body: Body) -> Body:
 def world_in_photo(world: World) -> World:
     """The world with all bodies as the photo shows them."""
     return replace(world, bodies=tuple(map(body_in_photo, world.bodies)))
+
+
+def world_as_drawn(world: World, shapes: Sequence[Outline]) -> World:
+    """Return the world with balls as large as their whole outlines.
+
+    Neighbours that hide a ball keep the engine's disc smaller than it.
+    """
+    bodies = []
+    for body, shape in zip(world.bodies, shapes, strict=True):
+        is_larger = (
+            isinstance(shape, Disc)
+            and body.radius is not None
+            and shape.radius > body.radius
+        )
+        if is_larger and isinstance(shape, Disc):
+            body = replace(body, radius=shape.radius)
+        bodies.append(body)
+    return replace(world, bodies=tuple(bodies))
 
 
 def appearance(scene: Scene, world: World) -> tuple[object, ...]:
@@ -379,13 +422,14 @@ def appearance(scene: Scene, world: World) -> tuple[object, ...]:
         () if scene.image is not None else (render.scale, render.size, render.camera)
     )
     bodies = [
-        (body.center, body.radius, body.pieces, body.rings, body.solid)
+        (body.center, body.radius, body.pieces, body.rings, body.solid, body.wheels)
         for body in world_in_photo(world).bodies
     ]
     return (
         (scene.size, scene.image is not None, scene.assets is not None, scene.light),
         (settings.view, settings.tilt, settings.backdrop),
         (render.relight, render.shadows, render.supersample, camera),
-        [item.layer for item in scene.objects],
+        [(item.layer, is_billiard_ball(item.label)) for item in scene.objects],
+        [item.shape.whole for item in scene.objects if isinstance(item.shape, Auto)],
         (world.size, world.view, bodies, [wall.chains for wall in world.walls]),
     )

@@ -42,7 +42,7 @@ from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
 from physgen.problems import InputError, impossible
-from physgen.scene.files import OUTLINES, RECORD, read_record
+from physgen.scene.files import OUTLINES, OVERVIEW, RECORD, read_record
 from physgen.scene.scene import MaskId
 from physgen.scene.yaml_edit import without_comments
 
@@ -110,7 +110,7 @@ def correct(
         stale += [["objects", name, "mask"] for name in work.masks]
         new = without_comments(new, stale, ours)
         bodies = live.state(new).compiled.world.bodies
-        if work.gone is not None:
+        if work.gone:
             what += "".join(
                 f"; it weighs {one.mass:.4g} g now"
                 for one in bodies
@@ -131,11 +131,14 @@ def correct(
 
 
 def _linked_maps(assets: Path | None, path: Path) -> Path:
-    """A new folder beside the scene with all files of its assets under a second name, or copied to another disk."""
+    """A new folder beside the scene with all files of its assets under a second name, or copied to another disk.
+
+    The overview stays behind: it shows the masks as perception found them.
+    """
     out = free_folder(path)[0]
     out.mkdir()
     for file in assets.iterdir() if assets is not None and assets.is_dir() else ():
-        if file.is_file():
+        if file.is_file() and file.name != OVERVIEW:
             try:
                 os.link(os.path.realpath(file), out / file.name)
             except OSError:
@@ -203,14 +206,14 @@ def _paint(work: Correction) -> Painted:
     ids = {item.name: k + 1 for k, item in enumerate(scene.objects)}
     ids |= {name: len(scene.objects) + 1 + k for k, name in enumerate(work.fresh)}
     corrected = (*work.masks, *work.fresh)
-    cleared = [ids[name] for name in (*work.masks, work.gone) if name is not None]
+    cleared = [ids[name] for name in (*work.masks, *work.gone)]
     after = labels.copy()
     after[np.isin(labels, cleared)] = 0
     for name, mask in (*work.masks.items(), *work.fresh.items()):
         after[mask] = ids[name]
     moved = list(corrected)
     for item in scene.objects:
-        if item.name in corrected or item.name == work.gone:
+        if item.name in corrected or item.name in work.gone:
             continue
         was, now = (part == ids[item.name] for part in (labels, after))
         if was.any() and count(now) < min(count(was), SMALLEST_OBJECT):
@@ -232,7 +235,9 @@ def _paint(work: Correction) -> Painted:
     } | set(own.values())
     free = iter(range(max({int(work.maps.labels.max()), *used}) + 1, 65536))
     new = before.copy()
-    new[np.isin(before, [own[name] for name in (*moved, work.gone) if name in own])] = 0
+    new[
+        np.isin(before, [own[name] for name in (*moved, *work.gone) if name in own])
+    ] = 0
     stored: dict[str, int] = {}
     for name in moved:
         identity = own[name] if name in own else next(free, None)
@@ -282,8 +287,8 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
     if "mass" in written_as and "mass" not in table_keys(
         written_as
     ):  # a mass that is not the table's
-        if work.gone is not None:
-            made["mass"] = float(f"{joined_mass(work, source, work.gone):.4g}")
+        if work.gone:
+            made["mass"] = float(f"{joined_mass(work, source, *work.gone):.4g}")
         elif work.fresh:
             share = count(labels == one.id) / max(count(work.mask(source)), 1)
             made["mass"] = float(f"{joined_mass(work, source) * share:.4g}")

@@ -24,7 +24,13 @@ from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
 from physgen.problems import InputError, Problem, as_warnings, impossible
 from physgen.render.stage import Stage
+from physgen.report.perception import (
+    doubt_text,
+    doubtful_regions,
+    written_suitability,
+)
 from physgen.report.player import figure, fixed_data, plate, shadows, sprites, touches
+from physgen.scene.files import RECORD, read_record
 from physgen.scene.load import Opened
 from physgen.scene.provenance import Provenance, source
 from physgen.scene.scene import Scene, Solid
@@ -74,6 +80,37 @@ def scene_data(scene: Scene) -> Data:
     return found
 
 
+RING_TOLERANCE = 0.75
+"""px by which the outline of a doubtful region may be off, so that the page gets few points."""
+
+
+def doubtful_data(scene: Scene, percepts: Percepts | None) -> list[Data]:
+    """Return the doubtful regions with their outlines, px of the photo."""
+    if percepts is None:
+        return []
+    rows: list[Data] = []
+    for region in doubtful_regions(percepts.labels, scene.document):
+        rings = []
+        for ring in region.rings:
+            points = ring.astype(np.float32)[:, None]
+            simple = cv2.approxPolyDP(points, RING_TOLERANCE, True)
+            rings.append(simple[:, 0].tolist())
+        text = doubt_text(region.name, region.confidence)
+        rows.append({"name": region.name, "text": text, "rings": rings})
+    return rows
+
+
+def perceived_data(scene: Scene) -> Data | None:
+    """Return the verdict on the photo and the summary of perception, if it wrote them."""
+    record = read_record(scene.assets / RECORD) if scene.assets is not None else {}
+    verdict = written_suitability(scene.assets)
+    summary = record.get("summary")
+    if not verdict:
+        return None
+    lines = [str(line) for line in summary] if isinstance(summary, list) else []
+    return {"verdict": verdict, "summary": lines}
+
+
 def derived_data(scene: Scene, compiled: Compiled) -> Data:
     """What follows from it: centres, masses and moments, as the engine has them."""
     world = compiled.world
@@ -112,6 +149,17 @@ def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
     odd = (p for p in problems if p["severity"] != "error")
     rows += [_row("lint", p, p["message"], p["fix"]) for p in odd]
     return rows[:MAX_ROWS]
+
+
+def doubtful_rows(scene: Scene, doubtful: Sequence[Data]) -> list[Data]:
+    """Return a row for each region that may be an object, as `todo` does."""
+    rows = []
+    for region in doubtful:
+        path = f"doubtful.{region['name']}"
+        at = {"object": None, "path": path, "line": _line(scene, path)}
+        text = f"{region['text']} may be an object, too"
+        rows.append(_row("doubt", at, text, "to have it, click on it with Mask, Point"))
+    return rows
 
 
 def _row(
@@ -353,6 +401,8 @@ class Look:
     motion: Data | None = None  # the first part of its motion; see `MotionStream`
     picture: str | None = None  # key of the picture
     todo: tuple[Data, ...] = ()
+    doubtful: tuple[Data, ...] = ()  # regions that may be objects
+    perceived: Data | None = None  # what perception wrote about the photo
 
 
 @dataclass(frozen=True)
@@ -415,13 +465,16 @@ class Live:
             failing = as_warnings(opened.variant_problems)
             found = (*stream.problems, *failing, *known.lints[0])
             rows = tuple(self._row(problem, known.scene) for problem in found)
+            doubtful = doubtful_data(known.scene, known.percepts)
             return Look(
                 rows,
                 scene_data(known.scene),
                 derived_data(known.scene, known.compiled),
                 motion,
                 known.picture,
-                tuple(todo(known.scene, rows)),
+                (*todo(known.scene, rows), *doubtful_rows(known.scene, doubtful)),
+                tuple(doubtful),
+                perceived_data(known.scene),
             )
 
     def more(self, key: str, start: int) -> Data | None:

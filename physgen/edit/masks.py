@@ -41,6 +41,7 @@ from physgen.pipeline.pushes import NEAR
 from physgen.pipeline.stages import Recent
 from physgen.problems import InputError, impossible
 from physgen.registry import Backends
+from physgen.text import listed
 
 MAX_STROKE_WORK = 10**9
 """Distances of pixels to segments that are computed for one stroke: about half a minute."""
@@ -52,6 +53,10 @@ Pixels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e
 Point = Annotated[list[Pixels], Field(min_length=2, max_length=2)]
 MAX_POINTS = 20_000
 """Of a stroke or a polygon."""
+
+
+MAX_MERGED = 1000
+"""Objects and regions that one operation makes one."""
 
 
 class BoxOp(BaseModel):
@@ -83,7 +88,7 @@ class BrushOp(BaseModel):
 
 class MergeOp(BaseModel):
     kind: Literal["merge"]
-    objects: Annotated[list[str], Field(min_length=2, max_length=2)]
+    objects: Annotated[list[str], Field(min_length=2, max_length=MAX_MERGED)]
 
 
 class SplitOp(BaseModel):
@@ -218,25 +223,53 @@ def _new(work: Correction, mask: Mask) -> str:
 
 
 def _merge(work: Correction, op: MergeOp) -> str:
-    kept, other = op.objects
-    if kept == other:
-        raise impossible("the two objects are one", "choose two objects")
-    work.masks[kept] = work.mask(kept) | work.mask(other)
-    work.gone = other
-    _, gone = replaced(dict(work.document), other, kept)
-    work.ops = [{"merge": ["objects", other], "to": kept}]
+    """Give the first object the pixels of the others, objects or doubtful regions."""
+    kept, *names = op.objects
+    work.index(kept)
+    if len(set(op.objects)) < len(op.objects):
+        raise impossible("two of the objects are one", "name each object once")
+    own = work.mask(kept)
+    masks = {name: _region(work, name) for name in names}
+    document = dict(work.document)
+    referring: list[str] = []
+    for name in names:
+        if name in doubtful_ids(work.document):
+            work.ops.append({"remove": ["doubtful", name]})
+            continue
+        document, changed = replaced(document, name, kept)
+        referring += changed
+        work.ops.append({"merge": ["objects", name], "to": kept})
+        work.gone = (*work.gone, name)
     away = cv2.distanceTransform(
-        (~work.mask(kept)).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+        (~own).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
     )
-    gap = away[work.mask(other)].min(initial=np.inf) - 1
-    what = f"merge {other} into {kept}" + (
-        f", without {' and '.join(gone)}" if gone else ""
-    )
-    return what + (
-        f", {gap:.0f} px away: one rigid body now"
-        if NEAR * max(away.shape) < gap < np.inf
-        else ""
-    )
+    gap = max(away[mask].min(initial=np.inf) - 1 for mask in masks.values())
+    work.masks[kept] = np.logical_or.reduce([own, *masks.values()])
+    what = f"merge {listed(names, 'and')} into {kept}"
+    if referring:
+        what += f", without {' and '.join(dict.fromkeys(referring))}"
+    is_far = NEAR * max(away.shape) < gap < np.inf
+    return what + (f", {gap:.0f} px away: one rigid body now" if is_far else "")
+
+
+def doubtful_ids(document: Mapping[str, Any]) -> dict[str, int]:
+    """Return the ids in masks.png of the doubtful regions of a scene, by name."""
+    regions = document.get("doubtful") or {}
+    return {
+        name: region["mask"]
+        for name, region in regions.items()
+        if isinstance(region, Mapping) and isinstance(region.get("mask"), int)
+    }
+
+
+def _region(work: Correction, name: str) -> Mask:
+    """Return the pixels of an object or a doubtful region. Raises EditError."""
+    regions = doubtful_ids(work.document)
+    if name not in regions or name in work.document["objects"]:
+        return work.mask(name)
+    mask = (work.maps.labels == regions[name]) & (work.labels == 0)
+    check_size(mask, name)
+    return np.asarray(mask)
 
 
 def _split(work: Correction, op: SplitOp) -> str:

@@ -45,7 +45,7 @@ class Correction:
     """Their entries, as far as they are known; masks, shapes and numbers come at the end."""
     found: dict[str, tuple[float, Data]] = field(default_factory=dict)
     """How sure a mask is, and the prompt that it was found by."""
-    gone: str | None = None  # the object that was merged into another
+    gone: tuple[str, ...] = ()  # objects that were merged into another
     ops: list[Data] = field(default_factory=list)
 
     @property

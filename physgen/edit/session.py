@@ -33,7 +33,16 @@ MAX_STEPS = 200
 """Steps that can be undone; the oldest are forgotten."""
 BY_OTHERS = "changed by another program"
 """What the history calls a state that another program wrote."""
-LOOK_KEYS = ("problems", "todo", "scene", "derived", "motion", "picture")
+LOOK_KEYS = (
+    "problems",
+    "todo",
+    "scene",
+    "derived",
+    "motion",
+    "picture",
+    "doubtful",
+    "perceived",
+)
 
 MAX_WORDS = 200
 """Characters of names, and of what an edit is called."""
@@ -134,6 +143,8 @@ class Session:
         self, path: Path, allow_outside: bool = False, send: Send = lambda event: None
     ) -> None:
         self.path, self.allow_outside = path, allow_outside
+        self.is_new = False
+        """Whether the photo was perceived for this session, and the page says so."""
         self.real = Path(os.path.realpath(path))
         self._send = send
         self._edits = threading.RLock()
@@ -219,7 +230,10 @@ class Session:
                 "corrected": None,
             }
         look = self.live.look(text, variant)
-        return known | {name: getattr(look, name) for name in LOOK_KEYS}
+        shown: Data = {name: getattr(look, name) for name in LOOK_KEYS}
+        if shown["perceived"] is not None:
+            shown["perceived"] = shown["perceived"] | {"new": self.is_new}
+        return known | shown
 
     def variants(self) -> list[str]:
         """Names of the variants; of a text with errors, those that it had before."""

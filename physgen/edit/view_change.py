@@ -81,7 +81,7 @@ def _held(
     """Return the text in which walls, held objects and the push are those of its view."""
     guess = _guess(state, percepts)
     ops = [
-        *_world_ops(state.scene, live.document(text)),
+        *_world_ops(state.scene, live.document(text), guess.tilt),
         *_wall_ops(state.scene, guess),
         *_shape_ops(state.scene, guess),
     ]
@@ -114,8 +114,13 @@ def _guess(state: CompiledScene, percepts: Percepts) -> BoundaryGuess:
     return guess
 
 
-def _world_ops(scene: Scene, written: Mapping[str, Any]) -> list[Data]:
-    """Return the operations on gravity and on the table that lies in the picture."""
+def _world_ops(
+    scene: Scene, written: Mapping[str, Any], tilt: float | None
+) -> list[Data]:
+    """Return the operations on gravity, on the table in the picture and on its tilt.
+
+    `tilt`: degrees by which the camera looks down, if perception finds an angle.
+    """
     world = written.get("world") or {}
     ops: list[Data] = []
     is_top = scene.world.view is View.TOP
@@ -123,6 +128,10 @@ def _world_ops(scene: Scene, written: Mapping[str, Any]) -> list[Data]:
         ops.append({"unset": ["world", "gravity"]})
     if is_top and "table" not in world:
         ops.append({"set": ["world", "table"], "value": dict(document.TABLE)})
+    if is_top and tilt is not None and world.get("tilt") == tilt:
+        ops.append({"unset": ["world", "tilt"]})
+    if not is_top and tilt is not None and "tilt" not in world:
+        ops.append({"set": ["world", "tilt"], "value": tilt})
     if not is_top and world.get("table") == document.TABLE:
         ops.append({"unset": ["world", "table"]})
     return ops

@@ -294,6 +294,11 @@ def _rough(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDis
     return RoughDisc(disc, border, weight)
 
 
+def disc_iou(disc: Disc, mask: NDArray[np.bool_]) -> float:
+    """Return how well a disc covers a mask `(H, W)` of the photo."""
+    return _iou(disc, mask, (slice(0, None), slice(0, None)))
+
+
 def _iou(disc: Disc, mask: NDArray[np.bool_], view: View) -> float:
     covered = coverage(
         Disc(disc.center - _corner(view), disc.radius), (mask.shape[1], mask.shape[0])

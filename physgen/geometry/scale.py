@@ -366,7 +366,9 @@ class _Playback:
     )
     crossing: float = 1.5  # s of the video in which a push crosses the photo, about
     longest: float = 2.5  # s of the video in which something moves, in less slow motion where that helps
-    pause: float = 0.5  # s of the video after that
+    pause: float = 0.7  # s of the video after that
+    shortest: float = 2.5  # s of a clip: a shorter one is over before it is watched
+    least_motion: float = 1.0  # s of the video in which a push moves something
 
 
 PLAYBACK = _Playback()
@@ -412,6 +414,20 @@ def slow_motion(side: int, pixels_per_meter: float) -> int:
     """`render.slow` (1, 2, 4 ...) at which a push can be watched."""
     crossing = side / push_speed(side, pixels_per_meter)
     return int(2 ** max(0, round(log(PLAYBACK.crossing / crossing, 2))))
+
+
+def story_slow_motion(usual: int, seconds: float) -> int:
+    """`render.slow` of a clip in which something moves for these s: at most `usual`.
+
+    It is halved while the motion takes longer than `PLAYBACK.longest` s of video.
+
+    >>> story_slow_motion(4, 0.5), story_slow_motion(4, 1.0), story_slow_motion(4, 9.0)
+    (4, 2, 1)
+    """
+    slow = usual
+    while slow > 1 and slow * seconds > PLAYBACK.longest:
+        slow //= 2
+    return slow
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

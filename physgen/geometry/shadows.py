@@ -185,11 +185,11 @@ def moved_silhouette(
 
 
 def blurred(picture: F32, sigma: float) -> F32:
-    """Gaussian blur; a wide one on a coarser grid."""
+    """Return a Gaussian blur; a wide one is computed on a grid of at least 4 by 4 cells."""
     if sigma < 0.3:
         return picture
-    step = int(sigma / 3)
-    if step < 2 or min(picture.shape) < 4 * step:
+    step = min(int(sigma / 3), min(picture.shape) // 4)
+    if step < 2:
         return np.asarray(
             cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT),
             np.float32,

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import atan2, degrees, floor
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from zlib import crc32
 
@@ -38,9 +39,18 @@ from physgen.perceive.roles import (
     Wall,
 )
 from physgen.perceive.support.viewpoint import DOUBTS
+from physgen.perceive.wheels import Vehicle
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.scene.files import MAPS, OUTLINES, RECORD, UNKNOWN, Record, recorded
+from physgen.scene.files import (
+    MAPS,
+    OUTLINES,
+    OVERVIEW,
+    RECORD,
+    UNKNOWN,
+    Record,
+    recorded,
+)
 from physgen.scene.provenance import provenance as provenance
 from physgen.scene.provenance import stated_scale, table_confidences
 from physgen.scene.saving import note_files, note_scene, save_scene
@@ -207,6 +217,7 @@ def object_entries(
     labels: Mapping[int, Name],
     label_sources: Mapping[int, str],
     table: str,
+    vehicles: Mapping[int, Vehicle] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """`objects:`, and comments by dotted path. `table` is the backend of matter."""
     layer_of, kept = drawing_layers(
@@ -250,7 +261,10 @@ def object_entries(
         rolls = isinstance(item.outline, Disc) and (
             boundaries.view is View.SIDE or its.solid is Solid.SPHERE
         )
-        if rolls and not (item.cut or held):
+        vehicle = None if held else vehicles.get(item.id)
+        if vehicle is not None:
+            one["rolling"] = max(its.rolling, kind("wheel").material.rolling)
+        elif rolls and not (item.cut or held):
             one["rolling"] = its.rolling
         else:
             del sources["rolling"]
@@ -271,6 +285,16 @@ def object_entries(
             comments[f"{at}.friction"] = (
                 "at least this much, since it lies still on a slope"
             )
+        if vehicle is not None:
+            one |= vehicle_entry(vehicle)
+            sources["wheels"] = provenance("circles", vehicle.confidence)
+            comments[f"{at}.wheels"] = (
+                f"circles at its lower edge (confidence {vehicle.confidence:g});"
+                " they turn and carry it"
+            )
+            comments[f"{at}.facing"] = (
+                "a guess: the cabin is behind the middle; left or right"
+            )
         if item.id in layer_of:
             behind = [order for order in kept if order.front == item.id]
             one["layer"] = layer_of[item.id]
@@ -288,6 +312,18 @@ def object_entries(
         if item.id in found.prompts:
             entries[name]["prompt"] = dict(found.prompts[item.id])
     return entries, comments
+
+
+def vehicle_entry(vehicle: Vehicle) -> dict[str, Any]:
+    """Return `wheels:` and `facing:` of an object."""
+    wheels = [
+        {
+            "center": [short(x) for x in wheel.center],
+            "radius": short(wheel.radius),
+        }
+        for wheel in vehicle.wheels
+    ]
+    return {"wheels": wheels, "facing": vehicle.facing.value}
 
 
 def _mask_source(found: Detections, i: int) -> str:
@@ -536,6 +572,16 @@ def with_doubtful(
 # files
 
 
+@dataclass(frozen=True)
+class Description:
+    """What perception found, for people: nothing is computed from it."""
+
+    overview: bytes
+    """A PNG file."""
+    summary: Sequence[str]
+    """Lines, as `summary` returns them."""
+
+
 def write_scene(
     perceived: PerceivedScene,
     photo: Path | None,
@@ -545,9 +591,11 @@ def write_scene(
     before: str | None = None,
     known: Record = UNKNOWN,
     stdout: Path | None = None,
+    description: Description | None = None,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
+    `description` is for people, and is written among the assets.
     `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
     `known` is the record beside it.
 
@@ -567,7 +615,10 @@ def write_scene(
     body = {key: value for key, value in perceived.document.items() if key not in heads}
     old: dict[str, Any] = {} if before is None else marked(before).data()
     body["objects"], outlines = short_entries(
-        body["objects"], perceived.percepts.labels, old.get("objects", {})
+        body["objects"],
+        perceived.percepts.labels,
+        old.get("objects", {}),
+        perceived.wholes,
     )
 
     def written(assets: Path) -> str:
@@ -602,7 +653,7 @@ def write_scene(
             there.name.encode() in one.read_bytes() for one in folder.glob("*.yaml")
         )
     assets = there if there and same else assets
-    ours = {*(f"{name}.png" for name in MAPS), OUTLINES, SCHEMA}
+    ours = {*(f"{name}.png" for name in MAPS), OUTLINES, OVERVIEW, SCHEMA}
     for file, crc in recorded(assets, "files").items():
         if (
             file in ours
@@ -613,6 +664,8 @@ def write_scene(
     ranges = write_assets(perceived.percepts, assets, keep)
     if copy:
         write_png(assets / copy, perceived.percepts.rgb, keep)
+    if description is not None:
+        write_with_backup(assets / OVERVIEW, description.overview, keep)
     write_with_backup(assets / OUTLINES, outlines.encode(), keep)
     write_with_backup(assets / SCHEMA, resource("schemas", SCHEMA).read_bytes(), keep)
     per_meter = stated_scale(perceived.document)
@@ -650,6 +703,8 @@ def write_scene(
             "verdict": suits.verdict,
             "reasons": list(suits.reasons),
         }
+    if description is not None:
+        record["summary"] = list(description.summary)
     made = sorted(file for file in assets.iterdir() if file.name in ours)
     record["files"] = {file.name: crc32(file.read_bytes()) for file in made}
     write_atomic(
@@ -742,9 +797,12 @@ def value_at(document: Mapping[str, Any], key: str) -> object:
 
 
 def short_entries(
-    objects: Mapping[str, Any], labels: Labels, written: Mapping[str, Any]
+    objects: Mapping[str, Any],
+    labels: Labels,
+    written: Mapping[str, Any],
+    wholes: Mapping[int, Outline] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], str]:
-    """The objects as the file has them, and `outlines.json` with their shapes and solids.
+    """The objects as the file has them, and `outlines.json` with their shapes and solids, and their `wholes` by id.
 
     The file has no shape, solid, `from` or default but where it was `written`, or where the object's mask is no id.
     """
@@ -756,6 +814,8 @@ def short_entries(
             entry = {"crc": mask_crc(labels, mask)} | {
                 key: item[key] for key in ours if key in item
             }
+            if mask in wholes:
+                entry["whole"] = shape_entry(wholes[mask])
             stored.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
             item = {key: value for key, value in item.items() if key not in ours}
         short[name] = {
@@ -768,8 +828,9 @@ def short_entries(
 
 
 def _free_of_maps(name: str) -> str:
-    """The photo's name among the assets: no map has it."""
-    return f"photo-{name}" if Path(name).stem.lower() in MAPS else name
+    """The photo's name among the assets: no other picture has it."""
+    taken = {*MAPS, Path(OVERVIEW).stem}
+    return f"photo-{name}" if Path(name).stem.lower() in taken else name
 
 
 def _relative(path: Path, folder: Path) -> str:

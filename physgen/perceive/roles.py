@@ -185,6 +185,8 @@ class BoundaryGuess:
     """Ids of objects that nothing seen keeps from falling."""
     grip: Mapping[int, float] = field(default_factory=dict)
     """By id, the least friction that objects must have, since they lie still on a slope."""
+    tilt: float | None = None
+    """Degrees by which the camera looks down on the ground, if it is seen at an angle."""
 
 
 # The roles: what the backends of each are called with, and what they return.
@@ -319,5 +321,7 @@ class PerceivedScene:
     """Reason and confidence of the view."""
     wrote: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     """What perception wrote where a user has set something else since, by object; `""` for the scale."""
+    wholes: Mapping[int, Outline] = field(default_factory=dict)
+    """Outlines with their hidden parts, by id in the label map, of objects behind others."""
     full_size: tuple[int, int] | None = None
     """Width and height, px, of a photo that was made smaller; None if it was not."""

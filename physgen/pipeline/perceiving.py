@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,11 +11,14 @@ from typing import TYPE_CHECKING, Any
 from physgen.files import check_text_names, check_writable
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
+from physgen.scene.provenance import meters, source
 from physgen.text import listed
 
 if TYPE_CHECKING:
+    from physgen.perceive.document import Description
     from physgen.perceive.refresh import PromptFrames
-    from physgen.perceive.roles import PerceivedScene
+    from physgen.perceive.roles import BoundaryGuess, PerceivedScene
+    from physgen.pipeline.push_trials import Outcome
     from physgen.registry import Backends
     from physgen.scene.load import Opened
     from physgen.scene.scene import Scene
@@ -47,6 +49,10 @@ class PerceiveOptions:
     """Whether the push that sets the scene in motion is left out."""
     allow_outside: bool = False
     """Whether a scene that is perceived again may read files outside its folder."""
+    pushes: Sequence[str] = ()
+    """`NAME=DIRECTION[@SPEED]`, in place of the push that perception chooses."""
+    view: str | None = None
+    """`side` or `top`; None: perception decides."""
 
 
 def perceive(
@@ -70,7 +76,7 @@ def perceive(
     the offline backends unless given. `given` are fields of PerceiveOptions. `inform` is called with a summary:
     some lines, the first of which has the photo's suitability.
     """
-    from physgen.perceive.document import summary, write_scene
+    from physgen.perceive.document import write_scene
     from physgen.registry import Backends
 
     options = PerceiveOptions(**given)
@@ -85,6 +91,7 @@ def perceive(
     check_writable((output or stdout or Path()).parent)
     photo = _perceive_photo(image, options, crew, progress, warn)
     perceived = photo.perceived
+    description = _description(perceived)
     text = write_scene(
         perceived,
         image if photo.is_nameable else None,
@@ -92,11 +99,38 @@ def perceive(
         output,
         keep,
         stdout=stdout,
+        description=description,
     )
-    inform(
-        f"{image}: " + "\n".join(summary(perceived))
-    )  # last: nobody may read it any more
+    # last: nobody may read it any more
+    lines = [*description.summary, *_overview_lines(text, output or stdout)]
+    inform(f"{image}: " + "\n".join(lines))
     return text
+
+
+def _description(perceived: PerceivedScene) -> Description:
+    """Return the overview and the summary of a perceived photo."""
+    from physgen.perceive.document import Description, summary
+    from physgen.report.overview import overview_png
+
+    velocities: dict[str, Sequence[float]] = {}
+    with suppress(InputError):  # it is reported when the scene is rendered
+        for item in _tried(perceived, "velocity").scene().objects:
+            velocities[item.name] = item.velocity
+    rgb, labels = perceived.percepts.rgb, perceived.percepts.labels
+    overview = overview_png(rgb, labels, perceived.document, velocities)
+    return Description(overview, summary(perceived))
+
+
+def _overview_lines(text: str, target: Path | None) -> list[str]:
+    """Return the line of the summary that names the overview of a scene's text."""
+    from physgen.scene.files import OVERVIEW
+    from physgen.scene.saving import named_assets
+
+    folder = Path() if target is None else target.parent
+    assets = named_assets(text.encode("utf-8"), folder)
+    if assets is None or not (assets / OVERVIEW).is_file():
+        return []
+    return [f"  picture   {assets / OVERVIEW}"]
 
 
 @dataclass(frozen=True)
@@ -184,6 +218,7 @@ def _perceive_photo(
         renames=options.labels,
         crew=crew,
         asked=options.asked,
+        view=_given_view(options),
         progress=progress,
     )
     for problem in perceived.warnings:
@@ -191,16 +226,43 @@ def _perceive_photo(
     progress("push", 0, 1)
     full_size = None if rgb.shape[:2] == (height, width) else (width, height)
     perceived = replace(perceived, full_size=full_size)
-    return _PerceivedPhoto(_set_off(perceived, options.still), as_it_is)
+    moved = _set_off(perceived, options.still, options.pushes)
+    return _PerceivedPhoto(moved, as_it_is)
 
 
-def _set_off(perceived: PerceivedScene, still: bool) -> PerceivedScene:
-    """Return the scene with falling objects held and one object pushed, unless `still`."""
+def _given_view(options: PerceiveOptions) -> BoundaryGuess | None:
+    """Return the view that the caller chose, without boundaries."""
+    from physgen.perceive.roles import BoundaryGuess
+    from physgen.scene.scene import View
+
+    if options.view is None:
+        return None
+    return BoundaryGuess(View(options.view), 1.0, "as given", ())
+
+
+def _set_off(
+    perceived: PerceivedScene, still: bool, pushes: Sequence[str] = ()
+) -> PerceivedScene:
+    """Return the scene with falling objects held and one object pushed, unless `still`.
+
+    `pushes` take the place of the push that is chosen. Raises InputError if one of them
+    is wrong.
+    """
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
-        if perceived.document["objects"] and not still:
+        if perceived.document["objects"] and not (still or pushes):
             perceived = _pushed(perceived)
+        perceived = _with_living_named(perceived)
+    if pushes:
+        perceived = _pushed_by_user(perceived, pushes)
     return perceived
+
+
+def _with_living_named(perceived: PerceivedScene) -> PerceivedScene:
+    """Return the scene whose suitability names people and animals."""
+    from physgen.pipeline.verdicts import living_doubts, with_doubts
+
+    return with_doubts(perceived, living_doubts(perceived))
 
 
 def _check_masks(
@@ -234,6 +296,9 @@ def _tried(perceived: PerceivedScene, *more: str) -> Opened:
         "elasticity",
         "rolling",
         "motion",
+        "label",
+        "facing",
+        "wheels",
         *more,
     )
     heads = ("physgen", "world", "boundaries", "render")
@@ -302,59 +367,123 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
 
 
 def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
-    """The scene with the push that shows most, of `only` these objects where any are named, tried in a copy without
-    maps, in the slow motion that suits it."""
-    from physgen.compile.compile import compile_shapes
+    """Return the scene with the push that tells a short story and stays in the picture.
+
+    Pushes of `only` these objects, if any are named, are tried in a copy without maps.
+    """
     from physgen.compile.shapes import shapes_of
-    from physgen.geometry.scale import PLAYBACK
     from physgen.perceive.document import mask_confidence
-    from physgen.perceive.roles import Suitability
-    from physgen.perceive.support.supports import SOURCE
     from physgen.pipeline.pushes import default_push
-    from physgen.pipeline.stages import ended
-    from physgen.scene.provenance import meters, source
+    from physgen.pipeline.verdicts import with_doubts
 
     document, opened = perceived.document, _tried(perceived)
-    objects = document["objects"].items()
-    sure = {
-        name: 0.0 if only and name not in only else mask_confidence(item)
-        for name, item in objects
-    }
+    confidence = {}
+    for name, item in document["objects"].items():
+        is_left_out = only and name not in only
+        confidence[name] = 0.0 if is_left_out else mask_confidence(item)
     scene = opened.scene()
-    shapes = shapes_of(scene, None)
-    unseen = [
-        k
-        for k, wall in document["boundaries"].items()
-        if source(wall.get("from", "")).text == SOURCE
-    ]
-    push = default_push(scene, shapes, sure, unseen)
-    if push is None:
-        doubts = () if perceived.suitability is None else perceived.suitability.reasons
-        return replace(
-            perceived, suitability=Suitability((*doubts, "no push moves anything"))
-        )
-    speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
-    item = document["objects"][push.name] | {"velocity": speeds}
-    pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
-    slow, film = (
-        round(pushed.render.slow),
-        replace(pushed, render=replace(pushed.render, slow=1)),
+    facing = {
+        name: item["facing"]
+        for name, item in document["objects"].items()
+        if "facing" in item
+    }
+    push = default_push(
+        scene, shapes_of(scene, None), confidence, _unseen_walls(perceived), facing
     )
-    moves = ended(film, compile_shapes(film, shapes))[0].world.duration - PLAYBACK.pause
-    while slow > 1 and slow * moves > PLAYBACK.longest:
-        slow //= 2
-    render = {
-        key: value for key, value in document.get("render", {}).items() if key != "slow"
-    }
-    document = document | {
-        "objects": document["objects"] | {push.name: item},
-        "render": ({"slow": slow} if slow > 1 else {}) | render,
-    }
+    if push is None:
+        return with_doubts(perceived, ["no push moves anything"])
+    speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
     why = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
-    comments = perceived.comments | {f"objects.{push.name}.velocity": why}
+    return _with_motion(perceived, {push.name: (speeds, why)}, push.outcome)
+
+
+def _unseen_walls(perceived: PerceivedScene) -> list[str]:
+    """Return the names of walls that the photo does not show."""
+    from physgen.perceive.support.supports import SOURCE
+
+    walls = perceived.document["boundaries"].items()
+    return [k for k, wall in walls if source(wall.get("from", "")).text == SOURCE]
+
+
+def _with_motion(
+    perceived: PerceivedScene,
+    motions: Mapping[str, tuple[list[Any], str]],
+    outcome: Outcome,
+) -> PerceivedScene:
+    """Return the scene with velocities and their comments, and doubts of the outcome.
+
+    Slow motion is what suits the time in which something moves.
+    """
+    from physgen.geometry.scale import story_slow_motion
+    from physgen.pipeline.verdicts import outcome_doubts, with_doubts
+
+    document, comments = perceived.document, dict(perceived.comments)
+    objects = dict(document["objects"])
+    for name, (velocity, why) in motions.items():
+        item = {k: v for k, v in objects[name].items() if k != "motion"}
+        objects[name] = item | {"velocity": velocity}
+        comments.pop(f"objects.{name}.motion", None)
+        comments[f"objects.{name}.velocity"] = why
+    render = dict(document.get("render", {}))
+    usual = round(render.pop("slow", 1))
+    slow = story_slow_motion(usual, outcome.seconds)
+    render = ({"slow": slow} if slow > 1 else {}) | render
     if slow == 1:
         comments.pop("render", None)
-    return replace(perceived, document=document, comments=comments)
+    document = document | {"objects": objects}
+    if render or "render" in document:
+        document["render"] = render
+    moved = replace(perceived, document=document, comments=comments)
+    return with_doubts(moved, outcome_doubts(moved, list(motions), outcome))
+
+
+def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
+    """Return the scene with the pushes `NAME=DIRECTION[@SPEED]`. Raises InputError."""
+    from physgen.compile.shapes import shapes_of
+    from physgen.pipeline.push_trials import compile_trials, simulate_push
+    from physgen.pipeline.pushes import Push, direction_words, named_pushes
+
+    freed = _freed(perceived, [text.partition("=")[0].strip() for text in pushes])
+    scene = _tried(freed).scene()
+    trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(freed))
+    motions = {}
+    velocities = {}
+    for item, velocity in named_pushes(scene, pushes):
+        per_meter = scene.world.pixels_per_meter
+        in_meters = [meters(part / per_meter) for part in velocity]
+        push = Push(item.name, velocity, direction_words(velocity))
+        why = f"the push that you gave, {push.phrase}; [0, 0] leaves it at rest"
+        motions[item.name] = (in_meters, why)
+        velocities[item.name] = velocity
+    outcome = simulate_push(trials, velocities)
+    return _with_motion(freed, motions, outcome)
+
+
+def _pushed_anew(
+    perceived: PerceivedScene, scene: Scene, pushes: Sequence[str]
+) -> PerceivedScene:
+    """Return a refreshed scene with pushes in place of the one of perception.
+
+    Velocities that the user wrote in `scene` stay. Raises InputError.
+    """
+    from physgen.pipeline.pushes import perceived_pushes
+
+    objects = dict(perceived.document["objects"])
+    for name in perceived_pushes(scene):
+        if name in objects:
+            objects[name] = objects[name] | {"velocity": [0, 0]}
+    document = perceived.document | {"objects": objects}
+    return _pushed_by_user(replace(perceived, document=document), pushes)
+
+
+def _freed(perceived: PerceivedScene, names: Collection[str]) -> PerceivedScene:
+    """Return the scene in which objects of these names are no longer held."""
+    objects = {}
+    for name, item in perceived.document["objects"].items():
+        if name in names:
+            item = {key: value for key, value in item.items() if key != "motion"}
+        objects[name] = item
+    return replace(perceived, document=perceived.document | {"objects": objects})
 
 
 def _set_in_motion(
@@ -368,7 +497,8 @@ def _set_in_motion(
     nothing moves and an object is let go, the view is another, or the push that perception wrote moves nothing now,
     which is a warning; and what moves as before, by name."""
     from physgen.compile.shapes import shapes_of
-    from physgen.pipeline.pushes import perceived_pushes, shown_by
+    from physgen.pipeline.push_trials import compile_trials, simulate_push
+    from physgen.pipeline.pushes import perceived_pushes
 
     moving = {
         item.name: {"velocity": list(item.velocity)}
@@ -397,10 +527,9 @@ def _set_in_motion(
         able = [
             item for item in tried.objects if item.name in pushes and any(item.velocity)
         ]
-        moves = any(
-            shown_by(tried, shapes_of(tried, None), item, item.velocity)[0]
-            for item in able
-        )
+        trials = compile_trials(tried, shapes_of(tried, None))
+        outcomes = [simulate_push(trials, {one.name: one.velocity}) for one in able]
+        moves = any(outcome.grade for outcome in outcomes)
         stopped = pushes if turned or not moves else []
         for name in stopped:
             del moving[name]
@@ -504,6 +633,7 @@ def import_physgen(
         output,
         keep,
         stdout=stdout,
+        description=_description(imported),
     )
 
 
@@ -555,7 +685,23 @@ def refresh(
         return photo.perceived
 
     with with_fitting_assets(opened, path, output, perceive_objects) as (fitting, text):
-        return _refresh(fitting, text, run)
+        return _refresh(*_with_view(fitting, text, options.view), run)
+
+
+def _with_view(opened: Opened, text: str, view: str | None) -> tuple[Opened, str]:
+    """Return the scene and its text with another `world.view`, if one is given.
+
+    Boundaries and the push are found anew, as if the user had written the view.
+    """
+    from physgen.scene.load import Opened
+    from physgen.scene.yaml_edit import marked, write
+
+    document = marked(text).data()
+    world = document.get("world") or {}
+    if view is None or world.get("view") == view:
+        return opened, text
+    text = write(text, document | {"world": {**world, "view": view}})
+    return Opened(opened.file, opened.allow_outside, text), text
 
 
 @dataclass(frozen=True)
@@ -577,7 +723,7 @@ class _Refresh:
 def _perceive_anew(opened: Opened, run: _Refresh) -> str:
     """Perceive a photo of other proportions; keep what is not in pixels of the old one."""
     from physgen.perceive.carry import carry_over
-    from physgen.perceive.document import summary, write_scene
+    from physgen.perceive.document import write_scene
 
     image, path = opened.ground.image, run.path
     assert image is not None
@@ -585,6 +731,7 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
     old = opened.document()
     _report_lost_objects(old, anew.perceived, path, run.warn)
     carried = carry_over(old, opened.ground.record, anew.perceived)
+    description = _description(carried.perceived)
     for key in carried.dropped:
         expected = "belongs to the photo of other proportions and is left out"
         fix = "set it again for the new photo"
@@ -595,8 +742,10 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
         image.stem,
         run.output,
         run.keep,
+        description=description,
     )
-    run.inform(f"{path}: " + "\n".join(summary(carried.perceived)))
+    lines = [*description.summary, *_overview_lines(text, run.output)]
+    run.inform(f"{path}: " + "\n".join(lines))
     run.inform(f"{path}: kept: {listed(carried.kept, 'and') or 'nothing'}")
     return text
 
@@ -622,7 +771,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     """Refresh a scene whose assets fit its photo; `text` is that of its file."""
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import renamed_labels, summary, write_scene
+    from physgen.perceive.document import renamed_labels, write_scene
     from physgen.perceive.perceive import perceive as perceive_scene
     from physgen.perceive.segment.prompts import Segmenter, check_prompts
     from physgen.photos import read_photo
@@ -682,7 +831,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         replace(begun.found, layers=layer_of, gone=gone),
         renames=options.labels,
         crew=crew,
-        view=old_and_new.known_view(scene),
+        view=_given_view(options) or old_and_new.known_view(scene),
         pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
         progress=run.progress,
     )
@@ -712,9 +861,10 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
     perceived = replace(perceived, document=document, comments=reasons)
-    perceived, moving = _set_in_motion(
-        perceived, scene, old["objects"], options.still, warn
-    )
+    is_still = options.still or bool(options.pushes)
+    perceived, moving = _set_in_motion(perceived, scene, old["objects"], is_still, warn)
+    if options.pushes:
+        perceived, moving = _pushed_anew(perceived, scene, options.pushes), {}
     document, told = perceived.document, dict(seen["objects"])
     for name in told.keys() & document["objects"].keys():
         own = document["objects"][name] | moving.get(name, {})
@@ -733,6 +883,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         full_size=old_and_new.full_size(scene),
     )
     image = scene.image if photo.plain else None
+    description = _description(summed)
     new = write_scene(
         perceived,
         image,
@@ -741,6 +892,8 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         run.keep,
         before,
         record,
+        description=description,
     )
-    run.inform(f"{path}: " + "\n".join(summary(summed)))
+    lines = [*description.summary, *_overview_lines(new, run.output)]
+    run.inform(f"{path}: " + "\n".join(lines))
     return new

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.geometry.polygon import cross
 from physgen.geometry.scale import push_speed
+from physgen.pipeline.push_trials import (
+    NO_MOTION,
+    Outcome,
+    choose_push,
+    compile_trials,
+)
 from physgen.problems import InputError, collect
 from physgen.scene.files import equal
 from physgen.scene.provenance import meters
@@ -23,59 +27,10 @@ from physgen.text import listed, nearest, quantity, quoted
 if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
     from physgen.compile.shapes import Shapes
-    from physgen.compile.world import Body
-    from physgen.simulate.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class _Trial:
-    """How candidates for a push are ranked and tried; lengths are parts of the photo's longer side."""
-
-    room: float = 0.3  # free way ahead that counts in full
-    beyond: float = (
-        0.1  # weight of the room behind the last object ahead, where that one may fall
-    )
-    ahead: float = (
-        1.5  # weight of objects ahead, against that of a free way: something is struck
-    )
-    unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
-    tried: int = 3  # candidates that show something, after which no more are simulated
-    most: int = 8  # candidates that are simulated, at up to a second each
-    loaded: float = (
-        0.5  # of the rank of what carries something, seen from the side: it is jammed
-    )
-    enough: float = (
-        0.85  # of the most that a candidate shows, that the first one needs to be taken
-    )
-    samples: int = 16  # times at which positions are compared
-    longest: float = 6.0
-    """s of a trial at most, in which a push crosses a photo that shows 100 m; a scale
-    that is wrong by powers of ten would take minutes of work."""
-    far: float = 0.25  # a displacement that counts in full
-    least: float = 0.07  # a displacement that is seen: 36 px of a photo of 512
-    written: float = (
-        0.01  # of a speed, by which one that is written with three digits may differ
-    )
-    wild: float = 2.5  # times the speeds of the push and of a fall over the photo: faster is an explosion
-    slender: float = (
-        1.5  # times width over height: of the speed, for what topples before it slides
-    )
-    gentlest: float = 0.3  # of the speed, at least, unless it tips at less
-    thin: float = 0.5  # of the speed: what topples at less is tipped as by a finger, without a slide,
-    tips: float = 1.25  # at so many times the speed that tips it
-    back: float = 0.25  # of what is shown, where the object goes back instead: something stands in its way
-    thrown: float = 0.25  # of its momentum, that a wall which the photo does not show takes from an object
-    harder: tuple[float, ...] = (1.0, 1.5, 2.5)
-    """Times the ordinary speed, tried in turn until something moves as far as counts in full, or many do, and,
-    seen from above, until no tenth more is shown: a rack wants a break."""
-    worth: float = 1.1
-    many: float = 3.0
-    """What is shown by a far motion of one object, and all still in the picture; many short ones are as much."""
-
-
-TRIAL = _Trial()
+WRITTEN = 0.01
+"""Of a speed, by which one that is written with three digits may differ."""
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
 _WORD = "(right|left|up|down)(?:wards?)?"
@@ -94,6 +49,7 @@ class Push:
     name: str
     velocity: tuple[float, float]  # px/s
     way: str  # as a push is written: up-right
+    outcome: Outcome = NO_MOTION
 
     @property
     def phrase(self) -> str:
@@ -107,198 +63,33 @@ class Push:
 def default_push(
     scene: Scene,
     shapes: Shapes,
-    sure: Mapping[str, float],
+    confidence: Mapping[str, float],
     unseen: Collection[str] = (),
+    facing: Mapping[str, str] | None = None,
 ) -> Push | None:
-    """The push that shows most; None where none moves anything.
+    """Return the push that tells a short story and stays in the picture.
 
-    Seen from the side it goes left or right, from above towards the nearest object or the middle of all. Candidates are
-    ranked by what lies ahead, and the best are simulated. `sure` are confidences of objects by name; `unseen` are walls
-    that the photo does not show: an object that one of them throws back would bounce off nothing.
+    None if no push moves anything. Seen from the side it goes left or right, from above
+    towards other objects. `confidence` are confidences of objects by name; `unseen`
+    are walls that the photo does not show: an object that one of them throws back
+    would bounce off nothing. `facing` are the sides to which vehicles drive.
     """
-    from physgen.compile.compile import compile_shapes
-
-    side = max(scene.size)
-    ordinary = push_speed(side, scene.world.pixels_per_meter)
-    bodies = compile_shapes(scene, shapes).world.bodies
-    ranked = _ranked(scene, bodies, sure)
-    named, gravity = {body.name: body for body in bodies}, hypot(*scene.world.gravity)
-    best, most, farthest = None, 0.0, 0.0
-    above = scene.world.view is View.TOP
-    for factor in TRIAL.harder[: 3 if above else 2]:
-        speed = float(f"{ordinary * factor:.2g}")
-        tried: list[tuple[float, float, Push]] = []
-        for item, way in ranked[: TRIAL.most]:
-            part = _gentle(named[item.name], gravity, speed)
-            velocity = (round(part * way[0]), round(part * way[1]))
-            shown, far = shown_by(scene, shapes, item, velocity, unseen)
-            tried += (
-                [(shown, far, Push(item.name, velocity, _words(way)))] if shown else []
-            )
-            if len(tried) == TRIAL.tried:
-                break
-        now = max((shown for shown, *_ in tried), default=0.0)
-        more = now > TRIAL.worth * most
-        if more:
-            _, farthest, best = next(
-                one for one in tried if one[0] >= TRIAL.enough * now
-            )
-            most = now
-        if (farthest >= TRIAL.far or most >= TRIAL.many) and not (more and above):
-            break
-    return best
+    trials = compile_trials(scene, shapes, unseen)
+    chosen = choose_push(trials, confidence, facing or {})
+    if chosen is None:
+        return None
+    way = direction_words(chosen.direction)
+    return Push(chosen.item.name, chosen.velocity, way, chosen.outcome)
 
 
-def _gentle(body: Body, gravity: float, speed: float) -> float:
-    """px/s, at most `speed`: what tips its centre of mass over its lower corner once its foot has stopped it."""
-    if body.radius is not None or not gravity:
-        return speed
-    (x0, y0), (x1, y) = (
-        of(np.concatenate(body.rings), axis=0).tolist() for of in (np.min, np.max)
-    )
-    rise, topples = hypot((x1 - x0) / 2, y) - y, TRIAL.slender * (x1 - x0) / (y - y0)
-    tips = sqrt(2 * gravity * rise * (body.moment / body.mass + (rise + y) ** 2)) / y
-    eased: float = speed * min(max(topples, TRIAL.gentlest), 1.0)
-    return min(eased, TRIAL.tips * tips) if topples < TRIAL.thin else eased
-
-
-def _ranked(
-    scene: Scene, bodies: Sequence[Body], sure: Mapping[str, float]
-) -> list[tuple[Object, tuple[float, float]]]:
-    """Objects and unit directions in which to push them, the most promising first."""
-    found: list[tuple[float, int, Object, tuple[float, float]]] = []
-    side = max(scene.size)
-    corners = [np.concatenate(body.rings) + body.center for body in bodies]
-    ends = [(*points.min(axis=0), *points.max(axis=0)) for points in corners]
-    left, top, right, foot = np.array(ends).reshape(-1, 4).T
-    for k, item in enumerate(scene.objects):
-        if item.motion is not Motion.DYNAMIC or sure.get(item.name, 1.0) < TRIAL.unsure:
-            continue
-        on = (
-            (np.abs(foot - top[k]) < 2 + 0.1 * (foot - top)[k])
-            & (left < right[k])
-            & (right > left[k])
-        )
-        load = TRIAL.loaded if scene.world.view is View.SIDE and on.any() else 1.0
-        for way in _ways(scene, [body.center for body in bodies], k):
-            frame = np.array([way, (-way[1], way[0])])
-            low, high = (
-                np.array([of(points @ frame.T, axis=0) for points in corners])
-                for of in (np.min, np.max)
-            )
-            beside = (np.minimum(high, high[k]) - np.maximum(low, low[k]))[
-                :, 1
-            ] > 0.1 * (high - low)[:, 1]
-            ahead = [
-                n
-                for n in np.flatnonzero(beside & (low[:, 0] > high[k, 0] - 2)).tolist()
-                if n != k
-            ]
-            end = max(np.array([[0, 0], scene.size]) @ frame[0])
-            gaps = (
-                end - bodies[k].center @ frame[0],
-                *(low[n, 0] - high[k, 0] for n in ahead),
-            )
-            free, beyond = np.clip(
-                np.array([min(gaps), end - max(high[n, 0] for n in (k, *ahead))])
-                / (TRIAL.room * side),
-                0,
-                1,
-            )
-            score = free + TRIAL.beyond * beyond + TRIAL.ahead * (1 - 0.5 ** len(ahead))
-            found.append(
-                (score * load * sure.get(item.name, 1.0), -len(found), item, way)
-            )
-    return [
-        (item, way)
-        for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)
-    ]
-
-
-def _ways(scene: Scene, centers: Sequence[Array], k: int) -> list[tuple[float, float]]:
-    """Unit directions in which an object may be pushed."""
-    if scene.world.view is View.SIDE:
-        return [(1.0, 0.0), (-1.0, 0.0)]
-    others = [center for n, center in enumerate(centers) if n != k] or [
-        (np.array(scene.size) - 1) / 2
-    ]
-    nearest_one = min(
-        others, key=lambda center: float(np.hypot(*(center - centers[k])))
-    )
-    ways = []
-    for goal in (nearest_one, np.mean(others, axis=0)):
-        x, y = (float(part) for part in goal - centers[k])
-        ways.append(
-            (x / hypot(x, y), y / hypot(x, y)) if hypot(x, y) > 1 else (1.0, 0.0)
-        )
-    return ways
-
-
-def shown_by(
-    scene: Scene,
-    shapes: Shapes,
-    item: Object,
-    velocity: tuple[float, float],
-    unseen: Collection[str] = (),
-) -> tuple[float, float]:
-    """How much a push shows, counted in objects that move far, and the longest displacement, as a part of the photo's
-    longer side; zeros where it moves nothing enough, or all explodes."""
-    from physgen.compile.compile import compile_shapes
-    from physgen.simulate.engine import simulate
-
-    pushed = tuple(
-        replace(one, velocity=velocity) if one is item else one for one in scene.objects
-    )
-    compiled = compile_shapes(replace(scene, objects=pushed), shapes)
-    side, k = max(scene.size), scene.objects.index(item)
-    ordinary = push_speed(side, scene.world.pixels_per_meter)
-    slow = np.clip(TRIAL.gentlest * ordinary / max(hypot(*velocity), 1.0), 1, 2)
-    end = min(slow * side / ordinary, TRIAL.longest)
-    times = np.linspace(0, end, TRIAL.samples)
-    motion = simulate(compiled.world, times)
-    poses = motion.poses[..., :2]
-    inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)
-    away = (
-        np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(
-            axis=0
-        )
-        / side
-    )
-    fastest = (
-        float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0))
-        / times[1]
-    )
-    fall = (2 * hypot(*scene.world.gravity) * side) ** 0.5
-    gone = (poses - poses[:1])[:, k] @ np.array(velocity)
-    if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (
-        hypot(*velocity) + fall
-    ):
-        return 0.0, 0.0
-    shown = float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean())
-    taken = (
-        _taken(motion, k, np.array(velocity), unseen) / compiled.world.bodies[k].mass
-    )
-    back = -gone.min() > gone.max() or taken > TRIAL.thrown
-    return shown * (TRIAL.back if back else 1.0), float(away.max())
-
-
-def _taken(
-    motion: Trajectory, k: int, velocity: Array, unseen: Collection[str]
-) -> float:
-    """The mass, g, whose momentum at this velocity the walls `unseen` take from an object; friction counts for none."""
-    _, first, second = motion.contacts.impulse_rows.T
-    walls = np.isin(motion.contacts.surfaces, list(unseen))
-    walls[: len(motion.names)] = False  # objects
-    hit = motion.contacts.impulses[(first == k) & walls[second]]
-    back, aside = -hit @ velocity, np.abs(cross(velocity, hit))
-    return float((back * (back > aside)).sum() / (velocity @ velocity))
-
-
-def _words(way: tuple[float, float]) -> str:
+def direction_words(velocity: tuple[float, float]) -> str:
+    """Return the direction of a velocity as a push is written: right, up-left."""
+    length = hypot(*velocity) or 1.0
+    least = sin(radians(22.5))
     words = [
         word
         for word, (x, y) in WORDS.items()
-        if way[0] * x + way[1] * y > sin(radians(22.5))
+        if (velocity[0] * x + velocity[1] * y) / length > least
     ]
     return "-".join(reversed(words))
 
@@ -361,13 +152,35 @@ def perceived_pushes(scene: Scene) -> Iterator[str]:
         )
         ways = [[factor * part for part in speed] for factor in (1, followed)]
         if any(speed) and any(
-            equal(item.velocity, way, TRIAL.written * hypot(*way)) for way in ways
+            equal(item.velocity, way, WRITTEN * hypot(*way)) for way in ways
         ):
             yield item.name
 
 
+def named_pushes(
+    scene: Scene, pushes: Sequence[str]
+) -> list[tuple[Object, tuple[float, float]]]:
+    """Return the objects of pushes `NAME=DIRECTION[@SPEED]` and their velocities, px/s.
+
+    Raises InputError with all that is wrong.
+    """
+    return collect([partial(_object_and_velocity, scene, text) for text in pushes])
+
+
 def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
     """The object of NAME=DIRECTION[@SPEED], and its velocity, by dotted key."""
+    item, velocity = _object_and_velocity(scene, text)
+    per_meter = scene.world.pixels_per_meter
+    is_metric = _metric(text.partition("=")[2])
+    kept = [
+        meters(part / per_meter) if is_metric else round(part, 1) + 0.0
+        for part in velocity
+    ]
+    return item, {f"objects.{item.name}.velocity": kept}
+
+
+def _object_and_velocity(scene: Scene, text: str) -> tuple[Object, tuple[float, float]]:
+    """Return the object of NAME=DIRECTION[@SPEED] and its velocity, px/s."""
     name, _, rest = text.partition("=")
     if _is_way(name) and any(item.name == rest.strip() for item in scene.objects):
         fix = f"write --push {rest.strip()}={name.strip()}"
@@ -379,13 +192,8 @@ def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
     if not way:
         fix = f"write --push {item.name}=right"
         raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
-    per_meter = scene.world.pixels_per_meter
-    parts = [speed * part for part in _direction("--push", way)]
-    kept = [
-        meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0
-        for part in parts
-    ]
-    return item, {f"objects.{item.name}.velocity": kept}
+    x, y = _direction("--push", way)
+    return item, (speed * x, speed * y)
 
 
 def _refuse_other_signs(scene: Scene, text: str) -> None:

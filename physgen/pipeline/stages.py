@@ -111,9 +111,13 @@ def _check_springs(scene: Scene, world: World) -> None:
         spring_parts(world)
 
 
+PAUSE_SAMPLES = 21
+"""Times in the pause at the end at which motion is looked for: a frame of 30 a second."""
+
+
 def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
-    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows, and after forces,
-    views and waypoints that begin later. And the run that found it.
+    """The same with `duration: auto` resolved: 0.7 s of video after the last motion that shows, and after forces,
+    views and waypoints that begin later, 2.5 s at least. And the run that found it.
     """
     if not scene.world.until_rest:
         return compiled, None
@@ -140,7 +144,9 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
         default=0.0,
     )
     with scene.located():
-        run = Running(replace(world, duration=most), np.arange(0.0, most, pause / 15))
+        run = Running(
+            replace(world, duration=most), np.arange(0.0, most, pause / PAUSE_SAMPLES)
+        )
     for length in (
         *(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most),
         most,
@@ -160,7 +166,7 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
         last = max(float(times[moving.any(axis=1)].max(initial=0.0)), latest)
         if last <= length - 2 * pause:
             break
-    end = min(max(last + pause, 1 / slow), most)
+    end = min(max(last + pause, PLAYBACK.shortest / slow), most)
     return replace(
         compiled, world=replace(world, duration=end, times=frame_times(scene, end))
     ), run
@@ -220,7 +226,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
 
     Flat shapes are drawn as large as `render` shows them at most. Depends on nothing that only shows in motion.
     """
-    from physgen.compile.world import photo_poses, world_in_photo
+    from physgen.compile.world import photo_poses, world_as_drawn, world_in_photo
     from physgen.render.camera import canvas_scale
     from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
@@ -256,7 +262,8 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
         & ~np.isin(maps.labels, doubtful)
     )
     with single_threaded():
-        shapes = compiled.shapes.outlines
+        shapes = compiled.shapes.drawn
+        world = world_as_drawn(world, shapes)
         toward = (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
         sprites = cut_sprites(
             maps.rgb,

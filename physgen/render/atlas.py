@@ -15,6 +15,7 @@ import numpy as np
 from physgen.geometry.raster import double_resolution
 from physgen.render.ball import F32, RIM, Array, Ball, Pattern
 from physgen.render.shadow_decomposition import CastShadow
+from physgen.render.sphere_texture import continue_skin
 from physgen.render.sprites import Sprite
 from physgen.render.stage import Placement, Slices, SpritePose
 
@@ -199,8 +200,11 @@ class _Atlas:
             (right, low), first = self.last[k].astype(int) + 1, int(self.left[k])
             place = np.s_[2 * GAP : 2 * GAP + low, first : first + right]
             middle = 2 * (self.center[k] - self.corner[k])
-            sides = equal_area(
-                near[place][..., :3], middle, 2 * ball.radius, ball.pattern
+            skin, radius = near[place][..., :3], 2 * ball.radius
+            sides = (
+                continue_skin(np.ascontiguousarray(skin), middle, radius)
+                if ball.is_continued
+                else equal_area(skin, middle, radius, ball.pattern)
             )
             self.skin[place][..., :3], self.skin[len(near) :][place][..., :3] = sides
 

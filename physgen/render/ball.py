@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.photometry import DistantLight
+from physgen.render.sphere_texture import part_highlights
 from physgen.scene.scene import View
 
 F32 = NDArray[np.float32]
@@ -374,6 +375,8 @@ class Ball:
     fade: F32 | None = (
         None  # (h, w) by which the light at the rim differs from that; it does not turn
     )
+    is_continued: bool = False
+    """Whether its far side continues the texture of the near side."""
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
         """(h, w, 3) shading of the normals (u, v, z to the viewer)."""
@@ -436,11 +439,12 @@ def ball_from_photo(
     radius: float,
     light: DistantLight,
     view: View,
+    is_painted: bool = True,
 ) -> Ball:
     """`colour` (h, w, 3) linear light of the ball alone on a box of the photo that begins at `corner`.
 
     Seen from above a ball turns its far side up; seen from the side it turns in the picture, and all that is needed is
-    there.
+    there. If `is_painted`, the far side has the pattern of billiard balls; else it continues the texture.
     """
     su, sv, z, rho = normals_within(colour.shape, corner, center, radius)
     x = su * np.float32(radius) + np.float32(center[0] - corner[0])
@@ -470,7 +474,7 @@ def ball_from_photo(
             cv2.medianBlur(paint, 3)
         ]  # without what is narrower than 2 px
         points, pattern = _points(colour.shape, corner, center, radius), None
-        if view is View.TOP:
+        if view is View.TOP and is_painted:
             use = (rho < RIM) & (shine.max(axis=2) <= 0)
             pattern = find_pattern(seen[use], found.colours, points[use])
         if pattern is not None:
@@ -493,6 +497,9 @@ def ball_from_photo(
         even = np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy()
         ball = replace(ball, skin=even, pattern=None)
         return replace(ball, gloss=colour - ball.skin * ball.lit)
+    if view is View.TOP and not is_painted:
+        ball = _without_highlights(ball, rho < RIM)
+        shine = ball.gloss
     # what the model has not of the rim is the light's doing, and stays: its brightness, not its colours
     model = (ball.skin * ball.lit).mean(axis=2)
     share = blurred_share(
@@ -501,6 +508,13 @@ def ball_from_photo(
     return replace(
         ball, fade=np.asarray(np.where(rho > BALL.rim_light, share, soft), np.float32)
     )
+
+
+def _without_highlights(ball: Ball, inside: NDArray[np.bool_]) -> Ball:
+    """Return a ball whose far side continues its skin, highlights moved to its gloss."""
+    skin = part_highlights(ball.skin, inside, ball.radius)
+    gloss = ball.gloss + (ball.skin - skin) * ball.lit
+    return replace(ball, skin=skin, gloss=gloss, is_continued=True)
 
 
 def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:

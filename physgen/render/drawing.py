@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from math import ceil, pi
 
@@ -184,6 +184,22 @@ def head(tip: Array, way: Array, length: float) -> Array:
     along = way / float(np.hypot(*way))
     across = 0.46 * length * np.array([-along[1], along[0]])
     return np.array([tip - length * along - across, tip, tip - length * along + across])
+
+
+def dashes(ring: Array, length: float, gap: float) -> Iterator[Array]:
+    """Yield the dashes (K, 2) of a closed outline (N, 2), K >= 2, of nearly equal length."""
+    closed = np.vstack([ring, ring[:1]])
+    along = np.concatenate([[0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()])
+    total = float(along[-1])
+    count = max(1, round(total / (length + gap)))
+    step = total / count
+    for number in range(count):
+        begin = number * step
+        end = begin + step * length / (length + gap)
+        inside = along[(along > begin) & (along < end)]
+        stops = np.concatenate([[begin], inside, [end]])
+        columns = [np.interp(stops, along, closed[:, axis]) for axis in (0, 1)]
+        yield np.stack(columns, axis=1)
 
 
 def circle(center: Sequence[float] | Array, radius: float) -> Array:

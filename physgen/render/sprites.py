@@ -23,6 +23,7 @@ from physgen.maps import F32, U8, U16
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import Ball
+from physgen.render.wheel_sprites import WheelSprite
 
 Mask = NDArray[np.bool_]
 
@@ -244,6 +245,8 @@ class Sprite:
     face: float = 0.0
     """px by which the front that is seen lies below the plane of motion, however the object turns."""
     sides: Sides | None = None
+    wheels: tuple[WheelSprite, ...] = ()
+    """They turn on it."""
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:

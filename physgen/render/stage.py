@@ -41,6 +41,7 @@ class Placement:
     turn: float = 0.0  # rad by which the sprite's picture turns
     space: Array | None = None  # (3, 3) A ball: how its skin has turned
     shift: tuple[float, float] = (0.0, 0.0)  # px by which the centre has moved
+    wheel_turns: tuple[float, ...] = ()  # rad, of each of the sprite's wheels
 
 
 def place_sprite(
@@ -150,6 +151,8 @@ def draw_sprite(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F
             ratio, matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_REPLICATE
         )
         light *= three_channels(np.asarray(there, np.float32))
+    for wheel, turn in zip(sprite.wheels, where.wheel_turns, strict=False):
+        wheel.draw(light, coverage, matrix, turn)
     if sprite.sides is not None and sprite.sides.share(where.turn) > 0:
         kept = sprite.sides.kept(matrix, coverage.shape, where.turn)
         light, coverage = light * three_channels(kept), coverage * kept
@@ -409,8 +412,22 @@ def sprite_poses(
                 if start.angle:  # it lies turned by as much at t = 0
                     space = space @ _about(-start.angle)
             where = place_sprite(sprite, start, pose, size, space)
+            if sprite.wheels and where is not None:
+                where = replace(
+                    where, wheel_turns=wheel_turns(sprite, trajectory, sample)
+                )
             stands.append(SpritePose(k, start, pose, where, space))
         yield float(trajectory.times[sample]), stands
+
+
+def wheel_turns(
+    sprite: Sprite, trajectory: Trajectory, sample: int
+) -> tuple[float, ...]:
+    """Return the turns in rad of a sprite's wheels; empty if they are not known."""
+    if not trajectory.wheel_turns.size:
+        return ()
+    turns = trajectory.wheel_turns[sample]
+    return tuple(float(turns[wheel.number]) for wheel in sprite.wheels)
 
 
 def _about(angle: float) -> Array:

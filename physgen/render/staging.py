@@ -15,11 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Body, World
+from physgen.compile.world import Body, Wheel, World
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import F32, ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
+from physgen.materials import is_billiard_ball
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, in_one_light, sphere_shading
 from physgen.render.occlusion import (
@@ -42,6 +43,7 @@ from physgen.render.sprites import (
     relief_of,
 )
 from physgen.render.stage import Frame, Mirror, ShadowBody, Stage, three_channels
+from physgen.render.wheel_sprites import drawn_wheel, wheel_from_photo
 from physgen.scene.scene import Scene, Solid, View
 
 PAPER = (244, 242, 238)
@@ -65,6 +67,7 @@ class StagingTuning:
     seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
     back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
+    lumpy: float = 0.5  # of its radius, by which a fruit may be larger than its circle
     around: float = (
         0.75  # of a disc's ring that must be seen, for light to be told from paint
     )
@@ -106,6 +109,9 @@ def enlarged_world(
             center=at(body.center),
             radius=None if body.radius is None else body.radius * scale,
             rings=tuple(ring * scale for ring in body.rings),
+            wheels=tuple(
+                Wheel(wheel.axle * scale, wheel.radius * scale) for wheel in body.wheels
+            ),
         )
         for body in world.bodies
     )
@@ -173,10 +179,43 @@ def flat_sprites(
         fill = decode(np.array(PALETTE[k % len(PALETTE)], np.uint8))
         lines = _lines(world.bodies[k], corner, alpha.shape, pen)[..., None]
         colour = fill * (1 - lines) + fill * 0.3 * lines
-        sprites.append(
-            Sprite(k, corner, (alpha[..., None] * colour).astype(np.float32), alpha)
-        )
+        picture = (alpha[..., None] * colour).astype(np.float32)
+        drawn = Sprite(k, corner, picture, alpha)
+        sprites.append(_on_drawn_wheels(drawn, world, fill))
     return sprites
+
+
+def _axles(sprite: Sprite, world: World) -> list[tuple[int, tuple[float, float]]]:
+    """Return the number of each wheel of a sprite's body, and its axle in px of it."""
+    before = sum(len(body.wheels) for body in world.bodies[: sprite.body])
+    body = world.bodies[sprite.body]
+    axles = []
+    for k, wheel in enumerate(body.wheels):
+        x, y = (body.center + wheel.axle - sprite.corner).tolist()
+        axles.append((before + k, (x, y)))
+    return axles
+
+
+def _on_drawn_wheels(sprite: Sprite, world: World, colour: F32) -> Sprite:
+    """Return the sprite with wheels of a colour `(3,)`, also where it is at rest."""
+    radii = [wheel.radius for wheel in world.bodies[sprite.body].wheels]
+    drawn = []
+    light = sprite.light.copy()
+    for (number, axle), radius in zip(_axles(sprite, world), radii, strict=True):
+        drawn.append(drawn_wheel(number, axle, radius, 0.5 * colour))
+        drawn[-1].draw(light, sprite.coverage, np.eye(2, 3), 0.0)
+    return replace(sprite, light=light, wheels=tuple(drawn)) if drawn else sprite
+
+
+def _on_wheels(sprite: Sprite, world: World) -> Sprite:
+    """Return the sprite with the wheels of its body as the photo shows them."""
+    radii = [wheel.radius for wheel in world.bodies[sprite.body].wheels]
+    wheels = [
+        wheel_from_photo(sprite.light, sprite.coverage, number, axle, radius)
+        for (number, axle), radius in zip(_axles(sprite, world), radii, strict=True)
+    ]
+    shown = tuple(wheel for wheel in wheels if wheel is not None)
+    return replace(sprite, wheels=shown) if shown else sprite
 
 
 def _lines(
@@ -243,6 +282,7 @@ def _white(sprite: Sprite) -> Sprite:
         ball=ball,
         relief=None,
         sides=sides,
+        wheels=(),
     )
 
 
@@ -262,18 +302,20 @@ def lit_stage(
 ) -> Stage:
     """`background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all objects, `absent` ones too."""
     if scene.light is None:
+        sprites = [_on_wheels(sprite, world) for sprite in sprites]
         return Stage(
             background, anchored(sprites, decode(maps.rgb), decode(background), absent)
         )
     light = DistantLight(
         scene.light.direction, scene.light.intensity, scene.light.ambient
     )
-    parts = [
-        part
-        for sprite in sprites
-        for part in _parted(sprite, world.bodies[sprite.body])
-    ]
     top = world.view is View.TOP
+    sprites = [_on_wheels(sprite, world) for sprite in sprites]
+    parts = []
+    for sprite in sprites:
+        is_fruit = top and not is_billiard_ball(scene.objects[sprite.body].label)
+        lumpy = STAGING.lumpy if is_fruit else 0.0
+        parts += _parted(sprite, world.bodies[sprite.body], lumpy)
     setting = ShadowSetting(
         light=light,
         softness=scene.light.softness,
@@ -339,7 +381,14 @@ def lit_stage(
         sprites = [
             sprite
             if actor.radius is None
-            else _skinned(sprite, world.bodies[sprite.body], light, world.view, before)
+            else _skinned(
+                sprite,
+                world.bodies[sprite.body],
+                light,
+                world.view,
+                before,
+                is_billiard_ball(scene.objects[sprite.body].label),
+            )
             for sprite, actor, before in zip(sprites, actors, veils, strict=True)
         ]
         balls = iter(
@@ -609,8 +658,13 @@ def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     )
 
 
-def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
-    """A ball apart from what hangs on it, a thread or a handle, which turns as a picture; and whether it is that."""
+def _parted(
+    sprite: Sprite, body: Body, lumpy: float = 0.0
+) -> list[tuple[Sprite, bool]]:
+    """A ball apart from what hangs on it, a thread or a handle, which turns as a picture; and whether it is that.
+
+    What reaches at most `lumpy` radii beyond the circle is the ball's own.
+    """
     if body.radius is None or body.solid is not Solid.SPHERE:
         return [(sprite, False)]
     x, y = body.center.tolist()
@@ -620,6 +674,8 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
         sprite.coverage[away > body.radius + 2].sum()
         > STAGING.stray * sprite.coverage.sum()
     )
+    farthest = away[sprite.coverage > 0.5].max(initial=0.0)
+    hangs = hangs and bool(farthest > (1 + lumpy) * body.radius)
     # the thread lies beneath and reaches a pixel farther in, so that nothing shows through where they meet
     within = np.clip(body.radius + (1 if hangs else 2) - away, 0, 1).astype(np.float32)
     beyond = np.clip(away - body.radius + 1, 0, 1).astype(np.float32)
@@ -638,7 +694,12 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
 
 
 def _skinned(
-    sprite: Sprite, body: Body, light: DistantLight, view: View, before: F32 | None
+    sprite: Sprite,
+    body: Body,
+    light: DistantLight,
+    view: View,
+    before: F32 | None,
+    is_painted: bool,
 ) -> Sprite:
     """A sphere's sprite with its skin; `before` (h, w) is -log of the light that other objects leave on it."""
     assert body.radius is not None
@@ -649,10 +710,10 @@ def _skinned(
     )
     if before is not None:
         colour *= np.exp(before)[..., None]
-    return replace(
-        sprite,
-        ball=ball_from_photo(colour, sprite.corner, (x, y), body.radius, light, view),
+    ball = ball_from_photo(
+        colour, sprite.corner, (x, y), body.radius, light, view, is_painted
     )
+    return replace(sprite, ball=ball)
 
 
 def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:

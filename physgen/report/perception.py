@@ -7,7 +7,7 @@ picture.
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,16 +22,18 @@ from physgen.compile.world import body_in_photo
 from physgen.geometry.polygon import Array
 from physgen.maps import U8, U16, Percepts
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
-from physgen.render.drawing import Colour, Layer
+from physgen.render.drawing import Colour, Layer, dashes
 from physgen.report.html import fitted, webp
 from physgen.scene.files import recorded
 from physgen.scene.scene import Light, MaskId, Scene, View
+from physgen.text import listed
 
 SIDE, PAIR_SIDE = 480, 800
 """px: longer side of a picture, and of those that slide over each other, at most."""
 QUALITY, PAIR_QUALITY = 74, 78
 """Of WebP."""
 SUPPORT: Colour = (255, 196, 0)
+DOUBTFUL: Colour = (255, 255, 255)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +95,38 @@ Outlines = Sequence[tuple[int, Sequence[Array]]]
 """Number of the colour, and closed rings (K, 2) px of each object."""
 
 
+def doubt_text(name: str, confidence: float | None) -> str:
+    """Return a name with its confidence, if it has one."""
+    return name if confidence is None else f"{name} ({confidence:.0%})"
+
+
+def mask_rings(mask: NDArray[np.bool_]) -> list[Array]:
+    """Return the outlines (K, 2) px of a mask (H, W), through its outermost pixels."""
+    own = mask.astype(np.uint8)
+    rings, _ = cv2.findContours(own, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    return [ring[:, 0, :].astype(np.float64) for ring in rings]
+
+
+@dataclass(frozen=True, eq=False)
+class DoubtfulRegion:
+    """A region that may be an object."""
+
+    name: str
+    confidence: float | None
+    rings: Sequence[Array]
+    """Outlines (K, 2), px of the photo."""
+
+
+def doubtful_regions(
+    labels: U16, document: Mapping[str, Any]
+) -> Iterator[DoubtfulRegion]:
+    """Yield the doubtful regions of a scene that its label map (H, W) has."""
+    for name, entry in document.get("doubtful", {}).items():
+        rings = mask_rings(labels == entry["mask"])
+        if rings:
+            yield DoubtfulRegion(name, entry.get("confidence"), rings)
+
+
 def perception(
     scene: Scene, compiled: Compiled, maps: Percepts | None
 ) -> Perception | None:
@@ -108,8 +142,9 @@ def perception(
     seen = "from above" if world.view is View.TOP else "from the side"
     if suits := written_suitability(scene.assets):
         seen += f". Suitability: {suits}"
+    doubtful = list(doubtful_regions(maps.labels, scene.document))
     pictures = [
-        *_photo_pictures(maps, compiled.labels, objects, walls, seen),
+        *_photo_pictures(maps, compiled.labels, objects, walls, seen, doubtful),
         *_map_pictures(maps, scene.light),
     ]
     if maps.shadows is not None:
@@ -173,7 +208,12 @@ def _picture(name: str, title: str, caption: str, rgb: U8, alt: str = "") -> Pic
 
 
 def _photo_pictures(
-    maps: Percepts, labels: U16, objects: Outlines, walls: Sequence[Array], seen: str
+    maps: Percepts,
+    labels: U16,
+    objects: Outlines,
+    walls: Sequence[Array],
+    seen: str,
+    doubtful: Sequence[DoubtfulRegion],
 ) -> list[Picture]:
     """The photo, masks and shapes; `labels` are numbered as `objects` are."""
     height, width = labels.shape
@@ -182,6 +222,10 @@ def _photo_pictures(
     bounds = f"{len(walls)} boundar{'ies' if len(walls) != 1 else 'y'}"
     masked = _masked(maps.rgb, labels, max(height, width) / SIDE)
     outlined = _outlined(photo, photo.shape[1] / width, objects, walls)
+    _draw_doubtful(outlined, photo.shape[1] / width, doubtful)
+    if doubtful:
+        names = [doubt_text(one.name, one.confidence) for one in doubtful]
+        seen += f". Perhaps objects, too, dashed: {listed(names, 'and')}"
     return [
         _picture("photo", "Photo", f"{width} × {height} px.", photo),
         _picture("masks", "Masks", f"{count}, each in its own colour.", masked),
@@ -285,6 +329,18 @@ def _outlined(
             layer.line((ring + 0.5) * scale - 0.5, 1.6, closed=True)
         layer.onto(dim, colour(number))
     return dim
+
+
+def _draw_doubtful(
+    picture: U8, scale: float, regions: Sequence[DoubtfulRegion]
+) -> None:
+    """Draw the outlines of doubtful regions, dashed."""
+    layer = Layer((picture.shape[1], picture.shape[0]), 0.6)
+    for region in regions:
+        for ring in region.rings:
+            for dash in dashes((ring + 0.5) * scale - 0.5, 6, 4):
+                layer.line(dash, 1.4)
+    layer.onto(picture, DOUBTFUL)
 
 
 def _by_object(scene: Scene, shadows: U16) -> U16:

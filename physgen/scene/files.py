@@ -41,6 +41,8 @@ OUTLINES = "outlines.json"
 """Of the same folder: id in masks.png -> the CRC-32 of its pixels, and a shape as in scene files."""
 RECORD = "perceived.json"
 """Of the same folder: which backend did each step of perceiving, and the values that it wrote."""
+OVERVIEW = "overview.png"
+"""Of the same folder: a picture of what perception found, for people; nothing reads it."""
 DATA = (OUTLINES, RECORD)
 ASSETS = (*(f"{name}.png" for name in MAPS), *DATA)
 

@@ -594,6 +594,7 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         provenance=MappingProxyType(dict(item["from"])),
         prompt=_prompt(item["prompt"]) if "prompt" in item else None,
         place=tuple(map(float, [*item["place"], 0][:3])) if "place" in item else None,
+        wheels=tuple(_make(parts.Wheel, wheel) for wheel in item.get("wheels", ())),
     )
 
 
@@ -608,7 +609,11 @@ def _outlined(item: parts.Object, ground: Ground) -> parts.Object:
         return item
     shape = _shape(stored[1])
     assert not isinstance(shape, parts.Auto)
-    return replace(item, shape=parts.Auto(shape, stored[0]))
+    assert isinstance(item.mask, parts.MaskId)
+    known = ground.wholes.get(item.mask.id)
+    whole = None if known is None else _shape(known)
+    assert not isinstance(whole, parts.Auto)
+    return replace(item, shape=parts.Auto(shape, stored[0], whole))
 
 
 def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:

@@ -71,6 +71,8 @@ class Ground:
     assets: Path | None = None
     outlines: dict[int, tuple[int, Any, str | None]] = field(default_factory=dict)
     """Stored shapes by id in masks.png: the CRC of the mask, the shape as plain data, and its `solid`."""
+    wholes: dict[int, Any] = field(default_factory=dict)
+    """Shapes with their hidden parts, by id in masks.png, as plain data."""
     record: Record = field(default_factory=Record)
     perceived_size: tuple[int, int] | None = None
     """Of the photo that the assets were made of, px, where the photo is another one."""
@@ -291,6 +293,19 @@ class _Rules:
             body = plain(solid) if solid is not None else None
             known = body if body in at("objects.*.solid")["enum"] else None
             self.ground.outlines[int(key)] = crc.value, plain(shape), known
+            whole = children(entry).get("whole")
+            if whole is not None:
+                self.whole(whole, key)
+
+    def whole(self, shape: Node, key: str) -> None:
+        """Read a stored shape with its hidden part; one that is wrong adds a problem."""
+        before = len(self.findings.problems)
+        check_part(shape, (key, "whole"), "objects.*.shape", self.findings)
+        is_sound = len(self.findings.problems) == before
+        if is_sound and isinstance(shape.value, dict):
+            for where, outline, crossing in _outlines(None, children(shape)):
+                self.outline(outline, (key, *where), crossing)
+            self.ground.wholes[int(key)] = plain(shape)
 
     def record(self, path: Path) -> None:
         self.ground.record = written(path)

@@ -64,10 +64,10 @@ def assets_of(scene: Path) -> Path | None:
             data = stream.read(Limit.BYTES.most + 1)
     except OSError:
         return None
-    return _named_assets(data, scene.parent)
+    return named_assets(data, scene.parent)
 
 
-def _named_assets(data: bytes, folder: Path) -> Path | None:
+def named_assets(data: bytes, folder: Path) -> Path | None:
     """Return the existing folder that the text of a scene in `folder` names, if any."""
     # one line is read: a whole scene takes seconds, and may be damaged
     line = re.search(rb"^assets:.*$", data, re.MULTILINE)
@@ -86,7 +86,7 @@ def _named_assets(data: bytes, folder: Path) -> Path | None:
 
 def note_scene(path: Path, data: bytes) -> None:
     """Record in the assets of a scene that physgen wrote this text."""
-    assets = _named_assets(data, path.parent)
+    assets = named_assets(data, path.parent)
     if assets is None:
         return
     record = read_record(assets / WRITTEN_FILE)

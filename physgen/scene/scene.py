@@ -151,6 +151,8 @@ class Auto:
     """From the assets' outlines.json."""
     crc: int = 0
     """`mask_crc` of the mask for which it is stored."""
+    whole: Circle | Box | Polygon | None = None
+    """With the part that other objects hide, for drawing; None if none is known."""
 
 
 Shape = Circle | Box | Polygon | Auto
@@ -237,6 +239,23 @@ class PointPrompt:
 
 
 @dataclass(frozen=True)
+class Wheel:
+    """A wheel of a vehicle: a circle of the photo."""
+
+    center: Point
+    """px: its axle."""
+    radius: float
+    """px."""
+
+
+class Facing(Enum):
+    """The side of the photo at which the front of a vehicle is."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+
+@dataclass(frozen=True)
 class Object:
     """One object of the photo."""
 
@@ -271,6 +290,10 @@ class Object:
     place: tuple[float, float, float] | None = None
     """px, px, degrees: where its centre of mass is at t = 0, and how far it is turned from what the photo shows; None:
     as the photo shows it."""
+    wheels: tuple[Wheel, ...] = ()
+    """They turn on pins of the object; empty unless it is a vehicle."""
+    facing: Facing | None = None
+    """Where its front is; None: unknown."""
 
 
 @dataclass(frozen=True)

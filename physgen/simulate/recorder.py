@@ -19,7 +19,6 @@ from physgen.simulate.collisions import Impacts
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
     Array,
-    Flags,
     Order,
     Touching,
     touching,
@@ -536,34 +535,42 @@ class Recorder:
         motion: poses (S, N, 3), and velocities (S, N, 3) before and after.
         """
         pose, before, after = motion
-        torque, shared = self._torques(touch, row, place, pose)
+        torque, leeway = self._torques(touch, row, place, pose)
         error = self._moment * (after - before)[:, :, 2] - torque
         for s, step in enumerate(steps):
             if step.load is not None:
                 error[s] -= step.load.total[:, 2] * step.h
+        # a larger error is not one of places: the balance must show it
+        error[np.abs(error) > leeway] = 0.0
         lost = -error * (before + after)[:, :, 2] / 2
         inertia = np.stack([self._mass, self._mass, self._moment], axis=1)
         weight = self._mass * float(np.hypot(*self.world.gravity))
         # a fall by a pixel is the least energy that counts
         energy = (inertia * np.maximum(before**2, after**2)).sum(axis=2) / 2 + weight
         unbraked = np.array([[step.braked is NOT_BRAKED] for step in steps])
-        counts = unbraked & self._unheld & shared
+        counts = unbraked & self._unheld
         counts &= np.abs(lost) > MISPLACED * energy
         return np.asarray((lost * counts).sum(axis=1))
 
     def _torques(
         self, touch: Touching, row: Index, place: Array, pose: Array
-    ) -> tuple[Array, Flags]:
-        """Return angular impulses (S, N) of contacts at `place` (R, 2), and whether one had two points."""
+    ) -> tuple[Array, Array]:
+        """Return angular impulses (S, N) of contacts at `place` (R, 2), and by how much they may be wrong.
+
+        The sum of a contact's two impulses acts somewhere between its two points.
+        """
         N = pose.shape[1]
-        torque, shared = np.zeros(pose.shape[:2]), np.zeros(pose.shape[:2], bool)
+        torque, leeway = np.zeros(pose.shape[:2]), np.zeros(pose.shape[:2])
+        points = (touch.on_first + touch.on_second) / 2
+        apart = np.where((touch.count == 2)[:, None], points[:, 1] - points[:, 0], 0.0)
+        range_ = np.abs(cross(apart, touch.impulse))
         for objects, sign in ((touch.first, 1.0), (touch.second, -1.0)):
             of_bodies = objects < N
             at = row[of_bodies], objects[of_bodies]
             lever = place[of_bodies] - pose[at][:, :2]
             np.add.at(torque, at, sign * cross(lever, touch.impulse[of_bodies]))
-            np.logical_or.at(shared, at, touch.count[of_bodies] == 2)
-        return torque, shared
+            np.add.at(leeway, at, range_[of_bodies])
+        return torque, leeway
 
     def _samples(
         self,

@@ -106,6 +106,9 @@ class Trajectory:
     contacts: Contacts
     energy: Energy
     effort: Effort
+    wheel_turns: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(T, W) rad: how far each wheel has turned on its vehicle since t = 0, in the order of bodies and their wheels;
+    (0, 0) without wheels."""
     sampled: Callable[[Array], Trajectory] = field(
         default=_unknown, repr=False, compare=False
     )
@@ -175,6 +178,8 @@ class Trajectory:
             "turns": self.turns,
             "contacts_surfaces": np.array(self.contacts.surfaces, dtype=np.str_),
         }
+        if self.wheel_turns.size:
+            arrays["wheel_turns"] = self.wheel_turns
         for part, of in (
             ("contacts", self.contacts),
             ("energy", self.energy),
@@ -244,6 +249,9 @@ def read_trajectory(path: Path | io.BytesIO) -> Trajectory:
             effort=Effort(
                 **{name: value.item() for name, value in parts["effort"].items()}
             ),
+            wheel_turns=file["wheel_turns"]
+            if "wheel_turns" in file.files
+            else np.zeros((0, 0)),
         )
 
 

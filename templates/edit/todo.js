@@ -1,6 +1,7 @@
 // What is wrong, odd or doubtful in the scene, worst first: each leads to its object, and its fix is a button.
 
 import { element, isolated } from "./elements.js";
+import { described } from "./perceived.js";
 
 const SAID = { error: "Error", lint: "Odd", doubt: "Unsure" };
 const STEP = 40; // shown at once
@@ -9,7 +10,8 @@ export function start(editor) {
   const sums = element("p", { class: "todo-sums", role: "status" });
   const list = element("ul", { class: "todo", "aria-label": "To do" });
   const more = element("button", { type: "button", class: "act", hidden: true, on: { click: () => { shown += STEP; drawn(); } } }, "Show more");
-  const body = element("div", { class: "todo-panel sheet" }, sums, list, more);
+  const photo = element("details", { class: "perceived-found", hidden: true });
+  const body = element("div", { class: "todo-panel sheet" }, photo, sums, list, more);
   const panel = editor.addPanel({ id: "todo", title: "To do", element: body, order: 30 });
   let items = [], shown = STEP, counted = null;
 
@@ -17,6 +19,11 @@ export function start(editor) {
 
   editor.on("state", ({ state }) => {
     items = state.todo ?? [];
+    photo.hidden = !state.perceived;
+    if (state.perceived) {
+      const { verdict, summary } = state.perceived;
+      photo.replaceChildren(element("summary", {}, `The photo: ${verdict.split(":")[0]}`), ...described(verdict, summary));
+    }
     const focused = list.contains(document.activeElement) ? [...list.querySelectorAll("button")].indexOf(document.activeElement) : -1;
     drawn();
     if (focused >= 0) { // the next row takes the place of the one that is done

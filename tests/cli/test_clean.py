@@ -18,10 +18,14 @@ NO_PROCESS = 2**22 + 1
 """Above the highest process id of Linux."""
 
 
+FAST = ("--still", "--backend", "label=shape")
+"""Leaves out steps of `perceive` whose results these tests do not read."""
+
+
 def perceive_label(photo: Path, scene: Path, label: str) -> None:
     masks = str(photo.with_name("masks.png"))
     arguments = ["perceive", str(photo), "--masks", masks, "--label", f"*={label}"]
-    assert main([*arguments, "-o", str(scene)]) == 0
+    assert main([*arguments, *FAST, "-o", str(scene)]) == 0
 
 
 def names(folder: Path) -> set[str]:
@@ -37,7 +41,7 @@ def scene(blocks: Path) -> Path:
 
 
 def test_perceiving_again_keeps_one_backup(blocks: Path, scene: Path) -> None:
-    for label in ("book", "can", "mug", "box", "brick"):
+    for label in ("book", "can", "mug"):
         before = scene.read_bytes()
         perceive_label(blocks, scene, label)
         backup = scene.with_name("scene.yaml~")
@@ -51,9 +55,9 @@ def test_perceiving_again_keeps_one_backup(blocks: Path, scene: Path) -> None:
 
 
 def test_refreshing_again_keeps_one_backup(scene: Path) -> None:
-    for label in ("book", "can", "mug", "box"):
+    for label in ("book", "can", "mug"):
         arguments = ["perceive", "--refresh", str(scene), "--label", f"*={label}"]
-        assert main(arguments) == 0
+        assert main([*arguments, *FAST]) == 0
     folders = [path for path in scene.parent.iterdir() if path.is_dir()]
     assert len(folders) <= 3  # of the scene, of its backup, and of the photo's copy
     assert [path.name for path in scene.parent.glob("*~*")] == ["scene.yaml~"]
@@ -62,7 +66,7 @@ def test_refreshing_again_keeps_one_backup(scene: Path) -> None:
 
 def test_edited_scenes_are_never_replaced(blocks: Path, scene: Path) -> None:
     edited = []
-    for round_, label in enumerate(("book", "can", "mug", "box", "brick", "ball")):
+    for round_, label in enumerate(("book", "can", "mug", "box")):
         if round_ % 2 == 0:
             edited.append(f"{scene.read_text()}# mine: {round_}\n")
             scene.write_text(edited[-1])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import sys
+import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from physgen.cli import output
 from physgen.cli.main import main
 
 SCENE = (
@@ -71,3 +73,27 @@ def test_progress_is_for_terminals(
     assert main(again.split()) in (0, 1)
     assert "\r" not in (said := capsys.readouterr().err)
     assert STAGES[command] not in said
+
+
+def test_bar_shows_the_time_of_slow_stages(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(output, "TICK", 0.01)
+    monkeypatch.setattr(output, "SHOWN_FROM", 0.0)
+    bar = output.Bar()
+    with bar.ticking():
+        bar.show("segment", 1, 12)
+        while "segment 1/12, " not in terminal.getvalue():
+            time.sleep(0.01)
+        bar.aside(output.print_error)("a message")
+    lines = terminal.getvalue().split("\r")
+    assert lines[-1] == "a message\n"  # on a line of its own
+
+
+def test_bar_is_cleared_before_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    assert main(["perceive", "nowhere.png"]) == 2
+    shown, _, message = terminal.getvalue().rpartition("\r")
+    assert shown.strip()  # before anything is read
+    assert message.startswith("nowhere.png")

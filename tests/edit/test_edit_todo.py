@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -91,3 +92,36 @@ def test_errors_come_before_all_else(tmp_path: Path) -> None:
         ("error", "crate", 13)
     ]
     assert live.look(text, variant="heavy").todo[0]["kind"] == "doubt"
+
+
+def test_doubtful_regions_come_with_outlines(tmp_path: Path) -> None:
+    text = SCENE.replace("image: photo.png\n", "image: photo.png\nassets: maps\n")
+    text += "doubtful: {maybe-1: {mask: 5, confidence: 0.3}, maybe-2: {mask: 6}}\n"
+    labels = np.zeros((120, 200), np.uint16)
+    labels[20:51, 150:191] = 5
+    (tmp_path / "maps").mkdir()
+    cv2.imwrite(str(tmp_path / "maps/masks.png"), labels)
+    live, text = photographed(tmp_path, text)
+    look = live.look(text)
+    (region,) = look.doubtful  # the other one has no pixels
+    assert region["name"] == "maybe-1"
+    corners = {tuple(point) for ring in region["rings"] for point in ring}
+    assert corners == {(150, 20), (190, 20), (190, 50), (150, 50)}
+    rows = [row for row in look.todo if row["path"] == "doubtful.maybe-1"]
+    assert [row["kind"] for row in rows] == ["doubt"]
+    assert look.perceived is None
+
+
+def test_verdict_and_summary_come_from_the_record(tmp_path: Path) -> None:
+    text = SCENE.replace("image: photo.png\n", "image: photo.png\nassets: maps\n")
+    (tmp_path / "maps").mkdir()
+    record = {
+        "suitability": {"verdict": "doubtful", "reasons": ["few sure objects"]},
+        "summary": ["2 objects", "  view      side"],
+    }
+    (tmp_path / "maps/perceived.json").write_text(json.dumps(record))
+    live, text = photographed(tmp_path, text)
+    assert live.look(text).perceived == {
+        "verdict": "doubtful: few sure objects",
+        "summary": ["2 objects", "  view      side"],
+    }

@@ -10,6 +10,8 @@ import pytest
 
 from physgen.edit.operations import SetOp
 from physgen.edit.session import EditRequest, Session
+from physgen.perceive.backends import boundary_support
+from physgen.perceive.support.view_classifier import ViewChances
 from physgen.problems import EditError
 from physgen.scene.yaml_edit import marked
 from physgen.simulate.engine import simulate
@@ -116,3 +118,16 @@ def test_impossible_edit_changes_no_view(tmp_path: Path) -> None:
             ],
         )
     assert session.now.text == scene.read_text()
+
+
+def test_oblique_photo_gets_its_tilt_from_the_side(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chances = ViewChances(0.05, 0.9, 0.05, 0.1)
+    monkeypatch.setattr(boundary_support, "view_chances", lambda features: chances)
+    scene = photographed(tmp_path, 0, "top")
+    session, text = turned(scene, "side")
+    assert marked(text).data()["world"]["tilt"] == chances.tilt
+    top = [SetOp(set=["world", "view"], value="top")]
+    session.edit(EditRequest(version=session.history.version), top)
+    assert "tilt" not in marked(session.now.text).data()["world"]

@@ -165,3 +165,35 @@ def test_a_merge_leaves_doubtful_regions_in_the_label_map(tmp_path: Path) -> Non
     )
     assert np.array_equal(after == 3, labels == 3)
     assert np.array_equal(after == 1, np.isin(labels, (1, 2)))
+
+
+def test_merge_takes_names_and_doubtful_regions(tmp_path: Path, capsys) -> None:
+    """A mug, its rim, its handle that is doubtful, and another doubtful region."""
+    labels = np.zeros((120, 200), np.uint8)
+    labels[60:100, 20:50], labels[50:60, 20:50], labels[70:90, 50:60] = 1, 2, 3
+    labels[70:100, 110:140] = 4
+    (tmp_path / "maps").mkdir()
+    coverage = np.where(np.isin(labels, (1, 2)), 255, 0).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "maps" / "masks.png"), labels)
+    cv2.imwrite(str(tmp_path / "maps" / "coverage.png"), coverage)
+    photo = cv2.merge([labels * 50 + 40] * 3)
+    for name in ("photo.png", "maps/background.png"):
+        cv2.imwrite(str(tmp_path / name), photo)
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "physgen: 1\nimage: photo.png\nassets: maps\nobjects:\n"
+        "  mug: {mask: 1, mass: 100}\n  rim: {mask: 2, mass: 20}\ndoubtful:\n"
+        "  maybe-1: {mask: 3, confidence: 0.3}\n  maybe-2: {mask: 4, confidence: 0.2}\n"
+    )
+    before = scene.read_bytes()
+    assert main(["merge", str(scene), "maybe-1", "mug"]) == 2
+    assert "mug maybe-1" in capsys.readouterr().err
+    assert main(["merge", str(scene), "mug", "mug"]) == 2
+    assert scene.read_bytes() == before
+    assert main(["merge", str(scene), "mug", "rim", "maybe-1"]) == 0
+    after = pipeline.load(scene)
+    assert {item.name: item.mass for item in after.objects} == {"mug": 120}
+    assert set(after.document["doubtful"]) == {"maybe-2"}
+    masks = cv2.imread(str(after.assets / "masks.png"), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(masks == 1, np.isin(labels, (1, 2, 3)))
+    assert np.array_equal(masks == 4, labels == 4)

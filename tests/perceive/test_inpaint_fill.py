@@ -273,3 +273,79 @@ def test_comparisons_are_whole_numbers_that_single_precision_holds() -> None:
     weighted = np.abs(target) * search.mask[..., None]
     largest = (weighted * 64 * 2).sum((1, 2, 3)) + (search.mask * 64**2 * 3).sum((1, 2))
     assert largest.max() < 2**24
+
+
+def leaves() -> np.ndarray:
+    """Foliage: blobs of two greens, far from smooth."""
+    noise = np.random.default_rng(5).normal(0, 1, (220, 320))
+    coarse = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    light = 110 + 45 * coarse / coarse.std()
+    return np.clip(np.stack([0.7 * light, light, 0.4 * light], -1), 0, 255).astype(
+        np.uint8
+    )
+
+
+def test_fill_of_foliage_is_as_rough_as_foliage():
+    photo = leaves()
+    y, x = np.mgrid[:220, :320]
+    hole = np.hypot(x - 160, y - 110) < 45
+    filled = fill()(photo, hole)
+    inside = np.hypot(x - 160, y - 110) < 38
+
+    def roughness(picture: np.ndarray) -> float:
+        grey = picture.astype(np.float32).mean(axis=2)
+        return float((grey - cv2.GaussianBlur(grey, (0, 0), 3))[inside].std())
+
+    assert 0.85 < roughness(filled) / roughness(photo) < 1.15
+    assert np.array_equal(filled[~hole], photo[~hole])
+
+
+def test_copies_keep_to_the_depth_they_are_at():
+    """A blurred wall above woven cloth: neither is copied into the other."""
+    noise = np.random.default_rng(6).normal(0, 1, (220, 320))
+    soft, fine = cv2.GaussianBlur(noise, (0, 0), 9), cv2.GaussianBlur(noise, (0, 0), 1)
+    y, x = np.mgrid[:220, :320]
+    grey = np.where(y < 110, 150 + 9 * soft / soft.std(), 130 + 25 * fine / fine.std())
+    photo = np.repeat(np.clip(grey, 0, 255)[..., None], 3, axis=2).astype(np.uint8)
+    hole = (np.abs(x - 160) < 35) & (np.abs(y - 110) < 60)
+    filled = fill()(photo, hole).astype(np.float32).mean(axis=2)
+    detail = filled - cv2.GaussianBlur(filled, (0, 0), 3)
+    core = np.abs(x - 160) < 30
+    wall = detail[core & (y > 58) & (y < 100)].std()
+    cloth = detail[core & (y > 120) & (y < 162)].std()
+    true = detail[(np.abs(x - 160) > 60) & (y > 120)].std()
+    assert wall < 0.3 * true
+    assert 0.8 < cloth / true < 1.2
+
+
+@pytest.mark.parametrize("axes", [(80, 80), (110, 60)])
+def test_a_painted_ring_stays_a_ring(axes: tuple[int, int]):
+    y, x = np.mgrid[:240, :320]
+    radius = np.hypot((x - 160) / axes[0], (y - 120) / axes[1])
+    ring = np.abs(radius - 1) * min(axes) < 4
+    grain = np.random.default_rng(0).normal(0, 1.5, (240, 320, 1))
+    colours = np.where(ring[..., None], [180, 40, 50], [215, 225, 235]) + grain
+    photo = cv2.GaussianBlur(np.clip(colours, 0, 255).astype(np.uint8), (0, 0), 0.8)
+    hole = (x > 150) & (y < 118) & (y > 20) & (x < 285)
+    filled = fill()(np.where(hole[..., None], np.uint8([20, 90, 30]), photo), hole)
+    line = np.abs(radius - 1) * min(axes) < 1.5
+    assert np.abs(filled[hole & line].astype(int) - [180, 40, 50]).mean() < 35
+    beside = hole & (np.abs(radius - 1) * min(axes) > 12)
+    assert np.abs(filled[beside].astype(int) - photo[beside]).mean() < 6
+
+
+def test_contact_shadow_between_wheels_is_filled():
+    """A car on a road: two wheels, a body above, and a dark strip under it."""
+    y, x = np.mgrid[:200, :320]
+    grain = np.random.default_rng(0).normal(0, 3, (200, 320, 1))
+    photo = np.where((y > 80)[..., None], [120, 120, 125], [150, 170, 190]) + grain
+    car = (np.abs(x - 160) < 80) & (y > 80) & (y < 130)
+    for centre in (110, 210):
+        car |= np.hypot(x - centre, y - 130) < 16
+    strip = (np.abs(x - 160) < 78) & (y >= 130) & (y < 147) & ~car
+    photo[strip] = 12
+    photo[car] = [200, 90, 20]
+    photo = np.clip(photo, 0, 255).astype(np.uint8)
+    filled = fill_behind(photo, car, fill())
+    under = filled[strip & (y < 145)].astype(int)
+    assert under.mean() > 100

@@ -139,7 +139,7 @@ def test_what_is_not_sure_is_named_by_shape(photo) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "label"), [("billiards", "billiard ball"), ("curling", "ball")]
+    ("name", "label"), [("billiards", "billiard ball"), ("curling", "object")]
 )
 def test_what_is_round_on_a_pool_table(name: str, label: str) -> None:
     """Both photos show round things from above; a rack of balls has its true size, 700 px/m."""

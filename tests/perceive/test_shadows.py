@@ -15,6 +15,7 @@ from physgen.geometry.shadows import (
     shadow_on_table,
 )
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
+from physgen.perceive.shadow import side_view
 from physgen.perceive.shadow.shadow_removal import (
     refill_background,
     remove_reflections,
@@ -576,3 +577,36 @@ def test_in_a_balls_shadow_less_of_the_sky_is_missed() -> None:
         hidden = (1 + (away / r) ** 2) ** -1.5
         left = np.exp(-dark[100 - y0, 100 + away - x0])
         assert left == pytest.approx(0.4 * (1 - 0.4 * hidden), abs=0.03)
+
+
+def test_shadows_of_oblique_photos_stay_in_place() -> None:
+    """With the floor's known tilt, shadows fall on the same pixels as with the fitted one."""
+    setting = ShadowSetting(
+        DistantLight((0.3, -0.7, 0.65), 1.0, 0.2), 4.0, False, 0.1, np.inf, (320, 240)
+    )
+    known = side_view._with_known_tilt(setting, 45.0)
+    assert known.tilt == pytest.approx(1.0)
+    assert np.linalg.norm(known.light.direction) == pytest.approx(1)
+    x, y, z = setting.light.direction
+    a, b, c = known.light.direction
+    assert x / y == pytest.approx(a / b)
+    assert setting.tilt * z / y == pytest.approx(known.tilt * c / b)
+    assert side_view._with_known_tilt(setting, None) is setting
+
+
+def test_removal_leaves_nothing_brighter_than_the_ground() -> None:
+    """Beside an object nothing is measured, and the prediction may be too dark."""
+    y, x = np.mgrid[:160, :240]
+    grain = np.random.default_rng(0).normal(0, 2, (160, 240, 1))
+    picture = np.clip(np.full((160, 240, 3), 205.0) + grain, 0, 255)
+    away = np.hypot(x - 120, y - 80)
+    dark = 0.25 * np.exp(-np.maximum(away - 30, 0) / 12)
+    picture = (picture * np.exp(-dark / 2.2)[..., None]).astype(np.uint8)
+    coverage = (away < 30).astype(np.float32)
+    predicted = (2.5 * dark * (away < 60)).astype(np.float32)
+    clean = remove_shadows(picture, coverage, predicted, 60.0)
+    free = away > 30
+    changed = free & (clean != picture).any(axis=2)
+    assert changed.sum() > 1000
+    lit = np.quantile(picture[away > 90].max(axis=1), 0.999)
+    assert np.quantile(clean[changed].max(axis=1), 0.99) <= lit + 2

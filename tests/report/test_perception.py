@@ -160,3 +160,26 @@ def test_a_slider_is_named_and_all_words_are_escaped() -> None:
     assert 'aria-label="&lt;script&gt;: how much is shown not &lt;b&gt;"' in page
     with pytest.raises(ValueError):
         compared("relit", "", "", ("", one), ("", other[:5]))
+
+
+def test_report_draws_doubtful_regions_dashed(tmp_path: Path) -> None:
+    made, _, maps = scene(tmp_path)
+    labels = maps.labels.copy()
+    labels[10:40, 150:190] = 3
+    maps = replace(maps, labels=labels)
+    path = tmp_path / "lesson.yaml"
+    pictures = {}
+    for text in (LESSON, LESSON + "doubtful: {maybe-1: {mask: 3, confidence: 0.3}}\n"):
+        path.write_text(text)
+        made = pipeline.load(path)
+        strip = perception(made, pipeline.compile(made, maps), maps)
+        assert strip is not None
+        pictures[len(pictures)] = strip.pictures[2]
+    assert "maybe-1" in pictures[1].caption
+    assert "maybe-1" not in pictures[0].caption
+    changed = np.abs(pictures[0].rgb.astype(int) - pictures[1].rgb).max(axis=2) > 30
+    rows, columns = np.nonzero(changed)
+    assert (rows.min(), rows.max()) == pytest.approx((10, 39), abs=2)
+    assert (columns.min(), columns.max()) == pytest.approx((150, 189), abs=2)
+    border = 2 * (30 + 40)
+    assert 0.3 * border < np.count_nonzero(changed) < 3 * border

@@ -10,6 +10,7 @@ import pytest
 from physgen import pipeline
 from physgen.pipeline.clip import balance_advice
 from physgen.simulate.engine import simulate
+from physgen.simulate.recorder import Recorder
 
 Points = list[list[float]]
 CASES: dict[str, tuple[Points, int, Points]] = {
@@ -106,6 +107,27 @@ def test_one_body_in_a_nest_balances(name: str, tmp_path: Path) -> None:
     mechanical = energy.kinetic + energy.potential
     made = np.diff(mechanical - energy.work).max()
     assert made < 0.01 * energy.kinetic[0], "contacts make no energy"
+
+
+def test_wrong_moment_of_a_tumbling_box_warns(tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [800, 600]\nworld: {duration: 1.0}\n"
+        "objects:\n  box:\n"
+        "    shape: {box: {center: [200, 200], size: [80, 60], angle: 20}}\n"
+        "    velocity: [300, 0]\n    spin: 400\n"
+        "boundaries: {floor: {segment: [[-800, 400], [3000, 400]]}}\n"
+    )
+    world = pipeline.compile(pipeline.load(path), None).world
+    assert pipeline.simulate(world).imbalance() < 0.01
+    original = Recorder.__init__
+
+    def read_a_wrong_moment(self, *arguments, **settings) -> None:
+        original(self, *arguments, **settings)
+        self._moment = 2 * self._moment
+
+    monkeypatch.setattr(Recorder, "__init__", read_a_wrong_moment)
+    assert pipeline.simulate(world).imbalance() > 0.05
 
 
 def test_balance_advice_names_what_there_is(tmp_path: Path) -> None:

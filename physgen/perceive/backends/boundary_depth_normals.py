@@ -49,8 +49,10 @@ from physgen.perceive.roles import (
     Scenery,
     Wall,
 )
+from physgen.perceive.segment.network import run_network
 from physgen.perceive.support.ground_contact import Foot, Line
 from physgen.perceive.support.supports import add_supports, depth_inside, free_parts
+from physgen.perceive.support.view_classifier import view_chances
 from physgen.perceive.support.viewpoint import guess_view
 from physgen.problems import InputError
 from physgen.scene.scene import View
@@ -126,10 +128,15 @@ def _depth_normals(
     else:
         facing = np.asarray(cv2.blur(normals, (3, 3)), np.float32)
     groups = feet_groups(labels, objects)
+    chances = view_chances(run_network(rgb).features)
     if view is None:
         small = cv2.resize(facing, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
         found, sure, reason = guess_view(
-            rgb, labels, np.asarray(small, np.float32), *view_evidence(objects, groups)
+            rgb,
+            labels,
+            np.asarray(small, np.float32),
+            *view_evidence(objects, groups),
+            chances,
         )
     else:
         found, sure, reason = view, 1.0, "as given"
@@ -151,7 +158,14 @@ def _depth_normals(
     walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
     walls += _walls(others, stood.objects, walls)
     return BoundaryGuess(
-        found, sure, reason, tuple(walls), stood.outlines, held, stood.grip
+        found,
+        sure,
+        reason,
+        tuple(walls),
+        stood.outlines,
+        held,
+        stood.grip,
+        chances.tilt,
     )
 
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.geometry.convex import overlap_depth
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, cross
 from physgen.maps import F32
 from physgen.perceive.roles import (
@@ -29,6 +30,7 @@ from physgen.perceive.support.ground_contact import (
     STEEP,
     Foot,
     Line,
+    add_base,
     close_gaps_below,
     find_foot,
     fit_rectangles,
@@ -37,11 +39,13 @@ from physgen.perceive.support.ground_contact import (
     group_feet,
     is_carried,
     level_feet,
+    needs_base,
     split_group,
     stands_flat,
     touching_objects,
 )
 from physgen.perceive.support.supports import SOURCE, add_supports, free_parts
+from physgen.perceive.support.view_classifier import view_chances
 from physgen.perceive.support.viewpoint import guess_view
 from physgen.photometry import decode
 from physgen.scene.scene import View
@@ -115,10 +119,11 @@ def support() -> Boundary:
 def _support(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: View | None
 ) -> BoundaryGuess:
+    chances = view_chances(run_network(rgb).features)
     if view is None:
         alone, upright = view_evidence(objects, feet_groups(labels, objects))
         found, sure, reason = guess_view(
-            rgb, labels, run_network(rgb).normals, alone, upright
+            rgb, labels, run_network(rgb).normals, alone, upright, chances
         )
     else:
         found, sure, reason = view, 1.0, "as given"
@@ -130,7 +135,14 @@ def _support(
     walls = [photo_bottom(labels), *stood.walls]
     walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
     return BoundaryGuess(
-        found, sure, reason, tuple(walls), stood.outlines, held, stood.grip
+        found,
+        sure,
+        reason,
+        tuple(walls),
+        stood.outlines,
+        held,
+        stood.grip,
+        chances.tilt,
     )
 
 
@@ -186,6 +198,8 @@ def lay_floors(
     }
     outlines |= {i: box for i, box in fit_rectangles(objects).items() if i not in askew}
     objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
+    outlines |= flat_bases(objects, groups)
+    objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
     now = {t.id: t for t in objects}
     groups = [
         (line, [find_foot(now[f.item.id]) for f in group]) for line, group in groups
@@ -194,6 +208,27 @@ def lay_floors(
         Photo(rgb, labels), objects, groups, solid, 2 * line_tolerance(labels)
     )
     return SupportedObjects(objects, outlines, walls, _grip(objects, groups))
+
+
+def flat_bases(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, Outline]:
+    """Return outlines with flat bases, by id, of objects that would tip over their feet.
+
+    Only objects that touch no others get one: others may lean or lie on something.
+    """
+    touching = touching_objects(objects)
+    now = {item.id: item for item in objects}
+    bases: dict[int, Outline] = {}
+    for line, group in groups:
+        for foot in group:
+            foot = find_foot(now[foot.item.id])
+            is_alone = foot.item.id not in touching
+            if not is_alone or abs(line.slope) > STEEP or not needs_base(foot):
+                continue
+            base = add_base(foot, line)
+            others = [item.outline for item in objects if item.id != foot.item.id]
+            if base and all(overlap_depth(base, other) == 0 for other in others):
+                bases[foot.item.id] = base
+    return bases
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,13 @@ stay, and the fill meets them within a few pixels.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.edge_continuation import continue_arcs
 from physgen.perceive.inpaint.patch_match import patch_match_fill
 from physgen.perceive.inpaint.poisson import (
     blend_at_border,
@@ -22,6 +24,7 @@ from physgen.perceive.inpaint.poisson import (
     harmonic_fill,
     hole_pieces,
 )
+from physgen.perceive.inpaint.shift_map import shift_map_fill
 from physgen.perceive.roles import Inpaint, Mask, Rgb
 
 
@@ -47,17 +50,19 @@ class _Limits:
     differ: float = 0.3
     uneven: float = 0.5
     drawn: int = 2
+    arc_grain: float = 8.0  # levels: more beside an arc is an edge of the fill
+    detail: float = 2.0  # px: standard deviation of the blur below which is grain
 
 
 LIMITS = _Limits()
 
 
-def fill() -> Inpaint:
-    """The backend `fill`."""
-    return _fill
+def fill(*, copies: bool = True) -> Inpaint:
+    """The backend `fill`; without `copies`, means of patches everywhere."""
+    return partial(_fill, copies=copies)
 
 
-def _fill(rgb: Rgb, hole: Mask) -> Rgb:
+def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
@@ -65,14 +70,42 @@ def _fill(rgb: Rgb, hole: Mask) -> Rgb:
     near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
-    borrowed = _smooth_pieces(photo, patch_match_fill(photo, far), far)
+    borrowed, smooth = _smooth_pieces(photo, patch_match_fill(photo, far), far)
     gap = np.where(
         near[:, :, None],
         np.float32(0),
         np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit),
     )
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
-    return blend_at_border(_carry_level_lines(filled, photo, near), rgb, hole)
+    guide, drawn = _carry_arcs(filled, photo, near)
+    level = _pieces_without(drawn, near)
+    guide = _carry_level_lines(guide, photo, level)
+    textured = near & ~smooth & ~drawn
+    if copies and textured.any():
+        copied = shift_map_fill(guide, textured, guide)
+        guide = _carry_level_lines(copied, photo, level)
+    return blend_at_border(guide, rgb, hole)
+
+
+def _carry_arcs(filled: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
+    """`filled` (H, W, 3) with circles and ellipses continued through the `hole`, and where.
+
+    Strips have the fine detail of the fill.
+    """
+    arcs, drawn = continue_arcs(photo, hole)
+    if not drawn.any():
+        return filled, drawn
+    detail = filled - cv2.GaussianBlur(filled, (0, 0), LIMITS.detail)
+    detail = np.clip(detail, -LIMITS.arc_grain, LIMITS.arc_grain)
+    return np.where(drawn[..., None], arcs + detail, filled), drawn
+
+
+def _pieces_without(drawn: Mask, hole: Mask) -> Mask:
+    """The pieces of `hole` (H, W) without a `drawn` pixel."""
+    count, names = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
+    chosen = np.bincount(names[drawn], minlength=count) == 0
+    chosen[0] = False
+    return np.asarray(chosen[names])
 
 
 def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
@@ -121,8 +154,11 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
     return found
 
 
-def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
-    """`borrowed` (H, W, 3), but a harmonic fill with grain of one place in pieces with smooth surroundings."""
+def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> tuple[F32, Mask]:
+    """`borrowed` (H, W, 3), but a harmonic fill with grain of one place in pieces with smooth surroundings.
+
+    And (H, W) these pieces.
+    """
     smooth, own = (
         np.zeros_like(hole),
         borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain),
@@ -146,9 +182,9 @@ def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
             like = _like_place(own, hole, part, piece, rough)
             grain[part][piece] = np.clip(own[like][piece], -2 * rough, 2 * rough)
     if not smooth.any():
-        return borrowed
+        return borrowed, smooth
     film = harmonic_fill(np.where(hole[:, :, None], borrowed, photo), smooth, 0.1)
-    return np.where(smooth[:, :, None], film + grain, borrowed)
+    return np.where(smooth[:, :, None], film + grain, borrowed), smooth
 
 
 def _like_place(

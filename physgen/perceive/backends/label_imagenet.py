@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc
+from physgen.geometry.scale import box_sides
 from physgen.maps import F32
 from physgen.perceive.backends.label_shape import shape
 from physgen.perceive.roles import Label, Labels, Mask, Name, PhotoObject, Rgb
@@ -54,6 +55,10 @@ class CropConstants:
     """ImageNet's class. A photo with so many round objects and this probability of the class or more is one."""
     rack: int = 3
     pool: float = 0.25
+    alike: int = 2  # sure objects of a label and size that another one may follow
+    unsure: float = 0.2  # its own probability of that label, at least
+    support: float = 0.2  # by which they raise it
+    size: float = 1.5  # ratio of their sizes, at most
     certain: float = 0.75  # confidence of what is round on it; of 182 photos without one none has over 0.2
 
 
@@ -169,7 +174,41 @@ def _imagenet(
             names[i] = Name(label, chance, tuple(likely[1:]), "imagenet")
         else:
             names[i] = replace(names[i], likely=tuple(likely[: CROP.likely]))
+    names = name_like_others(names, {item.id: item for item in objects})
     return names | pool
+
+
+def name_like_others(
+    names: Mapping[int, Name], objects: Mapping[int, PhotoObject]
+) -> dict[int, Name]:
+    """Return the names, unsure ones after sure ones of objects as large.
+
+    One of six apples on a table, less sure than the others, is an apple, too.
+    """
+    sure: dict[str, list[int]] = {}
+    for i, name in names.items():
+        if name.source == "imagenet":
+            sure.setdefault(name.label, []).append(i)
+    result = dict(names)
+    for i, name in names.items():
+        if name.source == "imagenet" or not name.likely:
+            continue
+        label, chance = name.likely[0]
+        alike = [
+            other
+            for other in sure.get(label, ())
+            if _is_as_large(objects[i], objects[other])
+        ]
+        if len(alike) >= CROP.alike and chance >= CROP.unsure:
+            confidence = round(min(0.95, chance + CROP.support), 2)
+            result[i] = Name(label, confidence, name.likely[1:], "imagenet")
+    return result
+
+
+def _is_as_large(one: PhotoObject, other: PhotoObject) -> bool:
+    """Return whether the longer sides of two objects differ little."""
+    small, large = sorted((box_sides(one.outline)[0], box_sides(other.outline)[0]))
+    return large <= CROP.size * small
 
 
 def _pool(rgb: Rgb, round_ones: Sequence[int]) -> dict[int, Name]:

@@ -13,6 +13,7 @@ import numpy as np
 from physgen.geometry.polygon import Disc, Outline, Region, mass_properties
 from physgen.geometry.scale import box_sides
 from physgen.perceive.roles import Label, Labels, Name, PhotoObject, Rgb
+from physgen.perceive.spheres import is_shaded_as_sphere
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,13 @@ def shape() -> Label:
 def _shape(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
 ) -> Mapping[int, Name]:
-    return {item.id: _name(item.outline, item.cut) for item in objects}
+    return {item.id: _name(rgb, item.outline, item.cut) for item in objects}
 
 
-def _name(outline: Outline, cut: bool) -> Name:
+def _name(rgb: Rgb, outline: Outline, cut: bool) -> Name:
     if isinstance(outline, Disc):
-        return Name("ball", 0.5)
+        is_ball = is_shaded_as_sphere(rgb, outline)
+        return Name("ball", 0.5) if is_ball else Name("object", 0.2)
     long, short = box_sides(outline)
     if len(outline.rings) == 1:
         if mass_properties(outline).area / (long * short) > SHAPE.boxy:

@@ -13,6 +13,7 @@ from physgen.geometry.polygon import Disc, Outline
 from physgen.geometry.scale import WEIGHING, assumed_scale, is_assumed, weigh
 from physgen.materials import Kind, Material, kind
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
+from physgen.perceive.spheres import is_shaded_as_sphere
 from physgen.scene.scene import Solid
 
 
@@ -28,13 +29,15 @@ def _table(
     side = max(rgb.shape[:2])
     value = assumed_scale(side) if pixels_per_meter is None else pixels_per_meter
     most = WEIGHING.unscaled if is_assumed(value, side) else 1.0
-    return {item.id: _matter(item, kinds[item.id], value, most) for item in objects}
+    return {
+        item.id: _matter(rgb, item, kinds[item.id], value, most) for item in objects
+    }
 
 
 def _matter(
-    item: PhotoObject, what: Kind, pixels_per_meter: float, most: float
+    rgb: Rgb, item: PhotoObject, what: Kind, pixels_per_meter: float, most: float
 ) -> Matter:
-    solid, material = _solid(item.outline, what), what.material
+    solid, material = _solid(rgb, item.outline, what), what.material
     mass, confidence, reason = weigh(item.outline, what, pixels_per_meter)
     return Matter(
         mass=mass,
@@ -60,7 +63,9 @@ def _surface(material: Material) -> str:
     return f"friction of {material.name}: {material.surface.split('; ')[0].removeprefix('friction: ')}"
 
 
-def _solid(outline: Outline, what: Kind) -> Solid:
+def _solid(rgb: Rgb, outline: Outline, what: Kind) -> Solid:
     if not isinstance(outline, Disc):
         return Solid.PLATE
-    return Solid(what.solid) if what.solid else Solid.SPHERE
+    if what.solid:
+        return Solid(what.solid)
+    return Solid.SPHERE if is_shaded_as_sphere(rgb, outline) else Solid.DISC

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.ellipse_arcs import ellipse_arc, follow_edge
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Mask
 
@@ -25,6 +26,10 @@ STRIP = 12  # px to each side of an edge that are carried on with it
 SIDE = 7  # px on each side of an edge whose colours are averaged
 OFFSET = 5  # px from the hole at which edges are looked for
 PAD = 12  # px by which the photo is extended, so that an edge which enters a hole close to the border is seen
+ARC_STRIP = 6  # px to each side of an arc, which is certain: the rest is copied
+ARC_CONTRAST = 45.0  # levels between both sides: fainter edges may be texture
+TWIN = 4  # px across the edges of a painted line over which colours are compared
+TWIN_CONTRAST = 0.5  # of one edge's contrast that the other has at least, reversed
 CHUNK = 500_000  # pairs of a pixel and a point of a line that are held in memory
 
 
@@ -120,10 +125,25 @@ def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
     count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
     for k in range(1, count):
         piece = ids == k
-        for line in _lines(list(border_ends(known, piece)), piece):
+        for line in _lines(list(border_ends(known, piece)), piece, known):
             _paint_strip(result, where, piece, line)
     inner = slice(PAD, PAD + height), slice(PAD, PAD + width)
     return result[inner], where[inner]
+
+
+def continue_arcs(picture: F32, hole: Mask) -> tuple[F32, Mask]:
+    """`(H, W, 3)` with circles and ellipses continued through `hole` (H, W), and where.
+
+    Strips are `ARC_STRIP` px wide on both sides of the edges.
+    """
+    result, where = picture.copy(), np.zeros_like(hole)
+    known = KnownSurroundings.of(picture, dilate(hole, 1))
+    count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
+    for number in range(1, count):
+        piece = ids == number
+        for line in _arcs(list(border_ends(known, piece)), piece, known, set()):
+            _paint_strip(result, where, piece, line, ARC_STRIP)
+    return result, where
 
 
 def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
@@ -222,10 +242,15 @@ def border_profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
     return np.where(weight > 0, mean, np.nan)
 
 
-def _lines(ends: list[BorderEnd], piece: Mask) -> Iterator[BorderLine]:
-    """Ends joined in pairs, best first; then the unmatched ones."""
+def _lines(
+    ends: list[BorderEnd], piece: Mask, known: KnownSurroundings
+) -> Iterator[BorderLine]:
+    """Arcs, then ends joined in pairs, best first; then the unmatched ones."""
     drawn = np.zeros(piece.shape, bool)
     joined: set[int] = set()
+    for line in _arcs(ends, piece, known, joined):
+        _draw(drawn, line.points)
+        yield line
     yield from _pairs(ends, piece, drawn, joined)
     alone = [
         e
@@ -260,6 +285,62 @@ def _lines(ends: list[BorderEnd], piece: Mask) -> Iterator[BorderLine]:
         if len(path) and not drawn[y, x].any():
             _draw(drawn, path)
             yield BorderLine(path, end.profile, end.profile)
+
+
+def _arcs(
+    ends: list[BorderEnd], piece: Mask, known: KnownSurroundings, joined: set[int]
+) -> Iterator[BorderLine]:
+    """Arcs of ellipses between ends that are of one edge; adds these to `joined`."""
+    number = {id(end): index for index, end in enumerate(ends)}
+    strong = [end for end in ends if end.contrast > ARC_CONTRAST]
+    twins = [_twin(end, known) for end in strong]
+    every = strong + [twin for twin in twins if twin is not None]
+    edges = [
+        follow_edge(known.picture, known.blocked, end.at, -end.towards) for end in every
+    ]
+    used: set[int] = set()
+    for second, b in enumerate(every):
+        for first, a in enumerate(every[:second]):
+            if {first, second} & used or not _may_be_one(a, b):
+                continue
+            sides = edges[first], edges[second]
+            points = ellipse_arc(sides, (a.towards, b.towards), piece)
+            if points is not None:
+                used |= {first, second}
+                joined |= {number[id(end)] for end in (a, b) if id(end) in number}
+                yield BorderLine(points, a.profile, b.profile[::-1])
+
+
+def _may_be_one(a: BorderEnd, b: BorderEnd) -> bool:
+    """Whether the colours on both sides of two ends allow that they are one edge."""
+    near, far = colour_differences(a, b)
+    both = a.contrast + b.contrast
+    doubt = (1.5 * near + 0.5 * far) / both
+    return MATCHING.similar_sides(near, both) and doubt < MATCHING.max_doubt
+
+
+def _twin(end: BorderEnd, known: KnownSurroundings) -> BorderEnd | None:
+    """The other edge of a painted line whose one edge is `end`; None if it is wide."""
+    profile = border_profile(known.picture, known.blocked, end.at, end.towards)
+    gap = profile[TWIN:] - profile[:-TWIN]
+    middle = len(gap) // 2
+    along = gap @ gap[middle] / max(float(gap[middle] @ gap[middle]), 1.0)
+    along = np.nan_to_num(along)
+    step = int(np.argmin(along)) - middle
+    if along.min() > -TWIN_CONTRAST or abs(step) < 2:
+        return None
+    normal = np.array([-end.towards[1], end.towards[0]])
+    place = end.at + step * normal
+    across = border_profile(known.picture, known.blocked, place, end.towards)
+    return BorderEnd(
+        end.order,
+        place,
+        end.towards,
+        np.nan_to_num(across[STRIP - TWIN]),
+        np.nan_to_num(across[STRIP + TWIN]),
+        end.contrast,
+        across,
+    )
 
 
 def _pairs(
@@ -420,8 +501,13 @@ def _draw(mask: Mask, points: F64) -> None:
         mask[y[keep] + d, x[keep]] = mask[y[keep], x[keep] + d] = True
 
 
-def _paint_strip(result: F32, where: Mask, piece: Mask, line: BorderLine) -> None:
-    """Paints the colours across the ends of a line along it, within a piece of the hole."""
+def _paint_strip(
+    result: F32, where: Mask, piece: Mask, line: BorderLine, width: int = STRIP
+) -> None:
+    """Paints the colours across the ends of a line along it, within a piece of the hole.
+
+    `width`: px on both sides of the line.
+    """
     first = np.where(np.isnan(line.first), line.last, line.first)
     last = np.where(np.isnan(line.last), line.first, line.last)
     x0, y0 = np.maximum(np.floor(line.points.min(0)).astype(int) - STRIP, 0)
@@ -445,6 +531,6 @@ def _paint_strip(result: F32, where: Mask, piece: Mask, line: BorderLine) -> Non
     share = (place - low)[:, None]
     start, end = ((1 - share) * p[low] + share * p[low + 1] for p in (first, last))
     colour = (1 - share_along) * start + share_along * end
-    keep = (np.sqrt(away) <= STRIP) & ~np.isnan(colour).any(1)
+    keep = (np.sqrt(away) <= width) & ~np.isnan(colour).any(1)
     result[y[keep] + y0, x[keep] + x0] = colour[keep]
     where[y[keep] + y0, x[keep] + x0] = True

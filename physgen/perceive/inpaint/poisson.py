@@ -16,13 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.contact_strips import contact_strips
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import Inpaint, Mask, Rgb
 
 ISLAND = 6  # px: gaps between objects narrower than this are mostly contact shadow
 FADE = 5.0  # px into the hole over which a difference at its border fades
+CONTACT_RIM = 2  # px around contact shadow: its soft end
 JUMP = 100.0  # levels of contrast that edges seldom have
+STEP = 60.0  # levels: a larger step at a seam is an edge, and is not blended
+SEAM_ERROR = 0.3  # levels of blended copies: less than rounding
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,56 @@ def harmonic_fill(picture: F32, hole: Mask, tolerance: float = 0.02) -> F32:
     for part, piece in hole_pieces(hole):
         result[part] = _solve(result[part], piece, tolerance)
     return result
+
+
+def join_gradients(sources: F32, shifts: NDArray[np.int64], hole: Mask) -> F32:
+    """(H, W, 3): copies in `hole` (H, W) whose gradients meet without seams.
+
+    The first H rows of `sources` (n, W, 3) are the photo. `shifts` (H, W, 2): rows and
+    columns from a pixel of the hole to its source. At a seam, the gradient is the mean
+    of what both sources have there; steps beyond `STEP` stay, as edges.
+    """
+    height, width = hole.shape
+    rows, columns = np.indices(hole.shape)
+    shifts = np.where(hole[..., None], shifts, 0)
+    copies = sources[rows + shifts[..., 0], columns + shifts[..., 1]]
+    right = np.zeros_like(copies)
+    for down, across in ((1, 0), (0, 1)):
+        first = np.s_[: height - down, : width - across]
+        second = np.s_[down:, across:]
+        slope = copies[second] - copies[first]
+        seam = (shifts[first] != shifts[second]).any(axis=-1)
+        place = np.argwhere(seam)
+        beyond = place + np.array([down, across])
+        aim = _seam_slopes(sources, (place, beyond), shifts, hole)
+        off = slope[seam] - aim
+        slope[seam] = aim + np.sign(off) * np.maximum(np.abs(off) - STEP, 0)
+        right[second] += slope
+        right[first] -= slope
+    result = copies.copy()
+    for part, piece in hole_pieces(hole):
+        result[part] = _solve(copies[part], piece, SEAM_ERROR, right=right[part])
+    return np.clip(result, 0, 255)
+
+
+def _seam_slopes(
+    sources: F32,
+    sides: tuple[NDArray[np.int64], NDArray[np.int64]],
+    shifts: NDArray[np.int64],
+    hole: Mask,
+) -> F32:
+    """(n, 3): slopes between pixels on both `sides` of a seam, by the copies there."""
+    total = np.zeros((len(sides[0]), 3), np.float32)
+    weight = np.zeros((len(sides[0]), 1), np.float32)
+    last = np.array(sources.shape[:2]) - 1
+    for side in sides:
+        shift = shifts[side[:, 0], side[:, 1]]
+        one, other = (np.clip(place + shift, 0, last) for place in sides)
+        slope = sources[other[:, 0], other[:, 1]] - sources[one[:, 0], one[:, 1]]
+        inside = hole[side[:, 0], side[:, 1]][:, None]
+        total += np.where(inside, slope, 0)
+        weight += inside
+    return total / weight
 
 
 def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:
@@ -123,10 +177,11 @@ def rim_width(photo: Rgb, hole: Mask) -> int:
 
 
 def fill_behind(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
-    """`photo` (H, W, 3) with `hole` (H, W) and the blurred rim around it filled."""
+    """`photo` (H, W, 3) with `hole` (H, W), its blurred rim and contact shadow filled."""
     if not hole.any() or hole.all():
         return photo.copy()
     wide = _reach_around(hole)[1] <= rim_width(photo, hole)
+    wide |= dilate(contact_strips(photo, hole), CONTACT_RIM)
     return fill(photo, hole if wide.all() else wide)
 
 
@@ -331,12 +386,23 @@ def _dot(a: F32, b: F32) -> NDArray[np.float64]:
     return np.asarray([plane.sum(dtype=np.float64) for plane in a * b])
 
 
-def _solve(start: F32, hole: Mask, tolerance: float, max_iterations: int = 60) -> F32:
-    """`start` (H, W, C) changed inside `hole` until every pixel there is the mean of its neighbours."""
+def _solve(
+    start: F32,
+    hole: Mask,
+    tolerance: float,
+    max_iterations: int = 60,
+    right: F32 | None = None,
+) -> F32:
+    """`start` (H, W, C) changed inside `hole` until every pixel there is the mean of its neighbours.
+
+    `right` (H, W, C): by how much the sum of its differences from them exceeds 0.
+    """
     values = np.ascontiguousarray(np.moveaxis(start, 2, 0))
     grids = _grids(hole)
     fine = grids[0]
     rest = -_Grid(np.ones_like(fine.free), fine.degree).apply(values) * fine.free
+    if right is not None:
+        rest += np.moveaxis(right, 2, 0) * fine.free
     z = _v_cycle(grids, 0, rest)
     p = z.copy()
     rz = _dot(rest, z)

@@ -7,8 +7,9 @@ The weights come from `studio/segmentation`; OpenCV runs them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
+from itertools import pairwise
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -29,6 +30,10 @@ OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 SIDE = 192  # px of the crop that the head looks at
 MARGIN = 0.25  # of a box's sides: seen around it
 OUTPUTS = "seen", "level-32", "level-16", "level-8", "level-4", "level-2"
+POOLED = {"level-32": 32, "level-16": 16}
+"""Levels of the encoder that describe the whole photo, and their strides in px: finer ones describe texture."""
+BANDS = 3
+"""Rows into which a photo is pooled: what is above differs from what is below."""
 MEAN, SPREAD = 118.0, 64.0
 """Of 8-bit codes: the input is (code - MEAN) / SPREAD."""
 STRIDE = 32
@@ -51,6 +56,8 @@ class NetworkMaps:
     normals: F32  # (h, w, 3) unit: +x right, +y down, +z to the viewer
     shadow: F32  # 0..1: in a cast shadow
     movable: F32  # 0..1: if on an object, on one that may be moved: no person, animal or piece of furniture
+    features: F32 = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(D,) description of the whole photo, the same for its mirror image; see `pool`."""
 
 
 def run_network(rgb: NDArray[np.uint8]) -> NetworkMaps:
@@ -66,7 +73,13 @@ def _seen(codes: bytes, height: int, width: int) -> NetworkMaps:
     rgb = np.frombuffer(codes, np.uint8).reshape(height, width, 3)
     mirror = np.ascontiguousarray(rgb[:, ::-1])
     # their errors differ, and the mean of both is nearer to the truth
-    passes = [(_pass(rgb, side) + mirrored(_pass(mirror, side))) / 2 for side in PASSES]
+    passes, features = [], np.zeros(0, np.float32)
+    for side in PASSES:
+        one, other = _pass(rgb, side), _pass(mirror, side)
+        passes.append((one.maps + mirrored(other.maps)) / 2)
+        if side == PASSES[0]:
+            pairs_of_levels = zip(one.levels, other.levels, strict=True)
+            features = pool([*pairs_of_levels, (passes[0],)])
     h, w = passes[-1].shape[1:]
     same = [
         cv2.resize(one.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR)
@@ -82,7 +95,7 @@ def _seen(codes: bytes, height: int, width: int) -> NetworkMaps:
     pairs = 1 / (1 + np.exp(-np.clip(passes[-1][2:10], -30, 30)))
     maps = (
         chances[0], chances[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32),
-        chances[13], chances[14],
+        chances[13], chances[14], features,
     )  # fmt: skip
     for part in maps:
         part.setflags(write=False)
@@ -103,8 +116,36 @@ def mirrored(maps: F32) -> F32:
     return there
 
 
-def _pass(rgb: NDArray[np.uint8], side: int) -> F32:
-    """(15, h, w) raw output for the photo with `side` px along its longer side; h, w half of that photo's."""
+def pool(levels: Sequence[Sequence[F32]]) -> F32:
+    """Pool levels, each the maps (C, h, w) of a photo and of its mirror image, to one vector.
+
+    Each channel gives its mean in BANDS rows of equal height, and its spread.
+    """
+    parts = []
+    for maps in levels:
+        profile = np.mean([one.mean(axis=2) for one in maps], axis=0)
+        rows = np.arange(profile.shape[1])
+        borders = np.linspace(0, profile.shape[1], BANDS + 1)
+        for top, bottom in pairwise(borders):
+            # a row on a border belongs to both bands in part
+            share = np.minimum(rows + 1, bottom) - np.maximum(rows, top)
+            share = np.maximum(share, 0)
+            parts.append(profile @ share / share.sum())
+        spreads = [one.reshape(len(one), -1).std(axis=1) for one in maps]
+        parts.append(np.mean(spreads, axis=0))
+    return np.concatenate(parts).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pass:
+    """Raw outputs for one size of a photo."""
+
+    maps: F32  # (15, h, w); h, w half of the size
+    levels: Sequence[F32]  # those of POOLED, (C, h, w) each
+
+
+def _pass(rgb: NDArray[np.uint8], side: int) -> _Pass:
+    """Raw output for the photo with `side` px along its longer side."""
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
     size = max(round(width * scale / 2), 1) * 2, max(round(height * scale / 2), 1) * 2
@@ -112,7 +153,12 @@ def _pass(rgb: NDArray[np.uint8], side: int) -> F32:
     small = cv2.resize(rgb, size, interpolation=how)
     right, below = (max(-part % STRIDE, LEAST - part) for part in size)
     padded = cv2.copyMakeBorder(small, 0, below, 0, right, cv2.BORDER_REPLICATE)
-    return _outputs(as_input(padded))[0][0, :, : size[1] // 2, : size[0] // 2]
+    outputs = dict(zip(OUTPUTS, _outputs(as_input(padded)), strict=True))
+    levels = []
+    for name, stride in POOLED.items():
+        width, height = (-(-part // stride) for part in size)
+        levels.append(outputs[name][0, :, :height, :width])
+    return _Pass(outputs["seen"][0, :, : size[1] // 2, : size[0] // 2], levels)
 
 
 def as_input(rgb: NDArray[Any]) -> F32:

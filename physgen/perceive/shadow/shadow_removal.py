@@ -31,6 +31,8 @@ FAINT = 0.08  # -log of light, smoothed: less is no visible shadow
 PREDICTED = 0.02  # -log of light from which geometry predicts a shadow
 SHARE = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
 SMOOTH = 2.0  # px: standard deviation of the blur; finer detail is grain
+GROUND_REACH = 20.0  # px: standard deviation of the blur over which grain is measured
+GROUND_GRAIN = 2.0  # standard deviations that single grains may be brighter
 SPECK = 16  # px: a smaller patch is none
 
 
@@ -213,9 +215,22 @@ def lightened(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:
     """
     linear, gone, there = decode(background), 1 - np.exp(-dark), dark > 1e-3
     left = 1 - gone[..., None] * _tint(linear, clean, gone, free)
-    return np.where(
-        there[..., None], encode_u8(linear / np.maximum(left, 0.04)), background
-    )
+    light = linear / np.maximum(left, 0.04)
+    most = np.maximum(linear, _brightest_ground(linear, clean, free * (dark < FAINT)))
+    return np.where(there[..., None], encode_u8(np.minimum(light, most)), background)
+
+
+def _brightest_ground(linear: F32, clean: F32, lit: F32) -> F32:
+    """(h, w, 3): how bright the ground is with its grain, by where it is `lit` (h, w).
+
+    Beside an object nothing is measured, and geometry alone may remove too much.
+    """
+    grain = ((linear - clean) * lit[..., None]) ** 2
+    result = np.empty_like(clean)
+    for channel in range(3):
+        spread = _mean(grain[..., channel], lit, GROUND_REACH, GROUND_REACH) ** 0.5
+        result[..., channel] = clean[..., channel] + GROUND_GRAIN * spread
+    return result
 
 
 def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import atan, degrees, hypot, inf
+from math import atan, degrees, hypot, inf, radians, tan
 
 import cv2
 import numpy as np
@@ -39,6 +39,7 @@ from physgen.perceive.shadow.shadow_fit import (
     refine_wall_shadow,
     search_light,
     wall_coverage,
+    with_direction,
 )
 from physgen.perceive.shadow.shadow_removal import (
     FAINT,
@@ -143,6 +144,7 @@ def side_view_shadows(
             )
         if ratio <= LIMITS.calm:
             setting, sure = _light(fit, wall, guess, photo.size)
+            setting = _with_known_tilt(setting, boundaries.tilt)
             back = None if setting.backdrop == inf else round(setting.backdrop, 1)
             tilt, softness = (
                 round(degrees(atan(setting.tilt)), 1),
@@ -153,6 +155,21 @@ def side_view_shadows(
                 clean, nothing.owners, setting.light, softness, tilt, back, sure
             )
     return _soft_shade(photo, guess) or nothing
+
+
+def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetting:
+    """Return the setting with the floor's true tilt, in which shadows lie at the same pixels.
+
+    A shadow's length up the picture is the rise of the floor times the light's slant in
+    depth: one fit cannot tell them apart.
+    """
+    if angle is None:
+        return setting
+    rise = tan(radians(angle))
+    x, y, z = setting.light.direction
+    direction = np.array([x, y, z * setting.tilt / rise])
+    direction /= np.linalg.norm(direction)
+    return replace(with_direction(setting, direction.tolist()), tilt=rise)
 
 
 def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
@@ -179,10 +196,11 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     owners = shadow_owners_by_model(
         photo.coverage, _casts(silhouettes, fit, None, photo.size), seen
     )
-    tilt = round(degrees(atan(shade.setting.tilt)), 1)
-    return Shadows(
-        clean, owners, guess.light, shade.setting.softness, tilt, None, shade.confidence
-    )
+    tilt = photo.boundaries.tilt
+    if tilt is None:  # shade all around an object does not depend on the tilt
+        tilt = round(degrees(atan(shade.setting.tilt)), 1)
+    softness, sure = shade.setting.softness, shade.confidence
+    return Shadows(clean, owners, guess.light, softness, tilt, None, sure)
 
 
 def _predicted(

@@ -13,8 +13,9 @@ from math import radians, sin
 
 import cv2
 import numpy as np
+import shapely
 
-from physgen.geometry.convex import overlap_depth
+from physgen.geometry.convex import outline_shape, overlap_depth
 from physgen.geometry.fitting import FIT, fit_outlines
 from physgen.geometry.polygon import (
     Array,
@@ -548,6 +549,82 @@ def cradle(item: PhotoObject, center: Array, hull: Array) -> list[tuple[float, f
         xs = [ends[0], *inner[:, 0], ends[1]]
         chain = [(float(px), float(np.interp(px, hull[:, 0], hull[:, 1]))) for px in xs]
     return [rounded_down(float(px), py) for px, py in chain]
+
+
+# flat bases
+
+
+@dataclass(frozen=True)
+class _BaseLimits:
+    """Flat bases under objects whose lower outline recedes from the camera.
+
+    A camera that looks down sees the rear of a base higher in the picture than its
+    front: the lowest corner of the outline is the nearest one, and the object would tip
+    over it. Widths and heights are shares of the object's.
+    """
+
+    narrow: float = 0.15
+    """On both sides of the centre of mass: a foot that reaches so far stays as it is."""
+    wide: float = 0.3
+    """On both sides of the centre of mass: the least width of a base that is added."""
+    high: float = 0.45
+    """Height of the lower outline above the ground: higher ones stand on something."""
+    round: float = 0.85
+    """Share of its smallest circle from which an object may roll, and gets no base."""
+
+
+BASE = _BaseLimits()
+
+
+def needs_base(foot: Foot) -> bool:
+    """Return whether an object that stands on level ground would tip over its foot."""
+    outline = foot.item.outline
+    if isinstance(outline, Disc) or foot.item.cut or _is_nearly_round(outline):
+        return False
+    x0, _, x1, _ = bounds(outline)
+    middle = float(mass_properties(outline).center[0])
+    reach = BASE.narrow * (x1 - x0)
+    is_narrow = foot.left[0] > middle - reach or foot.right[0] < middle + reach
+    return bool(is_narrow)
+
+
+def _is_nearly_round(outline: Region) -> bool:
+    points = np.concatenate([ring.outer for ring in outline.rings]).astype(np.float32)
+    _, radius = cv2.minEnclosingCircle(points)
+    area = mass_properties(outline).area
+    return bool(area > BASE.round * np.pi * radius**2)
+
+
+def add_base(foot: Foot, line: Line) -> Region | None:
+    """Return the outline with a flat base on a line, under its centre of mass.
+
+    None if the lower outline is too high above the line, or consists of several pieces.
+    """
+    outline = foot.item.outline
+    if isinstance(outline, Disc) or len(outline.rings) != 1:
+        return None
+    x0, y0, x1, y1 = bounds(outline)
+    middle = float(mass_properties(outline).center[0])
+    reach = BASE.wide * (x1 - x0)
+    left = max(min(middle - reach, float(foot.left[0])), float(foot.hull[0, 0]))
+    right = min(max(middle + reach, float(foot.right[0])), float(foot.hull[-1, 0]))
+    inner = foot.hull[(foot.hull[:, 0] > left) & (foot.hull[:, 0] < right)]
+    xs = np.array([left, *inner[:, 0], right])
+    ys = np.interp(xs, foot.hull[:, 0], foot.hull[:, 1])
+    ground = line.slope * xs + line.height
+    if float((ground - ys).max()) > BASE.high * (y1 - y0):
+        return None
+    upper = np.stack([xs, ys - 1.0], axis=1)  # 1 px into the outline, so that they join
+    lower = np.array([[right, line.at(right)], [left, line.at(left)]])
+    base = shapely.Polygon(np.concatenate([upper, lower])).buffer(0)
+    joined = shapely.union(outline_shape(outline), base)
+    if not isinstance(joined, shapely.Polygon):
+        return None
+    # gaps between the outline and its base are part of the base
+    outer = np.asarray(joined.exterior.coords[:-1], np.float64)
+    if not joined.exterior.is_ccw:
+        outer = outer[::-1]
+    return Region((Ring(outer, outline.rings[0].holes),))
 
 
 # rectangles

@@ -1,4 +1,6 @@
-"""Side view or top view, and whether a photo suits: cues from the background and the objects.
+"""Side view or top view, and whether a photo suits: its looks, and cues from the background and the objects.
+
+How a photo looks as a whole (`view_classifier`) tells most.
 
 From the side, the background changes from top to bottom more than from left to right: a wall over a floor, blurred far
 away and sharp near by, and the floor faces up. From above, one surface lies all around, and objects lie anywhere,
@@ -28,6 +30,7 @@ from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import RULE
 from physgen.perceive.support.equilibrium import contacts
 from physgen.perceive.support.supports import SOURCE
+from physgen.perceive.support.view_classifier import ViewChances, view_chances
 from physgen.scene.scene import View
 from physgen.text import counted
 
@@ -50,6 +53,16 @@ class _Cue:
     top: str = ""
 
 
+CUES_WEIGHT = 0.5
+"""Of the log odds of all cues, beside those of the looks: cues depend on each other."""
+MOST_LOOKS = 6.0
+"""Log odds of the looks at most: one in 400 labelled photos is seen wrongly for sure."""
+LOOKS = {
+    View.SIDE: "it looks like a photo from the side",
+    View.TOP: "it looks like a photo from above",
+}
+OBLIQUE_LOOKS = "it looks down on the ground at an angle"
+
 CUES = {
     "layered": _Cue(
         4.0, 2.5, "the background changes from top to bottom", "the background has no layers from top to bottom"
@@ -63,34 +76,56 @@ CUES = {
 
 
 def guess_view(
-    rgb: Rgb, labels: Labels, normals: F32, aloft: int, stands: int
+    rgb: Rgb,
+    labels: Labels,
+    normals: F32,
+    aloft: int,
+    stands: int,
+    chances: ViewChances | None = None,
 ) -> tuple[View, float, str]:
-    """The view, its confidence 0.5..0.98, and the two strongest cues.
+    """The view, its confidence 0.5..0.98, and the two strongest reasons.
 
     `normals` (h, w, 3) unit, +y down, of any size. `aloft`: the number of objects without anything below that holds
-    them; `stands`: the number that stand upright on a level foot or on others.
+    them; `stands`: the number that stand upright on a level foot or on others. `chances` are those of the photo's
+    looks; without them, the cues alone decide.
     """
     cues = _background_cues(rgb, labels, normals) | {
         "aloft": -max(aloft - 2, 0),
         "stands": stands,
     }
-    odds = {
-        k: float(np.clip(CUES[k].weight * v, -CUES[k].most, CUES[k].most))
-        for k, v in cues.items()
-    }
-    total = PRIOR + sum(odds.values())
-    side = total >= 0
-    agreeing = sorted(
-        (k for k in odds if (odds[k] > 0) == side and odds[k]),
-        key=lambda k: -abs(odds[k]),
-    )
-    reasons = [CUES[k].side if side else CUES[k].top for k in agreeing]
-    reason = (
-        " and ".join([text for text in reasons if text][:2]) or "there are few cues"
-    )
-    # the cues are not independent: half the odds
-    sure = round(min(1 / (1 + exp(-abs(total) / 2)), 0.98), 2)
-    return (View.SIDE if side else View.TOP), sure, reason
+    odds = {}
+    for name, value in cues.items():
+        cue = CUES[name]
+        odds[name] = float(np.clip(cue.weight * value, -cue.most, cue.most))
+    total = CUES_WEIGHT * (PRIOR + sum(odds.values()))
+    reasons = []
+    if chances is not None:
+        looks = _log_odds(1 - chances.top)
+        total += looks
+        if (looks >= 0) == (total >= 0):
+            reasons.append(_looks_reason(chances))
+    view = View.SIDE if total >= 0 else View.TOP
+    is_side = view is View.SIDE
+    agreeing = [name for name, odd in odds.items() if odd and (odd > 0) == is_side]
+    for name in sorted(agreeing, key=lambda name: -abs(odds[name])):
+        text = CUES[name].side if is_side else CUES[name].top
+        if text:
+            reasons.append(text)
+    reason = " and ".join(reasons[:2]) or "there are few cues"
+    sure = round(min(1 / (1 + exp(-abs(total))), 0.98), 2)
+    return view, sure, reason
+
+
+def _log_odds(chance: float) -> float:
+    low = 1 / (1 + exp(MOST_LOOKS))
+    chance = min(max(chance, low), 1 - low)
+    return log(chance / (1 - chance))
+
+
+def _looks_reason(chances: ViewChances) -> str:
+    if chances.top > 0.5:
+        return LOOKS[View.TOP]
+    return LOOKS[View.SIDE] if chances.tilt is None else OBLIQUE_LOOKS
 
 
 def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
@@ -180,6 +215,7 @@ class _Doubts:
     foliage: float = 0.1
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
     view: float = 0.6  # confidence of the view
+    unsuitable: float = 0.95  # that it shows nothing loose at rest, by its looks
     unheld: float = 0.5  # of the objects, under which nothing is seen
     filling: float = 0.6  # one object, as large as the largest that is looked for
     side: int = 256  # px, the photo's width as its texture is judged
@@ -223,7 +259,10 @@ def judge_suitability(
     ]
     on = contacts([t.outline for t in loose], [np.array(w.points) for w in unseen])
     beneath = boundaries.held | {loose[c.body].id for c in on if c.other < 0}
-    if (unheld := sum(t.id in beneath for t in loose)) > DOUBTS.unheld * len(loose):
+    unheld = sum(t.id in beneath for t in loose)
+    # at an angle, the ground is seen around what stands on it
+    is_ground_visible = boundaries.tilt is not None
+    if unheld > DOUBTS.unheld * len(loose) and not is_ground_visible:
         reasons.append(
             f"no support is seen beneath {unheld} of {counted(len(loose), 'object')}"
         )
@@ -257,6 +296,8 @@ def _photo_doubts(
     share = float(((unclear > 0) & (found.labels == 0)).mean())
     if share > max(DOUBTS.unclear, sum(area.values())):
         reasons.append(f"{100 * share:.0f} % of it may be objects, too")
+    if view_chances(run_network(rgb).features).unsuitable > DOUBTS.unsuitable:
+        reasons.append("it looks like photos without loose things at rest")
     fixed = float(_immovable(rgb).mean())
     if fixed >= DOUBTS.fixed:
         reasons.append(f"what looks immovable fills {100 * fixed:.0f} % of it")

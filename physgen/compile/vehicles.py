@@ -1,0 +1,174 @@
+"""Vehicles: bodies that wheels carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import radians
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from physgen.compile.shapes import carrying_lines, stand_on_lines
+from physgen.compile.world import Body, Wheel
+from physgen.geometry.convex import convex_pieces
+from physgen.geometry.polygon import (
+    Array,
+    Disc,
+    Outline,
+    Region,
+    Ring,
+    mass_properties,
+    rotation,
+)
+from physgen.problems import InputError, Problem
+from physgen.scene.scene import Motion, Object, Scene, View
+
+
+@dataclass(frozen=True)
+class VehicleConstants:
+    """Constants of bodies with wheels."""
+
+    gap: float = 0.06  # of a wheel's radius, between it and the body around it
+    clearance: float = 0.35  # of its radius: the least height of the body over the road
+    corners: int = 24  # of the circle that is cut out of the body
+    speck: float = 0.01  # of the body's area: smaller parts of it are left out
+
+
+VEHICLE = VehicleConstants()
+
+
+def with_wheels(
+    body: Body, item: Object, outline: Outline, shown: Outline, scene: Scene
+) -> Body:
+    """Return the body on its wheels; itself if it has none that can turn.
+
+    `outline` is where the object is put, `shown` where the photo shows it. Raises
+    InputError for a wheel that is not on the object.
+    """
+    if not item.wheels:
+        return body
+    check_wheels(item, shown, scene)
+    if item.motion is not Motion.DYNAMIC or scene.world.view is View.TOP:
+        return body
+    wheels = place_wheels(body, item, shown, scene)
+    pieces = chassis_pieces(outline, body.center, wheels, scene)
+    return replace(body, wheels=wheels, pieces=pieces or body.pieces)
+
+
+def check_wheels(item: Object, shown: Outline, scene: Scene) -> None:
+    """Raise InputError for wheels that are not on the object, and for a round object."""
+    problems = []
+    if isinstance(shown, Disc):
+        path = f"objects.{item.name}.wheels"
+        fix = "remove wheels, or write its shape as a polygon"
+        expected = "are on an object that is a circle and rolls itself"
+        raise InputError(
+            [Problem(scene.place(path), path, "the wheels", expected, fix)]
+        )
+    body = _polygon(shown)
+    for index, wheel in enumerate(item.wheels):
+        path = f"objects.{item.name}.wheels[{index}]"
+        circle = shapely.Point(wheel.center).buffer(wheel.radius)
+        if body.distance(shapely.Point(wheel.center)) <= wheel.radius:
+            others = item.wheels[:index]
+            if any(np.hypot(*np.subtract(o.center, wheel.center)) < 1 for o in others):
+                found = f"the wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
+                problems.append(
+                    Problem(
+                        scene.place(path),
+                        path,
+                        found,
+                        "is there twice",
+                        "remove one of them",
+                    )
+                )
+            continue
+        x0, y0, x1, y1 = body.bounds
+        found = f"a wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
+        expected = (
+            f"is {body.distance(circle):.0f} px from the object, which lies"
+            f" at x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f}"
+        )
+        fix = "write a center inside it"
+        problems.append(Problem(scene.place(path), path, found, expected, fix))
+    if problems:
+        raise InputError(problems)
+
+
+def place_wheels(
+    body: Body, item: Object, shown: Outline, scene: Scene
+) -> tuple[Wheel, ...]:
+    """Return the wheels in the body's frame, on the ground that is within reach."""
+    middle = mass_properties(shown).center
+    lines = carrying_lines(scene)
+    turn = rotation(radians(item.place[2])) if item.place is not None else np.eye(2)
+    wheels = []
+    for wheel in item.wheels:
+        disc = Disc(np.array(wheel.center, np.float64), wheel.radius)
+        if item.place is None and lines:
+            disc = stand_on_lines(disc, lines)
+        assert isinstance(disc, Disc)
+        wheels.append(Wheel((disc.center - middle) @ turn.T, disc.radius))
+    return tuple(wheels)
+
+
+def chassis_pieces(
+    outline: Outline, center: Array, wheels: tuple[Wheel, ...], scene: Scene
+) -> tuple[Array, ...]:
+    """Return convex pieces of the body without its wheels and what hangs below them.
+
+    The lowest part of a mask is often a shadow or a far wheel, which would scrape.
+    """
+    body = _polygon(outline)
+    for wheel in wheels:
+        radius = wheel.radius * (1 + VEHICLE.gap)
+        middle = shapely.Point(center + wheel.axle)
+        body = body.difference(middle.buffer(radius, quad_segs=VEHICLE.corners // 4))
+    body = body.difference(_road(center, wheels, scene, body.bounds))
+    least = VEHICLE.speck * body.area
+    parts = [
+        part
+        for part in getattr(body, "geoms", [body])
+        if isinstance(part, shapely.Polygon) and part.area > least
+    ]
+    if not parts:
+        return ()
+    rings = tuple(Ring(_corners(part.exterior), ()) for part in parts)
+    return tuple(piece - center for piece in convex_pieces(Region(rings)))
+
+
+def _road(
+    center: Array,
+    wheels: tuple[Wheel, ...],
+    scene: Scene,
+    bounds: tuple[float, float, float, float],
+) -> shapely.Polygon:
+    """Return what is lower than the clearance over the line that the wheels touch."""
+    gravity = np.array(scene.world.gravity, np.float64)
+    strength = float(np.hypot(*gravity))
+    down = gravity / strength if strength > 0 else np.array([0.0, 1.0])
+    along = np.array([down[1], -down[0]])
+    touching = [center + wheel.axle + wheel.radius * down for wheel in wheels]
+    order = sorted(range(len(wheels)), key=lambda k: float(touching[k] @ along))
+    first, last = touching[order[0]], touching[order[-1]]
+    run = last - first
+    length = float(np.hypot(*run))
+    way = run / length if length > 1 else along
+    lift = VEHICLE.clearance * min(wheel.radius for wheel in wheels)
+    far = 4 * float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])) + 100
+    middle = (first + last) / 2 - lift * down
+    corners = [middle - far * way, middle + far * way]
+    corners += [middle + far * way + far * down, middle - far * way + far * down]
+    return shapely.Polygon(np.array(corners))
+
+
+def _polygon(outline: Outline) -> shapely.Geometry:
+    if isinstance(outline, Disc):
+        return shapely.Point(outline.center).buffer(outline.radius)
+    rings = [shapely.Polygon(ring.outer, ring.holes) for ring in outline.rings]
+    return shapely.union_all([ring.buffer(0) for ring in rings])
+
+
+def _corners(ring: shapely.LinearRing) -> NDArray[np.float64]:
+    return np.asarray(ring.coords, np.float64)[:-1]

@@ -1,0 +1,56 @@
+"""Centres of circles by votes of gradients.
+
+Gradients on a circle point at its centre (Loy and Zelinsky, Fast radial symmetry for
+detecting points of interest, 2003).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+STRONG = 0.7
+"""Quantile of gradients that vote: most of a picture is no edge."""
+WEAKEST = 4.0
+"""8-bit codes: a weaker gradient is noise."""
+SPREAD = 0.12
+"""Of the radius: standard deviation of votes of a circle seen a little from the side."""
+
+
+def circle_votes(
+    grey: NDArray[np.float32], region: NDArray[np.bool_], radii: Sequence[float]
+) -> NDArray[np.float32]:
+    """Return `(R, h, w)` the share of a circle of each radius about each pixel.
+
+    `grey` (h, w) has 8-bit codes; edges in and beside `region` (h, w) vote.
+    """
+    soft = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    gx = cv2.Sobel(soft, cv2.CV_32F, 1, 0)
+    gy = cv2.Sobel(soft, cv2.CV_32F, 0, 1)
+    size = np.hypot(gx, gy)
+    around = cv2.dilate(region.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    if not around.any():
+        return np.zeros((len(radii), *grey.shape), np.float32)
+    least = max(float(np.quantile(size[around], STRONG)), WEAKEST)
+    rows, columns = np.nonzero(around & (size >= least))
+    way = np.stack([gx, gy])[:, rows, columns] / size[rows, columns]
+    height, width = grey.shape
+    votes = []
+    for radius in radii:
+        total = np.zeros(height * width, np.float32)
+        for sign in (1, -1):
+            x = np.rint(columns + sign * radius * way[0]).astype(np.int64)
+            y = np.rint(rows + sign * radius * way[1]).astype(np.int64)
+            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            place = y[inside] * width + x[inside]
+            # a circle counts with light on one side of its edge or the other
+            counts = np.bincount(place, minlength=height * width)
+            total = np.maximum(total, counts.astype(np.float32))
+        spread = max(SPREAD * radius, 1.0)
+        picture = cv2.GaussianBlur(total.reshape(height, width), (0, 0), spread)
+        # all votes of a full circle fall into about this many pixels
+        votes.append(picture * (2 * np.pi * spread**2) / (2 * np.pi * radius))
+    return np.stack(votes)

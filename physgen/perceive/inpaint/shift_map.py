@@ -1,0 +1,221 @@
+"""Fill of a hole by coherent copies of the photo: a shift map with blended gradients.
+
+A few offsets are chosen by statistics at reduced size, every pixel of the hole is labelled with one of them or with the
+guide, another fill, and patches are copied at full size. The gradients of the copies are joined by Poisson's equation
+(He and Sun 2012; Perez et al. 2003). A mean of many patches is a blur; a copy is as sharp as the photo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from physgen.maps import F32
+from physgen.perceive.inpaint.copy_offsets import I64, Offsets, copy_offsets
+from physgen.perceive.inpaint.offset_labels import COSTS, OffsetLabels, ReducedPhoto
+from physgen.perceive.inpaint.poisson import dilate, join_gradients
+from physgen.perceive.roles import Mask
+
+
+@dataclass(frozen=True)
+class _Tuning:
+    """Sizes, chosen for time; px of the photo unless said otherwise."""
+
+    hole_pixels: int = 700  # of the reduced picture, at most
+    reduced_side: int = 200  # px of the reduced picture's longer side, at most
+    context: float = 3.0  # of a hole's longer side: surroundings that are copied from
+    least_context: int = 64
+    smallest: int = 40  # px: a smaller piece of the hole keeps the guide
+    detail: float = 3.0  # standard deviation of the blur that separates fine detail
+    ring: int = 14  # px around the hole whose contrast a fill should have
+    favour: float = 0.15  # logarithm: copies are taken unless they are worse by this
+    noise: float = 4.0  # squared levels of detail that nobody sees
+    seam_band: int = 2  # px around a copy over which its place is refined
+
+
+TUNING = _Tuning()
+
+
+def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
+    """`picture` (H, W, 3) with `hole` (H, W) filled by copies from its surroundings.
+
+    `guide` (H, W, 3) is a fill by other means: copies follow its colours roughly, and
+    a piece of the hole keeps it if its contrast suits the surroundings better. A blur
+    is as wrong as too much texture.
+    """
+    result = np.where(hole[..., None], guide, picture)
+    for part, piece in _windows(hole):
+        window = _Window(picture[part], guide[part], piece, hole[part])
+        filled = window.fill()
+        if window.contrast_error(filled) > window.contrast_error() + TUNING.favour:
+            continue
+        result[part] = np.where(piece[..., None], filled, result[part])
+    return np.asarray(result, np.float32)
+
+
+def _windows(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
+    """Rows and columns around each connected piece of `hole`, and the piece there."""
+    count, names, stats, _ = cv2.connectedComponentsWithStats(
+        hole.astype(np.uint8), connectivity=8
+    )
+    for number in range(1, count):
+        left, top, width, height, area = (int(value) for value in stats[number])
+        if area < TUNING.smallest:
+            continue
+        margin = int(max(TUNING.least_context, TUNING.context * max(width, height)))
+        rows = slice(max(0, top - margin), top + height + margin)
+        columns = slice(max(0, left - margin), left + width + margin)
+        yield (rows, columns), names[rows, columns] == number
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A piece of the hole and its surroundings, (H, W) and (H, W, 3)."""
+
+    picture: F32
+    guide: F32
+    hole: Mask
+    blocked: Mask
+
+    def fill(self) -> F32:
+        """(H, W, 3): copies and guide, joined in the hole."""
+        scale = self._scale()
+        reduced = self._reduced(scale)
+        offsets = copy_offsets(
+            reduced.picture, reduced.hole, reduced.blocked, COSTS.far
+        )
+        if not len(offsets):
+            return self.guide
+        labels = OffsetLabels(reduced, offsets).solve()
+        shifts = self._shifts(_enlarged(labels, scale, self.hole), offsets, scale)
+        return join_gradients(self._sources(), shifts, self.hole)
+
+    def contrast_error(self, filled: F32 | None = None) -> float:
+        """Difference of contrast in the hole and around it, as logarithm of squares.
+
+        `filled` (H, W, 3) is the fill; the guide if it is None.
+        """
+        fill = self.guide if filled is None else filled
+        whole = np.where(self.hole[..., None], fill, self.picture)
+        inside = self._detail(whole, ~self.blocked | self.hole)[self.hole]
+        ring = dilate(self.hole, TUNING.ring) & ~dilate(self.blocked, 1)
+        if not ring.any():
+            return 0.0
+        around = self._detail(self.picture, ~self.blocked)[ring]
+        means = [np.log(part + TUNING.noise).mean() for part in (inside, around)]
+        return float(abs(means[0] - means[1]))
+
+    def _sources(self) -> F32:
+        """(2 H, W, 3): the photo, and the guide below it, so that one shift names it."""
+        return np.concatenate([self.picture, self.guide])
+
+    def _scale(self) -> int:
+        """How many px of the photo are one of the reduced picture."""
+        by_area = (self.hole.sum() / TUNING.hole_pixels) ** 0.5
+        by_side = max(self.hole.shape) / TUNING.reduced_side
+        return max(1, int(np.ceil(max(by_area, by_side))))
+
+    def _reduced(self, scale: int) -> ReducedPhoto:
+        blocked = _block_means(self.blocked.astype(np.float32), scale) > 0
+        hole = _block_means(self.hole.astype(np.float32), scale) > 0
+        filled = np.where(self.blocked[..., None], self.guide, self.picture)
+        guide = _block_means(filled, scale)
+        detail = self._detail(self.picture, ~self.blocked)
+        energy = np.log(_block_means(detail, scale) + TUNING.noise)
+        return ReducedPhoto(guide, guide, hole, blocked, energy)
+
+    @staticmethod
+    def _detail(picture: F32, known: Mask) -> F32:
+        """(H, W): squared fine detail of the grey levels."""
+        grey, weight = picture.mean(axis=2), known.astype(np.float32)
+        share = np.maximum(cv2.GaussianBlur(weight, (0, 0), TUNING.detail), 1e-3)
+        soft = cv2.GaussianBlur(grey * weight, (0, 0), TUNING.detail) / share
+        return np.asarray(((grey - soft) * weight) ** 2, np.float32)
+
+    def _shifts(self, labels: I64, offsets: Offsets, scale: int) -> I64:
+        """(H, W, 2) rows and columns to the source of each pixel, refined by copies."""
+        height = len(self.hole)
+        shifts = np.zeros((*self.hole.shape, 2), np.int64)
+        result, done = self.picture.copy(), ~self.blocked
+        for number, piece in _pieces_by_size(labels):
+            place = np.argwhere(piece)
+            if number < len(offsets):
+                offset = self._refined(place, offsets[number], scale, (result, done))
+            else:
+                offset = None
+            if offset is None:
+                offset = np.array([height, 0])
+            there = place + offset
+            shifts[place[:, 0], place[:, 1]] = offset
+            result[place[:, 0], place[:, 1]] = self._sources()[there[:, 0], there[:, 1]]
+            done[place[:, 0], place[:, 1]] = True
+        return shifts
+
+    def _refined(
+        self, place: I64, offset: I64, scale: int, composed: tuple[F32, Mask]
+    ) -> I64 | None:
+        """The full-size offset of a piece that suits what is beside it; None if none."""
+        result, done = composed
+        beside = self._beside(place, done)
+        aim = result[beside[:, 0], beside[:, 1]]
+        last = np.array(self.hole.shape) - 1
+        rated = []
+        for step in np.ndindex(2 * scale - 1, 2 * scale - 1):
+            moved = offset * scale + np.array(step) - (scale - 1)
+            there = np.clip(beside + moved, 0, last)
+            gap = ((self.picture[there[:, 0], there[:, 1]] - aim) ** 2).sum(axis=1)
+            cost = gap.mean() if len(gap) else 0.0
+            rated.append((float(cost), *step, moved))
+        rated.sort(key=lambda one: one[:3])
+        for one in rated:
+            there = place + one[3]
+            if (there < 0).any() or (there > last).any():
+                continue
+            if not self.blocked[there[:, 0], there[:, 1]].any():
+                return np.asarray(one[3], np.int64)
+        return None
+
+    def _beside(self, place: I64, done: Mask) -> I64:
+        """(n, 2) pixels beside a piece that are composed already."""
+        band = TUNING.seam_band
+        low = np.maximum(place.min(axis=0) - band, 0)
+        high = place.max(axis=0) + band + 1
+        box = np.s_[low[0] : high[0], low[1] : high[1]]
+        own = np.zeros_like(done[box])
+        own[place[:, 0] - low[0], place[:, 1] - low[1]] = True
+        ring = dilate(own, band) & ~own & done[box]
+        return np.argwhere(ring) + low
+
+
+def _pieces_by_size(labels: I64) -> Iterator[tuple[int, Mask]]:
+    """Labels and masks of the connected pieces of `labels` (H, W), largest first."""
+    pieces = []
+    for number in np.unique(labels[labels >= 0]):
+        count, names, stats, _ = cv2.connectedComponentsWithStats(
+            (labels == number).astype(np.uint8), connectivity=4
+        )
+        areas = stats[:, cv2.CC_STAT_AREA]
+        pieces += [(-int(areas[k]), int(number), k, names) for k in range(1, count)]
+    for _, number, k, names in sorted(pieces, key=lambda one: one[:3]):
+        yield number, names == k
+
+
+def _enlarged(labels: I64, scale: int, hole: Mask) -> I64:
+    """`labels` of the reduced picture at full size in `hole` (H, W), elsewhere -1."""
+    height, width = hole.shape
+    large = labels.repeat(scale, axis=0).repeat(scale, axis=1)[:height, :width]
+    return np.where(hole, large, -1)
+
+
+def _block_means(picture: F32, scale: int) -> F32:
+    """Means of blocks of `scale` px a side; the last ones are filled up."""
+    height, width = picture.shape[:2]
+    pads = [(0, -height % scale), (0, -width % scale)]
+    pads += [(0, 0)] * (picture.ndim - 2)
+    padded = np.pad(picture, pads, mode="edge")
+    rows, columns = padded.shape[0] // scale, padded.shape[1] // scale
+    blocks = padded.reshape(rows, scale, columns, scale, *picture.shape[2:])
+    return np.asarray(blocks.mean(axis=(1, 3)), np.float32)

@@ -1,0 +1,140 @@
+"""Doubts about a clip from the outcome of its push, for the photo's suitability."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.geometry.scale import PLAYBACK
+from physgen.materials import is_living, kind
+from physgen.perceive.roles import PerceivedScene, Suitability
+from physgen.pipeline.push_trials import Grade, Outcome
+from physgen.text import listed
+
+
+@dataclass(frozen=True)
+class OutcomeLimits:
+    """Limits from which the outcome of a push is doubtful; areas are shares of the photo."""
+
+    brief: float = 0.5
+    """s of video in which something moves: a shorter motion is a jerk."""
+    filled: float = 0.25
+    """Area that is filled behind what moves, on any ground."""
+    busy_filled: float = 0.06
+    """The same beside fine detail, which a fill does not continue."""
+    busy: float = 0.5
+    """Share of fine detail around what moves."""
+    fine: float = 12.0
+    """Mean |Laplacian| of a patch of fine detail, 8-bit codes at `width`."""
+    width: int = 256
+    """px of the photo as its texture is judged."""
+    patch: int = 9
+    """px over which detail is averaged."""
+    ring: float = 0.04
+    """Width of the surroundings, as a share of the photo's longer side."""
+
+
+OUTCOME = OutcomeLimits()
+
+
+def with_doubts(perceived: PerceivedScene, reasons: Sequence[str]) -> PerceivedScene:
+    """Return the scene with further reasons to doubt that its photo suits."""
+    known = () if perceived.suitability is None else perceived.suitability.reasons
+    every = tuple(dict.fromkeys((*known, *reasons)))
+    return replace(perceived, suitability=Suitability(every))
+
+
+def outcome_doubts(
+    perceived: PerceivedScene, pushed: Sequence[str], outcome: Outcome
+) -> list[str]:
+    """Return the doubts about a clip in which the objects `pushed` set off a motion."""
+    names = listed(list(pushed), "and")
+    doubts = []
+    if outcome.grade is Grade.NOTHING:
+        doubts.append(f"the push of {names} moves nothing visibly")
+    if outcome.grade is Grade.LEAVES and not outcome.left:
+        doubts.append(f"{names} would rebound from a wall that the photo does not show")
+    elif outcome.grade is Grade.LEAVES:
+        left = listed(list(outcome.left), "and")
+        doubts.append(f"{left} leaves the picture, also at the gentlest push")
+    if outcome.grade is Grade.RESTLESS:
+        doubts.append("something still moves after the longest trial")
+    slow = round(perceived.document.get("render", {}).get("slow", 1))
+    seconds = outcome.seconds * slow
+    if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:
+        doubts.append(f"the motion takes only {seconds:.1f} s of video")
+    doubts += _fill_doubts(perceived, outcome)
+    return doubts
+
+
+def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:
+    """Return the doubt about what is filled behind the objects that move."""
+    mask = np.zeros(perceived.percepts.labels.shape, bool)
+    area = 0.0
+    for name in outcome.moved:
+        own = _object_mask(perceived, name)
+        columns = max(np.count_nonzero(own.any(axis=0)), 1)
+        passed = outcome.travel * max(own.shape) / columns
+        area += min(passed, 1.0) * float(own.mean())
+        mask |= own
+    busy = _detail_around(perceived, mask) if area else 0.0
+    is_large = area > OUTCOME.filled
+    is_busy = area > OUTCOME.busy_filled and busy > OUTCOME.busy
+    if not (is_large or is_busy):
+        return []
+    text = f"{100 * area:.0f} % of it must be filled in behind what moves"
+    return [f"{text}, beside fine detail" if is_busy else text]
+
+
+def _object_mask(perceived: PerceivedScene, name: str) -> NDArray[np.bool_]:
+    """Return the pixels (H, W) of an object."""
+    item = perceived.document["objects"].get(name, {})
+    labels = perceived.percepts.labels
+    number = item.get("mask")
+    if not isinstance(number, int):
+        return np.zeros(labels.shape, bool)
+    return np.asarray(labels == number)
+
+
+def _detail_around(perceived: PerceivedScene, mask: NDArray[np.bool_]) -> float:
+    """Return the share of fine detail around a mask (H, W)."""
+    rgb = perceived.percepts.rgb
+    height = max(round(OUTCOME.width * rgb.shape[0] / rgb.shape[1]), 2)
+    small = cv2.resize(rgb, (OUTCOME.width, height), interpolation=cv2.INTER_AREA)
+    grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    size = (OUTCOME.patch, OUTCOME.patch)
+    is_fine = cv2.blur(np.abs(cv2.Laplacian(grey, cv2.CV_32F)), size) > OUTCOME.fine
+    inside = cv2.resize(
+        mask.astype(np.uint8), small.shape[1::-1], interpolation=cv2.INTER_AREA
+    )
+    radius = max(round(OUTCOME.ring * max(small.shape)), 1)
+    kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    ring = (cv2.dilate(inside, kernel) > 0) & (inside == 0)
+    return float(is_fine[ring].mean()) if ring.any() else 0.0
+
+
+def living_doubts(perceived: PerceivedScene) -> list[str]:
+    """Return a reason that names the people and animals, which are never pushed."""
+    objects = perceived.document["objects"].items()
+    names = [name for name, item in objects if is_living(item.get("label", ""))]
+    if not names:
+        return []
+    kinds = {kind(item["label"]).noun for name, item in objects if name in names}
+    what = "people and animals" if len(kinds) > 1 else f"a {min(kinds)}"
+    if kinds == {"animal"}:
+        what = "an animal"
+    return [f"{listed(names, 'and')}: {what}, never pushed"]
+
+
+def brief_summary(outcome: Outcome, slow: int) -> str:
+    """Return how far and how long something moves, in words."""
+    seconds = max(outcome.seconds * slow, 0.0)
+    clip = max(seconds + PLAYBACK.pause, PLAYBACK.shortest)
+    return (
+        f"{100 * outcome.travel:.0f} % of the photo's longer side in {seconds:.1f} s "
+        f"of a clip of {clip:.1f} s"
+    )

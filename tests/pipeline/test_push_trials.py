@@ -1,0 +1,143 @@
+"""Grades of pushes, and the choice among them, on scenes whose answer is plain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.compile.shapes import shapes_of
+from physgen.geometry.scale import PLAYBACK, push_speed
+from physgen.pipeline.push_trials import (
+    TRIAL,
+    Grade,
+    TrialScene,
+    choose_push,
+    compile_trials,
+    playback_of,
+    simulate_push,
+)
+from physgen.simulate.engine import simulate
+
+FLOOR = "boundaries: {floor: {segment: [[-400, 250], [800, 250]], friction: 0.6}}\n"
+
+
+def trials_of(tmp_path: Path, objects: str, walls: str = FLOOR) -> TrialScene:
+    """Compile a side view of 400 x 300 px with these objects."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [400, 300]\nworld: {pixels_per_meter: 800}\n"
+        f"objects:\n{objects}{walls}"
+    )
+    scene = pipeline.load(path)
+    return compile_trials(scene, shapes_of(scene, None))
+
+
+def box(name: str, x: float, width: float, height: float, more: str = "") -> str:
+    """Write a box that stands on the floor."""
+    center = f"[{x}, {250 - height / 2}]"
+    shape = f"{{box: {{center: {center}, size: [{width}, {height}]}}}}"
+    return f"  {name}: {{shape: {shape}, friction: 0.5{more}}}\n"
+
+
+@pytest.mark.parametrize("x", [60, 200, 340])
+def test_a_heavy_box_slides_and_stays_inside(tmp_path: Path, x: float) -> None:
+    trials = trials_of(tmp_path, box("crate", x, 80, 50))
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.outcome.grade >= Grade.SHORT
+    assert chosen.outcome.travel >= TRIAL.travel
+    scene = trials.scene
+    edit = f"objects.crate.velocity=[{chosen.velocity[0]}, 0]"
+    pushed = pipeline.load(tmp_path / "scene.yaml", [edit])
+    poses = simulate(pipeline.compile(pushed, None).world, np.linspace(0, 3, 61)).poses
+    assert 40 <= poses[-1, 0, 0] <= scene.size[0] - 40
+    assert np.ptp(poses[-5:, 0, 0]) < 0.1
+
+
+def test_a_tall_thing_falls_over_beside_a_free_way(tmp_path: Path) -> None:
+    trials = trials_of(tmp_path, box("bottle", 200, 30, 110))
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.outcome.grade is Grade.STORY
+    edit = f"objects.bottle.velocity=[{chosen.velocity[0]}, 0]"
+    pushed = pipeline.load(tmp_path / "scene.yaml", [edit])
+    poses = simulate(pipeline.compile(pushed, None).world, np.linspace(0, 4, 81)).poses
+    assert abs(np.degrees(poses[-1, 0, 2])) == pytest.approx(90, abs=5)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_vehicle_drives_forwards(tmp_path: Path, side: str) -> None:
+    trials = trials_of(tmp_path, box("car", 200, 80, 40, ", label: car"))
+    chosen = choose_push(trials, {}, {"car": side})
+    assert chosen is not None
+    assert chosen.velocity[0] * (1 if side == "right" else -1) > 0
+
+
+def test_a_ball_that_never_rests_is_pushed_gently(tmp_path: Path) -> None:
+    """Without rolling resistance it leaves the picture in the end."""
+    ball = "  ball: {shape: {circle: {center: [200, 230], radius: 20}}}\n"
+    trials = trials_of(tmp_path, ball)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.outcome.grade is Grade.RESTLESS
+    assert chosen.speed < 0.5 * push_speed(400, 800)
+
+
+def test_the_gentlest_push_is_taken_if_all_leave(tmp_path: Path) -> None:
+    """By 5 % of the photo it would leave it: it has 3 % of room on either side."""
+    trials = trials_of(tmp_path, box("sofa", 199.5, 376, 100))
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.outcome.grade is Grade.LEAVES
+    assert chosen.outcome.left == ("sofa",)
+    assert chosen.speed < push_speed(400, 800)
+
+
+@pytest.mark.parametrize(
+    ("label", "is_pushed"),
+    [("dog", False), ("woman", False), ("toy dog", True), ("teddy bear", True)],
+)
+def test_people_and_animals_are_never_pushed(
+    tmp_path: Path, label: str, is_pushed: bool
+) -> None:
+    trials = trials_of(tmp_path, box("a", 200, 60, 60, f', label: "{label}"'))
+    assert (choose_push(trials, {}, {}) is not None) == is_pushed
+
+
+def test_a_trial_ends_when_something_leaves(tmp_path: Path) -> None:
+    ball = "  ball: {shape: {circle: {center: [360, 230], radius: 20}}}\n"
+    trials = trials_of(tmp_path, ball)
+    near = simulate_push(trials, {"ball": (900, 0)})
+    far = simulate_push(trials, {"ball": (-900, 0)})
+    assert near.grade is far.grade is Grade.LEAVES or near.grade is Grade.NOTHING
+    assert near.work < far.work
+
+
+def test_mirrored_pushes_have_equal_outcomes(tmp_path: Path) -> None:
+    trials = trials_of(tmp_path, box("crate", 199.5, 80, 50))
+    left, right = (
+        simulate_push(trials, {"crate": (way * 600.0, 0.0)}) for way in (-1, 1)
+    )
+    assert left.grade is right.grade
+    assert left.travel == pytest.approx(right.travel, rel=0.02)
+
+
+def test_travel_of_a_slide_follows_the_closed_form(tmp_path: Path) -> None:
+    """v^2 / (2 mu g), with mu the geometric mean of the two coefficients."""
+    trials = trials_of(tmp_path, box("plank", 200, 120, 20))
+    outcome = simulate_push(trials, {"plank": (600.0, 0.0)})
+    slowed = np.sqrt(0.5 * 0.6) * 9.8 * 800
+    assert outcome.travel * 400 == pytest.approx(600**2 / (2 * slowed), rel=0.05)
+    ends = 600 / slowed * (1 - np.sqrt(TRIAL.unrest / outcome.travel))
+    sample = trials.unit / TRIAL.samples
+    assert outcome.seconds == pytest.approx(ends, abs=sample)
+
+
+def test_slow_motion_of_a_push_is_at_most_the_usual(tmp_path: Path) -> None:
+    trials = trials_of(tmp_path, box("crate", 200, 80, 50))
+    assert playback_of(trials, 0.1) == 4
+    assert playback_of(trials, 1.0) == 2
+    assert playback_of(trials, 3 * PLAYBACK.longest) == 1
