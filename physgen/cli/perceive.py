@@ -65,10 +65,12 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         partial(_refuse_beside_refresh, options),
         partial(_refuse_push_and_still, options),
         partial(_refuse_without_point, options),
-        *(partial(coordinates, "--box", text, 4) for text in options.box),
-        *(partial(coordinates, "--point", text, 2) for text in options.point),
     ]
-    crew, _, _, _, *marks = collect(checks)
+    refusals = len(checks)
+    checks += [partial(coordinates, "--box", text, 4) for text in options.box]
+    checks += [partial(coordinates, "--point", text, 2) for text in options.point]
+    crew, *marks = collect(checks)
+    marks = marks[refusals - 1 :]
     settings: dict[str, Any] = {
         "boxes": marks[:boxes],
         "points": marks[boxes:],
