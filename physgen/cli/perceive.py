@@ -66,11 +66,13 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         partial(_refuse_push_and_still, options),
         partial(_refuse_without_point, options),
     ]
-    refusals = len(checks)
-    checks += [partial(coordinates, "--box", text, 4) for text in options.box]
-    checks += [partial(coordinates, "--point", text, 2) for text in options.point]
-    crew, *marks = collect(checks)
-    marks = marks[refusals - 1 :]
+    coordinate_checks = [
+        *(partial(coordinates, "--box", text, 4) for text in options.box),
+        *(partial(coordinates, "--point", text, 2) for text in options.point),
+    ]
+    results = collect([*checks, *coordinate_checks])
+    crew = results[0]
+    marks = results[len(checks) :]
     settings: dict[str, Any] = {
         "boxes": marks[:boxes],
         "points": marks[boxes:],

@@ -51,6 +51,8 @@ OWNER = {
 ONE_OF_TWO = "write only one of the two"
 LEAST_AREA = 0.01
 """px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
+LONGEST_EXTENT = 20
+"""Longer sides of the photo: a body that is longer covers the whole photo, and its collisions take minutes."""
 SAME_POINT = 1e-9
 """px: to what a float of 10^6 px resolves."""
 BLOCK = 16
@@ -407,6 +409,8 @@ class _Rules:
         for where, outline, crossing in _outlines(good.get("mask"), kinds):
             self.outline(outline, (*path, *where), crossing)
         self.areas(kinds, path)
+        if "motion" not in parts:
+            self.extents(kinds, path)
         self.holes(kinds, path)
         self.rising(
             items(children(good.get("motion")).get("path")), (*path, "motion", "path")
@@ -429,6 +433,37 @@ class _Rules:
             expected = f"has an area of {area:.2g} px², below {LEAST_AREA:g} px²"
             fix = "draw it larger; did you mean meters? write each number as e.g. 0.5 m"
             self.add(node.place, (*path, *where), "", expected, fix)
+
+    def extents(self, kinds: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if the shape is far larger than the photo."""
+        if self.ground.size is None:
+            return
+        longest = LONGEST_EXTENT * max(self.ground.size)
+        for kind, node in kinds.items():
+            extent = self._extent(kind, node)
+            if extent <= longest:
+                continue
+            expected = f"is {extent:,.0f} px long, above {longest:,} px"
+            fix = (
+                f"write at most {LONGEST_EXTENT} times the photo's longer side; did you "
+                "mean px? write the numbers without a unit"
+            )
+            self.add(node.place, (*path, "shape", kind), "", expected, fix)
+
+    def _extent(self, kind: str, node: Node) -> float:
+        """Return the length of a shape, px; 0 if its numbers are not valid."""
+        parts = children(node)
+        if kind == "circle" and "radius" in parts:
+            return 2.0 * float(parts["radius"].value)
+        if kind == "box" and "size" in parts:
+            return max(float(side.value) for side in items(parts["size"]))
+        outlines = [outline for _, outline, _ in _outlines(None, {kind: node})]
+        sides = [
+            max(axis) - min(axis)
+            for outline in outlines
+            for axis in zip(*_points(outline), strict=True)
+        ]
+        return max(sides, default=0.0)
 
     def holes(self, kinds: dict[str, Node], path: KeyPath) -> None:
         for index, piece in enumerate(items(kinds.get("polygons"))):

@@ -114,3 +114,29 @@ def test_frame_too_thin_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         pipeline.compile(scene, None)
     assert caught.value.problems[0].path == "objects.a.shape"
+
+
+@pytest.mark.parametrize(
+    "written_shape",
+    [
+        "{circle: {center: [100, 100], radius: 30 m}}",
+        "{box: {center: [100, 100], size: [150 m, 40]}}",
+        "{polygon: [[0, 0], [9000, 0], [0, 30]]}",
+    ],
+)
+def test_shapes_far_larger_than_the_picture_are_refused(
+    written_shape: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path, written_shape)
+    with pytest.raises(InputError) as error:
+        pipeline.load(path)
+    (problem,) = error.value.problems
+    assert problem.place.line > 0
+    assert "shape" in str(problem)
+
+
+def test_large_static_ground_is_accepted(tmp_path: Path) -> None:
+    path = write(tmp_path, "{box: {center: [100, 900], size: [20000, 400]}}")
+    text = path.read_text()
+    path.write_text(text.replace("mass:", "motion: static, mass:"))
+    assert pipeline.load(path).objects
