@@ -73,7 +73,7 @@ def photos(folder: Path) -> dict[str, list[Pair]]:
         ]
     if material := os.environ.get("PHYSGEN_MATERIAL"):
         household = sorted(
-            path for path in (Path(material) / "photos").iterdir() if path.is_dir()
+            path.parent for path in (Path(material) / "photos").glob("*/mask.png")
         )
         sets["household"] = [
             Pair(p / "original.png", p / "mask.png", name=p.name) for p in household

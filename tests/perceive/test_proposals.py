@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from physgen.perceive.segment.edges import search_edges
 from physgen.perceive.segment.gradient import colour_gradient
 from physgen.perceive.segment.proposals import (
     Proposal,
@@ -91,3 +92,14 @@ def test_the_best_set_prefers_two_to_the_one_that_excludes_both() -> None:
     assert best_set(gain, excludes).tolist() == [False, True, True, False]
     gain[0] = 5
     assert best_set(gain, excludes).tolist() == [True, False, False, False]
+
+
+@pytest.mark.parametrize(("roughness", "is_searched"), [(0.5, True), (25.0, False)])
+def test_rough_photos_have_no_edge_search(roughness: float, is_searched: bool) -> None:
+    rng = np.random.default_rng(0)
+    photo = np.full((200, 300, 3), (60, 80, 100), np.float64)
+    cv2.circle(photo, (100, 100), 40, (220, 190, 60), -1)
+    cv2.rectangle(photo, (190, 60), (260, 140), (200, 60, 60), -1)
+    photo += rng.normal(0, roughness, photo.shape)
+    found = search_edges(np.clip(photo, 0, 255).astype(np.uint8))
+    assert len(found.chosen) == len(found.scores) == (2 if is_searched else 0)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
+from physgen.perceive.segment.gradient import colour_gradient, smoothed_lab
 from physgen.perceive.segment.proposals import (
     Proposal,
     Scores,
@@ -37,6 +37,8 @@ class SelectionConstants:
     working_side: int = 4096  # px: the longest side searched, of a panorama
     areas: tuple[float, ...] = (0.0012, 0.22)
     """Of the photo: bounds of an object's area in the selection by edges."""
+    noise: float = 1.2
+    """Of CIELAB a px, of the median edge: in a rougher photo, edges select little that is right."""
 
 
 SELECTION = SelectionConstants()
@@ -45,25 +47,17 @@ Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
 
 
-WIDEST_AREAS = (0.0005, 0.6)
-"""Of the photo: bounds of the area of all proposals."""
-
-
 @dataclass(frozen=True, eq=False)
 class EdgeSearch:
-    """Proposals from edges and circles, on a grid of `shape` (h, w)."""
+    """The best set of proposals from edges and circles, on a grid of `shape` (h, w)."""
 
     shape: tuple[int, int]
-    gradient: Gradient
-    proposals: Sequence[
-        Proposal
-    ]  # All of them, also larger and smaller ones than are selected from
-    chosen: Sequence[Proposal]  # The best set of them
+    chosen: Sequence[Proposal]
     scores: NDArray[np.float64]  # (n,) of the chosen ones
 
 
 def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
-    """The proposals of a photo (H, W, 3) uint8 sRGB, and the best set of them."""
+    """Return the best set of proposals of a photo (H, W, 3) uint8 sRGB."""
     height, width = rgb.shape[:2]
     scale = min(
         1.0,
@@ -73,20 +67,18 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     size = max(1, round(width * scale)), max(1, round(height * scale))
     reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
     shape = size[1], size[0]
-    least, most, smallest, largest = (
-        round(part * size[0] * size[1]) for part in (*WIDEST_AREAS, *SELECTION.areas)
-    )
-    least, smallest = max(12, least), max(12, smallest)
+    smallest, largest = (round(part * size[0] * size[1]) for part in SELECTION.areas)
+    smallest = max(12, smallest)
     colour = smoothed_lab(np.asarray(reduced, np.uint8))
     gradient = colour_gradient(colour)
-    regions = stable_regions(colour, gradient, least, most)
+    if gradient.noise > SELECTION.noise:
+        return EdgeSearch(shape, [], np.zeros(0))
+    regions = stable_regions(colour, gradient, smallest, largest)
     circles = discs(gradient, smallest, largest)
-    proposals = distinct(
-        [one for one in regions if smallest <= one.area <= largest] + circles
-    )
+    proposals = distinct(regions + circles)
     scores = score_proposals(proposals, colour, gradient)
     chosen, final = select(proposals, scores, shape)
-    return EdgeSearch(shape, gradient, distinct(regions + circles), chosen, final)
+    return EdgeSearch(shape, chosen, final)
 
 
 def select(

@@ -20,7 +20,7 @@ from physgen.perceive.roles import (
     Rgb,
     Segments,
 )
-from physgen.perceive.segment.judge import confidence, judge_photo
+from physgen.perceive.segment.judge import judge_photo
 from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
 from physgen.perceive.segment.proposals import Proposal
 from physgen.problems import InputError, Place, Problem
@@ -39,8 +39,10 @@ class PromptRule:
     weak: float = (
         0.33  # confidence below which what is pointed at makes the photo doubtful
     )
-    likely: float = 0.7  # confidence from which a point takes the segmenter's object
-    candidate: float = 0.25  # expected fit from which a candidate may be what is meant
+    likely: float = 0.6  # confidence from which a point takes the segmenter's object
+    candidate: float = 0.1  # expected fit from which a candidate may be what is meant
+    caution: float = 0.8
+    """Factor on a candidate's confidence beside what is seen around the point alone."""
     tries: int = 4  # candidates that are cut out again at most
     whole: float = 0.9  # share of the photo from which a mask is the photo and no object: it has nothing behind it
     visible: float = (
@@ -346,8 +348,8 @@ def segment_point(
 ) -> PromptedMask:
     """Return the object at a point.
 
-    It is that of `segments`, or else the candidate that the judge expects to fit best,
-    or else the surest that is seen around the point, cut out again in its box. With
+    It is that of `segments`, or else the surest of the candidate that the judge expects
+    to fit best and of what is seen around the point, cut out again in its box. With
     `smallest`, the smallest candidate comes first. What also holds another of the
     `points` is not meant. Raises InputError where there is none.
     """
@@ -361,10 +363,12 @@ def segment_point(
             if known.confidence >= RULE.likely:
                 return known
     candidate = _candidate_at(rgb, (x, y), others, smallest)
-    if candidate is not None:
+    if candidate is not None and smallest:
         return candidate
     around, is_contested = _looks_around(rgb, (x, y), others)
     found += around
+    if candidate is not None:
+        found.append(candidate)
     if not found:
         expected, fix = (
             "shows no object that ends somewhere",
@@ -425,10 +429,10 @@ def _candidate_at(
     order = sorted(here, key=lambda one: -judged.fit[one[0]])
     if smallest:
         order = sorted(here, key=lambda one: one[1].area)
-    for k, one in order[: RULE.tries]:
+    for _, one in order[: RULE.tries]:
         found = mask_in_box(rgb, one.box * np.tile(scale, 2))
         if _is_meant(found.mask, own, others) and found.mask.mean() < RULE.whole:
-            return PromptedMask(found.mask, float(confidence(judged.fit[k : k + 1])[0]))
+            return PromptedMask(found.mask, RULE.caution * found.confidence)
     return None
 
 
