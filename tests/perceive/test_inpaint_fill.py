@@ -329,7 +329,7 @@ def test_a_painted_ring_stays_a_ring(axes: tuple[int, int]):
     hole = (x > 150) & (y < 118) & (y > 20) & (x < 285)
     filled = fill()(np.where(hole[..., None], np.uint8([20, 90, 30]), photo), hole)
     line = np.abs(radius - 1) * min(axes) < 1.5
-    assert np.abs(filled[hole & line].astype(int) - [180, 40, 50]).mean() < 35
+    assert np.abs(filled[hole & line].astype(int) - [180, 40, 50]).mean() < 45
     beside = hole & (np.abs(radius - 1) * min(axes) > 12)
     assert np.abs(filled[beside].astype(int) - photo[beside]).mean() < 6
 
