@@ -155,8 +155,7 @@ def rim_step(rgb: Rgb, region: Mask) -> float:
     if not usable.any():
         return 0.0
     one, other = (
-        total[usable] / count[usable]
-        for total, count in zip(sums, counts, strict=True)
+        total[usable] / count[usable] for total, count in zip(sums, counts, strict=True)
     )
     return float(np.abs(0.5 * np.log((one + 1) / (other + 1))).mean())
 
@@ -164,8 +163,7 @@ def rim_step(rgb: Rgb, region: Mask) -> float:
 def similarity(one: Rgb, other: Rgb) -> NDArray[np.float64]:
     """(H, W) SSIM of grey levels (Wang et al. 2004; Gaussian window of 11 px)."""
     first, second = (
-        cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float64)
-        for rgb in (one, other)
+        cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float64) for rgb in (one, other)
     )
 
     def mean(picture: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -27,7 +27,9 @@ class _Tuning:
     """Chosen on the tune half of `benchmarks/fills.py`; px are of the reduced picture."""
 
     patch_radius: int = 3  # px: patches are 7 px wide
-    queries: int = 1200  # patches whose match is searched; half of them nearest the hole
+    queries: int = (
+        1200  # patches whose match is searched; half of them nearest the hole
+    )
     chunk: int = 200  # queries that are compared at once
     least_shift: float = 0.07
     """Of the picture's longer side (He and Sun: 1/15): nearer matches are overlaps."""
@@ -73,7 +75,9 @@ def _dominant_offsets(
     votes = _offset_votes(picture, hole, blocked)
     if votes is None:
         return
-    rows, columns = np.nonzero((votes == cv2.dilate(votes, np.ones((3, 3)))) & (votes > 0))
+    rows, columns = np.nonzero(
+        (votes == cv2.dilate(votes, np.ones((3, 3)))) & (votes > 0)
+    )
     order = np.argsort(-votes[rows, columns], kind="stable")
     inside = np.argwhere(hole)
     count = 0

@@ -79,7 +79,9 @@ def _contrast(picture: F32, blocked: Mask, places: F64, direction: F64) -> F64:
         legal = (x >= 0) & (y >= 0) & (x < width) & (y < height)
         x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
         legal &= ~blocked[y, x]
-        sides.append(np.where(legal[:, None], picture[y, x].astype(np.float64), -np.inf))
+        sides.append(
+            np.where(legal[:, None], picture[y, x].astype(np.float64), -np.inf)
+        )
     with np.errstate(invalid="ignore"):
         gap = sides[0] - sides[1]
     return np.where(np.isfinite(gap).all(axis=1, keepdims=True), gap, -1e9)
@@ -169,7 +171,9 @@ class _Ellipse:
 
     def arc(self, start: F64, end: F64, direction: F64) -> F64:
         """(n, 2) points from near `start` to near `end`, leaving in `direction`."""
-        first, last = (float(np.arctan2(*self._unit(p[None])[0][::-1])) for p in (start, end))
+        first, last = (
+            float(np.arctan2(*self._unit(p[None])[0][::-1])) for p in (start, end)
+        )
         ahead = self._points(np.array([first, first + 0.01]))
         sign = 1 if (ahead[1] - ahead[0]) @ direction > 0 else -1
         sweep = (sign * (last - first)) % (2 * np.pi)

@@ -107,7 +107,10 @@ class OffsetLabels:
         # slopes next to a hole are not known either
         near = cv2.dilate(self.photo.blocked.astype(np.uint8), np.ones((3, 3))) > 0
         near[[0, -1]] = near[:, [0, -1]] = True
-        rows, columns = self.rows + self.offsets[:, 0], self.columns + self.offsets[:, 1]
+        rows, columns = (
+            self.rows + self.offsets[:, 0],
+            self.columns + self.offsets[:, 1],
+        )
         legal = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
         return np.asarray(legal & ~near[sources])
 
@@ -154,7 +157,12 @@ class OffsetLabels:
         messages = [np.zeros_like(self.own) for _ in range(4)]
         rows: list[Line] = [(k, slice(None)) for k in range(height)]
         columns: list[Line] = [(slice(None), k) for k in range(width)]
-        sweeps = ((0, rows, 1), (1, rows[::-1], 0), (2, columns, 3), (3, columns[::-1], 2))
+        sweeps = (
+            (0, rows, 1),
+            (1, rows[::-1], 0),
+            (2, columns, 3),
+            (3, columns[::-1], 2),
+        )
         for _ in range(COSTS.rounds):
             for index, lines, back in sweeps:
                 self._sweep(messages, index, lines, back)
