@@ -5,6 +5,7 @@
     python benchmarks/run.py physics         # the physics scorecard, its page and the scenes of its first draws
     python benchmarks/run.py rivals          # the same rows in other engines, beside ours; some minutes
     python benchmarks/run.py ghosts          # edges left where objects and their shadows were
+    python benchmarks/run.py fills           # background fills of holes in real photos; PHYSGEN_LABELLED_PHOTOS
     python benchmarks/run.py fidelity        # frames against the studio's truth videos
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
@@ -42,6 +43,7 @@ from attack import attacks
 from batch import batch
 from editor import editor
 from fid import fid
+from fills import bench as background_fills
 from frames import frames as frame_rows
 from gallery import gallery
 from ghosts import ghosts
@@ -242,6 +244,7 @@ PARTS |= {
     "fidelity": frames_against_truth,
     "shadows": shadows,
     "ghosts": ghosts,
+    "fills": background_fills,
 }
 PARTS |= {"frames": frame_costs}
 PARTS |= {

@@ -14,6 +14,7 @@ import batch_tables
 import editor
 import fid_table
 import fidelity
+import fills
 import paper
 import plausibility.table
 import sureness
@@ -575,6 +576,7 @@ SECTIONS = {
     "Perception against truth": ("percepts", _percepts),
     "Removing shadows": ("shadows", _shadows),
     "Ghosts": ("ghosts", _ghosts),
+    "Background fills": ("fills", fills.table),
     "Mass, friction and elasticity": ("properties", paper.properties_table),
     "Confidence of masses": ("sureness", sureness.tables),
     "Fidelity": ("fidelity", _fidelity),

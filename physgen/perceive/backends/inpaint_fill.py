@@ -47,6 +47,7 @@ class _Limits:
     # shares of these by which their ends differ at most, and each along itself, and px beside their middle drawn
     line: tuple[int, int] = (4, 4)
     contrast: float = 25.0
+    over_texture: float = 12.0  # times the median detail: leaves contain no lines
     differ: float = 0.3
     uneven: float = 0.5
     drawn: int = 2
@@ -112,6 +113,7 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
     """`filled` (H, W, 3) with level lines that the photo shows at both sides of the `hole` (H, W) carried on."""
     (along, beside), thick = LIMITS.line, LIMITS.drawn
     found, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
+    least = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))
     seen = np.where(hole[..., None], np.float32(np.nan), photo)
     for y in range(beside, len(hole) - beside):
         rows, middle = (
@@ -135,7 +137,7 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
             )
             uneven = np.abs(ends - ends.mean(axis=2, keepdims=True))[:, both].max()
             if (
-                contrast < LIMITS.contrast
+                contrast < least
                 or off > LIMITS.differ * contrast
                 or uneven > LIMITS.uneven * contrast
             ):
@@ -152,6 +154,16 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
                 np.where(closer, away, best[part]),
             )
     return found
+
+
+def _texture(photo: F32, hole: Mask) -> float:
+    """Levels: fine detail of most of the pixels around `hole` (H, W)."""
+    ring = dilate(hole, LIMITS.around) & ~hole
+    if not ring.any():
+        return 0.0
+    grey = photo.mean(axis=2)
+    detail = grey - cv2.GaussianBlur(grey, (0, 0), LIMITS.detail)
+    return float(np.median(np.abs(detail[ring])))
 
 
 def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> tuple[F32, Mask]:

@@ -71,9 +71,9 @@ def harmonic_fill(picture: F32, hole: Mask, tolerance: float = 0.02) -> F32:
 def join_gradients(sources: F32, shifts: NDArray[np.int64], hole: Mask) -> F32:
     """(H, W, 3): copies in `hole` (H, W) whose gradients meet without seams.
 
-    The first H rows of `sources` (n, W, 3) are the photo. `shifts` (H, W, 2): rows and
-    columns from a pixel of the hole to its source. At a seam, the gradient is the mean
-    of what both sources have there; steps beyond `STEP` stay, as edges.
+    The first H rows of `sources` (n, W, 3) are the photo. `shifts` (H, W, 2): rows and columns
+    from a pixel of the hole to its source. At a seam, the gradient is what one
+    source has there; steps beyond `STEP` stay, as edges.
     """
     height, width = hole.shape
     rows, columns = np.indices(hole.shape)
@@ -104,18 +104,19 @@ def _seam_slopes(
     shifts: NDArray[np.int64],
     hole: Mask,
 ) -> F32:
-    """(n, 3): slopes between pixels on both `sides` of a seam, by the copies there."""
-    total = np.zeros((len(sides[0]), 3), np.float32)
-    weight = np.zeros((len(sides[0]), 1), np.float32)
+    """(n, 3): slopes between pixels on both `sides` of a seam, by one of the copies.
+
+    A mean of two copies would have less contrast than each.
+    """
     last = np.array(sources.shape[:2]) - 1
-    for side in sides:
-        shift = shifts[side[:, 0], side[:, 1]]
-        one, other = (np.clip(place + shift, 0, last) for place in sides)
-        slope = sources[other[:, 0], other[:, 1]] - sources[one[:, 0], one[:, 1]]
-        inside = hole[side[:, 0], side[:, 1]][:, None]
-        total += np.where(inside, slope, 0)
-        weight += inside
-    return total / weight
+    first, second = sides
+    by_first = hole[first[:, 0], first[:, 1]][:, None]
+    shift = np.where(
+        by_first, shifts[first[:, 0], first[:, 1]], shifts[second[:, 0], second[:, 1]]
+    )
+    one, other = (np.clip(place + shift, 0, last) for place in sides)
+    slopes = sources[other[:, 0], other[:, 1]] - sources[one[:, 0], one[:, 1]]
+    return np.asarray(slopes, np.float32)
 
 
 def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:

@@ -31,7 +31,15 @@ class _Tuning:
     smallest: int = 40  # px: a smaller piece of the hole keeps the guide
     detail: float = 3.0  # standard deviation of the blur that separates fine detail
     ring: int = 14  # px around the hole whose contrast a fill should have
-    favour: float = 0.15  # logarithm: copies are taken unless they are worse by this
+    grain: float = 4.0  # px: standard deviation of the blur that makes grain even
+    even: float = 9.0  # squared levels of detail: 3 levels, as for smooth pieces
+    favour: float = (
+        0.15  # logarithm: copies are taken unless they are worse by this ...
+    )
+    even_gain: float = 1.0  # ... or, on an even ground, unless they are better by this
+    most_gain: float = (
+        1.1  # of fine detail: 1.2 loses 0.3 dB and is right no more often
+    )
     noise: float = 4.0  # squared levels of detail that nobody sees
     seam_band: int = 2  # px around a copy over which its place is refined
 
@@ -49,10 +57,10 @@ def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
     result = np.where(hole[..., None], guide, picture)
     for part, piece in _windows(hole):
         window = _Window(picture[part], guide[part], piece, hole[part])
-        filled = window.fill()
-        if window.contrast_error(filled) > window.contrast_error() + TUNING.favour:
-            continue
-        result[part] = np.where(piece[..., None], filled, result[part])
+        filled = window.strengthened(window.fill())
+        gain = window.contrast_error() - window.contrast_error(filled)
+        if gain > window.least_gain():
+            result[part] = np.where(piece[..., None], filled, result[part])
     return np.asarray(result, np.float32)
 
 
@@ -93,20 +101,46 @@ class _Window:
         shifts = self._shifts(_enlarged(labels, scale, self.hole), offsets, scale)
         return join_gradients(self._sources(), shifts, self.hole)
 
+    def strengthened(self, filled: F32) -> F32:
+        """`filled` (H, W, 3) with the fine detail that blended seams took from it."""
+        missing = self._contrast_gap(filled)
+        gain = float(np.clip(np.exp(-missing / 2), 1, TUNING.most_gain))
+        whole = np.where(self.hole[..., None], filled, self.picture)
+        detail = whole - cv2.GaussianBlur(whole, (0, 0), TUNING.detail)
+        stronger = np.clip(whole + (gain - 1) * detail, 0, 255)
+        return np.where(self.hole[..., None], stronger, filled)
+
     def contrast_error(self, filled: F32 | None = None) -> float:
         """Difference of contrast in the hole and around it, as logarithm of squares.
 
         `filled` (H, W, 3) is the fill; the guide if it is None.
         """
-        fill = self.guide if filled is None else filled
+        return abs(self._contrast_gap(self.guide if filled is None else filled))
+
+    def _contrast_gap(self, fill: F32) -> float:
+        """Logarithm of squared fine detail in the hole over that around it."""
         whole = np.where(self.hole[..., None], fill, self.picture)
         inside = self._detail(whole, ~self.blocked | self.hole)[self.hole]
-        ring = dilate(self.hole, TUNING.ring) & ~dilate(self.blocked, 1)
-        if not ring.any():
+        around = self._detail_around()
+        if not len(around):
             return 0.0
-        around = self._detail(self.picture, ~self.blocked)[ring]
         means = [np.log(part + TUNING.noise).mean() for part in (inside, around)]
-        return float(abs(means[0] - means[1]))
+        return float(means[0] - means[1])
+
+    def least_gain(self) -> float:
+        """By how much copies must suit the surroundings better, as such a logarithm.
+
+        On an even ground, edges apart, the guide is right but for its own artefacts.
+        """
+        around = self._detail_around()
+        even = not len(around) or np.median(around) < TUNING.even
+        return TUNING.even_gain if even else -TUNING.favour
+
+    def _detail_around(self) -> F32:
+        """(n,): squared fine detail of the pixels around the hole."""
+        ring = dilate(self.hole, TUNING.ring) & ~dilate(self.blocked, 1)
+        squares = self._detail(self.picture, ~self.blocked)
+        return np.asarray(cv2.GaussianBlur(squares, (0, 0), TUNING.grain)[ring])
 
     def _sources(self) -> F32:
         """(2 H, W, 3): the photo, and the guide below it, so that one shift names it."""
