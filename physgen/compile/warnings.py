@@ -19,7 +19,7 @@ from physgen.maps import U8, Percepts
 from physgen.problems import Problem, Severity, by_place
 from physgen.scene.files import equal
 from physgen.scene.load import EARTH
-from physgen.scene.scene import Motion, Scene, Solid, View, held
+from physgen.scene.scene import Auto, Motion, Scene, Solid, View, held
 from physgen.text import quoted
 
 Mask = NDArray[np.bool_]
@@ -369,6 +369,9 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         seen = np.zeros(mask.shape, np.uint8)
         cv2.fillPoly(seen, [corners - np.array([left, top], np.int32)], 1)
         shown = (compiled.labels[here] > 0) | compiled.scenery[here] | _filled(mask)
+        if isinstance(item.shape, Auto):
+            # perception lays a flat base under what the photo shows from above
+            shown |= np.logical_or.accumulate(mask, axis=0)
         bare = (cover >= 0.5) & ~shown[box]
         thin = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
         path, fix = f"objects.{item.name}.shape", "correct the outline or the mask"

@@ -82,6 +82,8 @@ class TrialLimits:
     """Share of an object beyond the border that is still counted as in the picture."""
     unrest: float = 0.004
     """Motion in the last unit of time that is still rest."""
+    visible: float = 0.0015
+    """Distance from its last place at which something still moves: 2 px of 1280."""
     falls: float = 0.5
     """Weight of each object that falls over, in objects that move far."""
     worth: float = 1.1
@@ -365,7 +367,8 @@ def simulate_push(
     seconds = _moving_time(world, motion, TRIAL.unrest * trials.side)
     is_resting = seconds <= float(motion.times[-1]) - trials.unit
     slow = playback_of(trials, seconds)
-    film = min(seconds * slow / PLAYBACK.least_motion, 1.0)
+    shown = _moving_time(world, motion, TRIAL.visible * trials.side)
+    film = min(shown * slow / PLAYBACK.least_motion, 1.0)
     score = float(np.minimum(travel / TRIAL.far, 1.0).sum())
     score += TRIAL.falls * len(_fallen(world, motion))
     if any(_returns(motion, *push) for push in velocities.items()):

@@ -13,10 +13,13 @@ from physgen.perceive.perceive import fit_objects
 from physgen.perceive.roles import PhotoObject
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.ground_contact import (
+    Line,
+    add_base,
     close_gaps_below,
     find_foot,
     is_carried,
     lower_hull,
+    needs_base,
 )
 from physgen.perceive.support.supports import SOURCE
 from physgen.photos import read_image
@@ -325,3 +328,35 @@ def test_bars_behind_objects_are_no_shelf():
     desk.block(300, 270, 60, 40)
     walls = support()(desk.rgb, desk.labels, desk.things, View.SIDE).walls
     assert [wall.source for wall in walls if wall.name.startswith("ledge")] == [SOURCE]
+
+
+def receding_shoe(lean: float) -> PhotoObject:
+    """A thing seen from above its level: its base rises by `lean` px to the right."""
+    corners = [(100, 80), (220, 80), (220, 200 - lean), (160, 200 - 0.3 * lean)]
+    corners += [(110, 200), (100, 190)]
+    return PhotoObject(1, Region((Ring(np.array(corners, np.float64)),)))
+
+
+@pytest.mark.parametrize("lean", [35.0, 50.0])
+def test_a_receding_base_becomes_flat(lean: float) -> None:
+    item = receding_shoe(lean)
+    foot = find_foot(item)
+    assert needs_base(foot)
+    outline = add_base(foot, Line(0.0, 200.0))
+    assert outline is not None
+    based = find_foot(replace(item, outline=outline))
+    middle = mass_properties(outline).center[0]
+    assert based.left[0] < middle - 20
+    assert based.right[0] > middle + 20
+    assert abs(based.left[1] - 200) + abs(based.right[1] - 200) < 1e-6
+    assert not needs_base(based)
+
+
+def test_a_base_is_not_added_far_above_the_ground() -> None:
+    assert add_base(find_foot(receding_shoe(50)), Line(0.0, 300.0)) is None
+
+
+def test_what_is_nearly_round_gets_no_base() -> None:
+    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    ring = Ring(100 + 40 * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    assert not needs_base(find_foot(PhotoObject(1, Region((ring,)))))

@@ -244,7 +244,9 @@ def judge_suitability(
     )
     area = {t.id: float(size[t.id]) for t in objects}
     by_hand = found.source in ("given", "pointed at")
-    reasons = [] if by_hand else _photo_doubts(rgb, found, objects, area)
+    reasons = [] if by_hand else _detection_doubts(found, objects, area)
+    if found.source != "given":  # pointing at an object does not change its street
+        reasons += _photo_doubts(rgb, found)
     fixed = _immovable(rgb)
     own = cv2.resize((found.labels > 0).astype(np.float32), fixed.shape[::-1])
     if by_hand and (own * fixed).sum() > DOUBTS.pointed * own.sum():
@@ -281,13 +283,10 @@ def _immovable(rgb: Rgb) -> Mask:
     return np.asarray((seen.foreground >= 0.5) & (seen.movable < 0.5))
 
 
-def _photo_doubts(
-    rgb: Rgb,
-    found: Detections,
-    objects: Sequence[PhotoObject],
-    area: Mapping[int, float],
+def _detection_doubts(
+    found: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
 ) -> list[str]:
-    """Doubts about what was found, and about the texture around it."""
+    """Return the doubts about what was found."""
     reasons, right = [], sum(found.confidence.get(t.id, 1.0) for t in objects)
     true = right + sum(doubt.confidence for doubt in found.doubtful)
     if 2 * right <= DOUBTS.expected * (len(objects) + true):
@@ -298,6 +297,12 @@ def _photo_doubts(
     share = float(((unclear > 0) & (found.labels == 0)).mean())
     if share > max(DOUBTS.unclear, sum(area.values())):
         reasons.append(f"{100 * share:.0f} % of it may be objects, too")
+    return reasons
+
+
+def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
+    """Return the doubts about what does not move, and the texture around objects."""
+    reasons: list[str] = []
     if view_chances(run_network(rgb).features).unsuitable > DOUBTS.unsuitable:
         reasons.append("it looks like photos without loose things at rest")
     fixed = float(_immovable(rgb).mean())
