@@ -66,11 +66,11 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         partial(_refuse_push_and_still, options),
         partial(_refuse_without_point, options),
     ]
-    coordinate_checks = [
+    coordinate_checks: list[Callable[[], Any]] = [
         *(partial(coordinates, "--box", text, 4) for text in options.box),
         *(partial(coordinates, "--point", text, 2) for text in options.point),
     ]
-    results = collect([*checks, *coordinate_checks])
+    results: list[Any] = collect([*checks, *coordinate_checks])
     crew = results[0]
     marks = results[len(checks) :]
     settings: dict[str, Any] = {

@@ -107,8 +107,9 @@ def place_wheels(
     for wheel in item.wheels:
         disc = Disc(np.array(wheel.center, np.float64), wheel.radius)
         if item.place is None and lines:
-            disc = stand_on_lines(disc, lines)
-        assert isinstance(disc, Disc)
+            moved = stand_on_lines(disc, lines)
+            assert isinstance(moved, Disc)
+            disc = moved
         wheels.append(Wheel((disc.center - middle) @ turn.T, disc.radius))
     return tuple(wheels)
 

@@ -200,11 +200,11 @@ class _Atlas:
             (right, low), first = self.last[k].astype(int) + 1, int(self.left[k])
             place = np.s_[2 * GAP : 2 * GAP + low, first : first + right]
             middle = 2 * (self.center[k] - self.corner[k])
-            skin, radius = near[place][..., :3], 2 * ball.radius
+            own_skin, radius = near[place][..., :3], 2 * ball.radius
             sides = (
-                continue_skin(np.ascontiguousarray(skin), middle, radius)
+                continue_skin(np.ascontiguousarray(own_skin), middle, radius)
                 if ball.is_continued
-                else equal_area(skin, middle, radius, ball.pattern)
+                else equal_area(own_skin, middle, radius, ball.pattern)
             )
             self.skin[place][..., :3], self.skin[len(near) :][place][..., :3] = sides
 

@@ -454,9 +454,9 @@ class _Rules:
         """Return the length of a shape, px; 0 if its numbers are not valid."""
         parts = children(node)
         if kind == "circle" and "radius" in parts:
-            return 2.0 * float(parts["radius"].value)
+            return 2.0 * _number(parts["radius"])
         if kind == "box" and "size" in parts:
-            return max(float(side.value) for side in items(parts["size"]))
+            return max(_number(side) for side in items(parts["size"]))
         outlines = [outline for _, outline, _ in _outlines(None, {kind: node})]
         sides = [
             max(axis) - min(axis)
@@ -778,6 +778,13 @@ class _Rules:
                 "does not rise",
                 "write the smaller number first",
             )
+
+
+def _number(node: Node) -> float:
+    """Return the value of a valid number."""
+    value = node.value
+    assert isinstance(value, int | float)
+    return float(value)
 
 
 def _outlines(
