@@ -94,6 +94,10 @@ class TrialLimits:
     """Weight of a vehicle that drives backwards."""
     rebound: float = 0.25
     """Weight of an object that returns: something stands in its way."""
+    overhang: float = 0.2
+    """Weight of a push after which something stands half beyond a seen edge."""
+    edge: float = 0.02
+    """Share of the longer side between an edge and what stands on it."""
     thrown: float = 0.25
     """Share of its momentum that an invisible wall takes from an object that rebounds."""
     wild: float = 2.5
@@ -374,6 +378,9 @@ def simulate_push(
     if any(_returns(motion, *push) for push in velocities.items()):
         score *= TRIAL.rebound
     is_thrown = any(_is_thrown(trials, motion, *push) for push in velocities.items())
+    if _overhangs(trials, world, motion):
+        score *= TRIAL.overhang
+        film = min(film, TRIAL.overhang)
     grade = Grade.STORY
     if gone or is_thrown:
         grade = Grade.LEAVES
@@ -541,6 +548,21 @@ def _fallen(world: World, motion: Trajectory) -> list[str]:
         if is_tall and turn >= radians(TRIAL.fallen):
             names.append(body.name)
     return names
+
+
+def _overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
+    """Return whether a body that moved ends beyond the end of what it stands on."""
+    near = TRIAL.edge * trials.side
+    ends = [chain[k] for wall in world.walls for chain in wall.chains for k in (0, -1)]
+    for k, body in enumerate(world.bodies):
+        if np.hypot(*(motion.poses[-1, k, :2] - motion.poses[0, k, :2])) < near:
+            continue
+        places = _placed(_corners(body), motion.poses[-1:, k])[0]
+        low, left, right = places[:, 1].max(), places[:, 0].min(), places[:, 0].max()
+        for x, y in ends:
+            if abs(y - low) < near and left + near < x < right - near:
+                return True
+    return False
 
 
 def _explodes(trials: TrialScene, motion: Trajectory, speed: float) -> bool:

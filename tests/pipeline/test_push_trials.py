@@ -141,3 +141,12 @@ def test_slow_motion_of_a_push_is_at_most_the_usual(tmp_path: Path) -> None:
     assert playback_of(trials, 0.1) == 4
     assert playback_of(trials, 1.0) == 2
     assert playback_of(trials, 3 * PLAYBACK.longest) == 1
+
+
+def test_nothing_ends_half_beyond_a_seen_edge(tmp_path: Path) -> None:
+    """The bench ends beside the box; to the other side there is room."""
+    walls = "boundaries: {bench: {segment: [[100, 250], [800, 250]], friction: 0.6}}\n"
+    trials = trials_of(tmp_path, box("pot", 160, 80, 50), walls)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.velocity[0] > 0
