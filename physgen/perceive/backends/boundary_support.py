@@ -128,9 +128,8 @@ def _support(
     else:
         found, sure, reason = view, 1.0, "as given"
     if found is View.TOP or not len(objects):
-        return BoundaryGuess(
-            found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects))
-        )
+        cushions = find_cushions(Photo(rgb, labels), objects)
+        return BoundaryGuess(found, sure, reason, tuple(cushions), tilt=chances.tilt)
     stood = lay_floors(rgb, labels, objects)
     walls = [photo_bottom(labels), *stood.walls]
     walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
