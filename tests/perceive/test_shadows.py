@@ -16,9 +16,9 @@ from physgen.geometry.shadows import (
 )
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
 from physgen.perceive.shadow.shadow_removal import (
+    lightened,
     refill_background,
     remove_reflections,
-    lightened,
     remove_shadows,
 )
 from physgen.photometry import DistantLight, decode

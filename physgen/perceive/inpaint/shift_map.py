@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.copy_offsets import I64, Offsets, copy_offsets
