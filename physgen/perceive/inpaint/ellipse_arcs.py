@@ -160,7 +160,7 @@ class _Ellipse:
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
         x, y = (points - self.centre).T
         turned = np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=1)
-        return turned / self.axes
+        return np.asarray(turned / self.axes)
 
     def error(self, points: F64) -> float:
         """Root mean square distance of points from the ellipse, px, to first order."""
