@@ -43,7 +43,8 @@ def contact_strips(photo: Rgb, hole: Mask) -> Mask:
     light = luminance(decode(photo)).astype(np.float32)
     known = (~hole).astype(np.float32)
     near = np.maximum(cv2.GaussianBlur(known, (0, 0), TUNING.smooth), 1e-3)
-    light = cv2.GaussianBlur(light * known, (0, 0), TUNING.smooth) / near
+    blurred = cv2.GaussianBlur(light * known, (0, 0), TUNING.smooth)
+    light = np.asarray(blurred / near, np.float32)
     reach = max(2, round(TUNING.reach * max(hole.shape)))
     for piece, box in _objects(hole):
         strip = _strip(light, hole, piece, box, reach)

@@ -160,7 +160,7 @@ class _Ellipse:
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
         x, y = (points - self.centre).T
         turned = np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=1)
-        return turned / self.axes
+        return np.asarray(turned / self.axes)
 
     def error(self, points: F64) -> float:
         """Root mean square distance of points from the ellipse, px, to first order."""
@@ -184,4 +184,5 @@ class _Ellipse:
     def _points(self, angles: F64) -> F64:
         x, y = self.axes[0] * np.cos(angles), self.axes[1] * np.sin(angles)
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
-        return self.centre + np.stack([cosine * x - sine * y, sine * x + cosine * y], 1)
+        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+        return np.asarray(self.centre + turned)

@@ -95,7 +95,7 @@ def join_gradients(sources: F32, shifts: NDArray[np.int64], hole: Mask) -> F32:
     result = copies.copy()
     for part, piece in hole_pieces(hole):
         result[part] = _solve(copies[part], piece, SEAM_ERROR, right=right[part])
-    return np.clip(result, 0, 255)
+    return np.asarray(np.clip(result, 0, 255), np.float32)
 
 
 def _seam_slopes(

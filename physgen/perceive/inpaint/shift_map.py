@@ -221,7 +221,7 @@ class _Window:
         own = np.zeros_like(done[box])
         own[place[:, 0] - low[0], place[:, 1] - low[1]] = True
         ring = dilate(own, band) & ~own & done[box]
-        return np.argwhere(ring) + low
+        return np.asarray(np.argwhere(ring) + low, np.int64)
 
 
 def _pieces_by_size(labels: I64) -> Iterator[tuple[int, Mask]]:
