@@ -213,7 +213,7 @@ def choose_push(
     if not tried:
         return None
     ordered = sorted(tried, key=_preference, reverse=True)
-    verified = []
+    verified: list[Candidate] = []
     for candidate in ordered[: TRIAL.verified]:
         if sum(one.outcome.work for one in verified) > TRIAL.work:
             break
@@ -639,7 +639,7 @@ def rank_pushes(
     """Return objects and directions to push them, the most promising first."""
     scene, bodies = trials.scene, trials.world.bodies
     corners = [np.concatenate(body.rings) + body.center for body in bodies]
-    ranked = []
+    ranked: list[tuple[float, int, Object, Direction]] = []
     for k, item in enumerate(scene.objects):
         sure = confidence.get(item.name, 1.0)
         if item.motion is not Motion.DYNAMIC or sure < TRIAL.confidence:
