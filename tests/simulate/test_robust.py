@@ -17,6 +17,7 @@ from physgen import pipeline
 from physgen.compile.world import Field, Wall, surface
 from physgen.problems import InputError
 from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Solid
+from physgen.simulate import collisions
 from physgen.simulate.engine import simulate
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
@@ -381,3 +382,19 @@ def test_where_pieces_of_a_body_lie_in_memory_does_not_matter() -> None:
         hashes.add(simulate(busy).sample_hashes()[-1])
         dirt.append([np.full(n, 1e300) for n in range(1 + run, 2000, 7)])
     assert len(hashes) == 1
+
+
+def test_dense_impacts_are_solved_to_the_same_bit(monkeypatch) -> None:
+    random = np.random.default_rng(0)
+    for points in (25, 60):
+        jacobian = random.normal(size=(2 * points, 9))
+        matrix = jacobian @ jacobian.T + 1e-3 * np.eye(2 * points)
+        before = random.normal(size=2 * points)
+        arguments = matrix, before, [0.3] * points, [0.5] * points, 1e-13
+        dense, passes = collisions.simultaneous_impulses(*arguments)
+        with monkeypatch.context() as patch:
+            sparse = replace(collisions.TUNING, dense=10**9)
+            patch.setattr(collisions, "TUNING", sparse)
+            listed, same_passes = collisions.simultaneous_impulses(*arguments)
+        assert np.array_equal(dense, listed)
+        assert passes == same_passes
