@@ -87,7 +87,7 @@ def _groups(rows: Sequence[dict]) -> Iterator[tuple[str, list[dict]]]:
     for name in names:
         yield name, [row for row in rows if row["photo"].startswith(f"{name}/")]
     varied = [row for row in rows if row["photo"].partition("/")[0] not in PLAIN]
-    yield "all but things on plain grounds", varied
+    yield "all but objects on plain grounds", varied
     yield "all", list(rows)
 
 

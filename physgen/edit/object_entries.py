@@ -124,14 +124,17 @@ def new_entry(
     stated = scale or work.scene.world.pixels_per_meter
     known = None if is_assumed(stated, max(work.scene.size)) else stated
     matter = registry.make("physics")(work.maps.rgb, [one], known)
+    source = "" if label is None else registry.find("label").name
+    labels_of_one = document.ObjectLabels(
+        {one.id: label or Name(one.label, 1.0)}, {one.id: source}
+    )
     made, _ = document.object_entries(
         Detections(labels, "drawn", {}, {}),
         [one],
         {one.id: name},
         matter,
         BoundaryGuess(work.scene.world.view, 0.0, "", ()),
-        {one.id: label or Name(one.label, 1.0)},
-        {one.id: "" if label is None else registry.find("label").name},
+        labels_of_one,
         registry.find("physics").name,
     )
     entry: Data = made[name]

@@ -208,14 +208,22 @@ def unknown_label(label: str) -> Problem | None:
 # entries
 
 
+@dataclass(frozen=True)
+class ObjectLabels:
+    """Labels of objects, by id."""
+
+    names: Mapping[int, Name]
+    sources: Mapping[int, str]
+    """Sources of the labels, for `from`; `""` for those of the user."""
+
+
 def object_entries(
     found: Detections,
     objects: Sequence[PhotoObject],
     called: Mapping[int, str],
     matter: Mapping[int, Matter],
     boundaries: BoundaryGuess,
-    labels: Mapping[int, Name],
-    label_sources: Mapping[int, str],
+    labels: ObjectLabels,
     table: str,
     vehicles: Mapping[int, Vehicle] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], dict[str, str]]:
@@ -229,14 +237,14 @@ def object_entries(
         name, its = called[item.id], matter[item.id]
         at = f"objects.{name}"
         sources = {"mask": _mask_source(found, item.id)}
-        if label_sources[item.id]:
+        if labels.sources[item.id]:
+            guess = labels.names[item.id]
             sources["label"] = provenance(
-                labels[item.id].source or label_sources[item.id],
-                labels[item.id].confidence,
+                guess.source or labels.sources[item.id], guess.confidence
             )
             likely = [
                 f"{label} {chance:g}"
-                for label, chance in labels[item.id].likely
+                for label, chance in guess.likely
                 if chance >= LIKELY and label != item.label
             ]
             comments[f"{at}.label"] = (

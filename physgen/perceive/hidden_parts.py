@@ -79,7 +79,7 @@ def with_neighbours_of_balls(
 ) -> dict[int, set[int]]:
     """Return the fronts, of each ball with all that it touches.
 
-    Its circle tells what is hidden of it, also where an order of two is unsure.
+    Its circle shows the hidden part of it, also where an order of two is unsure.
     """
     completed = {i: set(front) for i, front in fronts.items()}
     balls = {item.id for item in objects if kind(item.label).form in ROLLING_FORMS}

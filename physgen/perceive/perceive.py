@@ -195,8 +195,7 @@ def perceive(
             called,
             matter,
             boundaries,
-            names.labels,
-            names.sources,
+            document.ObjectLabels(names.labels, names.sources),
             run.crew.name("physics"),
             vehicles,
         )

@@ -20,7 +20,7 @@ class SphereConstants:
         0.9  # of the radius: farther out pixels are mixed with what is behind
     )
     dark: float = 0.03  # linear light: colours below tell little in logarithms
-    least: int = 30  # pixels: a smaller disc tells nothing
+    least: int = 30  # pixels: a smaller disc shows no shading
     pixels: int = 4000  # at most, that are looked at
     rounds: int = 5  # of reweighted least squares
     outlier: float = 0.1  # of log light, from which a pixel counts less

@@ -32,7 +32,7 @@ class WheelConstants:
     lower: float = 0.1  # sine below the axle from which a wheel is surely visible
     smooth: float = 0.1  # of the turn: width of the median over what the body covers
     shading: float = 0.5  # by which light changes once around, at most
-    dark: float = 0.02  # linear light: below it light is not told from paint
+    dark: float = 0.02  # linear light: below it light and paint look alike
     rims: tuple[float, ...] = (0.45, 0.5, 0.55, 0.61, 0.67, 0.74)
     """Of the radius: rims whose own middle is looked for."""
     steered: float = (

@@ -45,6 +45,7 @@ def perceived(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cv2.imwrite(str(tmp_path / "marked.png"), labels)
     path = tmp_path / "scene.yaml"
     options = ["--masks", str(tmp_path / "marked.png"), "--label", "*=ball"]
+    options += ["--view", "side"]
     assert (
         main(["perceive", str(tmp_path / "photo.png"), *options, "-o", str(path)]) == 0
     )

@@ -29,6 +29,8 @@ def plain() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rgb = np.full((160, 240, 3), 150, np.uint8)
     labels = np.zeros((160, 240), np.uint16)
     rgb[80:120, 100:140], labels[80:120, 100:140] = (60, 80, 160), 1
+    # the grain of a photo: a drawing has no looks
+    rgb += np.random.default_rng(0).integers(0, 9, rgb.shape, np.uint8)
     normals = np.zeros((80, 120, 3), np.float32)
     normals[..., 2] = 1
     return rgb, labels, normals
@@ -76,6 +78,13 @@ def test_looks_decide_if_cues_are_weak() -> None:
         assert found is view
         assert sure > 0.75
         assert reason
+
+
+def test_looks_of_a_drawing_are_ignored() -> None:
+    _, labels, normals = plain()
+    drawing = np.full((160, 240, 3), 150, np.uint8)
+    drawing[labels > 0] = (60, 80, 160)
+    assert guess_view(drawing, labels, normals, 0, 4, TOP)[0] is View.SIDE
 
 
 def test_cues_decide_if_looks_are_unsure() -> None:

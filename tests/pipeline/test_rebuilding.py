@@ -294,7 +294,7 @@ def test_refresh_for_other_proportions_keeps_what_it_can(
     data = data_of(stones)
     for one in data["objects"].values():
         one |= {"mass": 77, "friction": 0.123, "velocity": [60, 0]}
-    first = sorted(data["objects"])[0]
+    first = "object-1"
     data["objects"][first]["velocity"] = ["0.1 m/s", 0]
     data["forces"] = [{"object": first, "impulse": [100, 0]}]
     data["render"] = {"fps": 12}

@@ -102,7 +102,7 @@ class Heads:
     ) -> tuple[F32, NDArray[np.bool_]]:
         """Return (N, L + 1): that the network or the detector (N, 80) is right.
 
-        The second array (N,) tells whose likeliest label is sure. People are named by
+        The second array (N,) marks those whose likeliest label is sure. People are named by
         the detector alone: the network takes plants, benches and ties for them.
         """
         learned, sureness = self.chances(features)

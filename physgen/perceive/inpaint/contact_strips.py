@@ -87,7 +87,7 @@ def _strip(
 def _darkest_ground(
     light: F32, hole: Mask, box: tuple[int, int, int, int], reach: int
 ) -> float:
-    """Light below which the ground around a foot is shadow; 0 if it cannot be told.
+    """Light below which the ground around a foot is shadow; 0 if it is unknown.
 
     Of the ground below and beside the object, the darker counts: a car on a dark road
     may stand behind a pale pavement. Dark grains of the ground are no shadow.

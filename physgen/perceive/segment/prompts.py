@@ -460,7 +460,7 @@ def _looks_around(
 ) -> tuple[list[PromptedMask], bool]:
     """Return what is seen in squares of several sizes around a pixel.
 
-    The second value tells whether some of it also holds another point.
+    The second value is whether some of it also holds another point.
     """
     height, width = rgb.shape[:2]
     found = []

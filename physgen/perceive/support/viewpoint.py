@@ -1,6 +1,6 @@
 """Side view or top view, and whether a photo suits: its looks, and cues from the background and the objects.
 
-How a photo looks as a whole (`view_classifier`) tells most.
+How a photo looks as a whole (`view_classifier`) has the most weight.
 
 From the side, the background changes from top to bottom more than from left to right: a wall over a floor, blurred far
 away and sharp near by, and the floor faces up. From above, one surface lies all around, and objects lie anywhere,
@@ -57,6 +57,8 @@ CUES_WEIGHT = 0.5
 """Of the log odds of all cues: they depend on each other."""
 BESIDE_LOOKS = 0.5
 """Of what cues tell, if the looks tell something, too: both see the same background."""
+DRAWING_COLOURS = 256
+"""Colours of a drawing at most; a photo of 100 px a side has thousands."""
 MOST_LOOKS = 6.0
 """Log odds of the looks at most: one in 400 labelled photos is seen wrongly for sure."""
 LOOKS = {
@@ -101,7 +103,7 @@ def guess_view(
         odds[name] = float(np.clip(cue.weight * value, -cue.most, cue.most))
     total = CUES_WEIGHT * (PRIOR + sum(odds.values()))
     reasons = []
-    if chances is not None:
+    if chances is not None and not _is_drawing(rgb):
         looks = _log_odds(1 - chances.top)
         total = looks + BESIDE_LOOKS * total
         if (looks >= 0) == (total >= 0):
@@ -116,6 +118,12 @@ def guess_view(
     reason = " and ".join(reasons[:2]) or "there are few cues"
     sure = round(min(1 / (1 + exp(-abs(total))), 0.98), 2)
     return view, sure, reason
+
+
+def _is_drawing(rgb: Rgb) -> bool:
+    """Return whether a picture has the few colours of a drawing; looks are of photos."""
+    packed = rgb.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    return len(np.unique(packed)) <= DRAWING_COLOURS
 
 
 def _log_odds(chance: float) -> float:
@@ -304,7 +312,7 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
     """Return the doubts about what does not move, and the texture around objects."""
     reasons: list[str] = []
     if view_chances(run_network(rgb).features).unsuitable > DOUBTS.unsuitable:
-        reasons.append("it looks like photos without loose things at rest")
+        reasons.append("it looks like photos without loose objects at rest")
     fixed = float(_immovable(rgb).mean())
     if fixed >= DOUBTS.fixed:
         reasons.append(f"what looks immovable fills {100 * fixed:.0f} % of it")
