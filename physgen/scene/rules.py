@@ -457,12 +457,12 @@ class _Rules:
             return 2.0 * _number(parts["radius"])
         if kind == "box" and "size" in parts:
             return max(_number(side) for side in items(parts["size"]))
-        outlines = [outline for _, outline, _ in _outlines(None, {kind: node})]
-        sides = [
-            max(axis) - min(axis)
-            for outline in outlines
-            for axis in zip(*_points(outline), strict=True)
-        ]
+        sides = []
+        for _, outline, crossing in _outlines(None, {kind: node}):
+            points = _points(outline)
+            if outline_problem(points, crossing):
+                return 0.0  # it has a problem of its own
+            sides += [max(axis) - min(axis) for axis in zip(*points, strict=True)]
         return max(sides, default=0.0)
 
     def holes(self, kinds: dict[str, Node], path: KeyPath) -> None:
