@@ -14,6 +14,9 @@ import yaml
 from physgen.cli.main import main
 from physgen.files import machine_id
 
+pytestmark = pytest.mark.slow  # each test perceives a photo, some of them twice
+
+
 NO_PROCESS = 2**22 + 1
 """Above the highest process id of Linux."""
 

@@ -23,6 +23,9 @@ from physgen.scene.scene import BoxPrompt, Circle, Scene
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import written_anew
 
+pytestmark = pytest.mark.slow  # each test perceives a photo, some of them twice
+
+
 CENTRES = {"ball-1": (60, 70), "ball-2": (150, 75), "ball-3": (240, 70)}
 RADIUS = 30
 

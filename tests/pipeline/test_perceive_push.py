@@ -11,6 +11,9 @@ import pytest
 from physgen import pipeline
 from physgen.cli.main import main
 
+pytestmark = pytest.mark.slow  # each test perceives a photo, some of them twice
+
+
 WIDTH, HEIGHT = 320, 200
 
 

@@ -16,6 +16,9 @@ from physgen.cli.main import main
 from physgen.maps import read_labels
 from physgen.scene.files import equal
 
+pytestmark = pytest.mark.slow  # each test perceives a photo, some of them twice
+
+
 BALLS = ((60, 70), (150, 75), (240, 70))
 RADIUS = 30
 SIZE = (300, 140)
