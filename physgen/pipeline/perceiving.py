@@ -626,7 +626,7 @@ def import_physgen(
     for problem in imported.warnings:
         warn(problem)
     return write_scene(
-        replace(imported, description=_description(imported)),
+        imported,
         folder / "original.png",
         folder.resolve().name,
         output,
