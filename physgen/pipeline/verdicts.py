@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from physgen.geometry.scale import PLAYBACK
 from physgen.materials import is_living, kind
 from physgen.perceive.roles import PerceivedScene, Suitability
+from physgen.perceive.support.viewpoint import fine_detail
 from physgen.pipeline.push_trials import Grade, Outcome
 from physgen.text import listed
 
@@ -28,12 +29,6 @@ class OutcomeLimits:
     """The same beside fine detail, which a fill does not continue."""
     busy: float = 0.5
     """Share of fine detail around what moves."""
-    fine: float = 12.0
-    """Mean |Laplacian| of a patch of fine detail, 8-bit codes at `width`."""
-    width: int = 256
-    """px of the photo as its texture is judged."""
-    patch: int = 9
-    """px over which detail is averaged."""
     ring: float = 0.04
     """Width of the surroundings, as a share of the photo's longer side."""
 
@@ -102,16 +97,11 @@ def _object_mask(perceived: PerceivedScene, name: str) -> NDArray[np.bool_]:
 
 def _detail_around(perceived: PerceivedScene, mask: NDArray[np.bool_]) -> float:
     """Return the share of fine detail around a mask (H, W)."""
-    rgb = perceived.percepts.rgb
-    height = max(round(OUTCOME.width * rgb.shape[0] / rgb.shape[1]), 2)
-    small = cv2.resize(rgb, (OUTCOME.width, height), interpolation=cv2.INTER_AREA)
-    grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    size = (OUTCOME.patch, OUTCOME.patch)
-    is_fine = cv2.blur(np.abs(cv2.Laplacian(grey, cv2.CV_32F)), size) > OUTCOME.fine
+    is_fine = fine_detail(perceived.percepts.rgb)
     inside = cv2.resize(
-        mask.astype(np.uint8), small.shape[1::-1], interpolation=cv2.INTER_AREA
+        mask.astype(np.uint8), is_fine.shape[::-1], interpolation=cv2.INTER_AREA
     )
-    radius = max(round(OUTCOME.ring * max(small.shape)), 1)
+    radius = max(round(OUTCOME.ring * max(is_fine.shape)), 1)
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     ring = (cv2.dilate(inside, kernel) > 0) & (inside == 0)
     return float(is_fine[ring].mean()) if ring.any() else 0.0

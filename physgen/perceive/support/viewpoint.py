@@ -285,6 +285,20 @@ def judge_suitability(
     return Suitability(tuple(reasons))
 
 
+def _small_photo(rgb: Rgb) -> Rgb:
+    """Return the photo (h, DOUBTS.side, 3) at the size at which texture is judged."""
+    height = max(round(DOUBTS.side * rgb.shape[0] / rgb.shape[1]), 2)
+    small = cv2.resize(rgb, (DOUBTS.side, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
+
+
+def fine_detail(rgb: Rgb) -> Mask:
+    """Return where a photo shows fine detail, (h, DOUBTS.side): clutter, crowds, gravel."""
+    grey = cv2.cvtColor(_small_photo(rgb), cv2.COLOR_RGB2GRAY).astype(np.float32)
+    detail = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
+    return np.asarray(cv2.blur(detail, (DOUBTS.patch, DOUBTS.patch)) > DOUBTS.fine)
+
+
 def _immovable(rgb: Rgb) -> Mask:
     """(h, w), of the network's size: where it sees people, animals, furniture or the like."""
     seen = run_network(rgb)
@@ -316,19 +330,14 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
     fixed = float(_immovable(rgb).mean())
     if fixed >= DOUBTS.fixed:
         reasons.append(f"what looks immovable fills {100 * fixed:.0f} % of it")
-    small = cv2.resize(
-        rgb,
-        (DOUBTS.side, max(round(DOUBTS.side * rgb.shape[0] / rgb.shape[1]), 2)),
-        interpolation=3,
-    )
-    grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    fine = cv2.blur(np.abs(cv2.Laplacian(grey, cv2.CV_32F)), (DOUBTS.patch,) * 2)
+    small = _small_photo(rgb)
+    detailed = fine_detail(rgb)
     hue, saturation, value = np.moveaxis(
         cv2.cvtColor(small, cv2.COLOR_RGB2HSV).astype(int), 2, 0
     )
     # hues in steps of 2 degrees
     blue = (hue > 90) & (hue < 130) & (saturation > 30) & (value > 110)
-    green, detailed = (hue > 25) & (hue < 90) & (saturation > 40), fine > DOUBTS.fine
+    green = (hue > 25) & (hue < 90) & (saturation > 40)
     blue[len(blue) // 2 :] = False
     around = (
         cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST)
