@@ -36,8 +36,8 @@ from physgen.perceive.backends.boundary_support import (
     feet_groups,
     find_cushions,
     lay_floors,
-    photo_bottom,
     view_evidence,
+    with_supports,
 )
 from physgen.perceive.roles import (
     Boundary,
@@ -51,7 +51,7 @@ from physgen.perceive.roles import (
 )
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.support.ground_contact import Foot, Line
-from physgen.perceive.support.supports import add_supports, depth_inside, free_parts
+from physgen.perceive.support.supports import depth_inside, free_parts
 from physgen.perceive.support.view_classifier import view_chances
 from physgen.perceive.support.viewpoint import guess_view
 from physgen.problems import InputError
@@ -154,19 +154,10 @@ def _depth_normals(
         for edge in edges
         if not any(is_floor_edge(section, edge, wall) for wall in stood.walls)
     ]
-    walls = [photo_bottom(labels), *stood.walls]
-    walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
-    walls += _walls(others, stood.objects, walls)
-    return BoundaryGuess(
-        found,
-        sure,
-        reason,
-        tuple(walls),
-        stood.outlines,
-        held,
-        stood.grip,
-        chances.tilt,
-    )
+    guess = BoundaryGuess(found, sure, reason, (), tilt=chances.tilt)
+    guess = with_supports(guess, labels, stood)
+    beside = _walls(others, stood.objects, guess.walls)
+    return replace(guess, walls=(*guess.walls, *beside))
 
 
 def _walls(

@@ -131,17 +131,22 @@ def _support(
         cushions = find_cushions(Photo(rgb, labels), objects)
         return BoundaryGuess(found, sure, reason, tuple(cushions), tilt=chances.tilt)
     stood = lay_floors(rgb, labels, objects)
+    guess = BoundaryGuess(found, sure, reason, (), tilt=chances.tilt)
+    return with_supports(guess, labels, stood)
+
+
+def with_supports(
+    guess: BoundaryGuess, labels: Labels, stood: SupportedObjects
+) -> BoundaryGuess:
+    """Return the guess with floors, and with supports of what would fall from them."""
     walls = [photo_bottom(labels), *stood.walls]
     walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
-    return BoundaryGuess(
-        found,
-        sure,
-        reason,
-        tuple(walls),
-        stood.outlines,
-        held,
-        stood.grip,
-        chances.tilt,
+    return replace(
+        guess,
+        walls=tuple(walls),
+        outlines=stood.outlines,
+        held=held,
+        grip=stood.grip,
     )
 
 
