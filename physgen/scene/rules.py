@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -203,6 +204,11 @@ class _Rules:
             return False
         return not os.path.lexists(assets.source.folder / str(assets.value))
 
+    def _is_own_folder(self, node: Node) -> bool:
+        """Return whether perception made the assets folder: others are of older scenes."""
+        stem = re.escape(Path(node.place.file).stem)
+        return re.fullmatch(rf"{stem}(-\d+)?\.assets", str(node.value)) is not None
+
     def assets(self) -> None:
         node = self.good(self.root).get("assets")
         if node is None:
@@ -215,9 +221,9 @@ class _Rules:
                 image = self.top.get("image")
                 is_photo_lost = image is not None and self.is_in_missing_assets(image)
                 fix = RESTORE_PHOTO if is_photo_lost else RESTORE_ASSETS
-                raise RefusedError(
-                    "is not a folder", similar(str(node.value), folder, ("/",), fix)
-                )
+                if not self._is_own_folder(node):
+                    fix = similar(str(node.value), folder, ("/",), fix)
+                raise RefusedError("is not a folder", fix)
         except RefusedError as error:
             self.add(node.place, "assets", found, error.expected, error.fix)
             return

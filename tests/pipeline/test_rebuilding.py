@@ -358,3 +358,16 @@ def test_other_proportions_without_objects_change_nothing(scene: Path) -> None:
     before = files_of(scene.parent)
     assert refresh(scene) == 2
     assert files_of(scene.parent) == before
+
+
+def test_missing_assets_suggest_no_older_ones(
+    stones: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = stones.parent
+    shutil.copytree(home / "scene.assets", home / "scene-2.assets")
+    text = stones.read_text().replace("scene.assets", "scene-3.assets")
+    stones.write_text(text)
+    assert main(["check", str(stones)]) == 2
+    told = capsys.readouterr().err
+    assert "scene-2.assets" not in told
+    assert "perceive" in told
