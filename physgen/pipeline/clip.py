@@ -561,7 +561,7 @@ class _Run:
             return
         problem = f"all that moves has left the picture by {time:.2g} s of {world.duration:g} s"
         fix = "write boundaries that stop it, a lower velocity, or a shorter world.duration"
-        place = self.scene.place("world.duration")
+        place = self.scene.place("objects")
         self.warn(Problem(place, "", "", problem, fix, Severity.WARNING))
 
     def _draws(self) -> Draws | None:
