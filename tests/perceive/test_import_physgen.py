@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from physgen import pipeline
 from physgen.perceive.document import write_scene
 from physgen.perceive.import_physgen import import_physgen
 from physgen.problems import InputError, Severity
@@ -221,3 +222,9 @@ def test_the_paper_s_scenes(
     if name == "pool":
         (force,) = scene.forces
         assert force.vector == (pytest.approx(-1.0e6, rel=1e-5), 0)
+
+
+def test_import_writes_a_scene_that_loads(tmp_path: Path) -> None:
+    source, scene = folder(tmp_path / "two"), tmp_path / "scene.yaml"
+    pipeline.import_physgen(source, scene)
+    assert {item.label for item in load(scene).objects} >= {"ball", "toy"}
