@@ -1,0 +1,333 @@
+"""The first motion of a perceived scene: what would fall is held, and one object is pushed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from physgen.problems import InputError, Place, Problem, Severity, Warn
+from physgen.scene.provenance import meters, source
+from physgen.text import listed
+
+if TYPE_CHECKING:
+    from physgen.perceive.roles import PerceivedScene
+    from physgen.pipeline.push_trials import Outcome
+    from physgen.scene.load import Opened
+    from physgen.scene.scene import Scene
+
+
+def start_motion(
+    perceived: PerceivedScene, still: bool, pushes: Sequence[str] = ()
+) -> PerceivedScene:
+    """Return the scene with falling objects held and one object pushed, unless `still`.
+
+    `pushes` take the place of the push that is chosen. Raises InputError if one of them
+    is wrong.
+    """
+    with suppress(InputError):  # it is reported when the scene is rendered
+        perceived = _at_rest(perceived)
+        if perceived.document["objects"] and not (still or pushes):
+            perceived = _pushed(perceived)
+        perceived = _with_living_named(perceived)
+    if pushes:
+        perceived = _pushed_by_user(perceived, pushes)
+    return perceived
+
+
+def _with_living_named(perceived: PerceivedScene) -> PerceivedScene:
+    """Return the scene whose suitability names people and animals."""
+    from physgen.pipeline.verdicts import living_doubts, with_doubts
+
+    return with_doubts(perceived, living_doubts(perceived))
+
+
+def open_trial(perceived: PerceivedScene, *more: str) -> Opened:
+    """A scene for trials, without maps, with `more` keys of objects. Raises InputError."""
+    from physgen.scene.load import Opened
+    from physgen.scene.write import scene_text
+
+    document = perceived.document
+    height, width = perceived.percepts.labels.shape
+    kept = (
+        "shape",
+        "solid",
+        "mass",
+        "friction",
+        "elasticity",
+        "rolling",
+        "motion",
+        "label",
+        "facing",
+        "wheels",
+        *more,
+    )
+    heads = ("physgen", "world", "boundaries", "render")
+    bare = {key: document[key] for key in heads if key in document} | {
+        "size": [width, height],
+        "objects": {
+            name: {key: item[key] for key in kept if key in item}
+            for name, item in document["objects"].items()
+        },
+    }
+    return Opened("scene.yaml", text=scene_text(bare))
+
+
+def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> PerceivedScene:
+    """The scene in which objects are held, but for those `kept`, that go farther than 1 px in 2 s without a push, the
+    first to go at first."""
+    import numpy as np
+
+    from physgen.compile.compile import compile_shapes
+    from physgen.compile.shapes import shapes_of
+    from physgen.scene.scene import View
+    from physgen.simulate.engine import simulate
+
+    opened = open_trial(perceived)
+    scene = opened.scene()
+    shapes = shapes_of(scene, None)
+    objects, comments = dict(perceived.document["objects"]), dict(perceived.comments)
+    while scene.world.view is View.SIDE:
+        poses = simulate(
+            compile_shapes(scene, shapes).world, np.linspace(0, 2, 81)
+        ).poses[..., :2]
+        away = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)) > 1
+        away &= np.array([item.name not in kept for item in scene.objects], bool)
+        if not away.any():
+            break
+        goes = away[int(away.any(axis=1).argmax())]
+        for name in [
+            item.name for item, gone in zip(scene.objects, goes, strict=True) if gone
+        ]:
+            item = {
+                key: value
+                for key, value in objects[name].items()
+                if key not in ("rolling", "velocity")
+            }
+            sources = {
+                key: value
+                for key, value in item.get("from", {}).items()
+                if key != "rolling"
+            }
+            objects[name] = (
+                item | {"motion": "static"} | ({"from": sources} if sources else {})
+            )
+            comments[f"objects.{name}.motion"] = (
+                "it would not stay there, so it is held; dynamic lets it go"
+            )
+        scene = opened.scene(
+            [
+                f"objects.{k}.motion=static"
+                for k, one in objects.items()
+                if "motion" in one
+            ]
+        )
+    return replace(
+        perceived, document=perceived.document | {"objects": objects}, comments=comments
+    )
+
+
+def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
+    """Return the scene with the push that tells a short story and stays in the picture.
+
+    Pushes of `only` these objects, if any are named, are trial_scene in a copy without maps.
+    """
+    from physgen.compile.shapes import shapes_of
+    from physgen.perceive.document import mask_confidence
+    from physgen.pipeline.pushes import default_push
+    from physgen.pipeline.verdicts import with_doubts
+
+    document, opened = perceived.document, open_trial(perceived)
+    confidence = {}
+    for name, item in document["objects"].items():
+        is_left_out = only and name not in only
+        confidence[name] = 0.0 if is_left_out else mask_confidence(item)
+    scene = opened.scene()
+    facing = {
+        name: item["facing"]
+        for name, item in document["objects"].items()
+        if "facing" in item
+    }
+    push = default_push(
+        scene, shapes_of(scene, None), confidence, _unseen_walls(perceived), facing
+    )
+    if push is None:
+        return with_doubts(perceived, ["no push moves anything"])
+    speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
+    why = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
+    return _with_motion(perceived, {push.name: (speeds, why)}, push.outcome)
+
+
+def _unseen_walls(perceived: PerceivedScene) -> list[str]:
+    """Return the names of walls that the photo does not show."""
+    from physgen.perceive.support.supports import SOURCE
+
+    walls = perceived.document["boundaries"].items()
+    return [k for k, wall in walls if source(wall.get("from", "")).text == SOURCE]
+
+
+def _with_motion(
+    perceived: PerceivedScene,
+    motions: Mapping[str, tuple[list[Any], str]],
+    outcome: Outcome,
+) -> PerceivedScene:
+    """Return the scene with velocities and their comments, and doubts of the outcome.
+
+    Slow motion is what suits the time in which something moves.
+    """
+    from physgen.geometry.scale import story_slow_motion
+    from physgen.pipeline.verdicts import outcome_doubts, with_doubts
+
+    document, comments = perceived.document, dict(perceived.comments)
+    objects = dict(document["objects"])
+    for name, (velocity, why) in motions.items():
+        item = {k: v for k, v in objects[name].items() if k != "motion"}
+        objects[name] = item | {"velocity": velocity}
+        comments.pop(f"objects.{name}.motion", None)
+        comments[f"objects.{name}.velocity"] = why
+    render = dict(document.get("render", {}))
+    usual = round(render.pop("slow", 1))
+    slow = story_slow_motion(usual, outcome.seconds)
+    render = ({"slow": slow} if slow > 1 else {}) | render
+    if slow == 1:
+        comments.pop("render", None)
+    document = document | {"objects": objects}
+    if render or "render" in document:
+        document["render"] = render
+    moved = replace(perceived, document=document, comments=comments)
+    return with_doubts(moved, outcome_doubts(moved, list(motions), outcome))
+
+
+def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
+    """Return the scene with the pushes `NAME=DIRECTION[@SPEED]`. Raises InputError."""
+    from physgen.compile.shapes import shapes_of
+    from physgen.pipeline.push_trials import compile_trials, simulate_push
+    from physgen.pipeline.pushes import Push, direction_words, named_pushes
+
+    dynamic_scene = _freed(
+        perceived, [text.partition("=")[0].strip() for text in pushes]
+    )
+    scene = open_trial(dynamic_scene).scene()
+    trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(dynamic_scene))
+    motions = {}
+    velocities = {}
+    for item, velocity in named_pushes(scene, pushes):
+        per_meter = scene.world.pixels_per_meter
+        in_meters = [meters(part / per_meter) for part in velocity]
+        push = Push(item.name, velocity, direction_words(velocity))
+        why = f"the push that you gave, {push.phrase}; [0, 0] leaves it at rest"
+        motions[item.name] = (in_meters, why)
+        velocities[item.name] = velocity
+    outcome = simulate_push(trials, velocities)
+    return _with_motion(dynamic_scene, motions, outcome)
+
+
+def push_anew(
+    perceived: PerceivedScene, scene: Scene, pushes: Sequence[str]
+) -> PerceivedScene:
+    """Return a refreshed scene with pushes in place of the one of perception.
+
+    Velocities that the user wrote in `scene` stay. Raises InputError.
+    """
+    from physgen.pipeline.pushes import perceived_pushes
+
+    objects = dict(perceived.document["objects"])
+    for name in perceived_pushes(scene):
+        if name in objects:
+            objects[name] = objects[name] | {"velocity": [0, 0]}
+    document = perceived.document | {"objects": objects}
+    return _pushed_by_user(replace(perceived, document=document), pushes)
+
+
+def _freed(perceived: PerceivedScene, names: Collection[str]) -> PerceivedScene:
+    """Return the scene in which objects of these names are no longer held."""
+    objects = {}
+    for name, item in perceived.document["objects"].items():
+        if name in names:
+            item = {key: value for key, value in item.items() if key != "motion"}
+        objects[name] = item
+    return replace(perceived, document=perceived.document | {"objects": objects})
+
+
+def refresh_motion(
+    perceived: PerceivedScene,
+    scene: Scene,
+    was: Mapping[str, Mapping[str, Any]],
+    still: bool,
+    warn: Warn,
+) -> tuple[PerceivedScene, dict[str, Any]]:
+    """The `scene` that is refreshed, whose objects `was` held, with what has a new prompt at rest, and a push where
+    nothing moves and an object is let go, the view is another, or the push that perception wrote moves nothing now,
+    which is a warning; and what moves as before, by name."""
+    from physgen.compile.shapes import shapes_of
+    from physgen.pipeline.push_trials import compile_trials, simulate_push
+    from physgen.pipeline.pushes import perceived_pushes
+
+    moving = {
+        item.name: {"velocity": list(item.velocity)}
+        for item in scene.objects
+        if any(item.velocity)
+    }
+    pushes = (
+        [] if still or scene.forces or scene.joints else list(perceived_pushes(scene))
+    )
+    with suppress(InputError):
+        objects = perceived.document["objects"]
+        same = [
+            k
+            for k, item in was.items()
+            if item.get("prompt") == objects.get(k, item).get("prompt")
+        ]
+        perceived = _at_rest(perceived, same)
+        now = perceived.document["objects"]
+        free = {
+            k
+            for k, item in was.items()
+            if "motion" in item and "motion" not in now.get(k, item)
+        }
+        turned = scene.record.world.get("view") not in (None, scene.world.view.value)
+        trial_scene = open_trial(perceived, "velocity", "place", "layer").scene()
+        able = [
+            item
+            for item in trial_scene.objects
+            if item.name in pushes and any(item.velocity)
+        ]
+        trials = compile_trials(trial_scene, shapes_of(trial_scene, None))
+        outcomes = [simulate_push(trials, {one.name: one.velocity}) for one in able]
+        moves = any(outcome.grade for outcome in outcomes)
+        stopped = pushes if turned or not moves else []
+        for name in stopped:
+            del moving[name]
+        rest = {
+            name: now[name] | {"velocity": [0, 0]} for name in stopped if name in now
+        }
+        perceived = replace(
+            perceived, document=perceived.document | {"objects": now | rest}
+        )
+        if (free or turned or stopped) and not (still or moving or scene.forces):
+            pushed = _pushed(perceived, () if turned or stopped else free)
+            document = perceived.document | {"objects": pushed.document["objects"]}
+            perceived = replace(perceived, document=document, comments=pushed.comments)
+        new = [
+            k
+            for k, item in perceived.document["objects"].items()
+            if any(item.get("velocity", ()))
+        ]
+        fix = (
+            f"{listed(new, 'and')} is pushed instead"
+            if new
+            else "and no other push does"
+        )
+        for name in [] if turned else stopped:
+            warn(
+                Problem(
+                    Place("--refresh"),
+                    name,
+                    "its push",
+                    "moves nothing now",
+                    fix,
+                    Severity.WARNING,
+                )
+            )
+    return perceived, moving
