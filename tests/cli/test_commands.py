@@ -580,7 +580,7 @@ def test_departure_of_all_moving_objects_warns(
     lift = "objects.ball.shape.circle.center=[25, 20]"
     command = ["render", str(lesson), "-o", str(tmp_path / "out"), "--set", lift]
     assert main(command) == 0
-    line = f"{lesson}:3:19: warning: "
+    line = f"{lesson}:5:3: warning: "
     warnings = [text for text in capsys.readouterr().err.splitlines() if "left" in text]
     assert [text.startswith(line) for text in warnings] == [True] * is_warned
     (manifest,) = (tmp_path / "out").glob("*/manifest.json")
