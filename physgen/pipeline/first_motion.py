@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Problem, Severity, Warn
 from physgen.scene.provenance import meters, source
 from physgen.text import listed
@@ -14,7 +15,8 @@ from physgen.text import listed
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
     from physgen.pipeline.push_trials import Outcome
-    from physgen.scene.load import Opened
+    from physgen.pipeline.pushes import Push
+    from physgen.pipeline.refusals import Refusals
     from physgen.scene.scene import Scene
 
 
@@ -41,37 +43,6 @@ def _with_living_named(perceived: PerceivedScene) -> PerceivedScene:
     from physgen.pipeline.verdicts import living_doubts, with_doubts
 
     return with_doubts(perceived, living_doubts(perceived))
-
-
-def open_trial(perceived: PerceivedScene, *more: str) -> Opened:
-    """A scene for trials, without maps, with `more` keys of objects. Raises InputError."""
-    from physgen.scene.load import Opened
-    from physgen.scene.write import scene_text
-
-    document = perceived.document
-    height, width = perceived.percepts.labels.shape
-    kept = (
-        "shape",
-        "solid",
-        "mass",
-        "friction",
-        "elasticity",
-        "rolling",
-        "motion",
-        "label",
-        "facing",
-        "wheels",
-        *more,
-    )
-    heads = ("physgen", "world", "boundaries", "render")
-    bare = {key: document[key] for key in heads if key in document} | {
-        "size": [width, height],
-        "objects": {
-            name: {key: item[key] for key in kept if key in item}
-            for name, item in document["objects"].items()
-        },
-    }
-    return Opened("scene.yaml", text=scene_text(bare))
 
 
 def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> PerceivedScene:
@@ -131,32 +102,91 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
 def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
     """Return the scene with the push that tells a short story and stays in the picture.
 
-    Pushes of `only` these objects, if any are named, are trial_scene in a copy without maps.
+    Only objects of `only`, if any are named, are pushed. If no push moves anything, a
+    held object is released and pushed alone.
+    """
+    from physgen.pipeline.push_trials import Grade
+    from physgen.pipeline.refusals import find_refusals
+    from physgen.pipeline.verdicts import with_doubts
+
+    refusals = find_refusals(perceived)
+    if refusals.photo:
+        return with_doubts(perceived, refusals.reasons)
+    names = set(perceived.document["objects"]) - set(refusals.objects)
+    allowed = names & set(only) if only else names
+    chosen = _chosen_push(perceived, allowed, refusals.barred)
+    is_weak = chosen is None or chosen.outcome.grade <= Grade.LEAVES
+    if is_weak and not only:
+        released = _release(perceived, refusals)
+        if released is not None and _is_better(released[1], chosen):
+            return _with_push(*released)
+    if chosen is None:
+        return with_doubts(perceived, [*refusals.reasons, "no push moves anything"])
+    return _with_push(perceived, chosen)
+
+
+def _with_push(perceived: PerceivedScene, push: Push) -> PerceivedScene:
+    """Return the scene with a push, its comment and its doubts."""
+    per_meter = perceived.document["world"]["pixels_per_meter"]
+    speeds = [meters(part / per_meter) for part in push.velocity]
+    why = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
+    return _with_motion(perceived, {push.name: (speeds, why)}, push.outcome)
+
+
+def _chosen_push(
+    perceived: PerceivedScene,
+    names: Collection[str],
+    barred: Mapping[str, str],
+    least: float = 0.0,
+) -> Push | None:
+    """Return the best push of the objects of these names; None if none moves anything.
+
+    `barred` are sides to which objects are not pushed. Objects that are less sure than
+    `least` count as if they were as sure.
     """
     from physgen.compile.shapes import shapes_of
     from physgen.perceive.document import mask_confidence
     from physgen.pipeline.pushes import default_push
+
+    objects = perceived.document["objects"]
+    confidence = {
+        name: max(mask_confidence(item), least) if name in names else 0.0
+        for name, item in objects.items()
+    }
+    facing = {
+        name: item["facing"] for name, item in objects.items() if "facing" in item
+    }
+    scene = open_trial(perceived).scene()
+    shapes = shapes_of(scene, None)
+    unseen = _unseen_walls(perceived)
+    return default_push(scene, shapes, confidence, unseen, facing, barred)
+
+
+def _is_better(push: Push, other: Push | None) -> bool:
+    """Return whether a push has a better grade than another one, if there is one."""
+    return other is None or push.outcome.grade > other.outcome.grade
+
+
+def _release(
+    perceived: PerceivedScene, refusals: Refusals
+) -> tuple[PerceivedScene, Push] | None:
+    """Return the scene with one held object released, and its push; None if none moves."""
+    from physgen.pipeline.push_trials import TRIAL, Grade
+    from physgen.pipeline.releases import releases
     from physgen.pipeline.verdicts import with_doubts
 
-    document, opened = perceived.document, open_trial(perceived)
-    confidence = {}
-    for name, item in document["objects"].items():
-        is_left_out = only and name not in only
-        confidence[name] = 0.0 if is_left_out else mask_confidence(item)
-    scene = opened.scene()
-    facing = {
-        name: item["facing"]
-        for name, item in document["objects"].items()
-        if "facing" in item
-    }
-    push = default_push(
-        scene, shapes_of(scene, None), confidence, _unseen_walls(perceived), facing
-    )
-    if push is None:
-        return with_doubts(perceived, ["no push moves anything"])
-    speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
-    why = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
-    return _with_motion(perceived, {push.name: (speeds, why)}, push.outcome)
+    best: tuple[PerceivedScene, Push] | None = None
+    for name, released in releases(perceived, refusals.objects):
+        settled = _at_rest(released)
+        push = _chosen_push(settled, [name], refusals.barred, TRIAL.confidence)
+        if push is None:
+            continue
+        doubt = f"{name} is pushed on a guessed floor: it is unsure what carries it"
+        if best is None or _is_better(push, best[1]):
+            best = with_doubts(settled, [doubt]), push
+        if push.outcome.grade >= Grade.SHORT:
+            break
+    return best
 
 
 def _unseen_walls(perceived: PerceivedScene) -> list[str]:
@@ -209,10 +239,11 @@ def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> Perceiv
         perceived, [text.partition("=")[0].strip() for text in pushes]
     )
     scene = open_trial(dynamic_scene).scene()
-    trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(dynamic_scene))
+    shapes = shapes_of(scene, None)
+    trials = compile_trials(scene, shapes, _unseen_walls(dynamic_scene))
     motions = {}
     velocities = {}
-    for item, velocity in named_pushes(scene, pushes):
+    for item, velocity in named_pushes(scene, shapes, pushes):
         per_meter = scene.world.pixels_per_meter
         in_meters = [meters(part / per_meter) for part in velocity]
         push = Push(item.name, velocity, direction_words(velocity))

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.files import check_text_names, check_writable
 from physgen.pipeline.first_motion import (
-    open_trial,
     push_anew,
     refresh_motion,
     start_motion,
 )
+from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 from physgen.text import listed

@@ -10,10 +10,11 @@ judged alike.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import chain, islice
 from math import hypot, inf, log, radians, sqrt
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import cv2
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Direction = tuple[float, float]
+SIDES = {"right": 1.0, "left": -1.0}
+"""Signs of x by the names of sides."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,10 @@ class TrialLimits:
     """Weight of an object that returns: something stands in its way."""
     overhang: float = 0.2
     """Weight of a push after which something stands half beyond a seen edge."""
+    tumble: float = 35.0
+    """Degrees of a turn from which a low object tumbles, where its kind slides."""
+    tumbling: float = 0.3
+    """Weight of a push by which a low object tumbles."""
     edge: float = 0.02
     """Share of the longer side between an edge and what stands on it."""
     thrown: float = 0.25
@@ -170,6 +177,8 @@ class TrialScene:
     world: World
     unseen: frozenset[str]
     """Walls that the photo does not show."""
+    barred: Mapping[str, str] = field(default_factory=dict)
+    """Sides, `left` or `right`, to which objects are not pushed, by name."""
 
     @property
     def side(self) -> int:
@@ -189,12 +198,16 @@ class TrialScene:
 
 
 def compile_trials(
-    scene: Scene, shapes: Shapes, unseen: Collection[str] = ()
+    scene: Scene,
+    shapes: Shapes,
+    unseen: Collection[str] = (),
+    barred: Mapping[str, str] = MappingProxyType({}),
 ) -> TrialScene:
     """Compile the world that all trials of a scene share. Raises InputError."""
     from physgen.compile.compile import compile_shapes
 
-    return TrialScene(scene, compile_shapes(scene, shapes).world, frozenset(unseen))
+    world = compile_shapes(scene, shapes).world
+    return TrialScene(scene, world, frozenset(unseen), barred)
 
 
 def choose_push(
@@ -212,17 +225,40 @@ def choose_push(
     tried = [one for one in tried if one.outcome.grade > Grade.NOTHING]
     if not tried:
         return None
+    tried = [_weighted(one, confidence) for one in tried]
     ordered = sorted(tried, key=_preference, reverse=True)
     verified: list[Candidate] = []
     for candidate in ordered[: TRIAL.verified]:
         if sum(one.outcome.work for one in verified) > TRIAL.work:
             break
         again = _try(trials, candidate, facing, trials.world)
+        again = _weighted(again, confidence)
         if again.outcome.grade >= candidate.outcome.grade:
             return again
         verified.append(again)
     moving = [one for one in verified if one.outcome.grade > Grade.NOTHING]
     return max(moving, key=_preference, default=ordered[0])
+
+
+def _weighted(candidate: Candidate, confidence: Mapping[str, float]) -> Candidate:
+    """Return a candidate whose score counts as far as its object is sure."""
+    outcome = candidate.outcome
+    score = outcome.score * confidence.get(candidate.item.name, 1.0)
+    return replace(candidate, outcome=replace(outcome, score=score))
+
+
+def choose_speed(
+    trials: TrialScene, item: Object, direction: Direction, facing: Mapping[str, str]
+) -> float | None:
+    """Return the speed, px/s, at which a push of this object tells most.
+
+    The rules are those of `choose_push`. None if no push moves anything visibly.
+    """
+    world = replace(trials.world, steps_per_second=TRIAL.rate)
+    tried = list(_search(trials, item, direction, facing, world))
+    moving = [one for one in tried if one.outcome.grade > Grade.NOTHING]
+    best = max(moving, key=_preference, default=None)
+    return None if best is None else best.speed
 
 
 def _preference(candidate: Candidate) -> tuple[float, ...]:
@@ -301,7 +337,7 @@ def _try(
     """Simulate a push in a world at rest."""
     item = candidate.item
     outcome = simulate_push(trials, {item.name: candidate.velocity}, world)
-    forwards = {"right": 1.0, "left": -1.0}.get(facing.get(item.name, ""), 0.0)
+    forwards = SIDES.get(facing.get(item.name, ""), 0.0)
     if forwards * candidate.direction[0] < 0:
         outcome = replace(outcome, score=TRIAL.wrong_way * outcome.score)
     return replace(candidate, outcome=outcome)
@@ -381,6 +417,9 @@ def simulate_push(
     if _overhangs(trials, world, motion):
         score *= TRIAL.overhang
         film = min(film, TRIAL.overhang)
+    if any(_tumbles(world, motion, name) for name in velocities):
+        score *= TRIAL.tumbling
+        film = min(film, TRIAL.tumbling)
     grade = Grade.STORY
     if gone or is_thrown:
         grade = Grade.LEAVES
@@ -550,6 +589,17 @@ def _fallen(world: World, motion: Trajectory) -> list[str]:
     return names
 
 
+def _tumbles(world: World, motion: Trajectory, name: str) -> bool:
+    """Return whether a low object turns over: bowls, cars and bags slide instead."""
+    index = motion.names.index(name)
+    body = world.bodies[index]
+    width, height = _extent(body)
+    if body.radius is not None or height >= TRIAL.tall * width:
+        return False
+    turns = motion.poses[:, index, 2] - motion.poses[0, index, 2]
+    return bool(np.abs(turns).max() > radians(TRIAL.tumble))
+
+
 def _overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
     """Return whether a body that moved ends beyond the end of what it stands on."""
     near = TRIAL.edge * trials.side
@@ -647,7 +697,10 @@ def rank_pushes(
         if is_living(item.label):
             continue
         weight = sure * (RANK.loaded if _is_loaded(scene, corners, k) else 1.0)
+        barred = SIDES.get(trials.barred.get(item.name, ""), 0.0)
         for direction in _directions(scene, bodies, k):
+            if barred * direction[0] > 0:
+                continue
             score = weight * _room_score(trials, corners, k, direction)
             ranked.append((score, -len(ranked), item, direction))
     ranked.sort(key=lambda one: one[:2], reverse=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from physgen.pipeline.push_trials import (
     NO_MOTION,
     Outcome,
     choose_push,
+    choose_speed,
     compile_trials,
 )
 from physgen.problems import InputError, collect
@@ -66,15 +67,17 @@ def default_push(
     confidence: Mapping[str, float],
     unseen: Collection[str] = (),
     facing: Mapping[str, str] | None = None,
+    barred: Mapping[str, str] | None = None,
 ) -> Push | None:
     """Return the push that tells a short story and stays in the picture.
 
     None if no push moves anything. Seen from the side it goes left or right, from above
     towards other objects. `confidence` are confidences of objects by name; `unseen`
     are walls that the photo does not show: an object that one of them throws back
-    would bounce off nothing. `facing` are the sides to which vehicles drive.
+    would bounce off nothing. `facing` are the sides to which vehicles drive, and
+    `barred` those to which objects are not pushed.
     """
-    trials = compile_trials(scene, shapes, unseen)
+    trials = compile_trials(scene, shapes, unseen, barred or {})
     chosen = choose_push(trials, confidence, facing or {})
     if chosen is None:
         return None
@@ -111,7 +114,7 @@ def motion_edits(
     """
     made = collect(
         [
-            *(partial(_push, scene, text) for text in pushes),
+            *(partial(_push, scene, compiled.shapes, text) for text in pushes),
             *(partial(_drop, scene, compiled, name) for name in drops),
             *(partial(_kick, scene, compiled, text) for text in kicks),
         ]
@@ -158,18 +161,20 @@ def perceived_pushes(scene: Scene) -> Iterator[str]:
 
 
 def named_pushes(
-    scene: Scene, pushes: Sequence[str]
+    scene: Scene, shapes: Shapes, pushes: Sequence[str]
 ) -> list[tuple[Object, tuple[float, float]]]:
     """Return the objects of pushes `NAME=DIRECTION[@SPEED]` and their velocities, px/s.
 
     Raises InputError with all that is wrong.
     """
-    return collect([partial(_object_and_velocity, scene, text) for text in pushes])
+    return collect(
+        [partial(_object_and_velocity, scene, shapes, text) for text in pushes]
+    )
 
 
-def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
+def _push(scene: Scene, shapes: Shapes, text: str) -> tuple[Object, dict[str, Any]]:
     """The object of NAME=DIRECTION[@SPEED], and its velocity, by dotted key."""
-    item, velocity = _object_and_velocity(scene, text)
+    item, velocity = _object_and_velocity(scene, shapes, text)
     per_meter = scene.world.pixels_per_meter
     is_metric = _metric(text.partition("=")[2])
     kept = [
@@ -179,7 +184,9 @@ def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
     return item, {f"objects.{item.name}.velocity": kept}
 
 
-def _object_and_velocity(scene: Scene, text: str) -> tuple[Object, tuple[float, float]]:
+def _object_and_velocity(
+    scene: Scene, shapes: Shapes, text: str
+) -> tuple[Object, tuple[float, float]]:
     """Return the object of NAME=DIRECTION[@SPEED] and its velocity, px/s."""
     name, _, rest = text.partition("=")
     if _is_way(name) and any(item.name == rest.strip() for item in scene.objects):
@@ -193,7 +200,27 @@ def _object_and_velocity(scene: Scene, text: str) -> tuple[Object, tuple[float, 
         fix = f"write --push {item.name}=right"
         raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
     x, y = _direction("--push", way)
+    if "@" not in rest:
+        speed = _gentle_speed(scene, shapes, item, (x, y)) or speed
     return item, (speed * x, speed * y)
+
+
+def _gentle_speed(
+    scene: Scene, shapes: Shapes, item: Object, direction: tuple[float, float]
+) -> float | None:
+    """Return the speed, px/s, that perception would choose for this push.
+
+    None if no push in this direction moves anything.
+    """
+    others = [replace(one, velocity=(0.0, 0.0)) for one in scene.objects]
+    freed = [
+        replace(one, motion=Motion.DYNAMIC) if one.name == item.name else one
+        for one in others
+    ]
+    at_rest = replace(scene, objects=tuple(freed))
+    trials = compile_trials(at_rest, shapes)
+    facing = {one.name: one.facing.value for one in at_rest.objects if one.facing}
+    return choose_speed(trials, item, direction, facing)
 
 
 def _refuse_other_signs(scene: Scene, text: str) -> None:

@@ -1,0 +1,40 @@
+"""Scenes for trial simulations: a perceived scene without its maps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from physgen.perceive.roles import PerceivedScene
+    from physgen.scene.load import Opened
+
+
+def open_trial(perceived: PerceivedScene, *more: str) -> Opened:
+    """A scene for trials, without maps, with `more` keys of objects. Raises InputError."""
+    from physgen.scene.load import Opened
+    from physgen.scene.write import scene_text
+
+    document = perceived.document
+    height, width = perceived.percepts.labels.shape
+    kept = (
+        "shape",
+        "solid",
+        "mass",
+        "friction",
+        "elasticity",
+        "rolling",
+        "motion",
+        "label",
+        "facing",
+        "wheels",
+        *more,
+    )
+    heads = ("physgen", "world", "boundaries", "render")
+    bare = {key: document[key] for key in heads if key in document} | {
+        "size": [width, height],
+        "objects": {
+            name: {key: item[key] for key in kept if key in item}
+            for name, item in document["objects"].items()
+        },
+    }
+    return Opened("scene.yaml", text=scene_text(bare))
