@@ -417,14 +417,20 @@ def slow_motion(side: int, pixels_per_meter: float) -> int:
 
 
 def story_slow_motion(usual: int, seconds: float) -> int:
-    """`render.slow` of a clip in which something moves for these s: at most `usual`.
+    """`render.slow` of a clip in which something moves for these s.
 
-    It is halved while the motion takes longer than `PLAYBACK.longest` s of video.
+    It is halved while the motion takes longer than `PLAYBACK.longest` s of video, and
+    doubled once if the motion takes less than `PLAYBACK.least_motion` s: what slides
+    to a stop within the picture is a jerk otherwise.
 
     >>> story_slow_motion(4, 0.5), story_slow_motion(4, 1.0), story_slow_motion(4, 9.0)
     (4, 2, 1)
+    >>> story_slow_motion(4, 0.2)
+    8
     """
     slow = usual
+    if usual * seconds < PLAYBACK.least_motion:
+        return 2 * usual
     while slow > 1 and slow * seconds > PLAYBACK.longest:
         slow //= 2
     return slow

@@ -54,6 +54,7 @@ from physgen.perceive.roles import (
     Suitability,
 )
 from physgen.perceive.segment.prompts import Segmenter
+from physgen.perceive.shadow.mirror_images import remove_mirror_images
 from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
 from physgen.perceive.support.viewpoint import judge_suitability
@@ -255,6 +256,13 @@ def perceive(
             )
         suits = judge_suitability(rgb, found, objects, boundaries)
         clean = cleaning.result() if cleaning else shadows.clean
+        if boundaries.view is View.SIDE:
+            standing_ids = [t.id for t in objects if t.id not in boundaries.held]
+            seen = background if clean is None else clean
+            mirrorless = run.without_mirror_images(
+                seen, found.labels, coverage, standing_ids
+            )
+            clean = clean if mirrorless is None else mirrorless
         run.crew.release("inpaint")
         percepts = Percepts(
             rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
@@ -303,6 +311,13 @@ class _Run:
         return coverage, fill_behind(
             self.rgb, coverage > 0, partial(self.crew.call, "inpaint")
         )
+
+    def without_mirror_images(
+        self, clean: Rgb, labels: Labels, coverage: F32, ids: Sequence[int]
+    ) -> Rgb | None:
+        """Return a background without mirror images of objects; None if it shows none."""
+        inpaint = partial(self.crew.call, "inpaint")
+        return remove_mirror_images(self.rgb, clean, labels, coverage, ids, inpaint)
 
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
         """Segments the photo."""
