@@ -33,6 +33,7 @@ def start_motion(
         if perceived.document["objects"] and not (still or pushes):
             perceived = _pushed(perceived)
         perceived = _with_living_named(perceived)
+    perceived = _with_toys_named(perceived)
     if pushes:
         perceived = _pushed_by_user(perceived, pushes)
     return perceived
@@ -43,6 +44,19 @@ def _with_living_named(perceived: PerceivedScene) -> PerceivedScene:
     from physgen.pipeline.verdicts import living_doubts, with_doubts
 
     return with_doubts(perceived, living_doubts(perceived))
+
+
+def _with_toys_named(perceived: PerceivedScene) -> PerceivedScene:
+    """Return the scene whose comment on the scale names what is taken for a toy."""
+    from physgen.pipeline.verdicts import toy_note
+
+    key = "world.pixels_per_meter"
+    comment = perceived.comments.get(key, "")
+    note = toy_note(perceived)
+    if not note or not comment or note in comment:
+        return perceived
+    comments = {**perceived.comments, key: f"{comment}; {note}"}
+    return replace(perceived, comments=comments)
 
 
 def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> PerceivedScene:

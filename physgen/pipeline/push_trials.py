@@ -47,9 +47,9 @@ class TrialLimits:
     """Objects with a direction that are tried."""
     most: int = 28
     """Trials."""
-    work: float = 20000.0
-    """Work of all trials together, in steps of the engine: 1 to 5 s."""
-    one: float = 10000.0
+    work: float = 8000.0
+    """Work of all trials together, in steps of the engine: 1 to 6 s."""
+    one: float = 4500.0
     """Work of one trial, after which it ends: objects that are jammed take long."""
     longest: float = 6.0
     """s of a trial; a scale that is wrong by powers of ten would take minutes."""

@@ -34,6 +34,8 @@ class OutcomeLimits:
 
 
 OUTCOME = OutcomeLimits()
+TOY_WORDS = frozenset(["toy", "toys", "model", "matchbox", "figure"])
+"""Words of a label that name a toy as such."""
 
 
 def with_doubts(perceived: PerceivedScene, reasons: Sequence[str]) -> PerceivedScene:
@@ -118,6 +120,23 @@ def living_doubts(perceived: PerceivedScene) -> list[str]:
     if kinds == {"animal"}:
         what = "an animal"
     return [f"{listed(names, 'and')}: {what}, never pushed"]
+
+
+def toy_note(perceived: PerceivedScene) -> str:
+    """Return which objects are taken for toys though their labels do not say so.
+
+    A photo does not tell a lone car from its model. Empty if there is none.
+    """
+    names = []
+    for name, item in perceived.document["objects"].items():
+        label = item.get("label", "")
+        is_toy = kind(label).noun.startswith("toy ")
+        if is_toy and not TOY_WORDS.intersection(label.lower().split()):
+            names.append(name)
+    if not names:
+        return ""
+    verb = "is taken for a toy" if len(names) == 1 else "are taken for toys"
+    return f"{listed(names, 'and')} {verb}"
 
 
 def brief_summary(outcome: Outcome, slow: int) -> str:

@@ -136,9 +136,10 @@ def test_travel_of_a_slide_follows_the_closed_form(tmp_path: Path) -> None:
     assert outcome.seconds == pytest.approx(ends, abs=sample)
 
 
-def test_slow_motion_of_a_push_is_at_most_the_usual(tmp_path: Path) -> None:
+def test_slow_motion_suits_the_time_of_motion(tmp_path: Path) -> None:
     trials = trials_of(tmp_path, box("crate", 200, 80, 50))
-    assert playback_of(trials, 0.1) == 4
+    assert playback_of(trials, 0.1) == 8
+    assert playback_of(trials, 0.5) == 4
     assert playback_of(trials, 1.0) == 2
     assert playback_of(trials, 3 * PLAYBACK.longest) == 1
 

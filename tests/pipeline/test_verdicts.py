@@ -10,7 +10,12 @@ import pytest
 from physgen.maps import Percepts
 from physgen.perceive.roles import PerceivedScene, Suitability
 from physgen.pipeline.push_trials import Grade, Outcome
-from physgen.pipeline.verdicts import living_doubts, outcome_doubts, with_doubts
+from physgen.pipeline.verdicts import (
+    living_doubts,
+    outcome_doubts,
+    toy_note,
+    with_doubts,
+)
 
 GOOD = Outcome(Grade.STORY, 1.0, 0.2, 0.5, ("box-1",), ())
 
@@ -76,3 +81,11 @@ def test_people_and_animals_are_named(label: str, is_named: bool) -> None:
 def test_doubts_are_added_once() -> None:
     scene = with_doubts(with_doubts(scene_of(), ["a"]), ["a", "b"])
     assert scene.suitability == Suitability(("a", "b"))
+
+
+@pytest.mark.parametrize(
+    ("label", "is_named"),
+    [("car", True), ("red bus", True), ("toy car", False), ("cup", False), ("", False)],
+)
+def test_a_lone_car_is_taken_for_a_toy(label: str, is_named: bool) -> None:
+    assert ("box-1" in toy_note(scene_of(label))) == is_named
