@@ -151,3 +151,27 @@ def test_nothing_ends_half_beyond_a_seen_edge(tmp_path: Path) -> None:
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
     assert chosen.velocity[0] > 0
+
+
+def test_a_bowl_that_tumbles_counts_little(tmp_path: Path) -> None:
+    """On a rough floor its narrow foot stops, and it turns over."""
+    outcomes = []
+    for friction, speed in ((0.9, 700.0), (0.2, 400.0)):
+        bowl = "[[140, 180], [260, 180], [215, 250], [185, 250]]"
+        shape = f"{{polygon: {bowl}}}"
+        text = f"  bowl: {{shape: {shape}, friction: {friction}}}\n"
+        trials = trials_of(tmp_path, text, FLOOR.replace("0.6", str(friction)))
+        outcomes.append(simulate_push(trials, {"bowl": (speed, 0.0)}))
+    tumbling, sliding = outcomes
+    assert min(tumbling.travel, sliding.travel) > TRIAL.travel
+    assert tumbling.score < 0.5 * sliding.score
+    assert tumbling.grade is not Grade.STORY
+
+
+def test_a_short_slide_is_watched_in_slow_motion(tmp_path: Path) -> None:
+    """Friction ends it within 0.2 s at any speed at which it stays in the picture."""
+    trials = trials_of(tmp_path, box("crate", 200, 160, 50))
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    seconds = chosen.outcome.seconds
+    assert playback_of(trials, seconds) * seconds > 0.6 * PLAYBACK.least_motion
