@@ -135,7 +135,8 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
         if released is not None and _is_better(released[1], chosen):
             return _with_push(*released)
     if chosen is None:
-        return with_doubts(perceived, [*refusals.reasons, "no push moves anything"])
+        immovable = ["no push moves anything"] if allowed else []
+        return with_doubts(perceived, [*refusals.reasons, *immovable])
     return _with_push(perceived, chosen)
 
 

@@ -97,6 +97,10 @@ class TrialLimits:
     """Weight of a vehicle that drives backwards."""
     rebound: float = 0.25
     """Weight of an object that returns: something stands in its way."""
+    border: float = 0.02
+    """Gap to the picture's border below which an object ends crowded."""
+    crowded: float = 0.8
+    """Weight of a push after which an object ends at the border, but did not start so."""
     overhang: float = 0.2
     """Weight of a push after which something stands half beyond a seen edge."""
     tumble: float = 35.0
@@ -417,6 +421,8 @@ def simulate_push(
     if _overhangs(trials, world, motion):
         score *= TRIAL.overhang
         film = min(film, TRIAL.overhang)
+    if _crowds_border(trials, world, motion):
+        score *= TRIAL.crowded
     if any(_tumbles(world, motion, name) for name in velocities):
         score *= TRIAL.tumbling
         film = min(film, TRIAL.tumbling)
@@ -612,6 +618,20 @@ def _overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
         for x, y in ends:
             if abs(y - low) < near and left + near < x < right - near:
                 return True
+    return False
+
+
+def _crowds_border(trials: TrialScene, world: World, motion: Trajectory) -> bool:
+    """Return whether a body ends closer to the border than it began, and at it."""
+    least = TRIAL.border * trials.side
+    size = np.array(world.size, np.float64)
+    for k, body in enumerate(world.bodies):
+        if body.motion is not Motion.DYNAMIC:
+            continue
+        places = _placed(_corners(body), motion.poses[[0, -1], k])
+        gaps = np.minimum(places, size - places).min(axis=(1, 2))
+        if gaps[1] < min(least, gaps[0] - 1):
+            return True
     return False
 
 

@@ -14,6 +14,7 @@ from physgen.materials import is_living, kind
 from physgen.perceive.roles import PerceivedScene, Suitability
 from physgen.perceive.support.viewpoint import fine_detail
 from physgen.pipeline.push_trials import Grade, Outcome
+from physgen.pipeline.refusals import WATERCRAFT
 from physgen.text import listed
 
 
@@ -130,7 +131,8 @@ def toy_note(perceived: PerceivedScene) -> str:
     names = []
     for name, item in perceived.document["objects"].items():
         label = item.get("label", "")
-        is_toy = kind(label).noun.startswith("toy ")
+        noun = kind(label).noun
+        is_toy = noun.startswith("toy ") and noun not in WATERCRAFT
         if is_toy and not TOY_WORDS.intersection(label.lower().split()):
             names.append(name)
     if not names:

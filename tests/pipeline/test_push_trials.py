@@ -175,3 +175,25 @@ def test_a_short_slide_is_watched_in_slow_motion(tmp_path: Path) -> None:
     assert chosen is not None
     seconds = chosen.outcome.seconds
     assert playback_of(trials, seconds) * seconds > 0.6 * PLAYBACK.least_motion
+
+
+@pytest.mark.parametrize("x", [150, 250])
+def test_a_slide_ends_away_from_the_border(tmp_path: Path, x: float) -> None:
+    trials = trials_of(tmp_path, box("crate", x, 120, 50))
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    edit = f"objects.crate.velocity=[{chosen.velocity[0]}, 0]"
+    pushed = pipeline.load(tmp_path / "scene.yaml", [edit])
+    poses = simulate(pipeline.compile(pushed, None).world, np.linspace(0, 3, 61)).poses
+    assert 60 + TRIAL.border * 400 <= poses[-1, 0, 0] <= 340 - TRIAL.border * 400
+
+
+def test_a_push_up_to_the_border_counts_less(tmp_path: Path) -> None:
+    trials = trials_of(tmp_path, box("crate", 250, 120, 50))
+    slowed = np.sqrt(0.5 * 0.6) * 9.8 * 800
+    inside, crowded = (
+        simulate_push(trials, {"crate": (float(np.sqrt(2 * slowed * way)), 0.0)})
+        for way in (75, 87)
+    )
+    assert inside.grade >= Grade.SHORT <= crowded.grade
+    assert crowded.score < inside.score
