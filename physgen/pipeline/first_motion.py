@@ -28,35 +28,17 @@ def start_motion(
     `pushes` take the place of the push that is chosen. Raises InputError if one of them
     is wrong.
     """
+    from physgen.pipeline.verdicts import with_living_named, with_toys_named
+
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
         if perceived.document["objects"] and not (still or pushes):
             perceived = _pushed(perceived)
-        perceived = _with_living_named(perceived)
-    perceived = _with_toys_named(perceived)
+        perceived = with_living_named(perceived)
+    perceived = with_toys_named(perceived)
     if pushes:
         perceived = _pushed_by_user(perceived, pushes)
     return perceived
-
-
-def _with_living_named(perceived: PerceivedScene) -> PerceivedScene:
-    """Return the scene whose suitability names people and animals."""
-    from physgen.pipeline.verdicts import living_doubts, with_doubts
-
-    return with_doubts(perceived, living_doubts(perceived))
-
-
-def _with_toys_named(perceived: PerceivedScene) -> PerceivedScene:
-    """Return the scene whose comment on the scale names what is taken for a toy."""
-    from physgen.pipeline.verdicts import toy_note
-
-    key = "world.pixels_per_meter"
-    comment = perceived.comments.get(key, "")
-    note = toy_note(perceived)
-    if not note or not comment or note in comment:
-        return perceived
-    comments = {**perceived.comments, key: f"{comment}; {note}"}
-    return replace(perceived, comments=comments)
 
 
 def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> PerceivedScene:
@@ -119,7 +101,6 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     Only objects of `only`, if any are named, are pushed. If no push moves anything, a
     held object is released and pushed alone.
     """
-    from physgen.pipeline.push_trials import Grade
     from physgen.pipeline.refusals import find_refusals
     from physgen.pipeline.verdicts import with_doubts
 
@@ -129,11 +110,13 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     names = set(perceived.document["objects"]) - set(refusals.objects)
     allowed = names & set(only) if only else names
     chosen = _chosen_push(perceived, allowed, refusals.barred)
-    is_weak = chosen is None or chosen.outcome.grade <= Grade.LEAVES
+    is_weak = chosen is None or not chosen.outcome.is_inside
     if is_weak and not only:
         released = _release(perceived, refusals)
         if released is not None and _is_better(released[1], chosen):
-            return _with_push(*released)
+            name = released[1].name
+            doubt = f"{name} is pushed on a guessed floor: it is unsure what carries it"
+            return _with_push(with_doubts(released[0], [doubt]), released[1])
     if chosen is None:
         immovable = ["no push moves anything"] if allowed else []
         return with_doubts(perceived, [*refusals.reasons, *immovable])
@@ -186,20 +169,17 @@ def _release(
     perceived: PerceivedScene, refusals: Refusals
 ) -> tuple[PerceivedScene, Push] | None:
     """Return the scene with one held object released, and its push; None if none moves."""
-    from physgen.pipeline.push_trials import TRIAL, Grade
-    from physgen.pipeline.releases import releases
-    from physgen.pipeline.verdicts import with_doubts
+    from physgen.pipeline.releases import RELEASE, releases
 
     best: tuple[PerceivedScene, Push] | None = None
     for name, released in releases(perceived, refusals.objects):
         settled = _at_rest(released)
-        push = _chosen_push(settled, [name], refusals.barred, TRIAL.confidence)
+        push = _chosen_push(settled, [name], refusals.barred, RELEASE.certainty)
         if push is None:
             continue
-        doubt = f"{name} is pushed on a guessed floor: it is unsure what carries it"
         if best is None or _is_better(push, best[1]):
-            best = with_doubts(settled, [doubt]), push
-        if push.outcome.grade >= Grade.SHORT:
+            best = settled, push
+        if push.outcome.is_calm:
             break
     return best
 

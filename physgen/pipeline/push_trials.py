@@ -151,6 +151,16 @@ class Outcome:
     work: float = 0.0
     """Work of the trial, in steps of the engine."""
 
+    @property
+    def is_inside(self) -> bool:
+        """Return whether something moves and nothing leaves the picture."""
+        return self.grade > Grade.LEAVES
+
+    @property
+    def is_calm(self) -> bool:
+        """Return whether something moves, and all stays and rests."""
+        return self.grade >= Grade.SHORT
+
 
 NO_MOTION = Outcome(Grade.NOTHING, 0.0, 0.0, 0.0, (), ())
 

@@ -85,9 +85,9 @@ class Refusals:
         ]
 
 
-def find_refusals(perceived: PerceivedScene) -> Refusals:
+def find_refusals(photo_scene: PerceivedScene) -> Refusals:
     """Return the reasons not to push objects of a perceived photo."""
-    rgb = perceived.percepts.rgb
+    rgb = photo_scene.percepts.rgb
     unsuitable = view_chances(run_network(rgb).features).unsuitable
     if unsuitable >= REFUSAL.unsuitable:
         return Refusals(UNSUITABLE)
@@ -96,8 +96,8 @@ def find_refusals(perceived: PerceivedScene) -> Refusals:
     photo = _Photo(people, unsuitable, rgb.shape[0], rgb.shape[1])
     reasons: dict[str, str] = {}
     barred: dict[str, str] = {}
-    for name, item in perceived.document["objects"].items():
-        box = object_box(perceived, item)
+    for name, item in photo_scene.document["objects"].items():
+        box = object_box(photo_scene, item)
         if box is None:
             continue
         person = photo.person_at(box)
@@ -112,12 +112,12 @@ def find_refusals(perceived: PerceivedScene) -> Refusals:
     return Refusals("", reasons, barred)
 
 
-def object_box(perceived: PerceivedScene, item: Mapping[str, Any]) -> Array | None:
+def object_box(photo_scene: PerceivedScene, item: Mapping[str, Any]) -> Array | None:
     """Return left, top, right and bottom (4,) px of an object's mask; None without one."""
     number = item.get("mask")
     if not isinstance(number, int):
         return None
-    own = (perceived.percepts.labels == number).astype(np.uint8)
+    own = (photo_scene.percepts.labels == number).astype(np.uint8)
     x, y, width, height = cv2.boundingRect(own)
     return np.array([x, y, x + width, y + height], np.float64)
 

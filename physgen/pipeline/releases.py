@@ -11,11 +11,13 @@ from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
+from physgen.compile.compile import compile_shapes
+from physgen.compile.shapes import shapes_of
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc, Outline, bounds
 from physgen.geometry.scale import PhotoObject
@@ -32,6 +34,7 @@ from physgen.perceive.support.ground_contact import (
     needs_base,
     straighten_foot,
 )
+from physgen.pipeline.push_trials import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError
 from physgen.scene.scene import View
@@ -46,6 +49,8 @@ class ReleaseLimits:
 
     confidence: float = 0.2
     """Least confidence of an object: below it is rather a part or a patch."""
+    certainty: float = TRIAL.confidence
+    """Confidence that an object counts with at least, once it is released."""
     most: int = 3
     """Objects that are tried: each takes the time of a search."""
     rag: float = 0.04
@@ -67,31 +72,31 @@ FLOOR = "floor"
 
 
 def releases(
-    perceived: PerceivedScene, refused: Collection[str]
+    photo_scene: PerceivedScene, refused: Collection[str]
 ) -> Iterator[tuple[str, PerceivedScene]]:
     """Yield scenes in which one object is released on a floor, the surest object first.
 
     Objects that are `refused`, alive or cut off by the photo's border are not released.
     """
-    if perceived.document["world"]["view"] != View.SIDE.value:
+    if photo_scene.document["world"]["view"] != View.SIDE.value:
         return
-    ranked = _ranked(perceived, refused)
+    ranked = _ranked(photo_scene, refused)
     for name in ranked[: RELEASE.most]:
-        if name not in perceived.document["objects"]:
+        if name not in photo_scene.document["objects"]:
             continue
         with suppress(InputError):  # its level outline may not be a shape
-            whole = _with_parts(perceived, name)
+            whole = _with_parts(photo_scene, name)
             yield name, _released(whole, name)
 
 
-def _ranked(perceived: PerceivedScene, refused: Collection[str]) -> list[str]:
+def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
     """Return the names of objects that may be released, the surest large one first."""
-    labels = perceived.percepts.labels
+    labels = photo_scene.percepts.labels
     areas = np.bincount(labels.ravel())
     weights = {}
-    for name, item in perceived.document["objects"].items():
+    for name, item in photo_scene.document["objects"].items():
         sure = mask_confidence(item)
-        is_cut = "cut off" in perceived.comments.get(f"objects.{name}.motion", "")
+        is_cut = "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
         is_unsure = sure < RELEASE.confidence
         if name in refused or is_cut or is_unsure or is_living(item["label"]):
             continue
@@ -99,28 +104,18 @@ def _ranked(perceived: PerceivedScene, refused: Collection[str]) -> list[str]:
     return sorted(weights, key=lambda name: weights[name], reverse=True)
 
 
-def _with_parts(perceived: PerceivedScene, name: str) -> PerceivedScene:
+def _with_parts(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     """Return the scene in which small unsure objects that touch one are parts of it.
 
     A wheel that was detected on its own would block its car.
     """
-    percepts, objects = perceived.percepts, dict(perceived.document["objects"])
+    objects = dict(photo_scene.document["objects"])
+    parts = _parts(photo_scene, name)
+    if not parts:
+        return photo_scene
     number = objects[name]["mask"]
-    own = percepts.labels == number
-    ring = cv2.dilate(own.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    ids = []
-    for other, item in perceived.document["objects"].items():
-        part = percepts.labels == item["mask"]
-        inner = cv2.erode(part.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        border = part & ~inner
-        is_small = part.sum() < RELEASE.part * own.sum()
-        is_sure = mask_confidence(item) >= RELEASE.unsure
-        touching = np.count_nonzero(border & ring) / max(np.count_nonzero(border), 1)
-        if other != name and is_small and not is_sure and touching >= RELEASE.touch:
-            ids.append(item["mask"])
-            del objects[other]
-    if not ids:
-        return perceived
+    ids = [objects.pop(part)["mask"] for part in parts]
+    percepts = photo_scene.percepts
     labels = np.where(np.isin(percepts.labels, ids), number, percepts.labels)
     labels = labels.astype(np.uint16)
     owners = percepts.shadows
@@ -131,32 +126,72 @@ def _with_parts(perceived: PerceivedScene, name: str) -> PerceivedScene:
     objects[name].pop("solid", None)
     comments = {
         key: text
-        for key, text in perceived.comments.items()
+        for key, text in photo_scene.comments.items()
         if not key.startswith("objects.") or key.split(".")[1] in objects
     }
     return replace(
-        perceived,
+        photo_scene,
         percepts=replace(percepts, labels=labels, shadows=owners),
-        document=perceived.document | {"objects": objects},
+        document=photo_scene.document | {"objects": objects},
         comments=comments,
     )
 
 
-def _released(perceived: PerceivedScene, name: str) -> PerceivedScene:
+def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
+    """Return the names of small unsure objects that touch one."""
+    labels, objects = photo_scene.percepts.labels, photo_scene.document["objects"]
+    own = labels == objects[name]["mask"]
+    ring = cv2.dilate(own.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    parts = []
+    for other, item in objects.items():
+        if other == name or mask_confidence(item) >= RELEASE.unsure:
+            continue
+        part = labels == item["mask"]
+        inner = cv2.erode(part.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        border = part & ~inner
+        is_small = part.sum() < RELEASE.part * own.sum()
+        share = float((border & ring).sum()) / max(float(border.sum()), 1.0)
+        if is_small and share >= RELEASE.touch:
+            parts.append(other)
+    return parts
+
+
+def _released(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     """Return the scene with one object free on a floor through its lowest point.
 
     Raises InputError if its level outline is not a shape.
     """
-    from physgen.compile.compile import compile_shapes
-    from physgen.compile.shapes import shapes_of
-
-    scene = open_trial(perceived).scene()
+    scene = open_trial(photo_scene).scene()
     index = [item.name for item in scene.objects].index(name)
     outlines = compile_shapes(scene, shapes_of(scene, None)).outlines
-    outline, ground = _level_outline(outlines[index], perceived, name)
+    outline, ground = _level_outline(outlines[index], photo_scene, name)
+    photo_scene = _with_others_held(photo_scene, name, outline)
+    floor = _guessed_floor(photo_scene.percepts.labels.shape[1], ground)
+    walls = photo_scene.document["boundaries"]
+    kept = {key: wall for key, wall in walls.items() if key == "bottom"}
+    document = photo_scene.document | {"boundaries": kept | {FLOOR: floor}}
+    why = f"a guess: through the lowest point of {name}"
+    comments = {**photo_scene.comments, f"boundaries.{FLOOR}": why}
+    return replace(photo_scene, document=document, comments=comments)
+
+
+def _guessed_floor(width: int, height: float) -> dict[str, Any]:
+    """Return the entry of a level floor across a photo, and beyond it."""
+    ends = np.array([[-width, height], [2.0 * width, height]])
+    return {
+        "segment": corners(ends),
+        "friction": RELEASE.friction,
+        "from": f"lowest point {RELEASE.floor_confidence:g}",
+    }
+
+
+def _with_others_held(
+    photo_scene: PerceivedScene, name: str, outline: Outline
+) -> PerceivedScene:
+    """Return the scene in which one object is free, with this outline, and others not."""
     objects = {}
-    comments = dict(perceived.comments)
-    for other, item in perceived.document["objects"].items():
+    comments = dict(photo_scene.comments)
+    for other, item in photo_scene.document["objects"].items():
         item = {key: value for key, value in item.items() if key != "motion"}
         if other == name:
             item["velocity"] = [0, 0]
@@ -168,23 +203,12 @@ def _released(perceived: PerceivedScene, name: str) -> PerceivedScene:
             why = f"held, so that {name} can move; dynamic lets it go"
             comments.setdefault(f"objects.{other}.motion", why)
         objects[other] = item
-    width = perceived.percepts.labels.shape[1]
-    ends = np.array([[-width, ground], [2.0 * width, ground]])
-    floor = {
-        "segment": corners(ends),
-        "friction": RELEASE.friction,
-        "from": f"lowest point {RELEASE.floor_confidence:g}",
-    }
-    walls = perceived.document["boundaries"]
-    kept = {key: wall for key, wall in walls.items() if key == "bottom"}
-    boundaries = kept | {FLOOR: floor}
-    comments[f"boundaries.{FLOOR}"] = f"a guess: through the lowest point of {name}"
-    document = perceived.document | {"objects": objects, "boundaries": boundaries}
-    return replace(perceived, document=document, comments=comments)
+    document = photo_scene.document | {"objects": objects}
+    return replace(photo_scene, document=document, comments=comments)
 
 
 def _level_outline(
-    outline: Outline, perceived: PerceivedScene, name: str
+    outline: Outline, photo_scene: PerceivedScene, name: str
 ) -> tuple[Outline, float]:
     """Return an outline with a level base, and the height of the ground, px."""
     _, top, _, low = bounds(outline)
@@ -193,7 +217,7 @@ def _level_outline(
     ground = float(np.floor(low * 100) / 100)
     line = Line(0.0, ground)
     level = straighten_foot(outline, line, RELEASE.rag * (low - top))
-    number = perceived.document["objects"][name]["mask"]
+    number = photo_scene.document["objects"][name]["mask"]
     foot = find_foot(PhotoObject(number, level))
     based = add_base(foot, line) if needs_base(foot) else None
     return based or level, ground

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from physgen.scene.load import Opened
+from physgen.scene.write import scene_text
+
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
-    from physgen.scene.load import Opened
 
 
-def open_trial(perceived: PerceivedScene, *more: str) -> Opened:
+def open_trial(photo_scene: PerceivedScene, *more: str) -> Opened:
     """A scene for trials, without maps, with `more` keys of objects. Raises InputError."""
-    from physgen.scene.load import Opened
-    from physgen.scene.write import scene_text
-
-    document = perceived.document
-    height, width = perceived.percepts.labels.shape
+    document = photo_scene.document
+    height, width = photo_scene.percepts.labels.shape
     kept = (
         "shape",
         "solid",

@@ -110,6 +110,22 @@ def _detail_around(perceived: PerceivedScene, mask: NDArray[np.bool_]) -> float:
     return float(is_fine[ring].mean()) if ring.any() else 0.0
 
 
+def with_living_named(perceived: PerceivedScene) -> PerceivedScene:
+    """Return the scene whose suitability names people and animals."""
+    return with_doubts(perceived, living_doubts(perceived))
+
+
+def with_toys_named(perceived: PerceivedScene) -> PerceivedScene:
+    """Return the scene whose comment on the scale names what is taken for a toy."""
+    key = "world.pixels_per_meter"
+    comment = perceived.comments.get(key, "")
+    note = toy_note(perceived)
+    if not note or not comment or note in comment:
+        return perceived
+    comments = {**perceived.comments, key: f"{comment}; {note}"}
+    return replace(perceived, comments=comments)
+
+
 def living_doubts(perceived: PerceivedScene) -> list[str]:
     """Return a reason that names the people and animals, which are never pushed."""
     objects = perceived.document["objects"].items()

@@ -85,7 +85,13 @@ def test_doubts_are_added_once() -> None:
 
 @pytest.mark.parametrize(
     ("label", "is_named"),
-    [("car", True), ("red bus", True), ("toy car", False), ("boat", False), ("", False)],
+    [
+        ("car", True),
+        ("red bus", True),
+        ("toy car", False),
+        ("boat", False),
+        ("", False),
+    ],
 )
 def test_a_lone_car_is_taken_for_a_toy(label: str, is_named: bool) -> None:
     assert ("box-1" in toy_note(scene_of(label))) == is_named

@@ -83,38 +83,71 @@ def remove_mirror_images(
 def find_mirror_image(rgb: Rgb, labels: Labels, number: int) -> Mask | None:
     """Return the pixels (H, W) of an object's mirror image below it, if it has one."""
     own = labels == number
-    x, y, width, height = cv2.boundingRect(own.astype(np.uint8))
-    foot = y + height
-    depth = min(height, len(labels) - foot)
+    left, top, width, height = cv2.boundingRect(own.view(np.uint8))
+    windows = _windows((left, top, width, height), labels.shape)
+    if windows is None:
+        return None
+    below, upright = windows
+    mirrored = own[upright][::-1]
+    part = _visible_part(mirrored, labels[below] > 0, height)
+    ground = _ground(rgb[below], left - below[1].start, width)
+    if part is None or ground is None:
+        return None
+    if not _shows_mirror_image(rgb[below], rgb[upright][::-1], part, ground):
+        return None
+    image = np.zeros(labels.shape, np.uint8)
+    image[below] = mirrored
+    widened = _widened(image, max(1, round(MIRROR.margin * width)))
+    return np.asarray(widened & (labels == 0))
+
+
+def _windows(
+    box: tuple[int, int, int, int], shape: tuple[int, ...]
+) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
+    """Return rows and columns below the foot of a box, and as many rows above it.
+
+    None if the photo shows too little ground below it.
+    """
+    left, top, width, height = box
+    foot = top + height
+    depth = min(height, shape[0] - foot)
     if depth < MIRROR.shallow * height:
         return None
-    margin = round(MIRROR.beside * width) + 4
-    first, last = max(x - 2 * margin, 0), min(x + width + 2 * margin, labels.shape[1])
-    below = np.s_[foot : foot + depth, first:last]
-    upright = np.s_[foot - depth : foot, first:last]
-    mirrored = own[upright][::-1]
-    hidden = mirrored & (labels[below] > 0)
+    reach = 2 * _margin(width)
+    columns = slice(max(left - reach, 0), min(left + width + reach, shape[1]))
+    return (slice(foot, foot + depth), columns), (slice(foot - depth, foot), columns)
+
+
+def _margin(width: int) -> int:
+    """Return the px beside an object that show its ground."""
+    return round(MIRROR.beside * width) + 4
+
+
+def _visible_part(mirrored: Mask, is_hidden: Mask, height: int) -> Mask | None:
+    """Return the pixels of a mirror image that are compared; None if too few are seen."""
+    hidden = mirrored & is_hidden
     if hidden.sum() > MIRROR.covered * mirrored.sum():
         return None
     part = mirrored & ~hidden
     part[: max(2, round(MIRROR.gap * height))] = False
     part[max(2, round(MIRROR.near * height)) :] = False
-    if np.count_nonzero(part) < MIRROR.smallest:
-        return None
-    ground = _ground(rgb[below], x - first, x - first + width, margin)
-    if ground is None:
-        return None
-    differences = [
+    return part if np.count_nonzero(part) >= MIRROR.smallest else None
+
+
+def _widened(image: NDArray[np.uint8], reach: int) -> Mask:
+    """Return a mask (H, W), widened by `reach` px to all sides."""
+    kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return np.asarray(cv2.dilate(image, kernel) > 0)
+
+
+def _shows_mirror_image(below: Rgb, turned: Rgb, part: Mask, ground: _Ground) -> bool:
+    """Return whether the ground (h, w, 3) shows an object that is turned upside down."""
+    height = round(np.count_nonzero(part.any(axis=1)) / MIRROR.near)
+    image, item = (
         _blurred(picture.astype(np.float32) - ground.colours, part, height)[part]
-        for picture in (rgb[below], rgb[upright][::-1])
-    ]
-    if not _is_mirrored(differences[0], differences[1], ground.texture):
-        return None
-    image = np.zeros(labels.shape, np.uint8)
-    image[below] = mirrored
-    reach = max(1, round(MIRROR.margin * width))
-    around = cv2.dilate(image, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
-    return np.asarray(around & (labels == 0))
+        for picture in (below, turned)
+    )
+    return _is_mirrored(image, item, ground.texture)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +160,9 @@ class _Ground:
     """8-bit codes: its median deviation from them."""
 
 
-def _ground(below: Rgb, left: int, right: int, margin: int) -> _Ground | None:
-    """Return the ground between the columns `left` and `right`; None if none is seen."""
+def _ground(below: Rgb, left: int, width: int) -> _Ground | None:
+    """Return the ground below an object from a column on; None if none is seen."""
+    right, margin = left + width, _margin(width)
     columns = np.arange(below.shape[1])
     sides = [
         (columns < left - 4) & (columns >= left - margin - 4),
@@ -174,4 +208,4 @@ def _is_mirrored(
 def _correlation(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
     """Return the cosine between two sets of differences (n, 3)."""
     lengths = float((one**2).sum()) * float((other**2).sum())
-    return float((one * other).sum()) / max(np.sqrt(lengths), 1e-9)
+    return float((one * other).sum() / max(np.sqrt(lengths), 1e-9))
