@@ -45,6 +45,8 @@ class _Tuning:
     border: int = 4  # px: bands beside the border whose colours are compared ...
     border_blur: float = 2.0  # ... after a blur of this standard deviation
     seam_weight: float = 1.5  # of the border's step beside the contrast
+    copy_seam_weight: float = 0.5  # the same before gradients are joined: joining
+    # spreads the step of a wrong copy over the hole
     least_step: float = 1.0  # levels across the border that nobody sees
     most_step: float = 60.0  # levels: a larger step is an edge of another object
 
@@ -62,9 +64,11 @@ def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
     result = np.where(hole[..., None], guide, picture)
     for part, piece in _windows(hole):
         window = _Window(picture[part], guide[part], piece, hole[part])
-        filled = window.strengthened(window.fill())
+        copies, joined = window.fill()
+        filled = window.strengthened(joined)
         gain = window.contrast_error() - window.contrast_error(filled)
         gain -= TUNING.seam_weight * window.seam_growth(filled)
+        gain -= TUNING.copy_seam_weight * window.seam_growth(copies)
         if gain > window.least_gain():
             result[part] = np.where(piece[..., None], filled, result[part])
     return np.asarray(result, np.float32)
@@ -94,18 +98,21 @@ class _Window:
     hole: Mask
     blocked: Mask
 
-    def fill(self) -> F32:
-        """(H, W, 3): copies and guide, joined in the hole."""
+    def fill(self) -> tuple[F32, F32]:
+        """(H, W, 3) twice: copies and guide in the hole, as they are and joined."""
         scale = self._scale()
         reduced = self._reduced(scale)
         offsets = copy_offsets(
             reduced.picture, reduced.hole, reduced.blocked, COSTS.far
         )
         if not len(offsets):
-            return self.guide
+            return self.guide, self.guide
         labels = OffsetLabels(reduced, offsets).solve()
         shifts = self._shifts(_enlarged(labels, scale, self.hole), offsets, scale)
-        return join_gradients(self._sources(), shifts, self.hole)
+        rows, columns = np.indices(self.hole.shape)
+        sources = self._sources()
+        copies = sources[rows + shifts[..., 0], columns + shifts[..., 1]]
+        return copies, join_gradients(sources, shifts, self.hole)
 
     def strengthened(self, filled: F32) -> F32:
         """`filled` (H, W, 3) with the fine detail that blended seams took from it."""
