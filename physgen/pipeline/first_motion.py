@@ -102,7 +102,7 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     held object is released and pushed alone.
     """
     from physgen.pipeline.refusals import find_refusals
-    from physgen.pipeline.verdicts import with_doubts
+    from physgen.pipeline.verdicts import stillness_doubts, with_doubts
 
     refusals = find_refusals(perceived)
     if refusals.photo:
@@ -118,8 +118,8 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
             doubt = f"{name} is pushed on a guessed floor: it is unsure what carries it"
             return _with_push(with_doubts(released[0], [doubt]), released[1])
     if chosen is None:
-        immovable = ["no push moves anything"] if allowed else []
-        return with_doubts(perceived, [*refusals.reasons, *immovable])
+        reasons = [*refusals.reasons, *stillness_doubts(perceived, allowed)]
+        return with_doubts(perceived, reasons)
     return _with_push(perceived, chosen)
 
 

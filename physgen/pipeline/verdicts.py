@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -35,6 +35,7 @@ class OutcomeLimits:
 
 
 OUTCOME = OutcomeLimits()
+STILL = "no push moves anything"
 TOY_WORDS = frozenset(["toy", "toys", "model", "matchbox", "figure"])
 """Words of a label that name a toy as such."""
 
@@ -110,20 +111,20 @@ def _detail_around(perceived: PerceivedScene, mask: NDArray[np.bool_]) -> float:
     return float(is_fine[ring].mean()) if ring.any() else 0.0
 
 
-def with_living_named(perceived: PerceivedScene) -> PerceivedScene:
+def with_living_named(photo_scene: PerceivedScene) -> PerceivedScene:
     """Return the scene whose suitability names people and animals."""
-    return with_doubts(perceived, living_doubts(perceived))
+    return with_doubts(photo_scene, living_doubts(photo_scene))
 
 
-def with_toys_named(perceived: PerceivedScene) -> PerceivedScene:
+def with_toys_named(photo_scene: PerceivedScene) -> PerceivedScene:
     """Return the scene whose comment on the scale names what is taken for a toy."""
     key = "world.pixels_per_meter"
-    comment = perceived.comments.get(key, "")
-    note = toy_note(perceived)
+    comment = photo_scene.comments.get(key, "")
+    note = toy_note(photo_scene)
     if not note or not comment or note in comment:
-        return perceived
-    comments = {**perceived.comments, key: f"{comment}; {note}"}
-    return replace(perceived, comments=comments)
+        return photo_scene
+    comments = {**photo_scene.comments, key: f"{comment}; {note}"}
+    return replace(photo_scene, comments=comments)
 
 
 def living_doubts(perceived: PerceivedScene) -> list[str]:
@@ -139,13 +140,27 @@ def living_doubts(perceived: PerceivedScene) -> list[str]:
     return [f"{listed(names, 'and')}: {what}, never pushed"]
 
 
-def toy_note(perceived: PerceivedScene) -> str:
+def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> list[str]:
+    """Return why no push moves any of the objects of these names."""
+    cut = [
+        name
+        for name in photo_scene.document["objects"]
+        if "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
+    ]
+    if names and set(names) <= set(cut):
+        verb = "is" if len(names) == 1 else "are"
+        cut_names = listed(sorted(names), "and")
+        return [f"{STILL}: {cut_names} {verb} cut off by the photo's border"]
+    return [STILL] if names else []
+
+
+def toy_note(photo_scene: PerceivedScene) -> str:
     """Return which objects are taken for toys though their labels do not say so.
 
     A photo does not tell a lone car from its model. Empty if there is none.
     """
     names = []
-    for name, item in perceived.document["objects"].items():
+    for name, item in photo_scene.document["objects"].items():
         label = item.get("label", "")
         noun = kind(label).noun
         is_toy = noun.startswith("toy ") and noun not in WATERCRAFT

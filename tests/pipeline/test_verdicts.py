@@ -13,6 +13,7 @@ from physgen.pipeline.push_trials import Grade, Outcome
 from physgen.pipeline.verdicts import (
     living_doubts,
     outcome_doubts,
+    stillness_doubts,
     toy_note,
     with_doubts,
 )
@@ -95,3 +96,13 @@ def test_doubts_are_added_once() -> None:
 )
 def test_a_lone_car_is_taken_for_a_toy(label: str, is_named: bool) -> None:
     assert ("box-1" in toy_note(scene_of(label))) == is_named
+
+
+@pytest.mark.parametrize("is_cut", [True, False])
+def test_objects_at_the_border_are_named(is_cut: bool) -> None:
+    scene = scene_of()
+    if is_cut:
+        scene.comments["objects.box-1.motion"] = "cut off by the photo's border"
+    (reason,) = stillness_doubts(scene, ["box-1"])
+    assert ("box-1" in reason) == is_cut
+    assert stillness_doubts(scene, []) == []
