@@ -264,7 +264,7 @@ def _weighted(candidate: Candidate, confidence: Mapping[str, float]) -> Candidat
 def choose_speed(
     trials: TrialScene, item: Object, direction: Direction, facing: Mapping[str, str]
 ) -> float | None:
-    """Return the speed, px/s, at which a push of this object tells most.
+    """Return the speed, px/s, of the best push of this object.
 
     The rules are those of `choose_push`. None if no push moves anything visibly.
     """

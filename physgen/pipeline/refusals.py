@@ -46,7 +46,7 @@ class RefusalLimits:
     person: float = 0.5
     """Score of a person: hands score as much, and toys less than 0.4."""
     same: float = 0.6
-    """IoU of two boxes that mean the same thing."""
+    """IoU of two boxes of one object."""
     touch: float = 0.01
     """Gap between an object and a person who touches it."""
     reach: float = 0.1
