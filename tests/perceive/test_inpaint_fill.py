@@ -10,6 +10,7 @@ from physgen.perceive.backends.inpaint_fill import fill
 from physgen.perceive.inpaint.contact_strips import contact_strips
 from physgen.perceive.inpaint.patch_match import RADIUS, Level, _Search
 from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill, seamless
+from physgen.perceive.inpaint.shift_map import _Window
 
 H, W = 90, 130
 Y, X = np.mgrid[:H, :W].astype(np.float32)
@@ -270,7 +271,8 @@ def test_comparisons_are_whole_numbers_that_single_precision_holds() -> None:
     ).astype(np.float32)
     level = Level(photo, blob("disc"), blob("disc") & False)
     search = _Search(level, RADIUS)
-    target = search.known[search.at[:, 0], search.at[:, 1]]
+    known = search._patches(search.halved)
+    target = known[search.at[:, 0], search.at[:, 1]]
     weighted = np.abs(target) * search.mask[..., None]
     largest = (weighted * 64 * 2).sum((1, 2, 3)) + (search.mask * 64**2 * 3).sum((1, 2))
     assert largest.max() < 2**24
@@ -355,3 +357,17 @@ def test_contact_shadow_between_wheels_is_filled():
     road = (y > 80) & ~car & ~strip
     assert found[strip].mean() > 0.75
     assert found[road].mean() < 0.02
+
+
+def test_line_that_ends_at_border_is_seam() -> None:
+    """A fill without the photo's line has a larger step across the hole's border."""
+    rng = np.random.default_rng(2)
+    picture = rng.normal(130, 6, (H, W, 3)).astype(np.float32)
+    broken = picture.copy()
+    picture[40:46] -= 90
+    hole = np.hypot(X - 65, Y - 45) < 25
+    broken = np.where(hole[..., None], broken, picture)
+    window = _Window(picture, picture, hole, hole)
+    assert window.seam_growth(broken) > 0.3
+    assert window.seam_growth(picture) == 0
+    assert _Window(picture, broken, hole, hole).seam_growth(picture) < -0.3
