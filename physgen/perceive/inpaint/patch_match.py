@@ -38,6 +38,7 @@ class _Tuning:
     max_first_pairs: int = 20_000_000
     chunk: int = 1_000_000  # pairs that are held in memory
     chosen: int = 2  # scale at which the better of two fills is chosen; finer ones keep no continued edges
+    edge_side: int = 1600  # px: edges are continued on photos no larger than this
     search_side: int = 640  # px: on larger scales, places do not spread to neighbours
     same: float = 16.0  # levels up to which two guesses are one
     # where fills are compared: weight of levels by which one departs from continued edges; chosen on the tune half
@@ -92,7 +93,7 @@ class _Fill(NamedTuple):
 
 def patch_match_fill(picture: F32, hole: Mask) -> F32:
     """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
-    levels = list(image_pyramid(picture, hole, *continue_edges(picture, hole)))
+    levels = list(image_pyramid(picture, hole, *_continued_edges(picture, hole)))
     if not hole.any() or not levels or not patch_centres(levels[-1].hole, RADIUS).any():
         return harmonic_fill(
             picture, hole
@@ -124,6 +125,21 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
     best = refined(_best_pieces(fills, shared[chosen]), chosen - 1, 0, keep=False)
     assert best.field is not None
     return add_grain(best.guess, levels[0].picture, levels[0].hole, best.field)
+
+
+def _continued_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
+    """(H, W, 3) with the edges continued through the hole, and where, by a smaller photo if it is large."""
+    h, w = hole.shape
+    scale = -(-max(h, w) // TUNING.edge_side)
+    if scale == 1:
+        return continue_edges(picture, hole)
+    size = -(-w // scale), -(-h // scale)
+    small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+    part = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    continued, strips = continue_edges(small, part > 0)
+    large = cv2.resize(continued, (w, h), interpolation=cv2.INTER_LINEAR)
+    near = cv2.resize(strips.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(large, np.float32), (near > 0) & hole
 
 
 def _finest_searched(levels: Sequence[Level]) -> int:
