@@ -371,3 +371,16 @@ def test_line_that_ends_at_border_is_seam() -> None:
     assert window.seam_growth(broken) > 0.3
     assert window.seam_growth(picture) == 0
     assert _Window(picture, broken, hole, hole).seam_growth(picture) < -0.3
+
+
+def test_edge_of_a_large_photo_continues_in_place() -> None:
+    """Edges of photos over 1,600 px are continued on a smaller photo."""
+    photo = np.full((240, 1760, 3), (200, 190, 180), np.uint8)
+    photo[120:] = (60, 70, 80)
+    hole = np.zeros((240, 1760), bool)
+    hole[60:180, 800:900] = True
+    covered = np.where(hole[..., None], np.uint8(255), photo)
+    filled = fill()(covered, hole)
+    wrong = np.abs(filled.astype(int) - photo).max(axis=2) > 40
+    rows = np.flatnonzero(wrong.any(axis=1))
+    assert np.abs(rows - 119.5).max(initial=0.0) <= 2

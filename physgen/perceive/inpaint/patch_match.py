@@ -39,6 +39,7 @@ class _Tuning:
     chunk: int = 1_000_000  # pairs that are held in memory
     chosen: int = 2  # scale at which the better of two fills is chosen; finer ones keep no continued edges
     edge_side: int = 1600  # px: edges are continued on photos no larger than this
+    copy_side: int = 1600  # px: larger scales, and the finest, only copy
     search_side: int = 640  # px: on larger scales, places do not spread to neighbours
     same: float = 16.0  # levels up to which two guesses are one
     # where fills are compared: weight of levels by which one departs from continued edges; chosen on the tune half
@@ -134,9 +135,9 @@ def _continued_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
     if scale == 1:
         return continue_edges(picture, hole)
     size = -(-w // scale), -(-h // scale)
-    small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     part = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    continued, strips = continue_edges(small, part > 0)
+    continued, strips = continue_edges(np.asarray(small, np.float32), part > 0)
     large = cv2.resize(continued, (w, h), interpolation=cv2.INTER_LINEAR)
     near = cv2.resize(strips.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST)
     return np.asarray(large, np.float32), (near > 0) & hole
@@ -152,7 +153,7 @@ def _finest_searched(levels: Sequence[Level]) -> int:
 
 def _search(levels: Sequence[Level], k: int, finest: int) -> _Search:
     """Return the search at scale k, of which `finest` is the last where places spread."""
-    if k == 0:
+    if k == 0 or max(levels[k].hole.shape) > TUNING.copy_side:
         return _Search(levels[k], 2, rounds=0)
     is_large = k < finest
     rounds = TUNING.rounds[0 if is_large else min(k - finest, 1)]
@@ -162,7 +163,7 @@ def _search(levels: Sequence[Level], k: int, finest: int) -> _Search:
 def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
     """`fill` at one scale, searched and voted on; `keep`: continued edges stay as they were drawn.
 
-    The finest scale only copies, unless nothing was chosen before.
+    The finest scale, and large ones, only copy, unless nothing was chosen before.
     """
     level = search.level
     guess, field, alike, cost = fill
