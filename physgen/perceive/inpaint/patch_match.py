@@ -39,7 +39,6 @@ class _Tuning:
     chunk: int = 1_000_000  # pairs that are held in memory
     chosen: int = 2  # scale at which the better of two fills is chosen; finer ones keep no continued edges
     edge_side: int = 1600  # px: edges are continued on photos no larger than this
-    copy_side: int = 1600  # px: larger scales, and the finest, only copy
     search_side: int = 640  # px: on larger scales, places do not spread to neighbours
     same: float = 16.0  # levels up to which two guesses are one
     # where fills are compared: weight of levels by which one departs from continued edges; chosen on the tune half
@@ -153,7 +152,7 @@ def _finest_searched(levels: Sequence[Level]) -> int:
 
 def _search(levels: Sequence[Level], k: int, finest: int) -> _Search:
     """Return the search at scale k, of which `finest` is the last where places spread."""
-    if k == 0 or max(levels[k].hole.shape) > TUNING.copy_side:
+    if k == 0:
         return _Search(levels[k], 2, rounds=0)
     is_large = k < finest
     rounds = TUNING.rounds[0 if is_large else min(k - finest, 1)]
@@ -163,7 +162,7 @@ def _search(levels: Sequence[Level], k: int, finest: int) -> _Search:
 def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
     """`fill` at one scale, searched and voted on; `keep`: continued edges stay as they were drawn.
 
-    The finest scale, and large ones, only copy, unless nothing was chosen before.
+    The finest scale only copies, unless nothing was chosen before.
     """
     level = search.level
     guess, field, alike, cost = fill
