@@ -7,8 +7,10 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from subprocess import run
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +22,11 @@ ROOT = Path(__file__).resolve().parents[1]
 PHOTOS = ("kitchen", "billiards")
 SIZES = ((512, 512), (3840, 2160))
 """px; photos are stretched to them."""
+SIDES = (512, 1024, 1600, 3840)
+"""px: longer sides of the photos whose stages are measured."""
+BASELINE = "PHYSGEN_BASELINE"
+"""Environment variable: a checkout whose stages are measured beside those of this one."""
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 def perceiving(folder: Path) -> list[dict]:
@@ -75,6 +82,64 @@ def timed(photo: Path) -> dict:
     }
 
 
+def stage_costs(folder: Path) -> list[dict]:
+    """CPU seconds of each stage by the photo's size; beside those of `BASELINE`, if it is set."""
+    checkouts = {"now": str(ROOT)}
+    if baseline := os.environ.get(BASELINE):
+        checkouts["before"] = baseline
+    rows = []
+    for name in PHOTOS:
+        rgb = cv2.imread(str(ROOT / "scenes" / name / "photo.png"))
+        for side in SIDES:
+            photo = folder / f"{name}-{side}.png"
+            scale = side / max(rgb.shape[:2])
+            way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+            resized = cv2.resize(rgb, None, fx=scale, fy=scale, interpolation=way)
+            cv2.imwrite(str(photo), resized)
+            for code, checkout in checkouts.items():
+                environment = os.environ | ONE_THREAD | {"PYTHONPATH": checkout}
+                command = [sys.executable, __file__, str(photo), "--stages"]
+                out = run(
+                    command,
+                    check=True,
+                    capture_output=True,
+                    text=True,
+                    env=environment,
+                ).stdout
+                row = {"photo": name, "side": side, "code": code}
+                rows.append(row | json.loads(out))
+    return rows
+
+
+def staged(photo: Path) -> dict:
+    """CPU seconds of one run, of its roles and its first motion, and MiB of memory at the peak."""
+    from physgen import pipeline
+    from physgen.pipeline import perceiving as stages
+    from physgen.registry import Backends
+
+    cv2.setNumThreads(1)
+    costs: dict[str, float] = {}
+
+    def measured(name: str, call: Callable[..., Any], *arguments: Any) -> Any:
+        start = time.thread_time()
+        try:
+            return call(*arguments)
+        finally:
+            seconds = time.thread_time() - start
+            costs[name] = round(costs.get(name, 0.0) + seconds, 2)
+
+    run_role, start_motion = Backends.run, stages.start_motion
+    Backends.run = lambda crew, role, use: measured(role, run_role, crew, role, use)
+    stages.start_motion = lambda *given: measured("push", start_motion, *given)
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.process_time()
+        pipeline.perceive(photo, Path(folder) / "scene.yaml", side=4096)
+        cpu = time.process_time() - start
+    status = Path("/proc/self/status").read_text().split("VmHWM:")[1]
+    memory = round(int(status.split()[0]) / 1024)
+    return {"cpu": round(cpu, 2), "memory": memory, "stages": costs}
+
+
 def first_clips(folder: Path) -> list[dict]:
     """`perceive`, then `render`: what moves, also with `--still`, and how long the file is; bundled photos, peers'."""
     photos = {
@@ -124,4 +189,5 @@ def _line_of(scene: Path, key: str) -> int:
 
 
 if __name__ == "__main__":
-    print(json.dumps(timed(Path(sys.argv[1]))))
+    measure = staged if "--stages" in sys.argv else timed
+    print(json.dumps(measure(Path(sys.argv[1]))))

@@ -53,7 +53,7 @@ from kills import kills
 from labels import labels
 from objects import objects
 from paper import controllability, properties, runtime
-from perceiving import first_clips, perceiving
+from perceiving import first_clips, perceiving, stage_costs
 from percepts import percepts
 from physics.run import physics, rivals
 from plausibility.run import plausibility
@@ -256,6 +256,7 @@ PARTS |= {"frames": frame_costs}
 PARTS |= {
     "prompts": prompts,
     "perceive": perceiving,
+    "stages": stage_costs,
     "first": first_clips,
     "percepts": percepts,
 }

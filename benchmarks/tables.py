@@ -394,6 +394,38 @@ def _perceive(rows: list[dict]) -> list[str]:
     ]
 
 
+PERCEIVE_STAGES = (
+    "segment",
+    "inpaint",
+    "shadow",
+    "matte",
+    "normals",
+    "boundary",
+    "push",
+)
+"""The stages that take most, in the order in which they run."""
+
+
+def _stages(rows: list[dict]) -> list[str]:
+    """CPU seconds of perception by stage and size, before and now where both are known."""
+    body = []
+    for row in rows:
+        costs = row["stages"]
+        rest = row["cpu"] - sum(costs.get(name, 0.0) for name in PERCEIVE_STAGES)
+        cells = [f"{costs.get(name, 0.0):.1f}" for name in PERCEIVE_STAGES]
+        total = f"{row['cpu']:.1f}"
+        names = [row["photo"], row["side"], row["code"]]
+        body.append([*names, total, *cells, f"{rest:.1f}", row["memory"]])
+    head = ["photo", "px", "code", "all", *PERCEIVE_STAGES, "others", "MiB"]
+    return [
+        "`perceive` of photos whose longer side has so many px: CPU seconds by stage, and",
+        "peak memory in MiB.",
+        "`before`: the code of the checkout that `PHYSGEN_BASELINE` names.",
+        "",
+        *table(head, body),
+    ]
+
+
 def _first(rows: list[dict]) -> list[str]:
     """What a first clip shows, against its bars."""
     peers = sum(row["photo"].startswith("peer-") for row in rows)
@@ -574,6 +606,7 @@ SECTIONS = {
     "Frames": ("frames", _frames),
     "Starting": ("start", _start),
     "Perceiving large photos": ("perceive", _perceive),
+    "Perceiving by stage": ("stages", _stages),
     "First clips": ("first", _first),
     "Growth with bodies": ("growth", _growth),
     "Ground truth": ("labels", _labels),

@@ -13,6 +13,7 @@ from errno import ENAMETOOLONG
 from physgen import __version__
 from physgen.cli import (
     clean,
+    clip,
     dataset,
     edit,
     evaluate,
@@ -38,7 +39,7 @@ from physgen.operating_system import handle_termination
 from physgen.problems import InputError
 from physgen.signals import install_handler
 
-BATCHES = ("render", "sweep", "export", "verify")
+BATCHES = ("render", "clip", "sweep", "export", "verify")
 """Commands that make many results, which a program may read."""
 URL = re.compile(r"(s3|gs|gcs|az|abfs|https?|ftp|sftp|hdfs|file|memory)://")
 """Scenes and results are files: anything else would become a folder called `s3:`."""
@@ -149,6 +150,7 @@ COMMANDS = {
         simulate.CHECK,
         simulate.SIMULATE,
         render.RENDER,
+        clip.CLIP,
         sweep.SWEEP,
         export.EXPORT,
         dataset.DATASET,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,15 +50,35 @@ def perceive(options: argparse.Namespace) -> int:
 
 
 def _perceive(options: argparse.Namespace, bar: Bar) -> int:
+    refuse_split_values(options.command_line, [str(path) for path in options.image])
+    refuse_scenes(options.image)
+    if options.refresh is None and len(options.image) > 1:
+        written = perceive_photos(options, bar)
+        bar.clear()
+        for scene in written.scenes:
+            write_result("", scene)
+        if written.problems:
+            raise InputError(written.problems)
+        return OK
+    _name_in_folder(options)
+    output = options.output or options.refresh
+    redirected = None if output else stdout_file()
+    text = perceive_photo(options, bar, redirected)
+    bar.clear()
+    write_result(text, output, redirected)
+    return OK
+
+
+def perceive_photo(
+    options: argparse.Namespace, bar: Bar, redirected: Path | None = None
+) -> str:
+    """Perceive one photo, or refresh a scene; return the scene's text.
+
+    `redirected` is the file that stdout goes to. Raises InputError.
+    """
     from physgen import pipeline
 
-    refuse_split_values(options.command_line, [str(path) for path in options.image])
-    _refuse_scenes(options.image)
-    if options.refresh is None and len(options.image) > 1:
-        return _perceive_many(options, bar)
-    _name_in_folder(options)
     boxes, output = len(options.box), options.output or options.refresh
-    redirected = None if output else stdout_file()
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),
         partial(check_scene_name, options.output),
@@ -91,16 +111,12 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
     if options.refresh:
         from physgen.pipeline.perceiving import refresh
 
-        text = refresh(
+        return refresh(
             options.refresh, output, allow_outside=options.allow_outside, **settings
         )
-    else:
-        settings |= {"masks": options.masks, "side": options.side}
-        settings["stdout"] = redirected
-        text = pipeline.perceive(options.image[0], output, **settings)
-    bar.clear()
-    write_result(text, output, redirected)
-    return OK
+    settings |= {"masks": options.masks, "side": options.side}
+    settings["stdout"] = redirected
+    return pipeline.perceive(options.image[0], output, **settings)
 
 
 def _name_in_folder(options: argparse.Namespace) -> None:
@@ -112,7 +128,7 @@ def _name_in_folder(options: argparse.Namespace) -> None:
         options.output = out / f"{options.image[0].stem}.yaml"
 
 
-def _refuse_scenes(images: Sequence[Path]) -> None:
+def refuse_scenes(images: Sequence[Path]) -> None:
     """Raise InputError if a scene file stands where a photo is expected."""
     problems = []
     for image in images:
@@ -127,8 +143,20 @@ def _refuse_scenes(images: Sequence[Path]) -> None:
         raise InputError(problems)
 
 
-def _perceive_many(options: argparse.Namespace, bar: Bar) -> int:
-    """Several photos into one folder, with models loaded once; an error in one does not stop the others."""
+@dataclass(frozen=True)
+class WrittenScenes:
+    """The scenes of several photos."""
+
+    scenes: Sequence[Path]
+    problems: Sequence[Problem]
+    """Problems of the photos without a scene."""
+
+
+def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
+    """Perceive several photos into one folder, with models loaded once.
+
+    An error in one photo does not stop the others. Raises InputError for wrong flags.
+    """
     from physgen import pipeline
 
     single = {"--masks": options.masks, "--box": options.box, "--point": options.point, "--smallest": options.smallest,
@@ -167,6 +195,7 @@ def _perceive_many(options: argparse.Namespace, bar: Bar) -> int:
     check_folder_name(options.output)
     check_writable(options.output)
     crew = crew_of(options, keep=True)
+    scenes: list[Path] = []
     failed: list[Problem] = []
     for k, image in enumerate(options.image):
         output = options.output / f"{names[k]}.yaml"
@@ -183,14 +212,10 @@ def _perceive_many(options: argparse.Namespace, bar: Bar) -> int:
                 progress=step, warn=bar.aside(print_problem), keep=bar.aside(print_backup),
                 inform=bar.aside(lambda text: print_error(text.partition("\n")[0])),
             )  # fmt: skip
-            bar.clear()
-            write_result("", output)
+            scenes.append(output)
         except InputError as error:
             failed += error.problems
-    bar.clear()
-    if failed:
-        raise InputError(failed)
-    return OK
+    return WrittenScenes(scenes, failed)
 
 
 def _names(images: Sequence[Path]) -> list[str]:
@@ -332,6 +357,17 @@ def add_perceive(parser: Parser) -> None:
         Path,
         "write the scene here (assets beside it); default: stdout",
     )
+    add_photo_flags(parser)
+    about = (
+        "push this object in place of the one that perceive chooses: ball-1=right, "
+        "ball-1=up-left@0.5 m/s; may be repeated"
+    )
+    parser.option("--push", "NAME=DIRECTION[@SPEED]", str, about, [], action="append")
+    add_backends(parser)
+
+
+def add_photo_flags(parser: Parser) -> None:
+    """Add the flags that say how a photo is perceived."""
     about = (
         "label map of the photo's size: an id or colour for each object, 0, black or "
         "transparent for none; of one opaque colour, each region is an object"
@@ -354,29 +390,28 @@ def add_perceive(parser: Parser) -> None:
     about = "longest side of the scene's photo, px; default: at most 1600"
     parser.option("--side", "PX", whole(LEAST_SIDE, 100_000), about)
     parser.flag("--still", "leave out the push that sets the scene in motion")
-    about = (
-        "push this object in place of the one that perceive chooses: ball-1=right, "
-        "ball-1=up-left@0.5 m/s; may be repeated"
-    )
-    parser.option("--push", "NAME=DIRECTION[@SPEED]", str, about, [], action="append")
     about = "how the photo was taken, if perceive takes it the other way"
     parser.option("--view", "side|top", str, about, choices=("side", "top"))
     about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
     parser.option("--find", "NOUN,...", names, about, [])
-    add_backends(parser)
 
 
 def add_backends(parser: Parser) -> None:
     """Flags that choose the backends."""
+    add_backend_choices(parser)
+    parser.option(
+        "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
+    )
+
+
+def add_backend_choices(parser: Parser) -> None:
+    """Add the flags that choose backends without a configuration file."""
     from physgen.registry import PROFILES
 
     about = "the backend of a step, and the hub id or path of its weights; see physgen backends"
     parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
     about = "a set of backends: offline or models"
     parser.add_argument("--profile", metavar="NAME", choices=list(PROFILES), help=about)
-    parser.option(
-        "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
-    )
 
 
 def add_import(parser: Parser) -> None:

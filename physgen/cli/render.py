@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 def render(options: argparse.Namespace) -> int:
     refuse_split_values(options.command_line, options.scenes)
     options.output = options.output or ("out/preview" if options.preview else "out")
-    video = _video_file(options)
+    video = video_file(options)
     if video is not None:
         options.output = str(video.parent)
     jobs = list(jobs_of(options))
@@ -49,7 +49,7 @@ def render(options: argparse.Namespace) -> int:
     return make_all(jobs, len(jobs), options, gallery=gallery)
 
 
-def _video_file(options: argparse.Namespace) -> Path | None:
+def video_file(options: argparse.Namespace) -> Path | None:
     """Return the file that `-o` names; None for a folder. Sets the format.
 
     Raises InputError for a file that is no video, or a video that --format excludes.
@@ -92,12 +92,17 @@ def add(parser: Parser) -> None:
         "that perceive wrote; velocities that you wrote stay. May be repeated"
     )
     parser.option("--push", "NAME=DIRECTION", str, about, [], action="append")
+    add_motion_flags(parser)
+    add_clips(parser)
+    add_overlays(parser)
+
+
+def add_motion_flags(parser: Parser) -> None:
+    """Add the flags that set objects in motion, --push apart."""
     about = "lift an object by its own height and let it fall; may be repeated"
     parser.option("--drop", "NAME", str, about, [], action="append")
     about = "strike what is at a point of the photo (px, or e.g. 6 cm,4 cm); X,Y@SPEED says how hard. May be repeated"
     parser.option("--kick", "X,Y", str, about, [], action="append")
-    add_clips(parser)
-    add_overlays(parser)
 
 
 RENDER = Command(

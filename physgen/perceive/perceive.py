@@ -8,7 +8,7 @@ Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.re
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -98,12 +98,14 @@ def perceive(
     view: BoundaryGuess | None = None,
     pixels_per_meter: float | None = None,
     progress: Progress = silent,
+    meanwhile: Callable[[PerceivedScene], PerceivedScene] = lambda scene: scene,
 ) -> PerceivedScene:
     """Perceives a photo; `found` None: segment it.
 
     `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
     (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `view` and
-    `pixels_per_meter`, the photo's true scale, are known where given. Raises InputError where no scene can be made.
+    `pixels_per_meter`, the photo's true scale, are known where given. `meanwhile` completes the scene while the
+    background without shadows is made, which the scene does not hold yet. Raises InputError where no scene can be made.
     """
     check_size(rgb)
     run = _Run(rgb, crew or Backends(), progress)
@@ -119,7 +121,7 @@ def perceive(
     objects, specks = fit_objects(rgb, found)
     if not objects:
         document.relabel_objects(objects, renames, {})
-        return run.signed(_empty_scene(rgb, found, pixels_per_meter))
+        return run.signed(meanwhile(_empty_scene(rgb, found, pixels_per_meter)))
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
@@ -255,6 +257,16 @@ def perceive(
                 ),
             )
         suits = judge_suitability(rgb, found, objects, boundaries)
+        percepts = Percepts(
+            rgb=rgb, labels=labels, coverage=coverage, background=background, shadows=shadows.owners,
+            depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
+        )  # fmt: skip
+        reason = document.provenance(boundaries.reason, boundaries.confidence)
+        made = meanwhile(
+            PerceivedScene(
+                percepts, scene, comments, warnings, (), suits, reason, wholes=wholes
+            )
+        )
         clean = cleaning.result() if cleaning else shadows.clean
         if boundaries.view is View.SIDE:
             standing_ids = [t.id for t in objects if t.id not in boundaries.held]
@@ -264,16 +276,7 @@ def perceive(
             )
             clean = clean if mirrorless is None else mirrorless
         run.crew.release("inpaint")
-        percepts = Percepts(
-            rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
-            depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
-        )  # fmt: skip
-        reason = document.provenance(boundaries.reason, boundaries.confidence)
-        return run.signed(
-            PerceivedScene(
-                percepts, scene, comments, warnings, (), suits, reason, wholes=wholes
-            )
-        )
+        return run.signed(replace(made, percepts=replace(made.percepts, clean=clean)))
 
 
 def check_size(rgb: Rgb, file: str = "the photo") -> None:

@@ -13,11 +13,25 @@ from physgen.scene.provenance import meters, source
 from physgen.text import listed
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from physgen.compile.world import World
     from physgen.perceive.roles import PerceivedScene
     from physgen.pipeline.push_trials import Outcome
     from physgen.pipeline.pushes import Push
     from physgen.pipeline.refusals import Refusals
     from physgen.scene.scene import Scene
+
+
+REST_SECONDS = 2.0
+"""s in which an object that nothing holds has moved."""
+REST_SAMPLES = 81
+"""Samples of that time."""
+REST_BLOCK = 9
+"""Samples after which the simulation is looked at; they divide all samples evenly."""
+REST_PX = 1.0
+"""px from which an object has moved."""
 
 
 def start_motion(
@@ -49,21 +63,18 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
     from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
     from physgen.scene.scene import View
-    from physgen.simulate.engine import simulate
 
     opened = open_trial(perceived)
     scene = opened.scene()
     shapes = shapes_of(scene, None)
     objects, comments = dict(perceived.document["objects"]), dict(perceived.comments)
     while scene.world.view is View.SIDE:
-        poses = simulate(
-            compile_shapes(scene, shapes).world, np.linspace(0, 2, 81)
-        ).poses[..., :2]
-        away = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)) > 1
-        away &= np.array([item.name not in kept for item in scene.objects], bool)
-        if not away.any():
+        goes = _first_to_go(
+            compile_shapes(scene, shapes).world,
+            np.array([item.name not in kept for item in scene.objects], bool),
+        )
+        if not goes.any():
             break
-        goes = away[int(away.any(axis=1).argmax())]
         for name in [
             item.name for item, gone in zip(scene.objects, goes, strict=True) if gone
         ]:
@@ -93,6 +104,27 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
     return replace(
         perceived, document=perceived.document | {"objects": objects}, comments=comments
     )
+
+
+def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the objects (N,) that are free move first, in a world at rest.
+
+    The simulation ends as soon as one moves.
+    """
+    import numpy as np
+
+    from physgen.simulate.engine import Running
+
+    times = np.linspace(0, REST_SECONDS, REST_SAMPLES)
+    running = Running(world, times)
+    for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
+        running.on(float(times[stop - 1]))
+        places = running.trajectory().poses[:stop, :, :2]
+        away = np.hypot(*np.moveaxis(places - places[:1], -1, 0)) > REST_PX
+        away &= is_free
+        if away.any():
+            return np.asarray(away[away.any(axis=1).argmax()], bool)
+    return np.zeros_like(is_free)
 
 
 def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:

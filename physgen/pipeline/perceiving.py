@@ -215,7 +215,16 @@ def _perceive_photo(
         warn(problem)
     if found is not None:
         found = shrink_detections(found, (width, height), rgb)
-    perceived = run(
+    full_size = None if rgb.shape[:2] == (height, width) else (width, height)
+
+    def set_in_motion(perceived: PerceivedScene) -> PerceivedScene:
+        for problem in perceived.warnings:
+            warn(problem)
+        progress("push", 0, 1)
+        perceived = replace(perceived, full_size=full_size)
+        return start_motion(perceived, options.still, options.pushes)
+
+    moved = run(
         rgb,
         found,
         renames=options.labels,
@@ -223,13 +232,8 @@ def _perceive_photo(
         asked=options.asked,
         view=_given_view(options),
         progress=progress,
+        meanwhile=set_in_motion,
     )
-    for problem in perceived.warnings:
-        warn(problem)
-    progress("push", 0, 1)
-    full_size = None if rgb.shape[:2] == (height, width) else (width, height)
-    perceived = replace(perceived, full_size=full_size)
-    moved = start_motion(perceived, options.still, options.pushes)
     return _PerceivedPhoto(moved, as_it_is)
 
 

@@ -85,11 +85,15 @@ class Order:
             return steps.tobytes()
         for start, end in self._runs:
             alike = steps[:, start:end]
+            x = alike[:, :, _PLACE[0]]
+            if (x[:, :-1] < x[:, 1:]).all():
+                continue
             by = np.lexsort([alike[..., at] for at in reversed(_PLACE)], axis=-1)
-            steps[:, start:end] = np.take_along_axis(alike, by[..., None], axis=1)
-            self._rows[start:end] = self._rows[start:end][
-                by[-1]
-            ]  # the next steps' order most likely
+            # np.take_along_axis takes several times as long for one step
+            step = np.arange(len(steps))[:, None]
+            steps[:, start:end] = alike[step, by]
+            # the next steps' order most likely
+            self._rows[start:end] = self._rows[start:end][by[-1]]
         return steps.tobytes()
 
 

@@ -271,7 +271,8 @@ def test_comparisons_are_whole_numbers_that_single_precision_holds() -> None:
     ).astype(np.float32)
     level = Level(photo, blob("disc"), blob("disc") & False)
     search = _Search(level, RADIUS)
-    target = search.known[search.at[:, 0], search.at[:, 1]]
+    known = search._patches(search.halved)
+    target = known[search.at[:, 0], search.at[:, 1]]
     weighted = np.abs(target) * search.mask[..., None]
     largest = (weighted * 64 * 2).sum((1, 2, 3)) + (search.mask * 64**2 * 3).sum((1, 2))
     assert largest.max() < 2**24
@@ -370,3 +371,16 @@ def test_line_that_ends_at_border_is_seam() -> None:
     assert window.seam_growth(broken) > 0.3
     assert window.seam_growth(picture) == 0
     assert _Window(picture, broken, hole, hole).seam_growth(picture) < -0.3
+
+
+def test_edge_of_a_large_photo_continues_in_place() -> None:
+    """Edges of photos over 1,600 px are continued on a smaller photo."""
+    photo = np.full((240, 1760, 3), (200, 190, 180), np.uint8)
+    photo[120:] = (60, 70, 80)
+    hole = np.zeros((240, 1760), bool)
+    hole[60:180, 800:900] = True
+    covered = np.where(hole[..., None], np.uint8(255), photo)
+    filled = fill()(covered, hole)
+    wrong = np.abs(filled.astype(int) - photo).max(axis=2) > 40
+    rows = np.flatnonzero(wrong.any(axis=1))
+    assert np.abs(rows - 119.5).max(initial=0.0) <= 2

@@ -39,6 +39,8 @@ class _Limits:
 
 
 LIMITS = _Limits()
+BLUR_REACH = 4
+"""Standard deviations beyond which a blur does not reach visibly."""
 
 
 def edge() -> Matte:
@@ -50,6 +52,17 @@ def _edge(rgb: Rgb, labels: Labels) -> F32:
     inside = labels > 0
     if not inside.any() or inside.all():
         return inside.astype(np.float32)
+    x, y, width, height = cv2.boundingRect(inside.astype(np.uint8))
+    margin = round(BLUR_REACH * LIMITS.along)
+    rows = slice(max(y - margin, 0), y + height + margin)
+    columns = slice(max(x - margin, 0), x + width + margin)
+    coverage = np.zeros(inside.shape, np.float32)
+    coverage[rows, columns] = _coverage(rgb[rows, columns], inside[rows, columns])
+    return coverage
+
+
+def _coverage(rgb: Rgb, inside: Mask) -> F32:
+    """(H, W) 0..1 of a photo in which something is `inside` (H, W), and something not."""
     distance = _border_distance(inside)
     mixed, trust, other = _coverage_by_colour(rgb, distance)
     mixed = np.clip((mixed - 0.5) * LIMITS.gain + 0.5, 0, 1)

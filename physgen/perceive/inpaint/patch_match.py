@@ -10,8 +10,9 @@ its surroundings. Comparisons are sums of whole numbers below 2^24: their order,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -37,12 +38,14 @@ class _Tuning:
     max_first_pairs: int = 20_000_000
     chunk: int = 1_000_000  # pairs that are held in memory
     chosen: int = 2  # scale at which the better of two fills is chosen; finer ones keep no continued edges
+    edge_side: int = 1600  # px: edges are continued on photos no larger than this
+    search_side: int = 640  # px: on larger scales, places do not spread to neighbours
     same: float = 16.0  # levels up to which two guesses are one
     # where fills are compared: weight of levels by which one departs from continued edges; chosen on the tune half
     astray: float = 0.18
     seam: float = 3.0  # ... and of seams
-    # of search and vote: finest scale (a vote alone), the two above, others
-    rounds: tuple[int, ...] = (1, 1, 3, 3)
+    # of search and vote: at the finest scale that is searched, and at coarser ones
+    rounds: tuple[int, ...] = (1, 3)
     trust: float = 1.3  # a px deeper in the hole is this many times less trusted
     # squared levels a pixel (of 128) for borrowing from as far as the picture is wide
     distance_cost: float = 60.0
@@ -90,19 +93,20 @@ class _Fill(NamedTuple):
 
 def patch_match_fill(picture: F32, hole: Mask) -> F32:
     """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
-    levels = list(image_pyramid(picture, hole, *continue_edges(picture, hole)))
+    levels = list(image_pyramid(picture, hole, *_continued_edges(picture, hole)))
     if not hole.any() or not levels or not patch_centres(levels[-1].hole, RADIUS).any():
         return harmonic_fill(
             picture, hole
         )  # nowhere a whole patch is left to borrow from
     top = len(levels) - 1
-    last, chosen = levels[-1], min(TUNING.chosen, top)
-    shared = {k: _Search(levels[k], RADIUS if k else 2) for k in range(chosen, top + 1)}
+    finest = _finest_searched(levels)
+    last, chosen = levels[-1], min(max(TUNING.chosen, finest), top)
+    shared = {k: _search(levels, k, finest) for k in range(chosen, top + 1)}
 
     def refined(fill: _Fill, first: int, end: int, keep: bool) -> _Fill:
         for k in range(first, end - 1, -1):
-            search = shared.get(k) or _Search(levels[k], RADIUS if k else 2)
-            fill = _refined(fill, search, k, keep)
+            search = shared.get(k) or _search(levels, k, finest)
+            fill = _refined(fill, search, keep)
         return fill
 
     def started(start: F32, keep: bool) -> _Fill:
@@ -123,8 +127,43 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
     return add_grain(best.guess, levels[0].picture, levels[0].hole, best.field)
 
 
-def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
-    """`fill` at scale k, searched and voted on; `keep`: continued edges stay as they were drawn."""
+def _continued_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
+    """(H, W, 3) with the edges continued through the hole, and where, by a smaller photo if it is large."""
+    h, w = hole.shape
+    scale = -(-max(h, w) // TUNING.edge_side)
+    if scale == 1:
+        return continue_edges(picture, hole)
+    size = -(-w // scale), -(-h // scale)
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    part = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    continued, strips = continue_edges(np.asarray(small, np.float32), part > 0)
+    large = cv2.resize(continued, (w, h), interpolation=cv2.INTER_LINEAR)
+    near = cv2.resize(strips.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(large, np.float32), (near > 0) & hole
+
+
+def _finest_searched(levels: Sequence[Level]) -> int:
+    """Return the finest scale at which places spread: not 0, nor a large one."""
+    for k in range(1, len(levels)):
+        if max(levels[k].hole.shape) <= TUNING.search_side:
+            return k
+    return len(levels) - 1
+
+
+def _search(levels: Sequence[Level], k: int, finest: int) -> _Search:
+    """Return the search at scale k, of which `finest` is the last where places spread."""
+    if k == 0:
+        return _Search(levels[k], 2, rounds=0)
+    is_large = k < finest
+    rounds = TUNING.rounds[0 if is_large else min(k - finest, 1)]
+    return _Search(levels[k], RADIUS, rounds, spreads=not is_large)
+
+
+def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
+    """`fill` at one scale, searched and voted on; `keep`: continued edges stay as they were drawn.
+
+    The finest scale only copies, unless nothing was chosen before.
+    """
     level = search.level
     guess, field, alike, cost = fill
     h, w = level.hole.shape
@@ -137,8 +176,9 @@ def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
         alike = np.asarray(
             cv2.resize(alike, (w, h), interpolation=cv2.INTER_LINEAR), np.float32
         )
-    for _ in range(TUNING.rounds[min(k, 3)]):
-        if k or field is None:
+    is_searched = search.rounds > 0 or field is None
+    for _ in range(max(search.rounds, 1)):
+        if is_searched or field is None:
             field, cost = search.nearest(guess, field)
             alike[search.at[:, 0], search.at[:, 1]] = np.exp(
                 -((cost / TUNING.unlike) ** 2)
@@ -146,7 +186,11 @@ def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
         else:
             field, cost = search.snapped(field)
         guess = search.vote(
-            level.picture, guess, field, (cost, alike), search.radius if k else 1
+            level.picture,
+            guess,
+            field,
+            (cost, alike),
+            search.radius if search.rounds else 1,
         )
         if keep:
             guess = np.where(level.drawn[:, :, None], level.picture, guess)
@@ -261,8 +305,12 @@ def _halved(picture: F32, r: int) -> F32:
 class _Search:
     """Patches of one scale, and the search for the known patch most like each."""
 
-    def __init__(self, level: Level, radius: int) -> None:
+    def __init__(
+        self, level: Level, radius: int, rounds: int = 1, *, spreads: bool = True
+    ) -> None:
+        """`spreads`: whether neighbours' places are tried, and not only those beside."""
         self.level, self.radius = level, radius
+        self.rounds, self._spreads = rounds, spreads
         self.distance_cost = np.float32(
             TUNING.distance_cost / np.hypot(*level.hole.shape)
         )
@@ -275,13 +323,6 @@ class _Search:
             np.pad(level.hole, 1).astype(np.uint8), cv2.DIST_L2, 3
         )[1:-1, 1:-1]
         self.trust = np.asarray(TUNING.trust ** -np.minimum(deep, 20), np.float32)
-        whole = np.pad(np.maximum(np.round(7 * self.trust), 1), radius).astype(
-            np.float32
-        )
-        self.mask = self._patches(whole)[self.at[:, 0], self.at[:, 1]]
-        halved = _halved(level.picture, radius)
-        self.flat = halved.reshape(-1, 3)
-        self.known = self._patches(halved)
         # nearest source of every pixel: a doubled place need not be one
         _, labels = cv2.distanceTransformWithLabels(
             (~self.sources).astype(np.uint8),
@@ -292,6 +333,18 @@ class _Search:
         own = np.zeros((labels.max() + 1, 2), np.int64)
         own[labels[self.sources]] = self.source_at
         self.nearest_source = own[labels]
+
+    @cached_property
+    def mask(self) -> F32:
+        """(n, width, width): trust in the pixels of the patches at `at`."""
+        trust = np.maximum(np.round(7 * self.trust), 1)
+        whole = np.pad(trust, self.radius).astype(np.float32)
+        return self._patches(whole)[self.at[:, 0], self.at[:, 1]]
+
+    @cached_property
+    def halved(self) -> F32:
+        """(H + 2 r, W + 2 r, 3): the picture as it is compared."""
+        return _halved(self.level.picture, self.radius)
 
     def _patches(self, padded: F32) -> F32:
         """(H, W, width, width[, 3]) view."""
@@ -339,7 +392,7 @@ class _Search:
             places = thin_out(
                 self.source_at, max(TUNING.max_first_pairs // max(n, 1), 64)
             )
-            there = self.known[places[:, 0], places[:, 1]]
+            there = self._patches(self.halved)[places[:, 0], places[:, 1]]
             square = (there**2).sum(-1)
             down, right = (
                 np.subtract.outer(
@@ -385,6 +438,7 @@ class _Search:
         some = np.arange(0, 2 * self.radius + 1, 2)
         offsets = (some[:, None] * wide + some).ravel()
         aim, part = target.reshape(len(target), -1, 3), mask.reshape(len(mask), -1)
+        flat = self.halved.reshape(-1, 3)
 
         def attempt(place: Places) -> None:
             place = np.stack(
@@ -393,7 +447,7 @@ class _Search:
             place = self.nearest_source[place[:, 0], place[:, 1]]
             changed = np.flatnonzero((place != best).any(1) | ~np.isfinite(cost))
             there = place[changed]
-            gap = self.flat.take(
+            gap = flat.take(
                 (there[:, 0] * wide + there[:, 1])[:, None] + offsets, axis=0
             )
             gap -= aim.take(changed, axis=0)
@@ -410,7 +464,8 @@ class _Search:
             cost[changed[better]] = got[better]
 
         attempt(field[rows, columns])
-        for step in (3, 1) if self.radius > 2 else (1,):
+        steps = (3, 1) if self.radius > 2 else (1,)
+        for step in steps if self._spreads else ():
             for down, right in ((0, step), (step, 0), (0, -step), (-step, 0)):
                 y, x = (
                     np.clip(rows - down, 0, h - 1),

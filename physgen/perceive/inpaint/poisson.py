@@ -75,10 +75,36 @@ def join_gradients(sources: F32, shifts: NDArray[np.int64], hole: Mask) -> F32:
     from a pixel of the hole to its source. At a seam, the gradient is what one
     source has there; steps beyond `STEP` stay, as edges.
     """
+    result = sources[: len(hole)].copy()
+    if not hole.any():
+        return result
+    x, y, w, h = cv2.boundingRect(hole.view(np.uint8))
+    # a px more on all sides: gradients cross the hole's border
+    corner = np.array([max(y - 1, 0), max(x - 1, 0)])
+    box = np.s_[corner[0] : y + h + 1, corner[1] : x + w + 1]
+    hole = hole[box]
+    shifts = np.where(hole[..., None], shifts[box], 0)
+    rows, columns = np.indices(hole.shape) + corner[:, None, None]
+    joined = sources[rows + shifts[..., 0], columns + shifts[..., 1]]
+    right = _divergence(joined, sources, shifts, hole, corner)
+    for part, piece in hole_pieces(hole):
+        joined[part] = _solve(joined[part], piece, SEAM_ERROR, right=right[part])
+    result[box] = np.clip(joined, 0, 255)
+    return result
+
+
+def _divergence(
+    copies: F32,
+    sources: F32,
+    shifts: NDArray[np.int64],
+    hole: Mask,
+    corner: NDArray[np.int64],
+) -> F32:
+    """(h, w, 3): by how much each pixel exceeds its neighbours, by the gradients of `copies`.
+
+    `corner`: row and column of the photo at the top left.
+    """
     height, width = hole.shape
-    rows, columns = np.indices(hole.shape)
-    shifts = np.where(hole[..., None], shifts, 0)
-    copies = sources[rows + shifts[..., 0], columns + shifts[..., 1]]
     right = np.zeros_like(copies)
     for down, across in ((1, 0), (0, 1)):
         first = np.s_[: height - down, : width - across]
@@ -87,33 +113,27 @@ def join_gradients(sources: F32, shifts: NDArray[np.int64], hole: Mask) -> F32:
         seam = (shifts[first] != shifts[second]).any(axis=-1)
         place = np.argwhere(seam)
         beyond = place + np.array([down, across])
-        aim = _seam_slopes(sources, (place, beyond), shifts, hole)
+        shift = np.where(
+            hole[first][seam][:, None], shifts[first][seam], shifts[second][seam]
+        )
+        aim = _seam_slopes(sources, (place + corner, beyond + corner), shift)
         off = slope[seam] - aim
         slope[seam] = aim + np.sign(off) * np.maximum(np.abs(off) - STEP, 0)
         right[second] += slope
         right[first] -= slope
-    result = copies.copy()
-    for part, piece in hole_pieces(hole):
-        result[part] = _solve(copies[part], piece, SEAM_ERROR, right=right[part])
-    return np.asarray(np.clip(result, 0, 255), np.float32)
+    return right
 
 
 def _seam_slopes(
     sources: F32,
     sides: tuple[NDArray[np.int64], NDArray[np.int64]],
-    shifts: NDArray[np.int64],
-    hole: Mask,
+    shift: NDArray[np.int64],
 ) -> F32:
     """(n, 3): slopes between pixels on both `sides` of a seam, by one of the copies.
 
-    A mean of two copies would have less contrast than each.
+    A mean of two copies would have less contrast than each. `shift` (n, 2) is that copy's.
     """
     last = np.array(sources.shape[:2]) - 1
-    first, second = sides
-    by_first = hole[first[:, 0], first[:, 1]][:, None]
-    shift = np.where(
-        by_first, shifts[first[:, 0], first[:, 1]], shifts[second[:, 0], second[:, 1]]
-    )
     one, other = (np.clip(place + shift, 0, last) for place in sides)
     slopes = sources[other[:, 0], other[:, 1]] - sources[one[:, 0], one[:, 1]]
     return np.asarray(slopes, np.float32)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from physgen.maps import F32
 from physgen.perceive.inpaint.copy_offsets import I64, Offsets, copy_offsets
 from physgen.perceive.inpaint.offset_labels import COSTS, OffsetLabels, ReducedPhoto
+from physgen.perceive.inpaint.patch_match import thin_out
 from physgen.perceive.inpaint.poisson import dilate, join_gradients
 from physgen.perceive.roles import Mask
 
@@ -42,6 +44,8 @@ class _Tuning:
     )
     noise: float = 4.0  # squared levels of detail that nobody sees
     seam_band: int = 2  # px around a copy over which its place is refined
+    beside: int = 400  # pixels of that band that are compared, at most
+    tries: int = 15  # places a side that are compared at once
     border: int = 4  # px: bands beside the border whose colours are compared ...
     border_blur: float = 2.0  # ... after a blur of this standard deviation
     seam_weight: float = 1.5  # of the border's step beside the contrast
@@ -108,20 +112,22 @@ class _Window:
         if not len(offsets):
             return self.guide, self.guide
         labels = OffsetLabels(reduced, offsets).solve()
-        shifts = self._shifts(_enlarged(labels, scale, self.hole), offsets, scale)
+        shifts = self._shifts(labels, offsets, scale)
         rows, columns = np.indices(self.hole.shape)
-        sources = self._sources()
-        copies = sources[rows + shifts[..., 0], columns + shifts[..., 1]]
-        return copies, join_gradients(sources, shifts, self.hole)
+        copies = self.sources[rows + shifts[..., 0], columns + shifts[..., 1]]
+        return copies, join_gradients(self.sources, shifts, self.hole)
 
     def strengthened(self, filled: F32) -> F32:
         """`filled` (H, W, 3) with the fine detail that blended seams took from it."""
         missing = self._contrast_gap(filled)
         gain = float(np.clip(np.exp(-missing / 2), 1, TUNING.most_gain))
-        whole = np.where(self.hole[..., None], filled, self.picture)
+        hole = self.hole[self.near][..., None]
+        whole = np.where(hole, filled[self.near], self.picture[self.near])
         detail = whole - cv2.GaussianBlur(whole, (0, 0), TUNING.detail)
         stronger = np.clip(whole + (gain - 1) * detail, 0, 255)
-        return np.where(self.hole[..., None], stronger, filled)
+        result = filled.copy()
+        result[self.near] = np.where(hole, stronger, filled[self.near])
+        return result
 
     def contrast_error(self, filled: F32 | None = None) -> float:
         """Difference of contrast in the hole and around it, as logarithm of squares.
@@ -132,9 +138,10 @@ class _Window:
 
     def _contrast_gap(self, fill: F32) -> float:
         """Logarithm of squared fine detail in the hole over that around it."""
-        whole = np.where(self.hole[..., None], fill, self.picture)
-        inside = self._detail(whole, ~self.blocked | self.hole)[self.hole]
-        around = self._detail_around()
+        hole = self.hole[self.near]
+        whole = np.where(hole[..., None], fill[self.near], self.picture[self.near])
+        inside = self._detail(whole, ~self.blocked[self.near] | hole)[hole]
+        around = self._detail_around
         if not len(around):
             return 0.0
         means = [np.log(part + TUNING.noise).mean() for part in (inside, around)]
@@ -149,10 +156,11 @@ class _Window:
 
     def _border_step(self, fill: F32) -> float:
         """Levels between bands on both sides of the hole's border, on average."""
-        inside = _band_means(fill, self.hole & ~_eroded(self.hole, TUNING.border))
-        known = dilate(self.hole, TUNING.border) & ~self.blocked
-        outside = _band_means(self.picture, known)
-        line = dilate(self.hole, 1) & ~self.blocked
+        hole, blocked = self.hole[self.near], self.blocked[self.near]
+        inside = _band_means(fill[self.near], hole & ~_eroded(hole, TUNING.border))
+        known = dilate(hole, TUNING.border) & ~blocked
+        outside = _band_means(self.picture[self.near], known)
+        line = dilate(hole, 1) & ~blocked
         if not line.any():
             return TUNING.least_step
         step = np.abs(inside - outside).mean(axis=2)[line]
@@ -163,17 +171,28 @@ class _Window:
 
         On an even ground, edges apart, the guide is right but for its own artefacts.
         """
-        around = self._detail_around()
+        around = self._detail_around
         even = not len(around) or np.median(around) < TUNING.even
         return TUNING.even_gain if even else -TUNING.favour
 
+    @cached_property
     def _detail_around(self) -> F32:
         """(n,): squared fine detail of the pixels around the hole."""
-        ring = dilate(self.hole, TUNING.ring) & ~dilate(self.blocked, 1)
-        squares = self._detail(self.picture, ~self.blocked)
+        hole, blocked = self.hole[self.near], self.blocked[self.near]
+        ring = dilate(hole, TUNING.ring) & ~dilate(blocked, 1)
+        squares = self._detail(self.picture[self.near], ~blocked)
         return np.asarray(cv2.GaussianBlur(squares, (0, 0), TUNING.grain)[ring])
 
-    def _sources(self) -> F32:
+    @cached_property
+    def near(self) -> tuple[slice, slice]:
+        """Rows and columns of the hole and of all that its contrast is compared with."""
+        left, top, width, height = cv2.boundingRect(self.hole.view(np.uint8))
+        margin = TUNING.ring + round(4 * (TUNING.grain + TUNING.detail))
+        rows = slice(max(0, top - margin), top + height + margin)
+        return rows, slice(max(0, left - margin), left + width + margin)
+
+    @cached_property
+    def sources(self) -> F32:
         """(2 H, W, 3): the photo, and the guide below it, so that one shift names it."""
         return np.concatenate([self.picture, self.guide])
 
@@ -201,71 +220,128 @@ class _Window:
         return np.asarray(((grey - soft) * weight) ** 2, np.float32)
 
     def _shifts(self, labels: I64, offsets: Offsets, scale: int) -> I64:
-        """(H, W, 2) rows and columns to the source of each pixel, refined by copies."""
-        height = len(self.hole)
+        """(H, W, 2) rows and columns to the source of each pixel, refined by copies.
+
+        `labels` (h, w) are those of the reduced picture.
+        """
         shifts = np.zeros((*self.hole.shape, 2), np.int64)
-        result, done = self.picture.copy(), ~self.blocked
-        for number, piece in _pieces_by_size(labels):
-            place = np.argwhere(piece)
+        composed = _Composed(self.picture.copy(), ~self.blocked)
+        for number, piece in _pieces_by_size(labels, scale, self.hole):
+            offset = None
             if number < len(offsets):
-                offset = self._refined(place, offsets[number], scale, (result, done))
-            else:
-                offset = None
+                offset = self._refined(piece, offsets[number], scale, composed)
             if offset is None:
-                offset = np.array([height, 0])
-            there = place + offset
-            shifts[place[:, 0], place[:, 1]] = offset
-            result[place[:, 0], place[:, 1]] = self._sources()[there[:, 0], there[:, 1]]
-            done[place[:, 0], place[:, 1]] = True
+                offset = np.array([len(self.hole), 0])
+            shifts[piece.box][piece.mask] = offset
+            copied = self.sources[piece.moved(offset)][piece.mask]
+            composed.picture[piece.box][piece.mask] = copied
+            composed.done[piece.box] |= piece.mask
         return shifts
 
     def _refined(
-        self, place: I64, offset: I64, scale: int, composed: tuple[F32, Mask]
+        self, piece: _Piece, offset: I64, scale: int, composed: _Composed
     ) -> I64 | None:
         """The full-size offset of a piece that suits what is beside it; None if none."""
-        result, done = composed
-        beside = self._beside(place, done)
-        aim = result[beside[:, 0], beside[:, 1]]
+        spacing = -(-(2 * scale - 1) // TUNING.tries)
+        steps = np.arange(1 - scale, scale, spacing)
+        best = self._legal_offset(piece, offset * scale, steps, composed)
+        if best is None or spacing == 1:
+            return best
+        closer = np.arange(1 - spacing, spacing)
+        return self._legal_offset(piece, best, closer, composed)
+
+    def _legal_offset(
+        self, piece: _Piece, offset: I64, steps: I64, composed: _Composed
+    ) -> I64 | None:
+        """The best of the offsets `steps` away by which known pixels are copied."""
+        down, right = np.meshgrid(steps, steps, indexing="ij")
+        tries = offset + np.stack([down.ravel(), right.ravel()], axis=1)
+        beside = composed.beside(piece)
+        aim = composed.picture[beside[:, 0], beside[:, 1]]
         last = np.array(self.hole.shape) - 1
-        rated = []
-        for step in np.ndindex(2 * scale - 1, 2 * scale - 1):
-            moved = offset * scale + np.array(step) - (scale - 1)
-            there = np.clip(beside + moved, 0, last)
-            gap = ((self.picture[there[:, 0], there[:, 1]] - aim) ** 2).sum(axis=1)
-            cost = gap.mean() if len(gap) else 0.0
-            rated.append((float(cost), *step, moved))
-        rated.sort(key=lambda one: one[:3])
-        for one in rated:
-            there = place + one[3]
-            if (there < 0).any() or (there > last).any():
+        there = np.clip(beside + tries[:, None], 0, last)
+        gaps = self.picture[there[..., 0], there[..., 1]]
+        gaps -= aim
+        costs = np.einsum("nkc,nkc->n", gaps, gaps)
+        for k in np.argsort(costs, kind="stable").tolist():
+            rows, columns = piece.moved(tries[k])
+            if min(rows.start, columns.start) < 0:
                 continue
-            if not self.blocked[there[:, 0], there[:, 1]].any():
-                return np.asarray(one[3], np.int64)
+            if rows.stop > last[0] + 1 or columns.stop > last[1] + 1:
+                continue
+            if not (self.blocked[rows, columns] & piece.mask).any():
+                return np.asarray(tries[k], np.int64)
         return None
 
-    def _beside(self, place: I64, done: Mask) -> I64:
-        """(n, 2) pixels beside a piece that are composed already."""
+
+@dataclass(frozen=True)
+class _Piece:
+    """Connected pixels of the hole with one label."""
+
+    box: tuple[slice, slice]
+    mask: Mask
+    """(h, w) in the box."""
+
+    def moved(self, offset: I64) -> tuple[slice, slice]:
+        """Rows and columns of the box at an offset."""
+        rows, columns = self.box
+        down, right = int(offset[0]), int(offset[1])
+        return (
+            slice(rows.start + down, rows.stop + down),
+            slice(columns.start + right, columns.stop + right),
+        )
+
+
+@dataclass(frozen=True)
+class _Composed:
+    """The copies so far."""
+
+    picture: F32
+    done: Mask
+    """(H, W): pixels that are known or copied."""
+
+    def beside(self, piece: _Piece) -> I64:
+        """(n, 2) pixels beside a piece that are composed already, evenly thinned out."""
         band = TUNING.seam_band
-        low = np.maximum(place.min(axis=0) - band, 0)
-        high = place.max(axis=0) + band + 1
-        box = np.s_[low[0] : high[0], low[1] : high[1]]
-        own = np.zeros_like(done[box])
-        own[place[:, 0] - low[0], place[:, 1] - low[1]] = True
-        ring = dilate(own, band) & ~own & done[box]
-        return np.asarray(np.argwhere(ring) + low, np.int64)
+        top, left = (part.start for part in piece.box)
+        own = np.pad(piece.mask, band)
+        rows = slice(max(top - band, 0), piece.box[0].stop + band)
+        columns = slice(max(left - band, 0), piece.box[1].stop + band)
+        done = self.done[rows, columns]
+        own = own[rows.start - top + band :, columns.start - left + band :]
+        own = own[: done.shape[0], : done.shape[1]]
+        ring = np.argwhere(dilate(own, band) & ~own & done)
+        ring += [rows.start, columns.start]
+        return np.asarray(thin_out(ring, TUNING.beside), np.int64)
 
 
-def _pieces_by_size(labels: I64) -> Iterator[tuple[int, Mask]]:
-    """Labels and masks of the connected pieces of `labels` (H, W), largest first."""
+def _pieces_by_size(
+    labels: I64, scale: int, hole: Mask
+) -> Iterator[tuple[int, _Piece]]:
+    """Labels and connected pieces of the reduced `labels` (h, w), largest first.
+
+    Pieces are at full size, in the `hole` (H, W).
+    """
     pieces = []
     for number in np.unique(labels[labels >= 0]):
         count, names, stats, _ = cv2.connectedComponentsWithStats(
             (labels == number).astype(np.uint8), connectivity=4
         )
-        areas = stats[:, cv2.CC_STAT_AREA]
-        pieces += [(-int(areas[k]), int(number), k, names) for k in range(1, count)]
-    for _, number, k, names in sorted(pieces, key=lambda one: one[:3]):
-        yield number, names == k
+        boxes = stats.tolist()
+        pieces += [
+            (-boxes[k][4], int(number), k, names, boxes[k]) for k in range(1, count)
+        ]
+    for _, number, k, names, (left, top, width, height, _) in sorted(
+        pieces, key=lambda one: one[:3]
+    ):
+        small = names[top : top + height, left : left + width] == k
+        large = small.repeat(scale, axis=0).repeat(scale, axis=1)
+        rows = slice(top * scale, min((top + height) * scale, hole.shape[0]))
+        columns = slice(left * scale, min((left + width) * scale, hole.shape[1]))
+        inside = hole[rows, columns]
+        mask = large[: inside.shape[0], : inside.shape[1]] & inside
+        if mask.any():
+            yield number, _Piece((rows, columns), mask)
 
 
 def _band_means(picture: F32, band: Mask) -> F32:
@@ -281,19 +357,11 @@ def _eroded(mask: Mask, radius: int) -> Mask:
     return ~dilate(~mask, radius)
 
 
-def _enlarged(labels: I64, scale: int, hole: Mask) -> I64:
-    """`labels` of the reduced picture at full size in `hole` (H, W), elsewhere -1."""
-    height, width = hole.shape
-    large = labels.repeat(scale, axis=0).repeat(scale, axis=1)[:height, :width]
-    return np.where(hole, large, -1)
-
-
 def _block_means(picture: F32, scale: int) -> F32:
     """Means of blocks of `scale` px a side; the last ones are filled up."""
     height, width = picture.shape[:2]
-    pads = [(0, -height % scale), (0, -width % scale)]
-    pads += [(0, 0)] * (picture.ndim - 2)
-    padded = np.pad(picture, pads, mode="edge")
-    rows, columns = padded.shape[0] // scale, padded.shape[1] // scale
-    blocks = padded.reshape(rows, scale, columns, scale, *picture.shape[2:])
-    return np.asarray(blocks.mean(axis=(1, 3)), np.float32)
+    padded = cv2.copyMakeBorder(
+        picture, 0, -height % scale, 0, -width % scale, cv2.BORDER_REPLICATE
+    )
+    size = padded.shape[1] // scale, padded.shape[0] // scale
+    return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA))

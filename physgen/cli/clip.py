@@ -1,0 +1,106 @@
+"""`clip`: photos to clips, perceived and rendered in one process."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from physgen.cli.arguments import (
+    WRONG_INPUT,
+    Command,
+    Parser,
+    check_folder_name,
+    refuse_split_values,
+)
+from physgen.cli.clips import add_clips, add_overlays, job_maker
+from physgen.cli.output import Bar, print_line, print_problems
+from physgen.cli.perceive import (
+    BEGIN,
+    add_backend_choices,
+    add_photo_flags,
+    perceive_photo,
+    perceive_photos,
+    refuse_scenes,
+)
+from physgen.cli.render import add_motion_flags, render, video_file
+from physgen.problems import InputError, Problem
+
+
+def clip(options: argparse.Namespace) -> int:
+    refuse_split_values(options.command_line, [str(path) for path in options.image])
+    refuse_scenes(options.image)
+    output = options.output or ("out/preview" if options.preview else "out")
+    options.output = output
+    # a wrong flag of the clip is reported before the photo is perceived
+    video = video_file(options)
+    job_maker(options)
+    if video is None:
+        check_folder_name(output)
+    elif len(options.image) > 1:
+        found = f'"{output}"'
+        expected = f"is one file for {len(options.image)} clips"
+        raise InputError.of("-o", found, expected, "name a folder")
+    scenes, problems = _perceive(options, video)
+    if not options.json:
+        for scene in scenes:
+            print_line(str(scene))
+    print_problems(problems)
+    if not scenes:
+        return WRONG_INPUT
+    options.scenes, options.output = [str(scene) for scene in scenes], output
+    # the scenes contain these pushes already
+    options.push = []
+    code = render(options)
+    return WRONG_INPUT if problems else code
+
+
+def _perceive(
+    options: argparse.Namespace, video: Path | None
+) -> tuple[Sequence[Path], Sequence[Problem]]:
+    """Perceive the photos; return the scenes beside the clips, and problems."""
+    bar = Bar()
+    folder = Path(options.output) if video is None else video.parent
+    with bar.ticking():
+        bar.show(BEGIN, 0, 1)
+        if len(options.image) > 1:
+            options.output = folder
+            written = perceive_photos(options, bar)
+            scenes, problems = written.scenes, written.problems
+        else:
+            name = options.image[0].stem if video is None else video.stem
+            options.output = folder / f"{name}.yaml"
+            perceive_photo(options, bar)
+            scenes, problems = [options.output], []
+        bar.clear()
+    return scenes, problems
+
+
+def add(parser: Parser) -> None:
+    parser.add_argument("image", metavar="IMAGE", type=Path, nargs="+", help="a photo")
+    about = (
+        "folder of the scenes and clips, or the file of one video, with its scene "
+        "beside it; default: out, or out/preview for previews"
+    )
+    parser.option("-o --output", "DIR or VIDEO", str, about)
+    add_photo_flags(parser)
+    about = (
+        "push this object in place of the one that perceive chooses: ball-1=right, "
+        "ball-1=up-left@0.5 m/s; may be repeated"
+    )
+    parser.option("--push", "NAME=DIRECTION[@SPEED]", str, about, [], action="append")
+    add_motion_flags(parser)
+    add_backend_choices(parser)
+    add_clips(parser)
+    add_overlays(parser)
+    parser.set_defaults(refresh=None)
+
+
+CLIP = Command(
+    "clip",
+    "Perceives photos and renders their clips, in one process.",
+    "physgen clip photo.jpg -o out",
+    add,
+    clip,
+    mixed=True,
+)
