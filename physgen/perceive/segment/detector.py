@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from threading import Lock
@@ -29,6 +29,8 @@ LEAST_SCORE = 0.05
 """Of movable or immovable wholes, or of a class: a box below it is dropped."""
 SAME_BOX = 0.6
 """IoU from which two boxes mean one object; the better one stays."""
+MOVABLE, IMMOVABLE = 0, 1
+"""Columns of the scores of wholes; the scores of COCO's classes follow."""
 MOST_BOXES = 60
 """Boxes of a photo at most, the best ones."""
 
@@ -46,12 +48,16 @@ class DetectedBoxes:
     @property
     def movable(self) -> Array:
         """(n,) 0..1: the score of a whole object that a person could move."""
-        return self.scores[:, 0]
+        return self.scores[:, MOVABLE]
 
     @property
     def immovable(self) -> Array:
         """(n,) 0..1: the score of a whole that is not moved."""
-        return self.scores[:, 1]
+        return self.scores[:, IMMOVABLE]
+
+    def scaled(self, across: float, down: float) -> DetectedBoxes:
+        """Return the boxes on a photo of another size."""
+        return replace(self, corners=self.corners * (across, down, across, down))
 
     def __len__(self) -> int:
         """Return the number of boxes."""
@@ -142,3 +148,12 @@ def box_overlap(first: Array, second: Array) -> Array:
     ]
     union = areas[0][:, None] + areas[1][None] - shared
     return np.asarray(shared / np.maximum(union, 1e-9))
+
+
+def box_shares(first: Array, second: Array) -> Array:
+    """Return the share (n, m) of each of some boxes (n, 4) in each of others (m, 4)."""
+    low = np.maximum(first[:, None, :2], second[None, :, :2])
+    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
+    shared = np.clip(high - low, 0, None).prod(axis=2)
+    areas = (first[:, 2:] - first[:, :2]).prod(axis=1)
+    return np.asarray(shared / np.maximum(areas[:, None], 1e-9))

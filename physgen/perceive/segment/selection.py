@@ -1,12 +1,14 @@
-"""Selection of the best set of candidates without overlap."""
+"""Selection of the best set of candidates without overlap, wholes before their parts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.segment.detector import DetectedBoxes, box_overlap, box_shares
 from physgen.perceive.segment.proposals import Proposal, overlap
 
 SHARED = 0.12
@@ -16,6 +18,97 @@ AREA_POWER = 0.7
 
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WholeConstants:
+    """Constants of wholes, chosen on 200 photos that the judge learns from."""
+
+    score: float = 0.5  # of a movable whole: a box from which parts may be united
+    match: float = 0.7  # IoU of a candidate's box with that one
+    within: float = 0.8  # share of a part's box in it
+    covered: float = 0.7  # share of a part that the whole covers
+    own_box: float = 0.65
+    """Of the whole's score: a part with a box that scores more is an object."""
+    second: float = 0.75
+    """Fit of the second best part, with its bonus: two clear objects are not united."""
+    worse: float = 0.1  # fit that the whole may lack beside the best part
+
+
+WHOLE = WholeConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Chosen candidates, and the parts of the wholes among them, by index."""
+
+    chosen: NDArray[np.intp]
+    parts: dict[int, list[int]] = field(default_factory=dict)
+
+
+def unite_parts(
+    candidates: Sequence[Proposal],
+    chosen: NDArray[np.intp],
+    fits: tuple[Values, Values],
+    boxes: DetectedBoxes,
+) -> Selection:
+    """Return the selection with wholes in place of chosen candidates that are parts.
+
+    The parts of a whole lie in one of the detector's `boxes` (on the grid of the
+    candidates), of which a candidate shows the whole, and have no such box of their
+    own. `fits` are those of all candidates, (n,) each, without and with the bonus of
+    edges.
+    """
+    selection = Selection(chosen)
+    rectangles = np.array([one.box for one in candidates], np.float64).reshape(-1, 4)
+    is_clear = (boxes.movable >= WHOLE.score) & (boxes.movable > boxes.immovable)
+    for k in np.flatnonzero(is_clear).tolist():
+        parts = _weak_parts(rectangles[selection.chosen], boxes, k)
+        if len(parts) > 1:
+            matches = box_overlap(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.match
+            wholes = np.flatnonzero(matches)
+            selection = _unite(candidates, selection, parts, wholes, fits)
+    return selection
+
+
+def _weak_parts(rectangles: Values, boxes: DetectedBoxes, k: int) -> NDArray[np.intp]:
+    """Return which rectangles (n, 4) lie in box k and have no box like it of their own."""
+    inside = box_shares(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.within
+    scores = box_overlap(rectangles, boxes.corners) ** 2 * boxes.movable
+    scores[:, k] = 0
+    is_weak = scores.max(axis=1) <= WHOLE.own_box * boxes.movable[k]
+    return np.flatnonzero(inside & is_weak)
+
+
+def _unite(
+    candidates: Sequence[Proposal],
+    selection: Selection,
+    places: NDArray[np.intp],
+    wholes: NDArray[np.intp],
+    fits: tuple[Values, Values],
+) -> Selection:
+    """Return the selection with the best whole that covers two or more parts.
+
+    `places` of `selection.chosen` are those of the parts.
+    """
+    alone, fit = fits
+    chosen = selection.chosen
+    for whole in wholes[np.argsort(-alone[wholes], kind="stable")].tolist():
+        one = candidates[whole]
+        shares = np.array([overlap(one, candidates[k]) for k in chosen.tolist()])
+        areas = np.array([candidates[k].area for k in chosen.tolist()])
+        is_part = np.isin(np.arange(len(chosen)), places)
+        is_part &= shares >= WHOLE.covered * areas
+        is_rival = shares > SHARED * np.minimum(areas, one.area)
+        parts = chosen[is_part]
+        if len(parts) < 2 or (is_rival & ~is_part).any():
+            continue
+        is_clear = np.sort(fit[parts])[-2] > WHOLE.second
+        if is_clear or alone[whole] < alone[parts].max() - WHOLE.worse:
+            continue
+        united = np.append(chosen[~is_part], whole)
+        return Selection(united, {**selection.parts, whole: parts.tolist()})
+    return selection
 
 
 def choose_candidates(
