@@ -73,10 +73,10 @@ def learned() -> Segment:
 class Rules:
     """The rules that choose among candidates; measurements take one away."""
 
-    gaps: bool = True
-    wholes: bool = True
-    living: bool = True
-    focus: bool = True
+    gaps: bool = True  # drop gaps between others
+    wholes: bool = True  # put wholes in place of their parts
+    living: bool = True  # drop parts of people and animals
+    focus: bool = True  # drop the blurred background
 
 
 ALL_RULES = Rules()
@@ -222,8 +222,8 @@ def as_segments(
     """Return the chosen candidates as labels of the photo; `fit` is theirs.
 
     Each is cut out again in its box, as is each part of it; what is round stays so, and
-    what is not found again stays as it is. Of two with a common pixel the better one gets it. Ids run
-    left to right.
+    what is not found again stays as it is. Of two with a common pixel the better one
+    gets it. Ids run left to right.
     """
     rising = np.argsort(fit, kind="stable")
     size = rgb.shape[0], rgb.shape[1]
@@ -243,7 +243,7 @@ def _cut_out_again(rgb: NDArray[np.uint8], found: Candidates, k: int) -> Mask:
     across, down = _scale_to(found.shape, rgb)
     corners = found.proposals[k].box / np.array([across, down, across, down])
     own = found.on_photo(k, (rgb.shape[0], rgb.shape[1]))
-    return _better_mask(own, mask_in_box(rgb, corners).mask)
+    return _better_mask(own, mask_in_box(rgb, corners.tolist()).mask)
 
 
 def _better_mask(own: Mask, again: Mask) -> Mask:
