@@ -113,8 +113,10 @@ def choose_objects(
         areas = np.array([one.area for one in chosen], np.float64)
         fit[best] *= 1 - blur_shares(rim_sharpness(rgb, chosen, found.shape), areas)
     sure = best[fit[best] > LEARNED.threshold]
-    objects = as_segments(rgb, found, replace(selection, chosen=sure), fit[sure])
-    return replace(objects, doubtful=find_doubts(found, fit, sure, rgb.shape[:2]))
+    selection = replace(selection, chosen=sure)
+    objects = as_segments(rgb, found, selection, fit[sure])
+    taken = [*sure.tolist(), *selection.parts_of(sure)]
+    return replace(objects, doubtful=find_doubts(found, fit, taken, rgb.shape[:2]))
 
 
 def _gap_penalties(
@@ -189,16 +191,16 @@ def with_agreement(fit: Array, edges: Array, features: Array) -> Array:
 def find_doubts(
     found: Candidates,
     fit: Array,
-    sure: NDArray[np.intp],
+    taken_places: Sequence[int],
     size: tuple[int, ...],
 ) -> list[Doubt]:
-    """Return the best other candidates, mostly outside the chosen ones.
+    """Return the best other candidates, mostly outside those that are taken.
 
     `size` is that of the photo (H, W).
     """
     scale = size[1] / found.shape[1], size[0] / found.shape[0]
     right = confidence(fit)
-    taken = [found.proposals[k] for k in sure.tolist()]
+    taken = [found.proposals[k] for k in taken_places]
     doubtful: list[Doubt] = []
     for k in np.argsort(-fit, kind="stable").tolist():
         if right[k] < LEARNED.doubtful or len(doubtful) == LEARNED.doubts:

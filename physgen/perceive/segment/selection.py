@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,9 +31,12 @@ class WholeConstants:
     covered: float = 0.7  # share of a part that the whole covers
     own_box: float = 0.65
     """Of the whole's score: a part with a box that scores more is an object."""
-    second: float = 0.75
-    """Fit of the second best part, with its bonus: two clear objects are not united."""
+    clear: float = 0.75
+    """Fit, with its bonus, from which a part beside the largest one is an object."""
     worse: float = 0.1  # fit that the whole may lack beside the best part
+    better: float = 0.05
+    """IoU with the box by which a strap or a handle brings its whole nearer to it."""
+    reach: int = 2  # px of the grid between a whole and such a part
 
 
 WHOLE = WholeConstants()
@@ -44,6 +48,10 @@ class Selection:
 
     chosen: NDArray[np.intp]
     parts: dict[int, list[int]] = field(default_factory=dict)
+
+    def parts_of(self, wholes: NDArray[np.intp]) -> list[int]:
+        """Return the parts of some wholes."""
+        return [part for k in wholes.tolist() for part in self.parts.get(k, ())]
 
 
 def unite_parts(
@@ -68,7 +76,59 @@ def unite_parts(
             matches = box_overlap(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.match
             wholes = np.flatnonzero(matches)
             selection = _unite(candidates, selection, parts, wholes, fits)
+            parts = _weak_parts(rectangles[selection.chosen], boxes, k)
+            places = parts[fits[1][selection.chosen[parts]] <= WHOLE.clear]
+            selection = _append(candidates, selection, places, boxes.corners[k])
     return selection
+
+
+def _append(
+    candidates: Sequence[Proposal],
+    selection: Selection,
+    places: NDArray[np.intp],
+    corners: Values,
+) -> Selection:
+    """Return the selection with appendages as parts of the whole in a box.
+
+    An appendage, at one of the `places` of `selection.chosen`, touches the whole, and
+    the box with these `corners` fits the two better than the whole alone.
+    """
+    rectangles = np.array([candidates[k].box for k in selection.chosen], np.float64)
+    fits = box_overlap(rectangles, corners[None])[:, 0]
+    best = int(fits.argmax())
+    whole = int(selection.chosen[best])
+    if fits[best] < WHOLE.match:
+        return selection
+    own, reached = rectangles[best], fits[best]
+    parts: list[int] = []
+    for place in places.tolist():
+        part = int(selection.chosen[place])
+        both = np.concatenate(
+            [
+                np.minimum(own[:2], rectangles[place, :2]),
+                np.maximum(own[2:], rectangles[place, 2:]),
+            ]
+        )
+        fit = box_overlap(both[None], corners[None])[0, 0]
+        is_near = _touch(candidates[whole], candidates[part])
+        if place != best and is_near and fit >= reached + WHOLE.better:
+            own, reached = both, fit
+            parts.append(part)
+    if not parts:
+        return selection
+    rest = selection.chosen[~np.isin(selection.chosen, parts)]
+    known = selection.parts.get(whole, [])
+    return Selection(rest, {**selection.parts, whole: [*known, *parts]})
+
+
+def _touch(one: Proposal, other: Proposal) -> bool:
+    """Return whether two candidates are at most WHOLE.reach px apart."""
+    reach = WHOLE.reach
+    kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    mask = cv2.dilate(np.pad(one.mask, reach).astype(np.uint8), kernel) > 0
+    area = int(np.count_nonzero(mask))
+    wide = Proposal(one.x - reach, one.y - reach, mask, area)
+    return overlap(wide, other) > 0
 
 
 def _weak_parts(rectangles: Values, boxes: DetectedBoxes, k: int) -> NDArray[np.intp]:
@@ -103,8 +163,9 @@ def _unite(
         parts = chosen[is_part]
         if len(parts) < 2 or (is_rival & ~is_part).any():
             continue
-        is_clear = np.sort(fit[parts])[-2] > WHOLE.second
-        if is_clear or alone[whole] < alone[parts].max() - WHOLE.worse:
+        largest = parts[areas[is_part].argmax()]
+        has_clear = fit[parts[parts != largest]].max() > WHOLE.clear
+        if has_clear or alone[whole] < alone[parts].max() - WHOLE.worse:
             continue
         united = np.append(chosen[~is_part], whole)
         return Selection(united, {**selection.parts, whole: parts.tolist()})
