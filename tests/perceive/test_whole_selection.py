@@ -49,7 +49,6 @@ def test_part_without_box_joins_whole() -> None:
         "own box",
         "clear parts",
         "clear wheel",
-        "worse whole",
         "weak box",
         "no boxes",
     ],
