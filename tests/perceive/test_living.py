@@ -17,27 +17,28 @@ from physgen.perceive.segment.detector import DetectedBoxes
 from physgen.perceive.segment.proposals import Proposal
 from physgen.perceive.support.view_classifier import ViewChances
 
-SIZE = (120, 160)
-BEAR, PERSON, CUP = 21, 0, 41
+CLASSES = {"bear": 21, "person": 0, "cup": 41}
 """Numbers of COCO's classes."""
-RGB = np.full((*SIZE, 3), 128, np.uint8)
+BOXES = {
+    "dinosaur": ((20, 20, 80, 90), 0.27, 0.9, "bear"),
+    "head": ((20, 20, 45, 45), 0.1, 0.4, "bear"),
+    "child": ((90, 10, 150, 110), 0.05, 0.9, "person"),
+    "cup": ((120, 60, 140, 80), 0.6, 0.1, "cup"),
+}
+"""Corners, scores of movable and immovable, and class of what the detector sees."""
+RGB = np.full((120, 160, 3), 128, np.uint8)
+SIZE = RGB.shape[:2]
 
 
-def boxes_of(
-    *some: tuple[tuple[int, int, int, int], float, float, int],
-) -> DetectedBoxes:
-    """Return boxes from corners, scores of movable and immovable, and a class."""
-    corners = np.array([one[0] for one in some], np.float64)
-    scores = np.zeros((len(some), 82))
-    for row, (_, movable, immovable, index) in zip(scores, some, strict=True):
+def boxes_of(*names: str) -> DetectedBoxes:
+    """Return some of BOXES."""
+    corners = np.array([BOXES[name][0] for name in names], np.float64)
+    scores = np.zeros((len(names), 82))
+    for row, name in zip(scores, names, strict=True):
+        _, movable, immovable, word = BOXES[name]
         row[:2] = movable, immovable
-        row[2 + index] = max(movable, immovable)
+        row[2 + CLASSES[word]] = max(movable, immovable)
     return DetectedBoxes(corners, scores)
-
-
-DINOSAUR = ((20, 20, 80, 90), 0.27, 0.9, BEAR)
-HEAD = ((20, 20, 45, 45), 0.1, 0.4, BEAR)
-CHILD = ((90, 10, 150, 110), 0.05, 0.9, PERSON)
 
 
 def rectangle(left: int, top: int, right: int, bottom: int) -> Proposal:
@@ -55,15 +56,15 @@ def cut_box(rgb: NDArray[np.uint8], box: NDArray[np.float64]) -> PromptedMask:
 
 def test_model_of_dinosaur_becomes_movable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(living, "_is_model", lambda rgb, corners: True)
-    released = living.release_models(RGB, boxes_of(DINOSAUR, HEAD, CHILD))
+    released = living.release_models(RGB, boxes_of("dinosaur", "head", "child"))
     assert released.movable == pytest.approx([0.9, 0.4, 0.05])
-    assert released.immovable == pytest.approx([0.1, 0.1, 0.9])
-    assert released.scores[0, 2 + BEAR] == 0
+    assert released.immovable == pytest.approx([0, 0, 0.9])
+    assert released.scores[0, 2 + CLASSES["bear"]] == 0
 
 
 def test_living_animal_stays_immovable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(living, "_is_model", lambda rgb, corners: False)
-    boxes = boxes_of(DINOSAUR, CHILD)
+    boxes = boxes_of("dinosaur", "child")
     assert living.release_models(RGB, boxes) is boxes
 
 
@@ -81,7 +82,7 @@ def test_likely_toy_is_doubtful_with_reason(
     monkeypatch.setattr(living, "view_chances", lambda features: chances)
     monkeypatch.setattr(living, "mask_in_box", cut_box)
     labels = np.zeros(SIZE, np.uint16)
-    toys = living.find_likely_toys(RGB, boxes_of(DINOSAUR, CHILD), labels)
+    toys = living.find_likely_toys(RGB, boxes_of("dinosaur", "child"), labels)
     assert len(toys) == count
     found = Detections(labels, "learned", {}, {}, doubtful=toys)
     text = write_scene(perceive(RGB, found), None, "photo", tmp_path / "a.yaml")
@@ -93,7 +94,7 @@ def test_hand_is_part_of_person(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = rectangle(90, 10, 150, 110)
     monkeypatch.setattr(living, "rough_mask_in_box", lambda rgb, box, shape: whole)
     hand, held = rectangle(95, 60, 110, 75), rectangle(120, 60, 140, 80)
-    boxes = boxes_of(CHILD, ((120, 60, 140, 80), 0.6, 0.1, CUP))
+    boxes = boxes_of("child", "cup")
     is_part = living.parts_of_living(RGB, boxes, [hand, held], SIZE)
     assert is_part.tolist() == [True, False]
 
@@ -102,5 +103,5 @@ def test_object_beside_person_is_no_part(monkeypatch: pytest.MonkeyPatch) -> Non
     whole = rectangle(90, 10, 150, 110)
     monkeypatch.setattr(living, "rough_mask_in_box", lambda rgb, box, shape: whole)
     beside = [rectangle(10, 60, 40, 90)]
-    is_part = living.parts_of_living(RGB, boxes_of(CHILD), beside, SIZE)
+    is_part = living.parts_of_living(RGB, boxes_of("child"), beside, SIZE)
     assert is_part.tolist() == [False]

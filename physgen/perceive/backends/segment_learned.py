@@ -53,7 +53,6 @@ class LearnedConstants:
     """Share of such colours from which that counts in part, and in full."""
     own_box: tuple[float, float] = (0.55, 0.7)
     """Score of its own box from which a candidate is no gap in part, and for sure."""
-    living_penalty: float = 0.5  # of a part of a person or an animal
     doubtful: float = 0.1  # confidence from which a candidate is a doubtful object
     doubts: int = 8  # doubtful objects at most
     same: float = 0.5  # IoU below which what is cut out again is another object
@@ -108,7 +107,7 @@ def choose_objects(
     chosen = [found.proposals[k] for k in best.tolist()]
     if rules.living:
         is_part = parts_of_living(rgb, judged.boxes, chosen, found.shape)
-        fit[best] -= LEARNED.living_penalty * is_part
+        fit[best] -= LEARNED.threshold * is_part
     if rules.focus:
         areas = np.array([one.area for one in chosen], np.float64)
         fit[best] *= 1 - blur_shares(rim_sharpness(rgb, chosen, found.shape), areas)

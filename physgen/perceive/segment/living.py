@@ -1,9 +1,8 @@
-"""People and animals, which nobody moves, their parts, and toys shaped like animals.
+"""People and animals, which are never moved, their parts, and toys shaped like animals.
 
 The detector takes toys for animals. ImageNet has a class of dinosaurs, of which all
-photos show models. For other animals, the photo as a whole tells whether they may be
-toys: photos of real animals look unlike photos of loose things at rest. That says too
-little to move them.
+photos show models. Other animals may be toys if the photo looks like photos of loose
+objects at rest; that is too little to move them.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ from physgen.perceive.segment.detector import (
     box_overlap,
     box_shares,
 )
+from physgen.perceive.segment.evidence import ANIMALS, PART, PERSON, WITHIN
 from physgen.perceive.segment.network import mask_in_box, rough_mask_in_box, run_network
 from physgen.perceive.segment.proposals import Proposal, cut_out, doubt_about, overlap
 from physgen.perceive.support.view_classifier import view_chances
@@ -30,9 +30,6 @@ from physgen.perceive.support.view_classifier import view_chances
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-PERSON = 0
-ANIMALS = slice(14, 24)
-"""Numbers of COCO's classes."""
 EXTINCT = 51
 """ImageNet's class of dinosaurs."""
 
@@ -48,10 +45,8 @@ class LivingConstants:
 
     None of 227 boxes of animals and people has more than 0.04.
     """
-    within: float = 0.85  # share of a box in a model's from which it is a part of it
-    least_immovable: float = 0.1  # score that remains to a model
     loose: float = 0.1
-    """Chance of a photo without loose things, below which an animal may be a toy.
+    """Chance of a photo without loose objects, below which an animal may be a toy.
 
     Nine of ten photos of real animals have more.
     """
@@ -65,7 +60,6 @@ class LivingConstants:
 
     On 60 photos what people hold has .34 or more.
     """
-    largest: float = 0.7  # of the cut-out: a larger candidate is no part, but the same
 
 
 LIVING = LivingConstants()
@@ -81,9 +75,9 @@ def release_models(rgb: NDArray[np.uint8], boxes: DetectedBoxes) -> DetectedBoxe
     scores = boxes.scores.copy()
     wholes = scores[is_model][:, [MOVABLE, IMMOVABLE]]
     scores[is_model, MOVABLE] = wholes.max(axis=1)
-    scores[is_model, IMMOVABLE] = np.minimum(wholes.min(axis=1), LIVING.least_immovable)
-    classes = scores[:, IMMOVABLE + 1 :]
-    classes[is_model, ANIMALS] = 0
+    scores[is_model, IMMOVABLE] = 0
+    for index in ANIMALS:
+        scores[is_model, IMMOVABLE + 1 + index] = 0
     return replace(boxes, scores=scores)
 
 
@@ -137,7 +131,7 @@ def parts_of_living(
 def _living(boxes: DetectedBoxes) -> list[int]:
     """Return the indices of boxes that are surely of a person or an animal."""
     classes = boxes.scores[:, IMMOVABLE + 1 :]
-    living = np.maximum(classes[:, PERSON], classes[:, ANIMALS].max(axis=1, initial=0))
+    living = classes[:, [*PERSON, *ANIMALS]].max(axis=1, initial=0.0)
     is_sure = (living >= LIVING.sure) & (boxes.immovable >= LIVING.sure)
     return [int(k) for k in np.flatnonzero(is_sure & (boxes.immovable > boxes.movable))]
 
@@ -145,14 +139,15 @@ def _living(boxes: DetectedBoxes) -> list[int]:
 def _is_part(one: Proposal, whole: Proposal) -> bool:
     """Return whether a person's cut-out covers a candidate and more beside it."""
     is_covered = overlap(one, whole) >= LIVING.covered * one.area
-    return is_covered and one.area <= LIVING.largest * whole.area
+    return is_covered and one.area <= PART * whole.area
 
 
 def _animals(boxes: DetectedBoxes) -> list[int]:
     """Return the indices of the best boxes of animals, without parts of one another."""
     classes = boxes.scores[:, IMMOVABLE + 1 :]
-    animal = classes[:, ANIMALS].max(axis=1, initial=0.0)
-    is_animal = (animal > LIVING.animal) & (animal >= classes[:, PERSON])
+    animal = classes[:, list(ANIMALS)].max(axis=1, initial=0.0)
+    person = classes[:, list(PERSON)].max(axis=1, initial=0.0)
+    is_animal = (animal > LIVING.animal) & (animal >= person)
     is_animal &= boxes.immovable > boxes.movable
     best: list[int] = []
     order = np.argsort(-animal, kind="stable")
@@ -165,7 +160,7 @@ def _animals(boxes: DetectedBoxes) -> list[int]:
 
 def _inside(corners: Array, others: Array) -> Flags:
     """Return (n,) which boxes (n, 4) are for the most part in one of others (m, 4)."""
-    return np.asarray((box_shares(corners, others) >= LIVING.within).any(axis=1))
+    return np.asarray((box_shares(corners, others) >= WITHIN).any(axis=1))
 
 
 def _is_model(rgb: NDArray[np.uint8], corners: Array) -> bool:

@@ -26,9 +26,9 @@ class WholeConstants:
     """Constants of wholes, chosen on 200 photos that the judge learns from."""
 
     score: float = 0.5  # of a movable whole: a box from which parts may be united
-    match: float = 0.7  # IoU of a candidate's box with that one
+    match: float = 0.7
+    """IoU of the box of a whole with that one, and share of a part that it covers."""
     within: float = 0.8  # share of a part's box in it
-    covered: float = 0.7  # share of a part that the whole covers
     own_box: float = 0.65
     """Of the whole's score: a part with a box that scores more is an object."""
     clear: float = 0.75
@@ -158,7 +158,7 @@ def _unite(
         shares = np.array([overlap(one, candidates[k]) for k in chosen.tolist()])
         areas = np.array([candidates[k].area for k in chosen.tolist()])
         is_part = np.isin(np.arange(len(chosen)), places)
-        is_part &= shares >= WHOLE.covered * areas
+        is_part &= shares >= WHOLE.match * areas
         is_rival = shares > SHARED * np.minimum(areas, one.area)
         parts = chosen[is_part]
         if len(parts) < 2 or (is_rival & ~is_part).any():
