@@ -41,6 +41,7 @@ import numpy as np
 from ablations import ablations
 from attack import attacks
 from batch import batch
+from colour_steps import measure_steps
 from editor import editor
 from fid import fid
 from fills import bench as background_fills
@@ -223,6 +224,11 @@ def _log(srgb: np.ndarray) -> np.ndarray:
     return np.log(luminance(decode(srgb)) + 2e-3)
 
 
+def traces(folder: Path) -> list[dict]:
+    """What is left where objects stood: edges in last frames, steps of colour."""
+    return ghosts(folder) + measure_steps()
+
+
 def frame_costs(folder: Path) -> list[dict]:
     """What a frame costs, in scenes drawn by formula and in those of `render`."""
     return frame_rows(
@@ -243,7 +249,7 @@ PARTS |= {
     "growth": growth,
     "fidelity": frames_against_truth,
     "shadows": shadows,
-    "ghosts": ghosts,
+    "ghosts": traces,
     "fills": background_fills,
 }
 PARTS |= {"frames": frame_costs}

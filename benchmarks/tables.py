@@ -19,6 +19,7 @@ import paper
 import plausibility.table
 import sureness
 import views
+from colour_steps import ALLOWED_STEP, FAR, summarise_steps
 from ghosts import RING
 from growth import KINDS, exponent
 from layout import number, prose, table
@@ -490,6 +491,8 @@ def _shadows(rows: list[dict]) -> list[str]:
 
 
 def _ghosts(rows: list[dict]) -> list[str]:
+    steps = [row for row in rows if "photo" in row]
+    rows = [row for row in rows if "scene" in row]
     true = [row for row in rows if row["outline_true"] is not None]
     off = [abs(row["outline"] - row["outline_true"]) for row in true]
     off += [
@@ -504,11 +507,22 @@ def _ghosts(rows: list[dict]) -> list[str]:
         for key in ("outline", "shadow")
         if row[key]
     )
-    return prose(
+    lines = prose(
         f"Slope across old outlines and shadows over that {RING} px beside: on {len(true)}",
         f"scenes at most {max(off):.2f} from the true empty place's (median {median(off):.2f}); on peers' scenes at",
         f"most {worst:.2f}.",
     )
+    indices = summarise_steps(steps)
+    right = sum(row["index"] <= ALLOWED_STEP for row in steps)
+    lines += [
+        "",
+        *prose(
+            f"Step of colour across old outlines over that {FAR:g} px outside, given true masks:",
+            *(f"{index:.2f} on {group}," for group, index in indices.items()),
+            f"at most {ALLOWED_STEP} for {right} of {len(steps)} objects.",
+        ),
+    ]
+    return lines
 
 
 def _fidelity(rows: list[dict]) -> list[str]:

@@ -86,11 +86,13 @@ def run_python(
     )
 
 
+@pytest.mark.slow
 def test_every_module_imports_without_posix() -> None:
     result = run_python(["-c", IMPORT_ALL])
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.slow
 def test_perceive_and_render_work_without_posix(bundled: Path, tmp_path: Path) -> None:
     """The scene and the motion are the same, byte for byte, with work in two processes, too."""
     photo = tmp_path / "photo.png"

@@ -547,6 +547,7 @@ DAMAGED = {
 """Small files, which the test damages at each byte."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DAMAGED)
 def test_damaged_photos_print_nothing(
     name: str,

@@ -61,6 +61,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_every_layout_tells_the_same(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

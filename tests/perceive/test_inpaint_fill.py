@@ -10,6 +10,7 @@ from physgen.perceive.backends.inpaint_fill import fill
 from physgen.perceive.inpaint.contact_strips import contact_strips
 from physgen.perceive.inpaint.patch_match import RADIUS, Level, _Search
 from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill, seamless
+from physgen.perceive.inpaint.shift_map import _Window
 
 H, W = 90, 130
 Y, X = np.mgrid[:H, :W].astype(np.float32)
@@ -355,3 +356,17 @@ def test_contact_shadow_between_wheels_is_filled():
     road = (y > 80) & ~car & ~strip
     assert found[strip].mean() > 0.75
     assert found[road].mean() < 0.02
+
+
+def test_line_that_ends_at_border_is_seam() -> None:
+    """A fill without the photo's line has a larger step across the hole's border."""
+    rng = np.random.default_rng(2)
+    picture = rng.normal(130, 6, (H, W, 3)).astype(np.float32)
+    broken = picture.copy()
+    picture[40:46] -= 90
+    hole = np.hypot(X - 65, Y - 45) < 25
+    broken = np.where(hole[..., None], broken, picture)
+    window = _Window(picture, picture, hole, hole)
+    assert window.seam_growth(broken) > 0.3
+    assert window.seam_growth(picture) == 0
+    assert _Window(picture, broken, hole, hole).seam_growth(picture) < -0.3

@@ -138,6 +138,7 @@ def test_what_is_not_sure_is_named_by_shape(photo) -> None:
     assert source(entry["from"]["label"]).sure == 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "label"), [("billiards", "billiard ball"), ("curling", "object")]
 )

@@ -109,6 +109,7 @@ def test_a_smeared_picture_is_the_mean_of_many(bundled) -> None:
     assert one < 0.5 * other
 
 
+@pytest.mark.slow
 def test_a_moving_camera_sees_the_mean_of_many(bundled, monkeypatch) -> None:
     """In four views, beside every moment filmed by itself."""
     camera = "[{time: 0, zoom: 2, center: [250, 200]}, {time: 0.1, follow: cue-ball, zoom: 3}]"

@@ -231,6 +231,7 @@ def test_a_scene_or_messages_for_any_bytes(
     assert edits or found == "a scene"
 
 
+@pytest.mark.slow
 def test_every_value_replaced_by_every_kind() -> None:
     """No message is cut short by an error of ours, and each says what to write."""
     for path in PLACES[1:]:

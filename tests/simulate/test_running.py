@@ -91,6 +91,7 @@ def test_a_run_too_large_to_be_kept_is_simulated_again(most: int) -> None:
     same_at_other_times(world, running.trajectory())
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_squares_that_overflow_are_read_again_without_a_warning() -> None:
     world = read("physics/01-free-fall.yaml", "world.duration=0.1")

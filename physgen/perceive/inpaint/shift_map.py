@@ -42,6 +42,13 @@ class _Tuning:
     )
     noise: float = 4.0  # squared levels of detail that nobody sees
     seam_band: int = 2  # px around a copy over which its place is refined
+    border: int = 4  # px: bands beside the border whose colours are compared ...
+    border_blur: float = 2.0  # ... after a blur of this standard deviation
+    seam_weight: float = 1.5  # of the border's step beside the contrast
+    copy_seam_weight: float = 0.5  # the same before gradients are joined: joining
+    # spreads the step of a wrong copy over the hole
+    least_step: float = 1.0  # levels across the border that nobody sees
+    most_step: float = 60.0  # levels: a larger step is an edge of another object
 
 
 TUNING = _Tuning()
@@ -51,14 +58,17 @@ def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
     """`picture` (H, W, 3) with `hole` (H, W) filled by copies from its surroundings.
 
     `guide` (H, W, 3) is a fill by other means: copies follow its colours roughly, and
-    a piece of the hole keeps it if its contrast suits the surroundings better. A blur
-    is as wrong as too much texture.
+    a piece of the hole keeps it if its contrast and its border suit the surroundings
+    better. A blur is as wrong as too much texture, or as a line that ends at the border.
     """
     result = np.where(hole[..., None], guide, picture)
     for part, piece in _windows(hole):
         window = _Window(picture[part], guide[part], piece, hole[part])
-        filled = window.strengthened(window.fill())
+        copies, joined = window.fill()
+        filled = window.strengthened(joined)
         gain = window.contrast_error() - window.contrast_error(filled)
+        gain -= TUNING.seam_weight * window.seam_growth(filled)
+        gain -= TUNING.copy_seam_weight * window.seam_growth(copies)
         if gain > window.least_gain():
             result[part] = np.where(piece[..., None], filled, result[part])
     return np.asarray(result, np.float32)
@@ -88,18 +98,21 @@ class _Window:
     hole: Mask
     blocked: Mask
 
-    def fill(self) -> F32:
-        """(H, W, 3): copies and guide, joined in the hole."""
+    def fill(self) -> tuple[F32, F32]:
+        """(H, W, 3) twice: copies and guide in the hole, as they are and joined."""
         scale = self._scale()
         reduced = self._reduced(scale)
         offsets = copy_offsets(
             reduced.picture, reduced.hole, reduced.blocked, COSTS.far
         )
         if not len(offsets):
-            return self.guide
+            return self.guide, self.guide
         labels = OffsetLabels(reduced, offsets).solve()
         shifts = self._shifts(_enlarged(labels, scale, self.hole), offsets, scale)
-        return join_gradients(self._sources(), shifts, self.hole)
+        rows, columns = np.indices(self.hole.shape)
+        sources = self._sources()
+        copies = sources[rows + shifts[..., 0], columns + shifts[..., 1]]
+        return copies, join_gradients(sources, shifts, self.hole)
 
     def strengthened(self, filled: F32) -> F32:
         """`filled` (H, W, 3) with the fine detail that blended seams took from it."""
@@ -126,6 +139,24 @@ class _Window:
             return 0.0
         means = [np.log(part + TUNING.noise).mean() for part in (inside, around)]
         return float(means[0] - means[1])
+
+    def seam_growth(self, filled: F32) -> float:
+        """Logarithm of the step across the border with `filled` over the guide's.
+
+        A line of the photo that ends at the border is a step; so is a displaced one.
+        """
+        return float(np.log(self._border_step(filled) / self._border_step(self.guide)))
+
+    def _border_step(self, fill: F32) -> float:
+        """Levels between bands on both sides of the hole's border, on average."""
+        inside = _band_means(fill, self.hole & ~_eroded(self.hole, TUNING.border))
+        known = dilate(self.hole, TUNING.border) & ~self.blocked
+        outside = _band_means(self.picture, known)
+        line = dilate(self.hole, 1) & ~self.blocked
+        if not line.any():
+            return TUNING.least_step
+        step = np.abs(inside - outside).mean(axis=2)[line]
+        return float(np.minimum(step, TUNING.most_step).mean()) + TUNING.least_step
 
     def least_gain(self) -> float:
         """By how much copies must suit the surroundings better, as such a logarithm.
@@ -235,6 +266,19 @@ def _pieces_by_size(labels: I64) -> Iterator[tuple[int, Mask]]:
         pieces += [(-int(areas[k]), int(number), k, names) for k in range(1, count)]
     for _, number, k, names in sorted(pieces, key=lambda one: one[:3]):
         yield number, names == k
+
+
+def _band_means(picture: F32, band: Mask) -> F32:
+    """(H, W, 3): local means of `picture` (H, W, 3) from the pixels of `band` (H, W)."""
+    weight = band.astype(np.float32)
+    share = cv2.GaussianBlur(weight, (0, 0), TUNING.border_blur)[..., None]
+    sums = cv2.GaussianBlur(picture * weight[..., None], (0, 0), TUNING.border_blur)
+    return np.asarray(sums / np.maximum(share, 1e-3), np.float32)
+
+
+def _eroded(mask: Mask, radius: int) -> Mask:
+    """(H, W): the pixels of `mask` that are farther than `radius` px from its border."""
+    return ~dilate(~mask, radius)
 
 
 def _enlarged(labels: I64, scale: int, hole: Mask) -> I64:
