@@ -160,30 +160,14 @@ def objects(folder: Path) -> list[dict]:
 
     Rows of sets that are not there stay as they were.
     """
-    find = registry.make("segment", "learned")
     rows: list[dict] = []
     without: list[dict] = []
     real: list[Judged] = []
     sets = photo_sets(folder)
     for name, some in sets.items():
-        photos: list[Photo] = []
-        ablated: dict[str, list[Photo]] = {}
-        cpu = 0.0
-        for pair in some:
-            truth = pair.read()
-            before = process_time()
-            segments = find(truth.rgb)
-            cpu += (process_time() - before) / len(some)
-            shown = scene_objects(truth.rgb, segments)
-            photos.append(as_photo(pair.name, truth, shown))
-            for part, segments in segments_without(truth.rgb):
-                shown = scene_objects(truth.rgb, segments)
-                photo = as_photo(pair.name, truth, shown)
-                ablated.setdefault(part, []).append(photo)
+        photos, ablated, cpu = _measure(some)
         judged = match(photos).photos
-        for part, some_photos in ablated.items():
-            total = counts(match(some_photos).photos)
-            without.append({"set": name, "photo": "", "without": part, **total})
+        without += _rows_without(name, ablated)
         rows += [
             {"set": name, "photo": photo.name, **counts([one])}
             for photo, one in zip(photos, judged, strict=True)
@@ -196,6 +180,34 @@ def objects(folder: Path) -> list[dict]:
     if absent := [name for name in REAL_SETS if name not in sets]:
         return rounded(rows + _former_rows({*absent, "reliability"}) + without)
     return rounded(rows + _reliability(real) + without)
+
+
+def _measure(pairs: list[Pair]) -> tuple[list[Photo], dict[str, list[Photo]], float]:
+    """Return photos with their objects, the same without parts, and CPU s a photo."""
+    find = registry.make("segment", "learned")
+    photos: list[Photo] = []
+    ablated: dict[str, list[Photo]] = {}
+    cpu = 0.0
+    for pair in pairs:
+        truth = pair.read()
+        before = process_time()
+        segments = find(truth.rgb)
+        cpu += (process_time() - before) / len(pairs)
+        shown = scene_objects(truth.rgb, segments)
+        photos.append(as_photo(pair.name, truth, shown))
+        for part, other in segments_without(truth.rgb):
+            shown = scene_objects(truth.rgb, other)
+            ablated.setdefault(part, []).append(as_photo(pair.name, truth, shown))
+    return photos, ablated, cpu
+
+
+def _rows_without(set_name: str, ablated: dict[str, list[Photo]]) -> list[dict]:
+    """Return a row for each part taken away."""
+    rows = []
+    for part, photos in ablated.items():
+        total = counts(match(photos).photos)
+        rows.append({"set": set_name, "photo": "", "without": part, **total})
+    return rows
 
 
 def segments_without(rgb: Rgb) -> Iterator[tuple[str, Segments]]:

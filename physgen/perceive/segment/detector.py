@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 WEIGHTS = "detector.onnx"
 SIDE = 416  # px of the square input
@@ -29,8 +30,6 @@ LEAST_SCORE = 0.05
 """Of movable or immovable wholes, or of a class: a box below it is dropped."""
 SAME_BOX = 0.6
 """IoU from which two boxes mean one object; the better one stays."""
-MOVABLE, IMMOVABLE = 0, 1
-"""Columns of the scores of wholes; the scores of COCO's classes follow."""
 MOST_BOXES = 60
 """Boxes of a photo at most, the best ones."""
 
@@ -48,12 +47,26 @@ class DetectedBoxes:
     @property
     def movable(self) -> Array:
         """(n,) 0..1: the score of a whole object that a person could move."""
-        return self.scores[:, MOVABLE]
+        return self.scores[:, 0]
 
     @property
     def immovable(self) -> Array:
         """(n,) 0..1: the score of a whole that is not moved."""
-        return self.scores[:, IMMOVABLE]
+        return self.scores[:, 1]
+
+    @property
+    def classes(self) -> Array:
+        """(n, 80) 0..1: the scores of COCO's classes."""
+        return self.scores[:, 2:]
+
+    def as_movable(self, selected: Flags, classes: Sequence[int]) -> DetectedBoxes:
+        """Return the boxes, selected ones (n,) as movable and of none of some classes."""
+        scores = self.scores.copy()
+        scores[selected, 0] = scores[selected, :2].max(axis=1)
+        scores[selected, 1] = 0
+        for index in classes:
+            scores[selected, 2 + index] = 0
+        return replace(self, scores=scores)
 
     def scaled(self, across: float, down: float) -> DetectedBoxes:
         """Return the boxes on a photo of another size."""

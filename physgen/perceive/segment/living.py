@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from physgen.perceive.backends.label_imagenet import crop, features, heads
 from physgen.perceive.roles import Doubt
 from physgen.perceive.segment.detector import (
-    IMMOVABLE,
-    MOVABLE,
     DetectedBoxes,
     box_overlap,
     box_shares,
@@ -25,6 +23,7 @@ from physgen.perceive.segment.detector import (
 from physgen.perceive.segment.evidence import ANIMALS, PART, PERSON, WITHIN
 from physgen.perceive.segment.network import mask_in_box, rough_mask_in_box, run_network
 from physgen.perceive.segment.proposals import Proposal, cut_out, doubt_about, overlap
+from physgen.perceive.segment.selection import WHOLE
 from physgen.perceive.support.view_classifier import view_chances
 
 Array = NDArray[np.float64]
@@ -38,7 +37,12 @@ EXTINCT = 51
 class LivingConstants:
     """Constants of what lives: of toys, chosen on 200 photos of COCO and Caltech-101."""
 
-    animal: float = 0.25  # score of an animal from which a box is looked at
+    box: float = 0.25
+    """Score of an animal from which a box is looked at.
+
+    Also that of a candidate's own box, from which the candidate is no part: on 60 photos
+    what people hold has .34 or more.
+    """
     looks: int = 3  # boxes that are looked at: each costs 30 ms
     extinct: float = 0.15
     """Chance of a dinosaur from which a box is a model.
@@ -52,14 +56,8 @@ class LivingConstants:
     """
     confidence: float = 0.3  # that such an animal is a toy
     reason: str = "looks like an animal; if it is a toy, move it to objects"
-    sure: float = 0.5  # score of a person or an animal that may have parts
     inside: float = 0.7  # share of a candidate's box in its box
     covered: float = 0.8  # share of a candidate that its cut-out covers
-    own_box: float = 0.25
-    """Score of a box of its own from which a candidate is no part.
-
-    On 60 photos what people hold has .34 or more.
-    """
 
 
 LIVING = LivingConstants()
@@ -72,13 +70,7 @@ def release_models(rgb: NDArray[np.uint8], boxes: DetectedBoxes) -> DetectedBoxe
     if not models:
         return boxes
     is_model = _inside(boxes.corners, boxes.corners[models])
-    scores = boxes.scores.copy()
-    wholes = scores[is_model][:, [MOVABLE, IMMOVABLE]]
-    scores[is_model, MOVABLE] = wholes.max(axis=1)
-    scores[is_model, IMMOVABLE] = 0
-    for index in ANIMALS:
-        scores[is_model, IMMOVABLE + 1 + index] = 0
-    return replace(boxes, scores=scores)
+    return boxes.as_movable(is_model, ANIMALS)
 
 
 def find_likely_toys(
@@ -120,7 +112,7 @@ def parts_of_living(
     rectangles = np.array([one.box for one in chosen], np.float64)
     own = (box_overlap(rectangles, grid) ** 2 * boxes.movable).max(axis=1)
     inside = box_shares(rectangles, grid[living]) >= LIVING.inside
-    inside &= own[:, None] < LIVING.own_box
+    inside &= own[:, None] < LIVING.box
     for place in np.flatnonzero(inside.any(axis=0)).tolist():
         whole = rough_mask_in_box(rgb, boxes.corners[living[place]], shape)
         for k in np.flatnonzero(inside[:, place]).tolist():
@@ -130,9 +122,9 @@ def parts_of_living(
 
 def _living(boxes: DetectedBoxes) -> list[int]:
     """Return the indices of boxes that are surely of a person or an animal."""
-    classes = boxes.scores[:, IMMOVABLE + 1 :]
+    classes = boxes.classes
     living = classes[:, [*PERSON, *ANIMALS]].max(axis=1, initial=0.0)
-    is_sure = (living >= LIVING.sure) & (boxes.immovable >= LIVING.sure)
+    is_sure = (living >= WHOLE.score) & (boxes.immovable >= WHOLE.score)
     return [int(k) for k in np.flatnonzero(is_sure & (boxes.immovable > boxes.movable))]
 
 
@@ -144,10 +136,10 @@ def _is_part(one: Proposal, whole: Proposal) -> bool:
 
 def _animals(boxes: DetectedBoxes) -> list[int]:
     """Return the indices of the best boxes of animals, without parts of one another."""
-    classes = boxes.scores[:, IMMOVABLE + 1 :]
+    classes = boxes.classes
     animal = classes[:, list(ANIMALS)].max(axis=1, initial=0.0)
     person = classes[:, list(PERSON)].max(axis=1, initial=0.0)
-    is_animal = (animal > LIVING.animal) & (animal >= person)
+    is_animal = (animal > LIVING.box) & (animal >= person)
     is_animal &= boxes.immovable > boxes.movable
     best: list[int] = []
     order = np.argsort(-animal, kind="stable")

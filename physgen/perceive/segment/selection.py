@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.segment.detector import DetectedBoxes, box_overlap, box_shares
+from physgen.perceive.segment.evidence import SURROUNDINGS
 from physgen.perceive.segment.proposals import Proposal, overlap
 
 SHARED = 0.12
@@ -25,7 +26,7 @@ Values = NDArray[np.float64]
 class WholeConstants:
     """Constants of wholes, chosen on 200 photos that the judge learns from."""
 
-    score: float = 0.5  # of a movable whole: a box from which parts may be united
+    score: float = 0.5  # of a whole: a box from which candidates may be its parts
     match: float = 0.7
     """IoU of the box of a whole with that one, and share of a part that it covers."""
     within: float = 0.8  # share of a part's box in it
@@ -36,7 +37,6 @@ class WholeConstants:
     worse: float = 0.1  # fit that the whole may lack beside the best part
     better: float = 0.05
     """IoU with the box by which a strap or a handle brings its whole nearer to it."""
-    reach: int = 2  # px of the grid between a whole and such a part
 
 
 WHOLE = WholeConstants()
@@ -122,8 +122,8 @@ def _append(
 
 
 def _touch(one: Proposal, other: Proposal) -> bool:
-    """Return whether two candidates are at most WHOLE.reach px apart."""
-    reach = WHOLE.reach
+    """Return whether two candidates are at most SURROUNDINGS px apart."""
+    reach = SURROUNDINGS
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     mask = cv2.dilate(np.pad(one.mask, reach).astype(np.uint8), kernel) > 0
     area = int(np.count_nonzero(mask))
