@@ -9,10 +9,13 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cache
 from itertools import islice, pairwise
 from pathlib import Path
 from time import process_time
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -29,8 +32,20 @@ from physgen.evaluate.segmentation import (
     counts,
     match,
 )
+from physgen.perceive.backends import segment_learned
+from physgen.perceive.backends.segment_learned import Rules, choose_objects
 from physgen.perceive.perceive import fit_objects
-from physgen.perceive.roles import Detections, Rgb, Segments
+from physgen.perceive.roles import Detections, PromptedMask, Rgb, Segments
+from physgen.perceive.segment import edges
+from physgen.perceive.segment.candidates import Candidates, find_candidates
+from physgen.perceive.segment.detector import DetectedBoxes
+from physgen.perceive.segment.evidence import BOX_FEATURES, FEATURES
+from physgen.perceive.segment.judge import (
+    JudgedCandidates,
+    judge_photo,
+    shipped_judge,
+)
+from physgen.perceive.segment.network import mask_in_box, run_network
 
 sys.path.append(str(ROOT / "studio/segmentation"))
 
@@ -46,6 +61,13 @@ REAL_SETS = ("coco", "photos", "peers", *HELD_OUT_SETS)
 CONFIDENCES = (0.4, 0.55, 0.7, 0.85, 1.0)
 """Borders of the bins of the reliability table."""
 RESULT = "objects.json"
+WITHOUT_RULES = {
+    "the rule of wholes": Rules(wholes=False),
+    "the rule of gaps": Rules(gaps=False),
+    "the rule of people's parts": Rules(living=False),
+    "the rule of focus": Rules(focus=False),
+}
+"""Rules of the choice with one of them taken away, by its name in the table."""
 
 Labels = NDArray[np.uint16]
 
@@ -138,20 +160,14 @@ def objects(folder: Path) -> list[dict]:
 
     Rows of sets that are not there stay as they were.
     """
-    find = registry.make("segment", "learned")
     rows: list[dict] = []
+    without: list[dict] = []
     real: list[Judged] = []
     sets = photo_sets(folder)
     for name, some in sets.items():
-        photos: list[Photo] = []
-        before = process_time()
-        for pair in some:
-            truth = pair.read()
-            photos.append(
-                as_photo(pair.name, truth, scene_objects(truth.rgb, find(truth.rgb)))
-            )
-        cpu = (process_time() - before) / len(some)
+        photos, ablated, cpu = _measure(some)
         judged = match(photos).photos
+        without += _rows_without(name, ablated)
         rows += [
             {"set": name, "photo": photo.name, **counts([one])}
             for photo, one in zip(photos, judged, strict=True)
@@ -162,8 +178,85 @@ def objects(folder: Path) -> list[dict]:
         if name in REAL_SETS:
             real += judged
     if absent := [name for name in REAL_SETS if name not in sets]:
-        return rounded(rows + _former_rows({*absent, "reliability"}))
-    return rounded(rows + _reliability(real))
+        return rounded(rows + _former_rows({*absent, "reliability"}) + without)
+    return rounded(rows + _reliability(real) + without)
+
+
+def _measure(pairs: list[Pair]) -> tuple[list[Photo], dict[str, list[Photo]], float]:
+    """Return photos with their objects, the same without parts, and CPU s a photo."""
+    find = registry.make("segment", "learned")
+    photos: list[Photo] = []
+    ablated: dict[str, list[Photo]] = {}
+    cpu = 0.0
+    for pair in pairs:
+        truth = pair.read()
+        before = process_time()
+        segments = find(truth.rgb)
+        cpu += (process_time() - before) / len(pairs)
+        shown = scene_objects(truth.rgb, segments)
+        photos.append(as_photo(pair.name, truth, shown))
+        for part, other in segments_without(truth.rgb):
+            shown = scene_objects(truth.rgb, other)
+            ablated.setdefault(part, []).append(as_photo(pair.name, truth, shown))
+    return photos, ablated, cpu
+
+
+def _rows_without(set_name: str, ablated: dict[str, list[Photo]]) -> list[dict]:
+    """Return a row for each part taken away."""
+    rows = []
+    for part, photos in ablated.items():
+        total = counts(match(photos).photos)
+        rows.append({"set": set_name, "photo": "", "without": part, **total})
+    return rows
+
+
+def segments_without(rgb: Rgb) -> Iterator[tuple[str, Segments]]:
+    """Yield the objects of a photo with one part taken away, and the part's name.
+
+    What does not change comes from the last call of the segmenter. The judge is the
+    same: it has not learned without the part.
+    """
+
+    @cache
+    def cut_out(corners: tuple[float, ...]) -> PromptedMask:
+        return mask_in_box(rgb, corners)
+
+    def cut_out_again(_: Rgb, corners: Sequence[float]) -> PromptedMask:
+        return cut_out(tuple(corners))
+
+    judged = judge_photo(rgb)
+    with patch.object(segment_learned, "mask_in_box", cut_out_again):
+        for part, rules in WITHOUT_RULES.items():
+            yield part, choose_objects(rgb, judged, rules)
+        for part, other in _judged_without(rgb, judged):
+            yield part, choose_objects(rgb, other)
+
+
+def _judged_without(
+    rgb: Rgb, judged: JudgedCandidates
+) -> Iterator[tuple[str, JudgedCandidates]]:
+    """Yield the judged candidates of a photo with one of their sources taken away."""
+    seen, boxes = run_network(rgb), judged.boxes
+    features = judged.found.features.copy()
+    features[:, FEATURES.index(BOX_FEATURES[0]) :] = 0
+    yield (
+        "the judge's numbers of boxes",
+        _judge(replace(judged.found, features=features), boxes),
+    )
+    without_edges = find_candidates(rgb, seen, boxes)
+    yield "candidates of edges and circles", _judge(without_edges, boxes)
+    with patch.object(edges, "discs", return_value=[]):
+        without_circles = find_candidates(rgb, seen, boxes, edges.search_edges(rgb))
+    yield "circles", _judge(without_circles, boxes)
+    none = DetectedBoxes(boxes.corners[:0], boxes.scores[:0])
+    without_boxes = find_candidates(rgb, seen, none, edges.search_edges(rgb))
+    yield "the detector", _judge(without_boxes, none)
+
+
+def _judge(found: Candidates, boxes: DetectedBoxes) -> JudgedCandidates:
+    """Return candidates with the fit that the shipped judge expects."""
+    fit = shipped_judge().expected_fit(found.proposals, found.features)
+    return JudgedCandidates(found, fit, boxes)
 
 
 def _former_rows(sets: set[str]) -> list[dict]:

@@ -505,7 +505,10 @@ def summary(perceived: PerceivedScene) -> list[str]:
     suits = f"{perceived.suitability}{check if unsure and str(perceived.suitability) == 'good' else ''}"
     first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
     if not objects:
-        return [first, f"  objects   none; {ADD_OBJECT}"]
+        lines = [first, f"  objects   none; {ADD_OBJECT}"]
+        if doubts := _doubtful_row(perceived, unsure):
+            lines.append(f"  doubtful  {doubts}")
+        return lines
     table = {
         "objects": label_counts(
             {k: item["label"] for k, item in enumerate(objects.values())}
@@ -528,33 +531,43 @@ def summary(perceived: PerceivedScene) -> list[str]:
         f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items()
     )
     table["motion"] = table["motion"] or "nothing is pushed"
-    # a user's have no confidence
+    if doubts := _doubtful_row(perceived, unsure):
+        table["doubtful"] = doubts
+    return [
+        first,
+        *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items()),
+    ]
+
+
+def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
+    """Return what the summary says of `unsure` objects and of doubtful regions."""
+    document, comments = perceived.document, perceived.comments
+    doubts: list[str] = []
+    if unsure:
+        fix = "what is no object goes under doubtful, as {mask: N}"
+        doubts.append(f"{', '.join(unsure)}: {fix}")
+    # a user's regions have no confidence
     regions = [
         name
         for name, one in document.get("doubtful", {}).items()
         if "confidence" in one
     ]
-    doubts = (
-        [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"]
-        if unsure
-        else []
-    )
     if regions:
-        what = (
-            f"{len(regions)} regions may be objects"
-            if len(regions) > 1
-            else "1 region may be an object"
-        )
-        more = " ..." if len(regions) > 1 else ""
-        doubts.append(f"{what}, too: move {regions[0]}{more} to objects to have one")
-    if doubts:
-        table["doubtful"] = "; ".join(
-            [*doubts, "--box and --point mark what is missing"]
-        )
-    return [
-        first,
-        *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items()),
-    ]
+        count = "1 region may be an object"
+        names = regions[0]
+        if len(regions) > 1:
+            count = f"{len(regions)} regions may be objects"
+            names += " ..."
+        doubts.append(f"{count}, too: move {names} to objects to have one")
+    reasons: dict[str, list[str]] = {}
+    for name in regions:
+        if reason := comments.get(f"doubtful.{name}"):
+            reasons.setdefault(reason, []).append(name)
+    for reason, names_of_reason in reasons.items():
+        doubts.append(f"{listed(names_of_reason, 'and')}: {reason}")
+    if not doubts:
+        return ""
+    return "; ".join([*doubts, "--box and --point mark what is missing"])
 
 
 def mask_confidence(item: Mapping[str, Any]) -> float:
@@ -564,10 +577,14 @@ def mask_confidence(item: Mapping[str, Any]) -> float:
 
 def with_doubtful(
     labels: Labels, doubtful: Sequence[Doubt]
-) -> tuple[Labels, dict[str, Any]]:
-    """The label map with ids for regions that may be objects, as far as no object is there, and `doubtful:`."""
+) -> tuple[Labels, dict[str, Any], dict[str, str]]:
+    """Return the label map with ids for regions that may be objects, `doubtful:`, and its comments.
+
+    A region ends where an object is.
+    """
     result = labels.copy()
     entries: dict[str, Any] = {}
+    comments: dict[str, str] = {}
     for doubt in doubtful:
         free = fill_polygon(
             tuple(doubt.polygon), (labels.shape[1], labels.shape[0])
@@ -579,11 +596,14 @@ def with_doubtful(
             and id_ < 65536
         ):
             result[free] = id_
-            entries[f"maybe-{len(entries) + 1}"] = {
+            name = f"maybe-{len(entries) + 1}"
+            entries[name] = {
                 "mask": id_,
                 "confidence": round(doubt.confidence, 2),
             }
-    return result, entries
+            if doubt.reason:
+                comments[f"doubtful.{name}"] = doubt.reason
+    return result, entries, comments
 
 
 # files

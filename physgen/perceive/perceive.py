@@ -180,7 +180,7 @@ def perceive(
             if refilled
             else None
         )
-        labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
+        labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
         kept = {
             i: n
             for i, n in names.before.items()
@@ -230,6 +230,7 @@ def perceive(
                 "in slow motion: what moves in so small a place is over at once"
             )
         comments |= document.scene_comments(found, objects, specks, boundaries)
+        comments |= reasons
         unknown = (
             document.unknown_label(t.label) for t in objects if t.id in names.renamed
         )
@@ -560,9 +561,10 @@ def _empty_scene(
     comments = {
         "objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"
     }
-    labels, scene["doubtful"] = document.with_doubtful(
+    labels, scene["doubtful"], reasons = document.with_doubtful(
         np.zeros(rgb.shape[:2], np.uint16), found.doubtful
     )
+    comments |= reasons
     none = np.zeros(labels.shape, np.float32)
     percepts = Percepts(
         rgb=rgb, labels=labels, coverage=none, background=rgb, clean=None

@@ -36,6 +36,8 @@ class Doubt:
 
     polygon: Sequence[tuple[float, float]]
     confidence: float
+    reason: str = ""
+    """Why it is no object, for the scene's comments; `""`: the region is unsure."""
 
 
 @dataclass(frozen=True)

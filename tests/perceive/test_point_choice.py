@@ -14,6 +14,7 @@ from physgen.cli.main import main
 from physgen.perceive.roles import PromptedMask
 from physgen.perceive.segment import prompts
 from physgen.perceive.segment.candidates import Candidates
+from physgen.perceive.segment.detector import DetectedBoxes
 from physgen.perceive.segment.judge import JudgedCandidates
 from physgen.perceive.segment.proposals import Proposal
 
@@ -28,7 +29,8 @@ def judged(rgb: NDArray[np.uint8]) -> JudgedCandidates:
     some = [Proposal(x, y, np.ones((h, w), bool), w * h) for x, y, w, h in FITS]
     count = len(some)
     found = Candidates((40, 60), some, np.zeros((count, 1)), np.zeros(count))
-    return JudgedCandidates(found, np.array(list(FITS.values())))
+    boxes = DetectedBoxes(np.zeros((0, 4)), np.zeros((0, 82)))
+    return JudgedCandidates(found, np.array(list(FITS.values())), boxes)
 
 
 def whole_box(rgb: NDArray[np.uint8], box: NDArray[np.float64]) -> PromptedMask:

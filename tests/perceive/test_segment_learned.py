@@ -11,10 +11,15 @@ import pytest
 from physgen import pipeline
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc
-from physgen.perceive.backends.segment_learned import continued_colours, segment
+from physgen.perceive.backends.segment_learned import (
+    continued_colours,
+    own_box,
+    segment,
+)
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Detections, Doubt
+from physgen.perceive.segment.evidence import FEATURES
 from physgen.perceive.segment.proposals import Proposal
 
 
@@ -163,3 +168,12 @@ def test_gap_shows_colours_around_it() -> None:
     assert shares[1] > 0.9
     assert max(shares[0], shares[2]) < 0.1
     assert continued_colours(rgb, [], (120, 160)).shape == (0,)
+
+
+def test_object_with_own_box_is_no_gap() -> None:
+    features = np.zeros((3, len(FEATURES)))
+    features[:, FEATURES.index("movable box")] = 0.2, 0.6, 0.8
+    sureness = own_box(features)
+    assert sureness[0] == 0
+    assert 0 < sureness[1] < 1
+    assert sureness[2] == 1

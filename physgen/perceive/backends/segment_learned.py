@@ -13,7 +13,12 @@ from physgen.perceive.roles import Doubt, Segment, Segments
 from physgen.perceive.segment.candidates import Candidates
 from physgen.perceive.segment.evidence import COLOUR_STEPS, FEATURES, colour_steps
 from physgen.perceive.segment.focus import blur_shares, rim_sharpness
-from physgen.perceive.segment.judge import confidence, judge_photo
+from physgen.perceive.segment.judge import (
+    JudgedCandidates,
+    confidence,
+    judge_photo,
+)
+from physgen.perceive.segment.living import find_likely_toys, parts_of_living
 from physgen.perceive.segment.network import mask_in_box
 from physgen.perceive.segment.proposals import (
     Mask,
@@ -22,7 +27,12 @@ from physgen.perceive.segment.proposals import (
     doubt_about,
     overlap,
 )
-from physgen.perceive.segment.selection import SHARED, choose_candidates
+from physgen.perceive.segment.selection import (
+    SHARED,
+    Selection,
+    choose_candidates,
+    unite_parts,
+)
 
 Array = NDArray[np.float64]
 
@@ -41,6 +51,8 @@ class LearnedConstants:
     """Factor by which a colour may be rarer there and still count as continued."""
     explained: tuple[float, float] = (0.5, 0.8)
     """Share of such colours from which that counts in part, and in full."""
+    own_box: tuple[float, float] = (0.55, 0.7)
+    """Score of its own box from which a candidate is no gap in part, and for sure."""
     doubtful: float = 0.1  # confidence from which a candidate is a doubtful object
     doubts: int = 8  # doubtful objects at most
     same: float = 0.5  # IoU below which what is cut out again is another object
@@ -56,22 +68,70 @@ def learned() -> Segment:
     return segment
 
 
+@dataclass(frozen=True)
+class Rules:
+    """The rules that choose among candidates; measurements take one away."""
+
+    gaps: bool = True  # drop gaps between others
+    wholes: bool = True  # put wholes in place of their parts
+    living: bool = True  # drop parts of people and animals
+    focus: bool = True  # drop the blurred background
+
+
+ALL_RULES = Rules()
+
+
 def segment(rgb: NDArray[np.uint8]) -> Segments:
     """Return the movable objects of a photo (H, W, 3) uint8 sRGB, and doubtful ones."""
     judged = judge_photo(rgb)
+    objects = choose_objects(rgb, judged)
+    toys = find_likely_toys(rgb, judged.boxes, objects.labels)
+    return replace(objects, doubtful=[*toys, *objects.doubtful])
+
+
+def choose_objects(
+    rgb: NDArray[np.uint8], judged: JudgedCandidates, rules: Rules = ALL_RULES
+) -> Segments:
+    """Return the objects among the candidates of a photo, and doubtful ones."""
     found = judged.found
     fit = with_agreement(judged.fit, found.edges, found.features)
     best = choose_candidates(found.proposals, found.shape, fit, LEARNED.threshold)
-    # edges bound a gap as they bound an object: there their agreement says nothing
-    gap = continued_colours(rgb, [found.proposals[k] for k in best], found.shape)
-    fit[best] -= gap * (LEARNED.gap_penalty + fit[best] - judged.fit[best])
-    best = best[fit[best] > LEARNED.threshold]
+    if rules.gaps:
+        fit[best] -= _gap_penalties(rgb, judged, best, fit[best])
+        best = best[fit[best] > LEARNED.threshold]
+    selection = Selection(best)
+    if rules.wholes:
+        boxes = judged.boxes.scaled(*_scale_to(found.shape, rgb))
+        selection = unite_parts(found.proposals, best, (judged.fit, fit), boxes)
+        best = selection.chosen
     chosen = [found.proposals[k] for k in best.tolist()]
-    areas = np.array([one.area for one in chosen], np.float64)
-    fit[best] *= 1 - blur_shares(rim_sharpness(rgb, chosen, found.shape), areas)
+    if rules.living:
+        is_part = parts_of_living(rgb, judged.boxes, chosen, found.shape)
+        fit[best] -= LEARNED.threshold * is_part
+    if rules.focus:
+        areas = np.array([one.area for one in chosen], np.float64)
+        fit[best] *= 1 - blur_shares(rim_sharpness(rgb, chosen, found.shape), areas)
     sure = best[fit[best] > LEARNED.threshold]
-    objects = as_segments(rgb, found, sure, fit[sure])
-    return replace(objects, doubtful=find_doubts(found, fit, sure, rgb.shape[:2]))
+    selection = replace(selection, chosen=sure)
+    objects = as_segments(rgb, found, selection, fit[sure])
+    taken = [*sure.tolist(), *selection.parts_of(sure)]
+    return replace(objects, doubtful=find_doubts(found, fit, taken, rgb.shape[:2]))
+
+
+def _gap_penalties(
+    rgb: NDArray[np.uint8],
+    judged: JudgedCandidates,
+    best: NDArray[np.intp],
+    fit: Array,
+) -> Array:
+    """Return what chosen candidates of some fit lose as gaps between others, (n,).
+
+    Edges bound a gap as they bound an object: there their agreement says nothing.
+    """
+    found = judged.found
+    gap = continued_colours(rgb, [found.proposals[k] for k in best], found.shape)
+    gap *= 1 - own_box(found.features[best])
+    return np.asarray(gap * (LEARNED.gap_penalty + fit - judged.fit[best]))
 
 
 def continued_colours(
@@ -102,6 +162,20 @@ def continued_colours(
     return np.asarray(np.interp(shares, LEARNED.explained, (0, 1)))
 
 
+def own_box(features: Array) -> Array:
+    """Return (n,) 0..1: how surely candidates have a box of a movable whole of their own.
+
+    `features` (n, k) are as of FEATURES. No box is on a gap.
+    """
+    score = features[:, FEATURES.index("movable box")]
+    return np.asarray(np.interp(score, LEARNED.own_box, (0, 1)))
+
+
+def _scale_to(shape: tuple[int, int], rgb: NDArray[np.uint8]) -> tuple[float, float]:
+    """Return the size of a grid `shape` (h, w), across and down, as parts of a photo's."""
+    return shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]
+
+
 def with_agreement(fit: Array, edges: Array, features: Array) -> Array:
     """Return expected fits (n,) with a bonus for what edges select on an object.
 
@@ -116,16 +190,16 @@ def with_agreement(fit: Array, edges: Array, features: Array) -> Array:
 def find_doubts(
     found: Candidates,
     fit: Array,
-    sure: NDArray[np.intp],
+    taken_places: Sequence[int],
     size: tuple[int, ...],
 ) -> list[Doubt]:
-    """Return the best other candidates, mostly outside the chosen ones.
+    """Return the best other candidates, mostly outside those that are taken.
 
     `size` is that of the photo (H, W).
     """
     scale = size[1] / found.shape[1], size[0] / found.shape[0]
     right = confidence(fit)
-    taken = [found.proposals[k] for k in sure.tolist()]
+    taken = [found.proposals[k] for k in taken_places]
     doubtful: list[Doubt] = []
     for k in np.argsort(-fit, kind="stable").tolist():
         if right[k] < LEARNED.doubtful or len(doubtful) == LEARNED.doubts:
@@ -143,28 +217,34 @@ def find_doubts(
 def as_segments(
     rgb: NDArray[np.uint8],
     found: Candidates,
-    chosen: NDArray[np.intp],
+    selection: Selection,
     fit: Array,
 ) -> Segments:
     """Return the chosen candidates as labels of the photo; `fit` is theirs.
 
-    Each is cut out again in its box; what is round stays so, and what is not found
-    again stays as it is. Of two with a common pixel the better one gets it. Ids run
-    left to right.
+    Each is cut out again in its box, as is each part of it; what is round stays so, and
+    what is not found again stays as it is. Of two with a common pixel the better one
+    gets it. Ids run left to right.
     """
     rising = np.argsort(fit, kind="stable")
     size = rgb.shape[0], rgb.shape[1]
     labels = np.zeros(size, np.uint16)
-    height, width = found.shape
-    scale = np.tile([size[1] / width, size[0] / height], 2)
-    for label, k in enumerate(chosen[rising].tolist(), 1):
-        again = mask_in_box(rgb, found.proposals[k].box * scale).mask
-        labels[_better_mask(found.on_photo(k, size), again)] = label
+    for label, k in enumerate(selection.chosen[rising].tolist(), 1):
+        for one in (k, *selection.parts.get(k, ())):
+            labels[_cut_out_again(rgb, found, one)] = label
     for label in range(1, len(rising) + 1):
         piece = cut_out(labels == label, 0, 0, 1)
         if piece is not None:  # without what a later one cut off
             labels[(labels == label) & ~piece.on(size)] = 0
     return left_to_right(Segments(labels, confidence(fit[rising])))
+
+
+def _cut_out_again(rgb: NDArray[np.uint8], found: Candidates, k: int) -> Mask:
+    """Return the mask (H, W) of a candidate on the photo."""
+    across, down = _scale_to(found.shape, rgb)
+    corners = found.proposals[k].box / np.array([across, down, across, down])
+    own = found.on_photo(k, (rgb.shape[0], rgb.shape[1]))
+    return _better_mask(own, mask_in_box(rgb, corners.tolist()).mask)
 
 
 def _better_mask(own: Mask, again: Mask) -> Mask:

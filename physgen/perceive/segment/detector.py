@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from threading import Lock
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 WEIGHTS = "detector.onnx"
 SIDE = 416  # px of the square input
@@ -52,6 +53,24 @@ class DetectedBoxes:
     def immovable(self) -> Array:
         """(n,) 0..1: the score of a whole that is not moved."""
         return self.scores[:, 1]
+
+    @property
+    def classes(self) -> Array:
+        """(n, 80) 0..1: the scores of COCO's classes."""
+        return self.scores[:, 2:]
+
+    def as_movable(self, selected: Flags, classes: Sequence[int]) -> DetectedBoxes:
+        """Return the boxes, selected ones (n,) as movable and of none of some classes."""
+        scores = self.scores.copy()
+        scores[selected, 0] = scores[selected, :2].max(axis=1)
+        scores[selected, 1] = 0
+        for index in classes:
+            scores[selected, 2 + index] = 0
+        return replace(self, scores=scores)
+
+    def scaled(self, across: float, down: float) -> DetectedBoxes:
+        """Return the boxes on a photo of another size."""
+        return replace(self, corners=self.corners * (across, down, across, down))
 
     def __len__(self) -> int:
         """Return the number of boxes."""
@@ -142,3 +161,12 @@ def box_overlap(first: Array, second: Array) -> Array:
     ]
     union = areas[0][:, None] + areas[1][None] - shared
     return np.asarray(shared / np.maximum(union, 1e-9))
+
+
+def box_shares(first: Array, second: Array) -> Array:
+    """Return the share (n, m) of each of some boxes (n, 4) in each of others (m, 4)."""
+    low = np.maximum(first[:, None, :2], second[None, :, :2])
+    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
+    shared = np.clip(high - low, 0, None).prod(axis=2)
+    areas = (first[:, 2:] - first[:, :2]).prod(axis=1)
+    return np.asarray(shared / np.maximum(areas[:, None], 1e-9))

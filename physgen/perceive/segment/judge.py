@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.segment.candidates import Candidates, find_candidates
-from physgen.perceive.segment.detector import detect_boxes
+from physgen.perceive.segment.detector import DetectedBoxes, detect_boxes
 from physgen.perceive.segment.edges import search_edges
 from physgen.perceive.segment.evidence import context_features
+from physgen.perceive.segment.living import release_models
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.proposals import Proposal
 
@@ -54,6 +55,7 @@ class JudgedCandidates:
 
     found: Candidates
     fit: Array  # (n,) 0..1: expected IoU with the best movable object
+    boxes: DetectedBoxes  # on the photo
 
 
 def judge_photo(rgb: NDArray[np.uint8]) -> JudgedCandidates:
@@ -67,10 +69,11 @@ def judge_photo(rgb: NDArray[np.uint8]) -> JudgedCandidates:
 @lru_cache(maxsize=1)
 def _judge_photo(codes: bytes, height: int, width: int) -> JudgedCandidates:
     rgb = np.frombuffer(codes, np.uint8).reshape(height, width, 3)
-    seen, boxes = run_network(rgb), detect_boxes(rgb)
+    seen = run_network(rgb)
+    boxes = release_models(rgb, detect_boxes(rgb))
     found = find_candidates(rgb, seen, boxes, search_edges(rgb))
     fit = shipped_judge().expected_fit(found.proposals, found.features)
-    return JudgedCandidates(found, fit)
+    return JudgedCandidates(found, fit, boxes)
 
 
 def sum_trees(features: Array, trees: Numbers) -> Array:
