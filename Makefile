@@ -56,6 +56,8 @@ train: .venv/.studio
 	$(BIN)/python $(SEG)/export.py out/segmentation/cutout.pt
 	$(BIN)/python $(SEG)/cutout.py out/segmentation/homes-store=0.35 out/segmentation/drawn=0.15 --more --steps 1500 -o out/segmentation/more
 	$(BIN)/python $(SEG)/export.py out/segmentation/more/cutout.pt
+	$(BIN)/python $(SEG)/cutout.py out/segmentation/drawn=0.1 --more --steps 1900 --jobs 1 -o out/segmentation/real
+	$(BIN)/python $(SEG)/export.py out/segmentation/real/cutout.pt
 	$(BIN)/python $(SEG)/names.py -o out/segmentation/names
 	$(BIN)/python $(SEG)/train_detector.py -o out/segmentation/detector
 	$(BIN)/python $(SEG)/mix_weights.py out/segmentation/detector/detector.pt

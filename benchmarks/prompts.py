@@ -1,14 +1,22 @@
-"""Boxes and points drawn for every true object -> how well `perceive --box` and `--point` cut the objects out."""
+"""Boxes and points drawn for every true object -> how well `perceive --box` and `--point` cut the objects out.
+
+With PHYSGEN_MATERIAL, a part of coco-minis is measured too: photos whose licence forbids
+changes or commercial use, so that the head that cuts out learned from none of them.
+"""
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
-from segments import UNJUDGED
+from segments import LEAST as LEAST_SHARE
+from segments import ROOT, UNJUDGED
 from segments import photos as sets
 
 from physgen.maps import read_labels
@@ -24,13 +32,49 @@ LEAST = 64
 """px: smaller objects are not asked for."""
 
 
+EVERY = 4
+"""One in so many photos of coco-minis is measured, in the order of their names."""
+MOST = 4
+"""Objects of such a photo, at most."""
+
+
 def photos(folder: Path) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
     """Name, set, rgb (H, W, 3), labels (H, W) of all photos but the rendered homes; of COCO's, objects that count."""
+    if "PHYSGEN_MATERIAL" in os.environ:
+        yield from islice(_closed_photos(), 0, None, EVERY)
     for name, some in sets(folder).items():
         for pair in some if name != "homes" else ():
             labels = read_labels(pair.truth)
             labels[labels == UNJUDGED] = 0
             yield pair.name, name, read_image(pair.photo), labels
+
+
+def _closed_photos() -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Yield the photos of coco-minis that no licence allows to learn from."""
+    sys.path.append(str(ROOT / "studio/segmentation"))
+    from labelled_photos import (  # type: ignore[import-not-found]
+        OPEN_LICENCES,
+        _is_movable,
+        photo_licences,
+        photos_of,
+    )
+
+    licences = photo_licences()
+    for one in photos_of("coco-minis", training=True):
+        if licences[one.name] in OPEN_LICENCES:
+            continue
+        stored = one.read_labels()
+        ids = [i for i, word in one.names.items() if _is_movable("coco-minis", word)]
+        labels = np.zeros(stored.shape, np.uint16)
+        for i in ids[:MOST]:
+            if np.count_nonzero(stored == i) >= LEAST_SHARE * stored.size:
+                labels[stored == i] = i
+        yield (
+            one.name,
+            "coco-minis",
+            np.ascontiguousarray(one.read()[..., ::-1]),
+            labels,
+        )
 
 
 def asked(

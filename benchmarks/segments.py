@@ -83,12 +83,19 @@ def photos(folder: Path) -> dict[str, list[Pair]]:
 
 
 def _coco(folder: Path) -> Iterator[Pair]:
-    """COCO's validation photos that hold objects that count."""
+    """COCO's validation photos that hold objects that count.
+
+    No network learned from them: neither the one that finds objects, whose validation
+    photos are other ones, nor the detector and the head that cuts out.
+    """
     sys.path.append(str(ROOT / "studio/segmentation"))
     from coco import photos as labelled  # type: ignore[import-not-found]
+    from photo_split import is_coco_training  # type: ignore[import-not-found]
     from store import IMMOVABLE, UNSAID  # type: ignore[import-not-found]
 
     for name, rgb, coded in labelled(validation=True):
+        if is_coco_training(name):
+            continue
         area = np.bincount(coded.ravel(), minlength=256)
         labels = np.where(coded < IMMOVABLE, coded, 0).astype(np.uint16)
         labels[

@@ -340,8 +340,12 @@ def _share(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
 
 
-BOX_BAR, POINT_BAR = 0.92, 0.87
-"""Mean IoU that is asked of prompts on photos from elsewhere."""
+PROMPT_BARS = {
+    "household": (0.93, 0.87),
+    "coco": (0.74, 0.65),
+    "coco-minis": (0.74, 0.65),
+}
+"""Mean IoU by loose box and by point that is asked of prompts on photos from elsewhere."""
 
 
 def _prompts(rows: list[dict]) -> list[str]:
@@ -358,16 +362,22 @@ def _prompts(rows: list[dict]) -> list[str]:
         body.append(
             [half, count, *(f"{mean(k):.2f} / {mean(f'{k}_good'):.0%}" for k in kinds)]
         )
-        if half in ("household", "coco"):
-            asked += [mean("box") >= BOX_BAR, mean("point") >= POINT_BAR]
+        if half in PROMPT_BARS:
+            by_box, by_point = PROMPT_BARS[half]
+            asked += [mean("box") >= by_box, mean("point") >= by_point]
     missed = f"{asked.count(False)} of {len(asked)} are missed"
+    bars = "; ".join(
+        f"{half} {by_box} by loose box, {by_point} by point"
+        for half, (by_box, by_point) in PROMPT_BARS.items()
+    )
     return [
         *prose(
             "`perceive --box` and `--point`: mean IoU with the true mask / the share that reaches 0.85. Loose: boxes",
             "10 % larger on every side; off: every side of the tight box moved by up to 10 % at random; point: the",
-            "pixel farthest from the outline. The photos are those of finding objects; the head that cuts out learned",
-            "from none of them, and its constants were chosen on the homes made for validation.",
-            f"Bars for household and coco: {BOX_BAR} by loose box, {POINT_BAR} by point; {missed}.",
+            "pixel farthest from the outline. The photos are those of finding objects, and photos of coco-minis whose",
+            "licence forbids learning from them; the head that cuts out learned from none of them, and its constants",
+            "were chosen on the homes made for validation.",
+            f"Bars: {bars}; {missed}.",
         ),
         "",
         *table(["photos", "objects", "box, loose", "box, off", "point"], body),

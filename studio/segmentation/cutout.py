@@ -1,13 +1,15 @@
 """The head that cuts out the object in a box: `python studio/segmentation/cutout.py STORE=SHARE ... -o out/segmentation`.
 
-It reads the maps of the shipped network, which stays as it is, of a crop around the box; photos of COCO teach it at
-their own size, beside stores of other pictures, whose shares leave theirs. With --more the shipped head learns on, and
-half of what that changes is kept.
+The head reads maps of the shipped network, which stays as it is, of a crop around the
+box. It learns from the labelled photos of PHYSGEN_MATERIAL (`cutout_photos.py`) at their
+own size, and from stores of other pictures, each with its share of the crops. With
+--more the shipped head learns on, and the mean of its weights before and after is
+written. With --all-licences it learns from every photo of coco-minis, for comparison.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +17,13 @@ import cv2
 import numpy as np
 import torch
 from batches import developed
-from coco import photos
+from cutout_photos import (
+    IMMOVABLE_SHARE,
+    OUTLINE_SLACK,
+    SET_SHARES,
+    photo_objects,
+)
+from labelled_photos import OPEN_LICENCES, box_of
 from network import MEAN, SPREAD, Cutout, Network, load_exported
 from numpy.typing import NDArray
 from store import UNSAID, Store
@@ -24,12 +32,18 @@ from train import Run, Shares, ahead, arguments, learn, spawn
 
 from physgen.perceive.segment.network import MARGIN, SIDE, crop
 
-BATCH = 24
+BATCH = 16
+"""Crops of a step."""
+FRESH = 5
+"""Crops of a step that are new. The others are random earlier ones, whose maps are
+stored: on a processor the shipped network takes longer than the head learns."""
+STORED = 1500
+"""Earlier crops that are stored, 1 MB each."""
 LEAST = 300
 """px of a picture: objects that teach."""
 SLACK = 0.12
 """Of a box's sides: how far each is moved, by chance."""
-POINTS = 0.5
+POINTS = 0.4
 """Of the crops: around a point."""
 SHARE = 0.25, 0.95
 """Of such a crop's side: the object's longer one, at least and at most."""
@@ -37,8 +51,20 @@ DEPTH = 0.4
 """Of an object's largest depth: where points lie."""
 NOTHING, EMPTY, TRIES, CLEAR = 0.08, (0.06, 0.6), 8, 0.02
 """Share of the crops that show nothing, of their sides in the picture's shorter one, tries, and share that others may take."""
-MORE = 0.3
-"""Of the usual rate, where the shipped head learns on."""
+MORE = 0.4
+"""Share of the usual rate with which the shipped head learns on."""
+COARSE, COARSE_SIDES = 0.3, (40, 150)
+"""Share of the crops that are shown as if enlarged, and their own side, px: boxes of
+small objects are enlarged as much."""
+OUTLINE_WEIGHT = 2.0
+"""Added to the weight of pixels within a pixel of the outline: they decide the shape."""
+THIN_WEIGHT = 4.0
+"""Added to the weight of thin parts, and of thin gaps beside an object: stems, handles
+and legs are few pixels, and what a mask leaves out stays behind when the object moves."""
+THIN = 7
+"""px of the output: parts are thin if a disc of this width does not fit in them."""
+COMPLETE_SETS = frozenset({"coco", "trashnet-grabcut", "fruits-nuts", "class5"})
+"""Sets without unlabelled objects, whose background may be shown as nothing."""
 SHIPPED = (
     Path(__file__).resolve().parents[2] / "physgen/perceive/segment/segmentation.onnx"
 )
@@ -64,15 +90,43 @@ class Example:
     labels: NDArray[np.uint8]
     id: int
     box: tuple[int, int, int, int]  # left, top, right, bottom px
+    is_complete: bool = True  # whether what is not labelled is no object
 
 
-def examples(rgb: NDArray[np.uint8], labels: NDArray[np.uint8]) -> Iterator[Example]:
-    """The objects of a picture that are large enough."""
-    for i in np.unique(labels).tolist():
+def examples(
+    rgb: NDArray[np.uint8],
+    labels: NDArray[np.uint8],
+    ids: Sequence[int] | None = None,
+    is_complete: bool = True,
+    slack: int = 0,
+) -> Iterator[Example]:
+    """Yield the objects of a picture that are large enough, or those of some ids.
+
+    The objects may reach beyond their labels by `slack` px.
+    """
+    for i in np.unique(labels).tolist() if ids is None else ids:
         mask = labels == i
         if 0 < i < UNSAID and mask.sum() >= LEAST:
-            x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
-            yield Example(rgb, labels, i, (x, y, x + w, y + h))
+            yield Example(rgb, labels, i, box_of(mask, slack), is_complete)
+
+
+def photo_examples(
+    licences: frozenset[int] | None,
+) -> Iterator[tuple[list[Example], float]]:
+    """Yield the objects of the labelled photos in groups, each with its share."""
+    for name, share in SET_SHARES.items():
+        movable: list[Example] = []
+        fixed: list[Example] = []
+        is_complete, slack = name in COMPLETE_SETS, OUTLINE_SLACK.get(name, 0)
+        for rgb, labels, ids, other_ids in photo_objects(name, licences):
+            movable += examples(rgb, labels, ids, is_complete, slack)
+            fixed += examples(rgb, labels, other_ids, is_complete, slack)
+        fixed_share = share * IMMOVABLE_SHARE / (1 + IMMOVABLE_SHARE)
+        if not fixed:
+            fixed_share = 0.0
+        yield movable, share - fixed_share
+        if fixed:
+            yield fixed, fixed_share
 
 
 def lesson(one: Example, rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
@@ -80,7 +134,9 @@ def lesson(one: Example, rng: np.random.Generator) -> tuple[NDArray[np.float32],
     sides = np.array(one.box, np.float64)
     length = np.array([sides[2] - sides[0], sides[3] - sides[1]] * 2)
     at_point = rng.random() < POINTS
-    nothing = rng.random() < NOTHING and _empty(one.labels, at_point, rng)
+    nothing = None
+    if one.is_complete and rng.random() < NOTHING:
+        nothing = _empty(one.labels, at_point, rng)
     moved = sides + rng.uniform(-SLACK, SLACK, 4) * length
     if at_point:
         x, y = _click(one, rng)
@@ -90,7 +146,10 @@ def lesson(one: Example, rng: np.random.Generator) -> tuple[NDArray[np.float32],
         moved = sides + SLACK * rng.uniform(0, 1.3) * length * [-1, -1, 1, 1]
     if nothing:
         moved = np.array(nothing)
-    rgb = crop(one.rgb, moved, SIDE).astype(np.float32)
+    rgb = crop(one.rgb, moved, SIDE)
+    if rng.random() < COARSE:
+        rgb = _coarse(rgb, rng)
+    rgb = rgb.astype(np.float32)
     half = SIDE // 2
     on = (
         np.zeros(one.labels.shape, np.uint8)
@@ -114,6 +173,14 @@ def lesson(one: Example, rng: np.random.Generator) -> tuple[NDArray[np.float32],
         )
     x = (developed(rgb, rng).transpose(2, 0, 1) - np.float32(MEAN)) / np.float32(SPREAD)
     return x.astype(np.float32), mask, weight.astype(np.float32), np.float32(at_point)
+
+
+def _coarse(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return a crop with the detail of a smaller one."""
+    side = int(rng.integers(*COARSE_SIDES))
+    small = cv2.resize(rgb, (side, side), interpolation=cv2.INTER_AREA)
+    size = rgb.shape[1::-1]
+    return np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_LINEAR))
 
 
 def _empty(
@@ -162,13 +229,53 @@ def lessons(
         yield Lesson(*(np.stack(part) for part in zip(*picked, strict=True)))
 
 
+def shape_weights(truth: torch.Tensor) -> torch.Tensor:
+    """Return (N, h, w) weights of pixels: outlines and thin parts count more."""
+    on = (truth >= 0.5).float()[:, None]
+
+    def grow(mask: torch.Tensor, width: int) -> torch.Tensor:
+        return F.max_pool2d(mask, width, 1, width // 2)
+
+    def shrink(mask: torch.Tensor, width: int) -> torch.Tensor:
+        return -grow(-mask, width)
+
+    outline = grow(on, 3) - shrink(on, 3)
+    opened = grow(shrink(on, THIN), THIN)
+    closed = shrink(grow(on, THIN), THIN)
+    # one pixel more than the opened shape: corners are not thin parts
+    thin = on * (1 - grow(opened, 3)) + (1 - on) * shrink(closed, 3)
+    return (1 + OUTLINE_WEIGHT * outline + THIN_WEIGHT * thin)[:, 0]
+
+
 def loss(out: torch.Tensor, batch: dict[str, torch.Tensor]) -> torch.Tensor:
-    """Cross entropy and the lacking overlap (Dice), where somebody judges."""
+    """Return cross entropy plus lacking overlap (Dice), without unjudged pixels."""
     truth, weight = batch["truth"], batch["weight"]
-    crossed = F.binary_cross_entropy_with_logits(out, truth, reduction="none") * weight
-    sure = torch.sigmoid(out) * weight
-    both, either = (sure * truth).sum((1, 2)), (sure + truth * weight).sum((1, 2))
-    return crossed.sum() / weight.sum() + (1 - (2 * both + 20) / (either + 20)).mean()
+    entropy = F.binary_cross_entropy_with_logits(out, truth, reduction="none")
+    shares = weight * shape_weights(truth)
+    crossed = (entropy * shares).sum() / shares.sum()
+    chance = torch.sigmoid(out) * weight
+    both = (chance * truth).sum((1, 2))
+    either = (chance + truth * weight).sum((1, 2))
+    lacking = 1 - (2 * both + 20) / (either + 20)
+    return crossed + lacking.mean()
+
+
+class Replay:
+    """Maps and truths of the last crops, from which steps are filled up."""
+
+    def __init__(self, seed: int) -> None:
+        self.crops: list[tuple[torch.Tensor, ...]] = []
+        self.rng = np.random.default_rng(seed)
+
+    def filled(self, parts: Sequence[torch.Tensor], count: int) -> list[torch.Tensor]:
+        """Return the parts of fresh crops (N, ...) with `count` random earlier crops."""
+        # 16 bits are as good here: half of the memory
+        fresh = [part.half() for part in parts]
+        new = list(zip(*fresh, strict=True))
+        picks = self.rng.integers(len(self.crops), size=count) if self.crops else []
+        used = new + [self.crops[int(k)] for k in picks]
+        self.crops = (self.crops + new)[-STORED:]
+        return [torch.stack(part).float() for part in zip(*used, strict=True)]
 
 
 def train(
@@ -180,6 +287,7 @@ def train(
     out: Path,
     device: str,
     more: bool,
+    all_licences: bool,
 ) -> None:
     """Learn so many steps; `out` gets what `learn` writes, as cutout.pt."""
     run = Run(rank, jobs, steps, out, device, seed)
@@ -194,36 +302,42 @@ def train(
             head, SHIPPED.with_name("cutout.onnx"), levels, torch.zeros(1, 1, 1, 1)
         )
     before = {name: part.clone() for name, part in head.state_dict().items()}
-    network, head = network.to(where, memory_format=torch.channels_last), head.to(where)
-    sets = [
-        [
-            one
-            for _, rgb, labels in photos(validation=False)
-            for one in examples(rgb, labels)
-        ]
-    ]
+    network, head = (
+        one.to(where, memory_format=torch.channels_last) for one in (network, head)
+    )
+    groups = list(photo_examples(None if all_licences else OPEN_LICENCES))
+    photo_share = 1 - sum(share for _, share in stores)
+    sets = [group for group, _ in groups]
+    shares = [share * photo_share for _, share in groups]
     for store in (Store.at(folder) for folder, _ in stores):
         pictures = (
             (np.array(store.rgb[k]), np.array(store.labels[k]))
             for k in np.flatnonzero(store.done)
         )
         sets.append([one for rgb, labels in pictures for one in examples(rgb, labels)])
-    shares = [1 - sum(share for _, share in stores), *(share for _, share in stores)]
+    shares += [share for _, share in stores]
+
+    replay = Replay(seed + rank)
 
     def losses(batch: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         with torch.no_grad():
             levels = network.levels(
                 batch["x"].contiguous(memory_format=torch.channels_last)
             )
-        at_point = batch["at_point"][:, None, None, None]
-        return {"cut": loss(head(levels, at_point), batch)}
+            fresh = [*levels, batch["at_point"], batch["truth"], batch["weight"]]
+            *levels, at_point, truth, weight = replay.filled(
+                fresh, (BATCH - FRESH) // jobs
+            )
+        levels = [one.contiguous(memory_format=torch.channels_last) for one in levels]
+        out = head(levels, at_point[:, None, None, None])
+        return {"cut": loss(out, {"truth": truth, "weight": weight})}
 
     learn(
         run,
         head,
         [{"params": list(head.parameters()), "share": MORE if more else 1.0}],
         lambda step: ahead(
-            lessons(sets, shares, BATCH // jobs, seed + 1000 * rank + step), where
+            lessons(sets, shares, FRESH // jobs, seed + 1000 * rank + step), where
         ),
         losses,
         "cutout",
@@ -239,13 +353,10 @@ def train(
 
 
 if __name__ == "__main__":
-    jobs, stores, args = arguments(__doc__, 5000, "--more")
+    jobs, stores, args = arguments(__doc__, 5000, "--more", "--all-licences")
     if sum(share for _, share in stores) >= 1:
         raise SystemExit(
-            "shares of the stores: less than 1 in all, since COCO's photos have the rest"
+            "shares of the stores: less than 1 in all, since the photos have the rest"
         )
-    spawn(
-        train,
-        jobs,
-        (stores, args.steps, args.seed, args.output, args.device, args.more),
-    )
+    rest = (args.steps, args.seed, args.output, args.device)
+    spawn(train, jobs, (stores, *rest, args.more, args.all_licences))

@@ -128,6 +128,9 @@ class Network(nn.Module):
 
 CUT = (112, 64, 40, 24)
 """Channels of the levels of the head that cuts out, the coarsest first."""
+DEEP = 2
+"""Coarsest of these levels that have a second residual block, which tells wholes from
+parts and neighbours; finer ones would cost more time than they gain."""
 
 
 class Cutout(nn.Module):
@@ -148,6 +151,7 @@ class Cutout(nn.Module):
         )
         self.place = nn.Parameter(torch.zeros(2, CUT[0], side // 16, side // 16))
         self.up = nn.ModuleList([Residual(width) for width in CUT])
+        self.deep = nn.ModuleList([Residual(width) for width in CUT[:DEEP]])
         self.out = nn.Conv2d(CUT[-1], 1, 3, 1, 1)
 
     def forward(self, levels: list[Tensor], at_point: Tensor) -> Tensor:
@@ -162,6 +166,8 @@ class Cutout(nn.Module):
             )
             x = x + side(levels[n + 1])
             x = up(x if n else x + place)
+            if n < len(self.deep):
+                x = self.deep[n](x)
         return self.out(x)[:, 0]
 
 
@@ -173,11 +179,17 @@ def load_exported(model: Network | Cutout, path: Path, *example: Any) -> None:
         one.name: numpy_helper.to_array(one).astype(np.float32)
         for one in graph.initializer
     }
-    weights = [
-        [held.pop(name) for name in node.input[1:]]
+    # equal weights are stored once, and the others are an Identity of them
+    copies = [node for node in graph.node if node.op_type == "Identity"]
+    source = {node.output[0]: node.input[0] for node in copies}
+    names = [
+        [source.get(name, name) for name in node.input[1:]]
         for node in graph.node
         if node.op_type == "Conv"
     ]
+    weights = [[held[name] for name in group] for group in names]
+    for name in {name for group in names for name in group}:
+        del held[name]
     met: list[nn.Module] = []
     kinds = (nn.Conv2d, nn.BatchNorm2d)
     hooks = [
