@@ -29,7 +29,7 @@ from physgen.compile.compile import Compiled
 from physgen.evaluate.measure import Bar, Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import rotation
 from physgen.maps import F32, U8, Percepts
-from physgen.perceive.perceive import perceive
+from physgen.perceive.perceive import KnownFacts, perceive
 from physgen.perceive.roles import BoundaryGuess
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import DistantLight, decode, encode_u8, sphere_normals
@@ -137,7 +137,7 @@ def seen(truth: Truth) -> tuple[Scene, Percepts]:
     found = perceive(
         truth.maps.rgb,
         from_masks(truth.maps.labels),
-        view=BoundaryGuess(world.view, 1.0, "as given", ()),
+        known=KnownFacts(BoundaryGuess(world.view, 1.0, "as given", ())),
     )
     light, around = found.document["light"], found.document["world"]
     direction = np.array(light["direction"], float)

@@ -66,7 +66,7 @@ from views import views
 
 from physgen import pipeline
 from physgen.cli.main import main as physgen
-from physgen.perceive.perceive import perceive
+from physgen.perceive.perceive import KnownFacts, perceive
 from physgen.perceive.roles import BoundaryGuess
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import decode, luminance
@@ -189,7 +189,9 @@ def shadows(folder: Path) -> list[dict]:
         maps = pipeline.percepts(scene)
         assert maps is not None
         view = BoundaryGuess(scene.world.view, 1.0, "as given", ())
-        found = perceive(maps.rgb, from_masks(maps.labels), view=view).percepts
+        found = perceive(
+            maps.rgb, from_masks(maps.labels), known=KnownFacts(view)
+        ).percepts
         open_ = (
             cv2.dilate(
                 ((maps.coverage > 0) | (found.coverage > 0)).astype(np.uint8),

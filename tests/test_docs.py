@@ -14,7 +14,9 @@ from physgen.scene.load import scene_name
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
-MOST_PAGES, MOST_WORDS = 16, 28_500
+MOST_PAGES, MOST_WORDS = 16, 15_700
+MEASURED = ("accuracy", "benchmarks", "gallery", "scene")
+"""Pages of tables and of the scene's keys, which grow with what is measured."""
 
 
 @pytest.mark.parametrize(
@@ -38,7 +40,8 @@ def test_docs_name_the_folder_of_a_clip() -> None:
 
 def test_docs_stay_short() -> None:
     assert len(PAGES) <= MOST_PAGES
-    assert sum(len(page.read_text().split()) for page in PAGES) <= MOST_WORDS
+    written = [page for page in PAGES if page.stem not in MEASURED]
+    assert sum(len(page.read_text().split()) for page in written) <= MOST_WORDS
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,18 @@ KEPT = ("inpaint", "normals", "label")
 """Roles that are called again, or whose model the next role may share: they are released later."""
 
 
+@dataclass(frozen=True)
+class KnownFacts:
+    """What is known of a photo before it is perceived; None is guessed."""
+
+    view: BoundaryGuess | None = None
+    pixels_per_meter: float | None = None
+    """px/m: the photo's true scale."""
+
+
+NOTHING_KNOWN = KnownFacts()
+
+
 def perceive(
     rgb: Rgb,
     found: Detections | None = None,
@@ -95,19 +107,19 @@ def perceive(
     renames: Sequence[str] = (),
     crew: Backends | None = None,
     asked: Sequence[str] = (),
-    view: BoundaryGuess | None = None,
-    pixels_per_meter: float | None = None,
+    known: KnownFacts = NOTHING_KNOWN,
     progress: Progress = silent,
     meanwhile: Callable[[PerceivedScene], PerceivedScene] = lambda scene: scene,
 ) -> PerceivedScene:
     """Perceives a photo; `found` None: segment it.
 
     `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
-    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `view` and
-    `pixels_per_meter`, the photo's true scale, are known where given. `meanwhile` completes the scene while the
-    background without shadows is made, which the scene does not hold yet. Raises InputError where no scene can be made.
+    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `known`
+    is not guessed. `meanwhile` completes the scene while the background without shadows is made, which the scene does
+    not hold yet. Raises InputError where no scene can be made.
     """
     check_size(rgb)
+    view, pixels_per_meter = known.view, known.pixels_per_meter
     run = _Run(rgb, crew or Backends(), progress)
     scenery: Scenery | None = None
     unsure: Sequence[Remain] = ()

@@ -156,6 +156,7 @@ def _perceive_photo(
     from physgen.maps import read_object_masks
     from physgen.perceive.perceive import (
         LONGEST_SIDE,
+        KnownFacts,
         check_size,
         shrink_detections,
         shrink_photo,
@@ -230,7 +231,7 @@ def _perceive_photo(
         renames=options.labels,
         crew=crew,
         asked=options.asked,
-        view=_given_view(options),
+        known=KnownFacts(_given_view(options)),
         progress=progress,
         meanwhile=set_in_motion,
     )
@@ -466,6 +467,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
     from physgen.perceive.document import renamed_labels, write_scene
+    from physgen.perceive.perceive import KnownFacts
     from physgen.perceive.perceive import perceive as perceive_scene
     from physgen.perceive.segment.prompts import Segmenter, check_prompts
     from physgen.photos import read_photo
@@ -525,8 +527,10 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
         replace(begun.found, layers=layer_of, gone=gone),
         renames=options.labels,
         crew=crew,
-        view=_given_view(options) or old_and_new.known_view(scene),
-        pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
+        known=KnownFacts(
+            _given_view(options) or old_and_new.known_view(scene),
+            None if scaled else scene.world.pixels_per_meter,
+        ),
         progress=run.progress,
     )
     new_labels = {

@@ -10,7 +10,7 @@ import pytest
 from physgen.maps import read_labels
 from physgen.perceive import document
 from physgen.perceive.document import summary, write_scene
-from physgen.perceive.perceive import fit_objects, perceive
+from physgen.perceive.perceive import KnownFacts, fit_objects, perceive
 from physgen.perceive.roles import (
     BoundaryGuess,
     Detections,
@@ -192,7 +192,7 @@ def test_told_things_win():
     rgb, labels = desk()
     view = BoundaryGuess(View.TOP, 1.0, "as given", ())
     found = perceive(
-        rgb, from_masks(labels, {7: "tennis ball"}), view=view, pixels_per_meter=600
+        rgb, from_masks(labels, {7: "tennis ball"}), known=KnownFacts(view, 600)
     )
     assert found.document["world"]["view"] == "top"
     assert found.document["world"]["table"] == {"friction": 0.2}
@@ -234,7 +234,9 @@ def test_a_light_from_below_relights_nothing(up: float, view: View, relit: bool)
     rgb = rendered(
         normals, np.full((*labels.shape, 3), (0.8, 0.3, 0.2), np.float32), light
     )
-    document = perceive(rgb, from_masks(labels), view=setting(view)).document
+    document = perceive(
+        rgb, from_masks(labels), known=KnownFacts(setting(view))
+    ).document
     assert document["light"]["direction"][1] * up > 0
     assert document["render"].get("relight", True) is relit
 
