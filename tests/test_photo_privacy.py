@@ -161,6 +161,7 @@ def test_search_finds_every_marker(
     assert list(leaks(page, "page"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_assets_have_no_metadata_of_photo(
     image: Image.Image, tmp_path: Path, name: str
@@ -174,6 +175,7 @@ def test_assets_have_no_metadata_of_photo(
     assert "image: s.assets/a.png" in scene.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.webp"])
 def test_results_have_no_metadata_of_photo(
     image: Image.Image, tmp_path: Path, name: str

@@ -88,6 +88,7 @@ def test_rate_beyond_gif_is_reported_once(lesson: Path, tmp_path: Path, capsys) 
     assert len(frames) * 0.02 == pytest.approx(0.25, abs=0.02)
 
 
+@pytest.mark.slow
 def test_formats_that_fail_keep_the_others(
     lesson: Path, tmp_path: Path, capsys
 ) -> None:

@@ -42,6 +42,7 @@ def run_physgen(folder: Path, *arguments: str, stdout: object) -> str:
 # ---- a scene on stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["photo.png", "elsewhere/photo.png"])
 def test_redirected_scene_has_its_assets_beside(blocks: Path, source: str) -> None:
     home = blocks.parent
@@ -63,6 +64,7 @@ def test_redirected_scene_has_its_assets_beside(blocks: Path, source: str) -> No
         assert main(["check", str(scene)]) == 0
 
 
+@pytest.mark.slow
 def test_redirected_scene_spares_assets_of_another(blocks: Path) -> None:
     home = blocks.parent
     (home / "sub").mkdir()

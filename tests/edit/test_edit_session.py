@@ -297,6 +297,7 @@ def test_the_same_scene_again_shows_the_editor_that_has_it(
     assert "is open in an editor already" in said.err
 
 
+@pytest.mark.slow
 def test_a_photo_is_perceived_first_and_its_scene_opened_the_next_time(
     killable, disc: Path
 ) -> None:

@@ -118,6 +118,7 @@ def from_above() -> Photo:
 DRAWN: list[Callable[[], Photo]] = [slope, corner, stack, levels, plank, from_above]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", DRAWN, ids=lambda draw: draw.__name__)
 def test_what_nobody_pushes_stays(draw, tmp_path):
     photo = draw()
@@ -137,6 +138,7 @@ def test_what_nobody_pushes_stays(draw, tmp_path):
     assert np.hypot(*np.moveaxis(poses[..., :2] - poses[:1, :, :2], -1, 0)).max() <= 1.0
 
 
+@pytest.mark.slow
 def test_what_goes_without_a_push_is_held(tmp_path):
     """A ball before a large disc, of which a crescent is seen: it pushes itself away from the ball."""
     rows, columns = np.mgrid[:300, :400]

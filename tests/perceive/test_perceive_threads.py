@@ -23,6 +23,7 @@ def _perceived(photo: Path, masks: Path, scene: Path, threads: int) -> dict[str,
     return {path.name: path.read_bytes() for path in files}
 
 
+@pytest.mark.slow
 def test_scene_is_equal_with_one_and_two_threads(tmp_path: Path) -> None:
     """A ball on a floor of noise with its shadow, so that the background is refilled."""
     random = np.random.default_rng(2)

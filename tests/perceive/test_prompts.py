@@ -203,6 +203,7 @@ def test_a_box_on_nothing_is_an_error(
     assert list(tmp_path.iterdir()) == [photo]
 
 
+@pytest.mark.slow
 def test_what_hardly_stands_out_is_not_pushed_and_not_good(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

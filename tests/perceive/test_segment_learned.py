@@ -83,6 +83,7 @@ def test_any_picture_gives_labels_in_order(photo) -> None:
     assert (again.confidence == found.confidence).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count", "quality"),
     [("dominoes", 9, 70), ("dominoes", 9, 50), ("billiards", 16, 50)],

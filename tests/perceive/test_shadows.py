@@ -143,6 +143,7 @@ def test_a_block_shadow_on_the_floor_is_lifted(side) -> None:
     assert not found.owners[:200].any(), "the wall behind has none"
 
 
+@pytest.mark.slow
 def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
     """The tall block's shadow goes on behind the other one, where nobody saw it."""
     blocks = [(120, 149, 110), (230, 254, 195)]

@@ -446,6 +446,7 @@ def test_a_still_scene_has_no_energy_to_balance(
     assert json.loads(manifest.read_text())["energy_imbalance"] == 0
 
 
+@pytest.mark.slow
 def test_a_shorthand_takes_the_place_of_perception_s_push_and_of_no_other(
     tmp_path: Path, capsys
 ) -> None:
@@ -633,6 +634,7 @@ def test_a_push_that_sets_much_in_motion_is_preferred(tmp_path: Path) -> None:
     assert (np.ptp(poses[..., 0], axis=0) > 40).sum() >= 2
 
 
+@pytest.mark.slow
 def test_a_scene_is_written_though_nobody_reads_its_summary(
     tmp_path: Path, bundled: Path
 ) -> None:
