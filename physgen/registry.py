@@ -40,6 +40,8 @@ class Weights:
     """Approximate, e.g. `1.1 GB`."""
     licence: str
     """According to its model card."""
+    get: str = ""
+    """How to get them; empty: by `hf download`."""
 
 
 @dataclass(frozen=True)
@@ -293,19 +295,38 @@ def choice(role: str, text: str, place: Place = FLAG) -> Choice:
 
 
 CONFIGURATION = "physgen.toml"
-_MODELS = {
-    "categories": "vlm",
-    "segment": "grounding-dino+sam",
-    "label": "vlm",
-    "physics": "vlm",
-    "depth": "marigold",
+_SURFACES = {
     "normals": "marigold",
     "intrinsic": "marigold",
-    "inpaint": "diffusion",
     "boundary": "depth-normals",
 }
-PROFILES: Mapping[str, Mapping[str, str]] = {"offline": {}, "models": _MODELS}
-"""Role to backend; other roles have their defaults."""
+_WORDS = {"categories": "vlm", "label": "vlm", "physics": "vlm"}
+PROFILES: Mapping[str, Mapping[str, str]] = {
+    "offline": {},
+    "models": {
+        **_WORDS,
+        **_SURFACES,
+        "segment": "sam3",
+        "depth": "depth-anything",
+        "inpaint": "diffusion",
+    },
+    "paper": {
+        **_WORDS,
+        **_SURFACES,
+        "segment": "grounding-dino+sam",
+        "depth": "marigold",
+        "inpaint": "lama",
+    },
+    "small": {
+        **_SURFACES,
+        "segment": "sam2",
+        "depth": "depth-anything",
+        "inpaint": "diffusion",
+    },
+}
+"""Role to backend; other roles have their defaults. `paper` has the backends of section
+3.1 of the paper, or their nearest kin: Marigold for GeoWizard and for the intrinsic
+decomposition of Careaga and Aksoy. `small` needs 8 GB of GPU memory and no server."""
 SWITCHES = ("device", "dtype", "profile")
 DTYPES = ("auto", "float32", "float16", "bfloat16")
 DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
@@ -640,7 +661,8 @@ def _missing_weights(row: Backend, choice: str) -> Iterator[str]:
             yield f"lacks {part}"
         elif not part and not weights_present(default.id):
             terms = f"{default.size}, {default.licence}"
-            yield f"lacks {default.id} ({terms}): hf download {default.id}"
+            command = default.get or f"hf download {default.id}"
+            yield f"lacks {default.id} ({terms}): {command}"
 
 
 def weights_present(weights: str) -> bool:
