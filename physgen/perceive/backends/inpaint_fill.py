@@ -28,6 +28,7 @@ from physgen.perceive.inpaint.poisson import (
 )
 from physgen.perceive.inpaint.shift_map import shift_map_fill
 from physgen.perceive.roles import Inpaint, Mask, Rgb
+from physgen.perceive.working_size import working_size
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,6 @@ class _Limits:
     drawn: int = 2
     arc_grain: float = 8.0  # levels: more beside an arc is an edge of the fill
     detail: float = 2.0  # px: standard deviation of the blur below which is grain
-    side: int = 640  # px: longer side of the picture in which patches are chosen
 
 
 LIMITS = _Limits()
@@ -86,8 +86,8 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
-    scale = max(hole.shape) / LIMITS.side
-    guide = _guide(photo, hole) if scale <= 1 else _large_guide(photo, hole, scale)
+    size = working_size(hole.shape)
+    guide = _guide(photo, hole) if size is None else _large_guide(photo, hole, size)
     picture, textured = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
     if copies and textured.any():
         level = _pieces_without(guide.drawn, guide.near)
@@ -115,14 +115,13 @@ def _guide(photo: F32, hole: Mask) -> _Guide:
     return _Guide(guide, near, smooth, drawn, patches.places)
 
 
-def _large_guide(photo: F32, hole: Mask, scale: float) -> _Guide:
-    """Return the guide of a photo that is chosen at 1 / `scale` of its size.
+def _large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
+    """Return the guide of a photo that is chosen at a `size` (width, height).
 
     The fine detail that the reduced picture lacks is copied from the place that each
     pixel is from.
     """
     height, width = hole.shape
-    size = max(1, round(width / scale)), max(1, round(height / scale))
     small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA))
     share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     guide = _guide(small, np.asarray(share > 0))

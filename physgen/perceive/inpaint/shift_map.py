@@ -113,8 +113,10 @@ class _Window:
             return self.guide, self.guide
         labels = OffsetLabels(reduced, offsets).solve()
         shifts = self._shifts(labels, offsets, scale)
-        rows, columns = np.indices(self.hole.shape)
-        copies = self.sources[rows + shifts[..., 0], columns + shifts[..., 1]]
+        rows, columns = np.nonzero(self.hole)
+        down, right = shifts[rows, columns].T
+        copies = self.picture.copy()
+        copies[rows, columns] = self.sources[rows + down, columns + right]
         return copies, join_gradients(self.sources, shifts, self.hole)
 
     def strengthened(self, filled: F32) -> F32:

@@ -13,9 +13,14 @@ import cv2
 import numpy as np
 
 from physgen.maps import F32
-from physgen.perceive.inpaint.poisson import harmonic_fill, with_rim
+from physgen.perceive.inpaint.poisson import (
+    fill_from_surroundings,
+    harmonic_fill,
+    with_rim,
+)
 from physgen.perceive.roles import Inpaint, Mask, Rgb, Shadows
 from physgen.perceive.shadow.shadow_removal import plan_refill
+from physgen.perceive.working_size import enlarge, reduce_known
 from physgen.photometry import decode, encode_u8, luminance
 
 GUESS_ERROR = 0.5
@@ -56,7 +61,7 @@ def find_surroundings(photo: Rgb, coverage: F32) -> Surroundings:
     hole = with_rim(photo, coverage > 0)
     if not hole.any() or hole.all():
         return Surroundings(photo, coverage, hole, photo.copy())
-    smooth = harmonic_fill(photo.astype(np.float32), hole, GUESS_ERROR)
+    smooth = _smooth_fill(photo.astype(np.float32), hole, GUESS_ERROR)
     guess = np.clip(smooth + np.float32(0.5), 0, 255).astype(np.uint8)
     return Surroundings(photo, coverage, hole, guess)
 
@@ -95,7 +100,8 @@ def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrou
     unlike = plan.unlike(_smoothed(luminance(decode(clean))), old) & whole
     if unlike.any():
         known = np.where((whole & ~unlike)[..., None], clean, around.photo)
-        clean = np.where(unlike[..., None], inpaint(known, unlike), clean)
+        filled = fill_from_surroundings(known, unlike, inpaint)
+        clean = np.where(unlike[..., None], filled, clean)
     dimmed = encode_u8(decode(clean) * _light_left(around, lifted, whole))
     behind = (around.hole & ~unlike)[..., None]
     shaded = np.where(behind, dimmed, around.photo)
@@ -110,7 +116,16 @@ def _light_left(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
         for picture in (around.photo, lifted)
     )
     dark = np.where(hole[..., None], np.float32(0), before - after)
-    return np.asarray(np.exp(harmonic_fill(dark, hole, LIGHT_ERROR)), np.float32)
+    return np.asarray(np.exp(_smooth_fill(dark, hole, LIGHT_ERROR)), np.float32)
+
+
+def _smooth_fill(picture: F32, hole: Mask, tolerance: float) -> F32:
+    """Return a harmonic fill of `hole` (H, W), made at reduced size if it is large."""
+    reduced = reduce_known(picture, hole)
+    if reduced is None:
+        return harmonic_fill(picture, hole, tolerance)
+    smooth = enlarge(harmonic_fill(*reduced, tolerance), hole.shape)
+    return np.where(hole[..., None], smooth, picture)
 
 
 def _smoothed(values: F32) -> F32:
