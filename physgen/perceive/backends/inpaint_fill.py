@@ -93,7 +93,16 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
         level = _pieces_without(guide.drawn, guide.near)
         copied = shift_map_fill(picture, textured, picture)
         picture = _carry_level_lines(copied, photo, level)
-    return blend_at_border(picture, rgb, hole)
+    if size is None:
+        return blend_at_border(picture, rgb, hole)
+    left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
+    box = np.s_[
+        max(0, top - LIMITS.around) : top + height + LIMITS.around,
+        max(0, left - LIMITS.around) : left + width + LIMITS.around,
+    ]
+    result = rgb.copy()
+    result[box] = blend_at_border(picture[box], rgb[box], hole[box])
+    return result
 
 
 def _guide(photo: F32, hole: Mask) -> _Guide:

@@ -19,6 +19,7 @@ from physgen.perceive.inpaint.poisson import (
     with_rim,
 )
 from physgen.perceive.roles import Inpaint, Mask, Rgb, Shadows
+from physgen.perceive.shadow.reduced import reduce_photo
 from physgen.perceive.shadow.shadow_removal import plan_refill
 from physgen.perceive.working_size import enlarge, reduce_known
 from physgen.photometry import decode, encode_u8, luminance
@@ -90,23 +91,39 @@ def _fill_shaded(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgro
 
 
 def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrounds:
-    """Return the backgrounds from a fill without shadows."""
-    plan = plan_refill(lifted, around.guess, around.coverage)
-    whole = around.hole | plan.hole
+    """Return the backgrounds from a fill without shadows.
+
+    A piece of the fill that is another surface than its surroundings is filled again,
+    with its shadows.
+    """
+    before = reduce_photo(around.guess, around.coverage)
+    after = reduce_photo(lifted, around.coverage)
+    plan = plan_refill(after.background, before.background, before.coverage)
+    shape = around.hole.shape
+    whole = around.hole | _enlarged(plan.hole, shape)
     if whole.all():
         whole = around.hole
     clean = inpaint(lifted, whole)
-    old = luminance(decode(around.guess))
-    unlike = plan.unlike(_smoothed(luminance(decode(clean))), old) & whole
-    if unlike.any():
-        known = np.where((whole & ~unlike)[..., None], clean, around.photo)
-        filled = fill_from_surroundings(known, unlike, inpaint)
-        clean = np.where(unlike[..., None], filled, clean)
-    dimmed = encode_u8(decode(clean) * _light_left(around, lifted, whole))
-    behind = (around.hole & ~unlike)[..., None]
-    shaded = np.where(behind, dimmed, around.photo)
-    shaded = np.where(unlike[..., None], clean, shaded)
+    filled = reduce_photo(clean, around.coverage).background
+    old = luminance(decode(before.background))
+    unlike = plan.unlike(_smoothed(luminance(decode(filled))), old)
+    again = _enlarged(unlike, shape) & whole
+    if again.any():
+        known = np.where((whole & ~again)[..., None], clean, around.photo)
+        filled = fill_from_surroundings(known, again, inpaint)
+        clean = np.where(again[..., None], filled, clean)
+    shaded, dimmed = around.photo.copy(), around.hole & ~again
+    light = _light_left(around, lifted, whole)
+    shaded[dimmed] = encode_u8(decode(clean[dimmed]) * light[dimmed])
+    shaded[again] = clean[again]
     return Backgrounds(shaded, clean)
+
+
+def _enlarged(mask: Mask, shape: tuple[int, ...]) -> Mask:
+    """Return a mask of the reduced photo as one of `shape` (H, W)."""
+    size = shape[1], shape[0]
+    large = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT)
+    return np.asarray(large > 0)
 
 
 def _light_left(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
