@@ -195,8 +195,8 @@ class _Window:
 
     @cached_property
     def sources(self) -> F32:
-        """(2 H, W, 3): the photo, and the guide below it, so that one shift names it."""
-        return np.concatenate([self.picture, self.guide])
+        """(H, W, 3): the photo, and the guide in the hole, which no shift names."""
+        return np.where(self.hole[..., None], self.guide, self.picture)
 
     def _scale(self) -> int:
         """How many px of the photo are one of the reduced picture."""
@@ -233,7 +233,7 @@ class _Window:
             if number < len(offsets):
                 offset = self._refined(piece, offsets[number], scale, composed)
             if offset is None:
-                offset = np.array([len(self.hole), 0])
+                offset = np.zeros(2, np.int64)
             shifts[piece.box][piece.mask] = offset
             copied = self.sources[piece.moved(offset)][piece.mask]
             composed.picture[piece.box][piece.mask] = copied

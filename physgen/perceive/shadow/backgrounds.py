@@ -113,8 +113,8 @@ def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrou
         filled = fill_from_surroundings(known, again, inpaint)
         clean = np.where(again[..., None], filled, clean)
     shaded, dimmed = around.photo.copy(), around.hole & ~again
-    light = _light_left(around, lifted, whole)
-    shaded[dimmed] = encode_u8(decode(clean[dimmed]) * light[dimmed])
+    light = np.exp(enlarge(_darkness(around, lifted, whole), shape)[dimmed])
+    shaded[dimmed] = encode_u8(decode(clean[dimmed]) * light)
     shaded[again] = clean[again]
     return Backgrounds(shaded, clean)
 
@@ -126,14 +126,19 @@ def _enlarged(mask: Mask, shape: tuple[int, ...]) -> Mask:
     return np.asarray(large > 0)
 
 
-def _light_left(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
-    """Return the share (H, W, 3) of light that shadows leave, extended into `hole`."""
-    before, after = (
-        cv2.log(decode(picture) + np.float32(DARKEST))
-        for picture in (around.photo, lifted)
-    )
-    dark = np.where(hole[..., None], np.float32(0), before - after)
-    return np.asarray(np.exp(_smooth_fill(dark, hole, LIGHT_ERROR)), np.float32)
+def _darkness(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
+    """Return -log of light that shadows leave, negative, extended into `hole`.
+
+    (h, w, 3) of the reduced photo.
+    """
+    share = hole.astype(np.float32)
+    before, after = (reduce_photo(picture, share) for picture in (around.photo, lifted))
+    logs = [
+        cv2.log(decode(one.background) + np.float32(DARKEST)) for one in (before, after)
+    ]
+    hidden = before.coverage > 0
+    dark = np.where(hidden[..., None], np.float32(0), logs[0] - logs[1])
+    return harmonic_fill(dark, hidden, LIGHT_ERROR)
 
 
 def _smooth_fill(picture: F32, hole: Mask, tolerance: float) -> F32:
