@@ -99,6 +99,26 @@ def test_box_that_no_candidate_shows_may_be_meant(
         assert box_found(found.mask) == expected
 
 
+def test_click_on_what_the_judge_doubts_looks_around(
+    photo: NDArray[np.uint8], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The judge knows no object in the pile; what is seen around the click fits better."""
+    doubtful = replace(judged(photo), fit=np.array([0.1, 0.06, 0.2]))
+    jug = PromptedMask(np.zeros(SIZE, bool), 0.8)
+    jug.mask[20:60, 20:70] = True
+    monkeypatch.setattr(point_choice, "judge_photo", lambda rgb: doubtful)
+    monkeypatch.setattr(prompts, "_looks_around", lambda *_: ([jug], False))
+    for fit, expected in ((0.4, (10, 10, 25, 20)), (0.05, PILE)):
+        fits = np.array([fit])
+        monkeypatch.setattr(
+            point_choice,
+            "judge_others",
+            lambda rgb, judged, others, fits=fits: fits[: len(others)],
+        )
+        found = prompts.segment_point(photo, (36, 36), None)
+        assert box_found(found.mask) == expected
+
+
 @pytest.mark.parametrize(("point", "is_lid"), [((40, 32), True), ((52, 40), False)])
 def test_click_means_what_it_lies_deep_in(
     photo: NDArray[np.uint8],

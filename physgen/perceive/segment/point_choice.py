@@ -2,11 +2,12 @@
 
 The judge rates the cut-outs of all of the detector's boxes there, beside the candidates
 of the whole photo. Of two that it rates alike, the click lies deeper in the one meant.
+If the judge expects little of them all, it rates what is seen around the point, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -21,7 +22,7 @@ from physgen.perceive.segment.judge import (
     judge_photo,
 )
 from physgen.perceive.segment.network import mask_in_box, rough_mask_in_box
-from physgen.perceive.segment.proposals import Proposal
+from physgen.perceive.segment.proposals import Proposal, cut_out
 
 Pixel = tuple[int, int]
 """Column and row of the photo."""
@@ -34,6 +35,8 @@ class PointConstants:
     """Constants of clicks, chosen on half of the photos that only measure."""
 
     least: float = 0.05  # expected fit from which a candidate may be meant
+    sure: float = 0.3
+    """Expected fit of the best below which what is seen around the point joins."""
     likely: float = 0.1  # expected fit from which the smallest candidate may be meant
     anywhere: float = 2.0
     """Weight of the fit alone, beside 1 for a click in the very middle of a mask."""
@@ -56,6 +59,7 @@ class PointChoice:
     candidate: Proposal
     fit: float  # 0..1: expected IoU with the best object
     depth: float  # 0..1: of the point in the mask; 1 is the pixel farthest from its rim
+    mask: PromptedMask | None = None  # on the photo, if it is cut out already
 
     @property
     def worth(self) -> float:
@@ -64,11 +68,16 @@ class PointChoice:
 
 
 def object_at_point(
-    rgb: Rgb, own: Pixel, others: Sequence[Pixel], smallest: bool
+    rgb: Rgb,
+    own: Pixel,
+    others: Sequence[Pixel],
+    smallest: bool,
+    look_around: Callable[[], Sequence[PromptedMask]],
 ) -> PromptedMask | None:
     """Return the best candidate at a pixel that holds none of the other ones.
 
-    With `smallest`, the smallest likely one. None if there is none.
+    With `smallest`, the smallest likely one. None if there is none. `look_around`
+    returns what is seen around the pixel without candidates.
     """
     judged = judge_photo(rgb)
     shape = judged.found.shape
@@ -79,6 +88,8 @@ def object_at_point(
         likely.sort(key=lambda one: one.candidate.area)
         masks = _cut_out_again(rgb, likely[: POINT.tries], own, others, scale)
         return next((mask for _, mask in masks), None)
+    if max((one.fit for one in choices), default=0.0) < POINT.sure:
+        choices += _judge_looks(rgb, judged, look_around(), own, scale)
     choices.sort(key=lambda one: -one.worth)
     masks = list(_cut_out_again(rgb, choices[: POINT.tries], own, others, scale))
     if not masks:
@@ -109,6 +120,30 @@ def _choices(
     ]
 
 
+def _judge_looks(
+    rgb: Rgb,
+    judged: JudgedCandidates,
+    looks: Sequence[PromptedMask],
+    own: Pixel,
+    scale: Scale,
+) -> list[PointChoice]:
+    """Return what is seen around a pixel as choices."""
+    size = judged.found.shape[::-1]
+    pieces: list[tuple[Proposal, PromptedMask]] = []
+    for look in looks:
+        share = cv2.resize(
+            look.mask.astype(np.float32), size, interpolation=cv2.INTER_AREA
+        )
+        piece = cut_out(share >= 0.5, 0, 0, 1)
+        if piece is not None and _holds(piece, own, (), scale):
+            pieces.append((piece, look))
+    fits = judge_others(rgb, judged, [piece for piece, _ in pieces])
+    return [
+        PointChoice(piece, fit, _depth(piece, own, scale), look)
+        for (piece, look), fit in zip(pieces, fits.tolist(), strict=True)
+    ]
+
+
 def _cut_out_boxes(
     rgb: Rgb, judged: JudgedCandidates, own: Pixel, scale: Scale
 ) -> Iterable[Proposal]:
@@ -120,9 +155,9 @@ def _cut_out_boxes(
     is_inside = (boxes.corners[:, :2] <= own) & (boxes.corners[:, 2:] > own)
     is_free = is_inside.all(axis=1) & (known < POINT.same_box)
     for k in np.flatnonzero(is_free).tolist():
-        cut_out = rough_mask_in_box(rgb, boxes.corners[k], judged.found.shape)
-        if cut_out is not None:
-            yield cut_out
+        piece = rough_mask_in_box(rgb, boxes.corners[k], judged.found.shape)
+        if piece is not None:
+            yield piece
 
 
 def _cut_out_again(
@@ -134,7 +169,7 @@ def _cut_out_again(
 ) -> Iterable[tuple[PointChoice, PromptedMask]]:
     """Yield candidates with their masks on the photo, if those hold the pixel alone."""
     for one in choices:
-        found = mask_in_box(rgb, one.candidate.box * np.tile(scale, 2))
+        found = one.mask or mask_in_box(rgb, one.candidate.box * np.tile(scale, 2))
         if is_meant(found.mask, own, others) and found.mask.mean() < POINT.whole:
             confidence = POINT.caution * found.confidence
             yield one, PromptedMask(found.mask, confidence)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -357,11 +357,12 @@ def segment_point(
             found.append(known)
             if known.confidence >= RULE.likely:
                 return known
-    candidate = object_at_point(rgb, (x, y), others, smallest)
+    around = cache(partial(_looks_around, rgb, (x, y), others))
+    candidate = object_at_point(rgb, (x, y), others, smallest, lambda: around()[0])
     if candidate is not None:
         return candidate
-    around, is_contested = _looks_around(rgb, (x, y), others)
-    found += around
+    looks, is_contested = around()
+    found += looks
     if not found:
         expected, fix = (
             "shows no object that ends somewhere",
