@@ -782,7 +782,7 @@ def _blocked_on_side(
     is_wall = (back >= 0) & (back <= setting.backdrop)
     upon = is_wall * np.clip(np.float32(floor + 0.5) - y, 0, 1)
     fine = (blocked * upon).reshape(len(y), -1, MODEL.wall)
-    return fine.mean(axis=2, dtype=np.float32)
+    return np.asarray(fine.mean(axis=2), np.float32)
 
 
 def _cast_sideways(
