@@ -146,12 +146,10 @@ def side_view_shadows(
     """The role `shadow` for a photo from the side."""
     reduced = reduce_photo(background, coverage)
     photo = _Photo(reduced, labels, objects, matter, boundaries)
-    return restore_size(
-        _find_reduced_shadows(photo, guess), reduced, background, coverage
-    )
+    return restore_size(_reduced_shadows(photo, guess), reduced, background, coverage)
 
 
-def _find_reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
+def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
     """Shadows of the reduced photo."""
     background, coverage = photo.background, photo.coverage
     nothing = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0)
