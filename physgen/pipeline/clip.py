@@ -350,6 +350,7 @@ class _Run:
         self.paged = bool(options.formats) and options.page is not Page.NONE
         self.film = Film(scene, compiled, maps, record, stages)
         self.labels = Labels.of(options.export, scene, maps.percepts)
+        self.film.keeps_layers = any(kind.in_layers for kind in self.labels.kinds)
         if options.export and not options.formats:
             self.labels.check_kept(self.final)
         self.aside = Aside(record, scene.size)
