@@ -18,7 +18,7 @@ NAME = "physgen"
 """Of the layer: its channels are `physgen00.R` ..."""
 RANKS = 6
 """Objects in one pixel, at most, the largest share first; two share a layer of four channels."""
-CHANNELS = ("RG", "BA")
+CHANNELS = (("R", "G"), ("B", "A"))
 """Of an id and its share."""
 KEY_LENGTH = len("cryptomatte/") + 7
 """Seven digits of the hash of the layer's name."""

@@ -396,7 +396,7 @@ def open_alpha_clip(
     width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
     bitexact = {"fflags": "+bitexact"}
     with av.open(str(path), "w", format=container_name, options=bitexact) as container:
-        stream = container.add_stream(
+        stream: Any = container.add_stream(
             encoder, rate=Fraction(fps).limit_denominator(1001)
         )
         stream.width, stream.height = width, height

@@ -440,21 +440,20 @@ def _same_layers(layers: Layers) -> Layers:
 
 def _mean_layers(frames: Sequence[Frame]) -> Layers:
     """Return the mean of the layers of an exposure."""
-    share = np.float32(1 / len(frames))
-    means: dict[int, F32] = {}
-    plate = shaded = np.float32(0)
-    order: Sequence[int] = ()
-    for frame in frames:
-        assert frame.layering is not None
-        layers = frame.layering()
-        order = layers.order
-        plate = plate + layers.plate * share
-        shaded = shaded + layers.shaded * share
+    parts = [frame.layering() for frame in frames if frame.layering is not None]
+    last = parts[-1]
+    plate, shaded = np.zeros_like(last.plate), np.zeros_like(last.plate)
+    means = {}
+    for body in last.order:
+        means[body] = np.zeros((*plate.shape[:2], 4), np.float32)
+    share = np.float32(1 / len(parts))
+    for layers in parts:
+        plate += layers.plate * share
+        shaded += layers.shaded * share
         for body, picture in layers.pictures().items():
-            means[body] = means.get(body, np.float32(0)) + picture * share
+            means[body] += picture * share
     whole = np.s_[0 : plate.shape[0], 0 : plate.shape[1]]
     sprites = []
-    for body in order:
-        picture = means[body]
-        sprites.append(SpriteLayer(body, whole, picture[..., :3], picture[..., 3]))
-    return Layers(plate, shaded, sprites, order)
+    for body, mean in means.items():
+        sprites.append(SpriteLayer(body, whole, mean[..., :3], mean[..., 3]))
+    return Layers(plate, shaded, sprites, last.order)
