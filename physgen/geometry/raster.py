@@ -94,7 +94,10 @@ def _accumulate(sums: Array, points: Array, sign: float) -> None:
 
 
 def _within(start: Array, end: Array, width: int, height: int) -> tuple[Array, Array]:
-    """Segments `(K, 2)` as they count in a box: rows outside dropped; what is left or right of it moved to its side."""
+    """Segments `(K, 2)` as they count in a box: rows outside dropped.
+
+    What is left or right of it moved to its side.
+    """
     for axis, line in ((0, 0.0), (0, float(width)), (1, 0.0), (1, float(height))):
         a, b = start[:, axis], end[:, axis]
         crosses = (a < line) != (b < line)

@@ -30,7 +30,10 @@ MIN_SCALE_CONFIDENCE = 0.5
 
 @dataclass(frozen=True)
 class _ShapeLimits:
-    """Solids of revolution, and how an object faces the camera; costs are |log| of an aspect ratio."""
+    """Solids of revolution, and how an object faces the camera.
+
+    Costs are |log| of an aspect ratio.
+    """
 
     slices: int = 480
     """Cells of the grid along the longer side of a solid of revolution."""
@@ -410,7 +413,10 @@ def is_assumed(pixels_per_meter: float, side: int) -> bool:
 def scale_entry(
     side: int, given: float | None, found: Scale | None
 ) -> tuple[float, str]:
-    """px/m for the scene, and its comment; the user's number wins, then a scale that is sure enough."""
+    """px/m for the scene, and its comment.
+
+    The user's number wins, then a scale that is sure enough.
+    """
     if given is not None:
         return given, "as given"
     if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE:

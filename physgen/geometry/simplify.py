@@ -164,7 +164,10 @@ def _douglas_peucker(points: Array, tolerance: float) -> list[int]:
 def _corners(
     points: Array, runs: list[int], pinned: set[int], closed: bool, limit: float
 ) -> list[list[Array]]:
-    """At each break one corner or the two of a bevel; a closed line repeats its first ones at its end."""
+    """At each break one corner or the two of a bevel.
+
+    A closed line repeats its first ones at its end.
+    """
     lines = [_run_line(points[a : b + 1]) for a, b in pairwise(runs)]
     found = []
     for k in range(1, len(runs) - 1):

@@ -378,8 +378,8 @@ def _border(points: F64, value: F64, *, folded: bool) -> tuple[float, Border]:
         normal, largest, place = axes[best], gain[best, step], (step + 1) / steps
         axes = _axes_around(normal, width)
         stride = 1
-    place = float(place if folded else 2 * place - 1)
-    border = Border(normal, place, folded, float(np.sign(largest)))
+    distance = float(place if folded else 2 * place - 1)
+    border = Border(normal, distance, folded, float(np.sign(largest)))
     return 0.5 + abs(largest) / (2 * len(value)), border
 
 
@@ -887,7 +887,7 @@ def _unite_common_paint(colours: F32, number: Ids, patterns: int) -> None:
         colours[common] = np.average(colours[common], axis=0, weights=counts)
 
 
-def _usual(pictures: F32, *masks: Mask) -> F32:
+def _usual(pictures: NDArray[Any], *masks: Mask) -> F32:
     """Return (h, w, 3) the usual value of pictures (n, h, w, 3), in the first of `masks` with two of them; else the
     least.
     """

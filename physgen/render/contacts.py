@@ -141,7 +141,7 @@ def _sum_pushes(motion: Trajectory, span: float) -> _Pushes:
     sums = [np.bincount(group, part, len(keys)) for part in contacts.impulses.T]
     pairs = np.stack([keys // count // surfaces, keys // count % surfaces], axis=1)
     sizes = np.asarray(np.hypot(*contacts.impulses.T))
-    impulses = np.stack(sums, axis=1)
+    impulses = np.asarray(np.stack(sums, axis=1), np.float64)
     return _Pushes(keys, group, pairs, keys % count, impulses, sizes)
 
 

@@ -546,7 +546,8 @@ def _smeared(
         return None
     corner, light, coverage = unclipped
     face = stage.sprites[stand.k].face
-    middle = np.array([stand.pose.x, stand.pose.y + face]) - corner
+    center = np.array([stand.pose.x, stand.pose.y + face], np.float64)
+    middle = np.asarray(center - corner, np.float64)
     moves = _trail_moves(trail, middle)
     box = _swept_box(moves, coverage.shape, corner, stage.background.shape[1::-1])
     if box is None:

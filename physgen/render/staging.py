@@ -445,8 +445,10 @@ def _visible_veils(
     every = {k: neighbours.get(k, []) for k in range(len(starts))}
     predicted = occlusions(starts, every, setting)
     shares = {}
-    for k, veil in predicted.items():
-        shares[k] = seen_share(sprites[k], actors[k], starts[k], veil, setting.light)
+    for k, prediction in predicted.items():
+        shares[k] = seen_share(
+            sprites[k], actors[k], starts[k], prediction, setting.light
+        )
     typical = float(np.median([*shares.values()])) if shares else 1.0
     visible: list[F32 | None] = []
     veiled_actors = []
@@ -732,7 +734,7 @@ def _robust_weights(terms: Array, level: Array) -> Array:
     for _ in range(4):
         weighted = terms * trust[:, None]
         normal = weighted.T @ terms + stiffness
-        weights = np.linalg.solve(normal, weighted.T @ level)
+        weights = np.asarray(np.linalg.solve(normal, weighted.T @ level), np.float64)
         errors = np.abs(level - terms @ weights)
         trust = 1 / np.maximum(errors / VEIL_NOISE, 1)
     return weights
