@@ -136,8 +136,8 @@ def _ring_pieces(ring: Ring) -> list[Array]:
     ends = np.cumsum([len(border) for border in borders]).astype(np.uint32)
     # About the middle: ear cutting compares products of coordinates.
     local = np.ascontiguousarray(points - points.mean(axis=0))
-    triangles = mapbox_earcut.triangulate_float64(local, ends)
-    triangles = triangles.reshape(-1, 3).astype(np.int64)
+    indices = mapbox_earcut.triangulate_float64(local, ends)
+    triangles = indices.reshape(-1, 3).astype(np.int64)
     pieces = []
     for face in _merge(local, _oriented(local, triangles)):
         piece = _without_straight_corners(points[face])

@@ -156,9 +156,9 @@ def _halved(values: F32, axis: int) -> F32:
     gaps = len(padded) - 5
     # the three pixels before each gap, and the three behind it
     p = [padded[k : k + gaps] for k in range(6)]
-    between = np.float32(0)
+    between: F32 = np.zeros(p[0].shape, np.float32)
     for k, weight in enumerate(HALFWAY):
-        between = between + weight * (p[k] + p[5 - k])
+        between += weight * (p[k] + p[5 - k])
     low = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
     high = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
     shape = list(values.shape)

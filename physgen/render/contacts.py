@@ -157,7 +157,8 @@ def _sudden_pushes(
     acceleration = max(float(np.hypot(*world.gravity)), world.press)
     weight = lighter * acceleration * span
     sizes = pushes.sizes
-    change = _stir(world, motion, pushes.pairs, pushes.spans * span, span)
+    starts = np.asarray(pushes.spans * span, np.float64)
+    change = _stir(world, motion, pushes.pairs, starts, span)
     changes_motion = lighter * change > sizes / 2
     threshold = np.where(changes_motion, IMPACT.faint, IMPACT.loud) * weight
     rise = sizes - IMPACT.uneven * lasting
