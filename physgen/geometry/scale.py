@@ -423,7 +423,8 @@ def scale_entry(
         if found is None
         else f"; perhaps {found.pixels_per_meter:g}, {found.reason.partition(' (')[0]}"
     )
-    return assumed_scale(side), f"assumed: the photo shows {PLAYBACK.width:g} m{guess}"
+    assumption = f"assumed: the photo's longer side is {PLAYBACK.width:g} m{guess}"
+    return assumed_scale(side), assumption
 
 
 def push_speed(side: int, pixels_per_meter: float) -> float:

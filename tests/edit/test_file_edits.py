@@ -64,10 +64,7 @@ def test_commands_edit_the_file(
     before = scene.read_bytes()
     assert main(["rename", str(scene), first, "start"]) == 0
     assert scene.with_name("scene.yaml~").read_bytes() == before
-    assert (
-        f"rename {first} to start; scene.yaml~ is as it was before"
-        in capsys.readouterr().err
-    )
+    assert f"renamed {first} to start; backup: scene.yaml~" in capsys.readouterr().err
     assert main(["remove", str(scene), third]) == 0
     assert main(["merge", str(scene), "start", second]) == 0
     names = [item.name for item in pipeline.load(scene).objects]
