@@ -105,7 +105,7 @@ def test_a_merge_of_objects_far_apart_says_how_far(
     (whole,) = pipeline.compile(
         pipeline.load(scene), pipeline.percepts(pipeline.load(scene))
     ).world.bodies
-    assert f"; it weighs {whole.mass:.4g} g now; scene.yaml~ is as it was" in said
+    assert f" ({whole.mass:,.4g} g); backup: scene.yaml~" in said
     text = scene.read_text()
     assert "objects:  # 1 x block, from the masks given" in text
     assert re.search(r"\n    mask: \d+\n", text), "no comment on the mask that was"
