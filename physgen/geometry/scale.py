@@ -440,7 +440,7 @@ def scale_entry(
     if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE:
         comment = f"{found.reason} (confidence {found.confidence:g})"
         return found.pixels_per_meter, comment
-    comment = f"assumed: the photo shows {PLAYBACK.width:g} m"
+    comment = f"assumed: the photo's longer side is {PLAYBACK.width:g} m"
     if found is not None:
         reason = found.reason.partition(" (")[0]
         comment += f"; perhaps {found.pixels_per_meter:g}, {reason}"
