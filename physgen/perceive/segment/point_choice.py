@@ -1,8 +1,8 @@
-"""What a click means: the best whole among the candidates and the boxes at a point.
+"""What a click means: the best of the candidates and boxes at a point.
 
-The judge rates the cut-outs of all of the detector's boxes there, beside the candidates
-of the whole photo. Of two that it rates alike, the click lies deeper in the one meant.
-If the judge expects little of them all, it rates what is seen around the point, too.
+The judge rates the cut-outs of all of the detector's boxes there, and of squares around
+the point, beside the candidates of the whole photo. It prefers wholes, piles among them;
+a click lies deep in what is meant, and the head cuts that out more surely.
 """
 
 from __future__ import annotations
@@ -35,12 +35,13 @@ class PointConstants:
     """Constants of clicks, chosen on half of the photos that only measure."""
 
     least: float = 0.05  # expected fit from which a candidate may be meant
-    sure: float = 0.3
-    """Expected fit of the best below which what is seen around the point joins."""
     likely: float = 0.1  # expected fit from which the smallest candidate may be meant
-    anywhere: float = 2.0
-    """Weight of the fit alone, beside 1 for a click in the very middle of a mask."""
-    tries: int = 4  # candidates that are cut out again at most
+    shallow: float = 0.1
+    """Added to the depth of a click, since some lie near the rim."""
+    fit_power: float = 0.3
+    confidence_power: float = 5.0
+    """Powers of the judge's fit and of the head's confidence beside that depth."""
+    tries: int = 6  # candidates that are cut out again at most
     same_box: float = 0.9
     """IoU of a box with a candidate's from which the candidate stands for it."""
     whole: float = 0.9
@@ -63,8 +64,8 @@ class PointChoice:
 
     @property
     def worth(self) -> float:
-        """Rank of the candidate, wholes first."""
-        return self.fit * (POINT.anywhere + self.depth)
+        """Rank of the candidate before it is cut out again."""
+        return float(self.fit**POINT.fit_power * (POINT.shallow + self.depth))
 
 
 def object_at_point(
@@ -88,13 +89,13 @@ def object_at_point(
         likely.sort(key=lambda one: one.candidate.area)
         masks = _cut_out_again(rgb, likely[: POINT.tries], own, others, scale)
         return next((mask for _, mask in masks), None)
-    if max((one.fit for one in choices), default=0.0) < POINT.sure:
-        choices += _judge_looks(rgb, judged, look_around(), own, scale)
+    choices += _judge_looks(rgb, judged, look_around(), own, scale)
     choices.sort(key=lambda one: -one.worth)
     masks = list(_cut_out_again(rgb, choices[: POINT.tries], own, others, scale))
     if not masks:
         return None
-    return max(masks, key=lambda pair: pair[0].worth * pair[1].confidence ** 0.5)[1]
+    power = POINT.confidence_power
+    return max(masks, key=lambda pair: pair[0].worth * pair[1].confidence ** power)[1]
 
 
 def _choices(
@@ -141,6 +142,7 @@ def _judge_looks(
     return [
         PointChoice(piece, fit, _depth(piece, own, scale), look)
         for (piece, look), fit in zip(pieces, fits.tolist(), strict=True)
+        if fit >= POINT.least
     ]
 
 
