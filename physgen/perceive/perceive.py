@@ -44,6 +44,7 @@ from physgen.perceive.roles import (
     Intrinsics,
     Labels,
     LightGuess,
+    Mask,
     Matter,
     Name,
     PerceivedScene,
@@ -142,11 +143,12 @@ def perceive(
         if found.gone is None
         else np.where(found.labels > 0, found.labels, found.gone)
     )
+    # what the border cuts off stays where it is, as scenery for all others
+    fixed = [item.id for item in objects if item.cut]
     # the fill needs the photo and the masks alone, and takes as long as all that does not need it
     with ThreadPoolExecutor(1) as beside:
-        filling = (
-            beside.submit(run.fill, filled) if run.core("matte", "inpaint") else None
-        )
+        is_core = run.core("matte", "inpaint")
+        filling = beside.submit(run.fill, filled, fixed) if is_core else None
         names = run.name(found, objects, renames)
         outlined = outline_as_named(rgb, found.labels, names.objects)
         outlined, wholes = continue_outlines(found.labels, outlined)
@@ -169,7 +171,7 @@ def perceive(
             "light", rgb, found.labels, objects, normals, intrinsics
         )
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
-        coverage, background = filling.result() if filling else run.fill(filled)
+        coverage, background = filling.result() if filling else run.fill(filled, fixed)
         shadows: Shadows = run.role(
             "shadow",
             background,
@@ -181,11 +183,8 @@ def perceive(
             light,
         )
         standing = found.labels if boundaries.view is View.SIDE else None
-        again = partial(
-            refill_background,
-            inpaint=partial(run.crew.call, "inpaint"),
-            standing=standing,
-        )
+        scenery_mask = nearest_labels(filled, fixed) & (coverage > 0)
+        again = partial(run.fill_again, standing=standing, scenery=scenery_mask)
         refilled = shadows.clean is not None and not shadows.faint
         cleaning = (
             beside.submit(again, shadows.clean, background, coverage)
@@ -320,13 +319,44 @@ class _Run:
         """Whether no role is filled by a model of the extras, which may want all memory for itself."""
         return all(self.crew.row(role).extra is None for role in roles)
 
-    def fill(self, labels: Labels) -> tuple[F32, Rgb]:
-        """Coverage of the objects (H, W), and the photo with what lies behind them filled."""
+    def fill(self, labels: Labels, fixed: Sequence[int]) -> tuple[F32, Rgb]:
+        """Coverage of the objects (H, W), and the photo with what lies behind them filled.
+
+        Objects of the ids `fixed` do not move: they are filled last, so that what
+        stands on them or before them leaves them behind, and not what they hide.
+        """
         coverage: F32 = self.crew.call("matte", self.rgb, labels)
         self.crew.release("matte")
-        return coverage, fill_behind(
-            self.rgb, coverage > 0, partial(self.crew.call, "inpaint")
+        inpaint = partial(self.crew.call, "inpaint")
+        hole = coverage > 0
+        scenery = hole & nearest_labels(labels, fixed)
+        background = fill_behind(self.rgb, hole & ~scenery, inpaint)
+        return coverage, fill_behind(background, scenery, inpaint)
+
+    def fill_again(
+        self,
+        clean: Rgb,
+        background: Rgb,
+        coverage: F32,
+        standing: Labels | None,
+        scenery: Mask,
+    ) -> Rgb:
+        """Return the background without shadows, filled again behind objects that move.
+
+        Objects of the mask `scenery` (H, W) are seen meanwhile, and keep their fill.
+        """
+        inpaint = partial(self.crew.call, "inpaint")
+        fixed = scenery[:, :, None]
+        if standing is not None:
+            standing = np.where(scenery, np.uint16(0), standing)
+        seen = refill_background(
+            np.where(fixed, self.rgb, clean),
+            np.where(fixed, self.rgb, background),
+            np.where(scenery, np.float32(0), coverage),
+            inpaint,
+            standing,
         )
+        return np.where(fixed, clean, seen)
 
     def without_mirror_images(
         self, clean: Rgb, labels: Labels, coverage: F32, ids: Sequence[int]
@@ -443,6 +473,21 @@ class _Run:
             if self.crew.all_default()
             else replace(made, record=self.crew.record())
         )
+
+
+def nearest_labels(labels: Labels, ids: Sequence[int]) -> Mask:
+    """Return the pixels (H, W) whose nearest object has one of the ids."""
+    own = np.isin(labels, ids)
+    if not own.any():
+        return np.zeros(labels.shape, bool)
+    others = (labels > 0) & ~own
+    if not others.any():
+        return np.ones(labels.shape, bool)
+    to_own, to_others = (
+        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+        for mask in (own, others)
+    )
+    return np.asarray(to_own < to_others)
 
 
 def judged_scale(

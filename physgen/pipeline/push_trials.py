@@ -63,7 +63,7 @@ class TrialLimits:
     """Of the ordinary speed: 0.15 m/s in a photo that shows 0.5 m."""
     hardest: float = 1.5
     """Of the ordinary speed."""
-    steps: tuple[float, float] = (1.4, 2.5)
+    steps: tuple[float, float] = (1.25, 2.5)
     """Factors of the speed from one trial to the next: at least, and at most."""
     halvings: int = 3
     """Speeds between one at which all stays and one at which something leaves."""
@@ -81,6 +81,8 @@ class TrialLimits:
     """Least motion that is visible."""
     far: float = 0.15
     """Motion that counts in full: a hand's breadth in a photo that shows 0.5 m."""
+    slide: float = 0.08
+    """The same of an object that slides: what it uncovers is filled, and may show."""
     beside: float = 0.005
     """Share of an object beyond the border that is still counted as in the picture."""
     unrest: float = 0.004
@@ -107,6 +109,8 @@ class TrialLimits:
     """Degrees of a turn from which a low object tumbles, where its kind slides."""
     tumbling: float = 0.3
     """Weight of a push by which a low object tumbles."""
+    rise: float = 0.25
+    """Of an object's height, by which it climbs something in its way or is thrown up."""
     edge: float = 0.02
     """Share of the longer side between an edge and what stands on it."""
     thrown: float = 0.25
@@ -315,21 +319,27 @@ def _search(
     The search ends when a harder push does not tell more, or, between one by which all
     stays in the picture and one by which something leaves, after a few halvings.
     """
+
+    def tried(speed: float) -> Candidate:
+        start = Candidate(item, direction, float(f"{speed:.2g}"), NO_MOTION)
+        return _try(trials, start, facing, world)
+
     speeds = _speed_limits(trials, item)
     speed, hardest = speeds
     calm, leaving = 0.0, inf
     best, halvings = 0.0, 0
     while speed <= hardest and halvings <= TRIAL.halvings:
-        start = Candidate(item, direction, float(f"{speed:.2g}"), NO_MOTION)
-        candidate = _try(trials, start, facing, world)
+        candidate = tried(speed)
         yield candidate
         outcome = candidate.outcome
+        if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best:
+            if calm and outcome.travel > TRIAL.slide:
+                yield tried(sqrt(calm * speed))
+            return
         if outcome.grade is Grade.LEAVES:
             leaving = speed
         else:
             calm = speed
-        if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best:
-            return
         if outcome.grade is not Grade.LEAVES:
             best = max(best, outcome.score)
         if leaving < inf:
@@ -423,8 +433,9 @@ def simulate_push(
     slow = playback_of(trials, seconds)
     shown = _moving_time(world, motion, TRIAL.visible * trials.side)
     film = min(shown * slow / PLAYBACK.least_motion, 1.0)
-    score = float(np.minimum(travel / TRIAL.far, 1.0).sum())
-    score += TRIAL.falls * len(_fallen(world, motion))
+    fallen = _fallen(world, motion)
+    score = float(np.minimum(travel / _full_travel(world, fallen), 1.0).sum())
+    score += TRIAL.falls * len(fallen)
     if any(_returns(motion, *push) for push in velocities.items()):
         score *= TRIAL.rebound
     is_thrown = any(_is_thrown(trials, motion, *push) for push in velocities.items())
@@ -433,7 +444,8 @@ def simulate_push(
         film = min(film, TRIAL.overhang)
     if _crowds_border(trials, world, motion):
         score *= TRIAL.crowded
-    if any(_tumbles(world, motion, name) for name in velocities):
+    is_wild = any(_tumbles(world, motion, name) for name in velocities)
+    if is_wild or _climbs(trials, world, motion):
         score *= TRIAL.tumbling
         film = min(film, TRIAL.tumbling)
     grade = Grade.STORY
@@ -614,6 +626,24 @@ def _tumbles(world: World, motion: Trajectory, name: str) -> bool:
         return False
     turns = motion.poses[:, index, 2] - motion.poses[0, index, 2]
     return bool(np.abs(turns).max() > radians(TRIAL.tumble))
+
+
+def _full_travel(world: World, fallen: Collection[str]) -> Array:
+    """Return the motion (N,) of each body that counts in full."""
+    is_free = [body.radius is not None or body.name in fallen for body in world.bodies]
+    return np.where(np.array(is_free, bool), TRIAL.far, TRIAL.slide)
+
+
+def _climbs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
+    """Return whether a body that moves rises by much: objects stay on what bears them."""
+    if trials.scene.world.view is not View.SIDE:
+        return False
+    for k, body in enumerate(world.bodies):
+        lows = _placed(_corners(body), motion.poses[:, k])[..., 1].max(axis=1)
+        _, height = _extent(body)
+        if lows[0] - lows.min() > TRIAL.rise * height:
+            return True
+    return False
 
 
 def _overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:

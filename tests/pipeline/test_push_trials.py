@@ -197,3 +197,27 @@ def test_a_push_up_to_the_border_counts_less(tmp_path: Path) -> None:
     )
     assert inside.grade >= Grade.SHORT <= crowded.grade
     assert crowded.score < inside.score
+
+
+def test_a_slide_of_a_hand_counts_in_full(tmp_path: Path) -> None:
+    """A longer one uncovers more of what is filled in, and tells no more."""
+    trials = trials_of(tmp_path, box("crate", 200, 80, 50))
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert TRIAL.slide < chosen.outcome.travel < 2.2 * TRIAL.slide
+    hard = simulate_push(trials, {"crate": (1.3 * chosen.speed, 0.0)})
+    assert hard.travel > 1.5 * chosen.outcome.travel
+    assert hard.score == 1.0
+
+
+def test_a_ball_that_climbs_a_step_counts_little(tmp_path: Path) -> None:
+    ball = (
+        "  ball: {shape: {circle: {center: [150, 220], radius: 30}}, solid: sphere, "
+        "rolling: 0.02, friction: 0.5}\n"
+    )
+    step = box("step", 260, 90, 12).replace("friction", "motion: static, friction")
+    trials = trials_of(tmp_path, ball + step)
+    stopped = simulate_push(trials, {"ball": (450.0, 0.0)})
+    climbs = simulate_push(trials, {"ball": (608.0, 0.0)})
+    assert climbs.travel > 1.5 * stopped.travel
+    assert climbs.score < 0.5 * stopped.score

@@ -82,6 +82,7 @@ class _Refill:
     # part of either is left out, where they are compared
     brighter: float = 1.5
     outliers: float = 0.1
+    coarse: float = 4.0  # px: standard deviation of the blur before that comparison
     visible: int = 3  # grey levels: a smaller change is no shadow
 
 
@@ -433,7 +434,7 @@ def _refilled(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) ->
     pieces = nearest_piece(hole)
     new = hole & np.isin(pieces, np.unique(pieces[hole & (near > 0)]))
     filled = inpaint(old, new)
-    brighter = (luminance(decode(filled)) + 1e-3) / (luminance(decode(old)) + 1e-3)
+    brighter = _coarse_light(filled) / _coarse_light(old)
     for piece in np.unique(pieces[new]):
         mine, beside = (
             new & (pieces == piece),
@@ -445,6 +446,12 @@ def _refilled(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) ->
         if np.quantile(brighter[mine], 1 - REFILL.outliers) > REFILL.brighter * most:
             new &= ~mine
     return np.where(new[..., None], filled, old)
+
+
+def _coarse_light(picture: Rgb) -> F32:
+    """(H, W) light without grain, in which two fills of rough ground differ anyway."""
+    light = luminance(decode(picture)).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), REFILL.coarse), np.float32) + 1e-3
 
 
 def remove_reflections(

@@ -57,6 +57,7 @@ from physgen.perceive.shadow.silhouettes import (
     predicted_darkness,
     typical_size,
 )
+from physgen.perceive.shadow.smooth_shade import find_smooth_shade
 from physgen.photometry import DistantLight
 
 
@@ -71,6 +72,10 @@ class _Limits:
     seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
     faintest: float = 0.15  # depth of the faintest shadows
     darkest: float = 2.5  # depth of the darkest
+    foot: float = 0.1  # of an object's height, from its foot to the floor it stands on
+    direct: float = 0.05  # share of direct light where only shade is known
+    soft: float = 40.0  # degrees: half the width of that light
+    unknown: float = 0.3  # confidence of that light
     rough: int = (
         240  # px: longer side of the picture in which shadows on a wall are searched
     )
@@ -128,6 +133,10 @@ def side_view_shadows(
     given = photo.gradients(COARSE)
     if given is None:
         return nothing
+    if not _is_ground_known(given, boundaries):
+        shade = _smooth_shade(photo, guess)
+        if shade is not None:
+            return shade
     wall = _wall_shadow(photo)
     found, floor = _floor_fit(photo, given, guess)
     silhouettes = photo.silhouettes(1.0, floor)
@@ -155,6 +164,38 @@ def side_view_shadows(
                 clean, nothing.owners, setting.light, softness, tilt, back, sure
             )
     return _soft_shade(photo, guess) or nothing
+
+
+def _is_ground_known(given: LightGradients, boundaries: BoundaryGuess) -> bool:
+    """Return whether an object stands on a floor, seen from a small height."""
+    if boundaries.tilt is not None:
+        return False
+    for what in given.silhouettes:
+        height = what.coverage.shape[0]
+        foot = what.corner[1] + height
+        if what.floor is not None and what.floor - foot < LIMITS.foot * height:
+            return True
+    return False
+
+
+def _smooth_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
+    """Return the shade on a ground of unknown geometry; None if there is none.
+
+    The light is taken as soft: geometry then predicts little, and each object takes
+    the shade that the photo shows with it.
+    """
+    found = find_smooth_shade(
+        photo.background, photo.coverage, photo.labels, photo.objects
+    )
+    if found is None:
+        return None
+    clean, owners = found
+    direct = LIMITS.direct
+    light = DistantLight(guess.light.direction, FULL * direct, FULL * (1 - direct))
+    tilt = photo.boundaries.tilt
+    if tilt is None:
+        tilt = round(degrees(atan(TILT)), 1)
+    return Shadows(clean, owners, light, LIMITS.soft, tilt, None, LIMITS.unknown)
 
 
 def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetting:
