@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from itertools import chain, islice
 from math import hypot, inf, log, radians, sqrt
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -45,8 +44,12 @@ class TrialLimits:
     """Least confidence of an object that is pushed; below, its mask is to be checked."""
     pairs: int = 6
     """Objects with a direction that are tried."""
+    more: int = 16
+    """The same while no push makes a story, as in a heap whose objects block another."""
     most: int = 28
-    """Trials."""
+    """Trials, of as many more while no push makes a story twice as many."""
+    poor: float = 0.4
+    """Score up to which a push is no story, whatever its grade."""
     work: float = 8000.0
     """Work of all trials together, in steps of the engine: 1 to 6 s."""
     one: float = 4500.0
@@ -78,7 +81,9 @@ class TrialLimits:
     fallen: float = 50.0
     """Degrees of a turn from which an object has fallen over."""
     travel: float = 0.05
-    """Least motion that is visible."""
+    """Least motion that tells a story."""
+    least: float = 0.03
+    """Least motion that is visible: in a heap, nothing goes farther."""
     far: float = 0.15
     """Motion that counts in full: a hand's breadth in a photo that shows 0.5 m."""
     slide: float = 0.08
@@ -130,7 +135,7 @@ class Grade(IntEnum):
     LEAVES = 1
     """Something leaves the picture, or rebounds from a wall that it does not show."""
     RESTLESS = 2
-    """Something still moves at the end of the trial."""
+    """Something still moves at the end of the trial, or climbs what is in its way."""
     SHORT = 3
     """All stays and rests, but moves for less than a second of video."""
     STORY = 4
@@ -297,14 +302,21 @@ def _candidates(
 ) -> Iterator[Candidate]:
     """Yield pushes and their outcomes in coarse steps, as far as the work allows."""
     world = replace(trials.world, steps_per_second=TRIAL.rate)
-    ranked = rank_pushes(trials, confidence)[: TRIAL.pairs]
-    searches = (_search(trials, *pair, facing, world) for pair in ranked)
-    work = 0.0
-    for candidate in islice(chain.from_iterable(searches), TRIAL.most):
-        yield candidate
-        work += candidate.outcome.work
-        if work > TRIAL.work:
+    ranked = rank_pushes(trials, confidence)[: TRIAL.more]
+    work, count, has_story = 0.0, 0, False
+    for order, pair in enumerate(ranked):
+        most = TRIAL.most if order < TRIAL.pairs else 2 * TRIAL.most
+        if has_story and (order >= TRIAL.pairs or count >= most):
             return
+        for candidate in _search(trials, *pair, facing, world):
+            yield candidate
+            outcome = candidate.outcome
+            is_good = outcome.score > TRIAL.poor and outcome.is_calm
+            has_story = has_story or is_good
+            work += outcome.work
+            count += 1
+            if work > TRIAL.work or count >= most:
+                return
 
 
 def _search(
@@ -422,17 +434,18 @@ def simulate_push(
     motion, has_left, work = _run(trials, world)
     travel = _travel(world, motion) / trials.side
     speed = max(hypot(*velocity) for velocity in velocities.values())
-    if travel.max(initial=0.0) < TRIAL.travel or _explodes(trials, motion, speed):
+    if travel.max(initial=0.0) < TRIAL.least or _explodes(trials, motion, speed):
         farthest = float(travel.max(initial=0.0))
         return replace(NO_MOTION, travel=farthest, work=work)
     names = [body.name for body in world.bodies]
-    moved = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.travel))
+    moved = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.least))
     gone = tuple(names[k] for k in np.flatnonzero(has_left))
     seconds = _moving_time(world, motion, TRIAL.unrest * trials.side)
     is_resting = seconds <= float(motion.times[-1]) - trials.unit
     slow = playback_of(trials, seconds)
     shown = _moving_time(world, motion, TRIAL.visible * trials.side)
     film = min(shown * slow / PLAYBACK.least_motion, 1.0)
+    film = min(film, float(travel.max()) / TRIAL.travel)
     fallen = _fallen(world, motion)
     score = float(np.minimum(travel / _full_travel(world, fallen), 1.0).sum())
     score += TRIAL.falls * len(fallen)
@@ -444,14 +457,14 @@ def simulate_push(
         film = min(film, TRIAL.overhang)
     if _crowds_border(trials, world, motion):
         score *= TRIAL.crowded
-    is_wild = any(_tumbles(world, motion, name) for name in velocities)
-    if is_wild or _climbs(trials, world, motion):
+    climbs = _climbs(trials, world, motion)
+    if climbs or any(_tumbles(world, motion, name) for name in velocities):
         score *= TRIAL.tumbling
         film = min(film, TRIAL.tumbling)
     grade = Grade.STORY
     if gone or is_thrown:
         grade = Grade.LEAVES
-    elif not is_resting:
+    elif climbs or not is_resting:
         grade = Grade.RESTLESS
     elif film < 1:
         grade = Grade.SHORT
