@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
@@ -220,16 +221,46 @@ class DatasetSummary:
         return self.counts.total()
 
 
+@dataclass(frozen=True)
+class Sample:
+    """A clip in the data set: its metadata, or why it cannot be used."""
+
+    about: Mapping[str, Any]
+    problems: tuple[Problem, ...] = ()
+
+
+def copy_sample(splits: Splits, dataset: Path, clip: FoundClip) -> Sample:
+    """Copy the files of a clip into its folder in the data set."""
+    try:
+        members, about = read_sample(clip, splits)
+        write_sample(dataset / about["split"] / about["key"], members, about)
+    except InputError as error:
+        return Sample({}, tuple(error.problems))
+    return Sample(about)
+
+
+def lost_sample(clip: FoundClip, error: Exception) -> Sample:
+    """Return the sample of a clip that could not be copied."""
+    fix = "run the command again"
+    problems = InputError.of(str(clip.folder), "", f"failed: {error}", fix).problems
+    return Sample({}, tuple(problems))
+
+
+Copies = Callable[
+    [Callable[[FoundClip], Sample], Iterator[FoundClip]], Iterator[Sample]
+]
+"""Calls a function for each clip, in order, as `map` does."""
+
+
 def write_sample(
-    home: Path, members: Mapping[str, Path], about: Mapping[str, Any], rows: BinaryIO
+    home: Path, members: Mapping[str, Path], about: Mapping[str, Any]
 ) -> None:
-    """Writes the folder of a clip, and its row in the table of its split."""
+    """Writes the folder of a clip."""
     for name, file in members.items():
         place = home / name
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, place)
     (home / ABOUT).write_bytes(_json_line(about))
-    rows.write(_json_line({"file_name": f"{about['key']}/{VIDEO}", **about}))
 
 
 def _json_line(data: Mapping[str, Any]) -> bytes:
@@ -242,9 +273,11 @@ def gather(
     splits: Splits,
     warn: Callable[[Problem], None],
     progress: Callable[[int], None] = lambda count: None,
+    copies: Copies = map,
 ) -> DatasetSummary:
     """Makes a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
 
+    `copies` runs the copying of clips, here or on a cluster.
     Clips that cannot be used are warned of and left out. Raises InputError where the folders or `out` cannot be used,
     or where there is no clip.
     """
@@ -252,19 +285,15 @@ def gather(
     _check_output(out, roots)
     summary = DatasetSummary(Counter(dict.fromkeys(splits.names, 0)))
     with atomic_folder(out.resolve()) as folder:
-        with ExitStack() as stack:
-            rows: dict[Path, BinaryIO] = {}
-            for total, (members, about) in enumerate(
-                _samples(roots, splits, summary, warn), 1
-            ):
-                split = folder / about["split"]
-                if split not in rows:
-                    split.mkdir()
-                    rows[split] = stack.enter_context((split / ROWS).open("wb"))
-                write_sample(split / about["key"], members, about, rows[split])
-                summary.counts[about["split"]] += 1
-                summary.photos.add(about["photo"])
-                progress(total)
+
+        def reject(problems: Sequence[Problem]) -> None:
+            summary.left_out += 1
+            for problem in problems:
+                warn(problem)
+
+        copy = partial(copy_sample, splits, folder)
+        samples = copies(copy, _distinct_clips(roots, reject))
+        _write_rows(folder, samples, summary, reject, progress)
         if not summary.total:
             fix = "name folders that physgen rendered or exported into"
             found = "holds no clip that can be used"
@@ -278,31 +307,46 @@ def gather(
     return summary
 
 
-def _samples(
-    roots: Sequence[Path],
-    splits: Splits,
+def _write_rows(
+    folder: Path,
+    samples: Iterator[Sample],
     summary: DatasetSummary,
-    warn: Callable[[Problem], None],
-) -> Iterator[tuple[Mapping[str, Path], Mapping[str, Any]]]:
+    reject: Callable[[Sequence[Problem]], None],
+    progress: Callable[[int], None],
+) -> None:
+    """Write the table of each split, and count."""
+    with ExitStack() as stack:
+        rows: dict[str, BinaryIO] = {}
+        for sample in samples:
+            about = sample.about
+            if sample.problems:
+                reject(sample.problems)
+                continue
+            split = about["split"]
+            if split not in rows:
+                table = (folder / split / ROWS).open("wb")
+                rows[split] = stack.enter_context(table)
+            row = {"file_name": f"{about['key']}/{VIDEO}", **about}
+            rows[split].write(_json_line(row))
+            summary.counts[split] += 1
+            summary.photos.add(about["photo"])
+            progress(summary.total)
+
+
+def _distinct_clips(
+    roots: Sequence[Path], reject: Callable[[Sequence[Problem]], None]
+) -> Iterator[FoundClip]:
+    """Yield clips whose keys differ; the others are rejected."""
     keys: set[str] = set()
     for clip in find_clips(roots):
-        try:
-            members, about = read_sample(clip, splits)
-            if about["key"] in keys:
-                found = f"is called {about['key']}, as another clip is"
-                raise InputError.of(
-                    str(clip.folder),
-                    "",
-                    found,
-                    "give one of their folders another name",
-                )
-        except InputError as error:
-            summary.left_out += 1
-            for problem in error.problems:
-                warn(problem)
+        name = key(clip.name)
+        if name in keys:
+            found = f"is called {name}, as another clip is"
+            fix = "give one of their folders another name"
+            reject(InputError.of(str(clip.folder), "", found, fix).problems)
             continue
-        keys.add(about["key"])
-        yield members, about
+        keys.add(name)
+        yield clip
 
 
 def _check_output(out: Path, roots: Sequence[Path]) -> None:

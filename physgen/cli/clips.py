@@ -24,6 +24,7 @@ from physgen.cli.arguments import (
     names,
     seed,
 )
+from physgen.cli.clusters import is_parallel, run_all
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
 from physgen.problems import (
     InputError,
@@ -293,23 +294,22 @@ def make_all(
     `on_done` is called after each job; `finish` is called at the end, and returns the files to print.
     """
     from physgen.batch.run import failed, record_failure, run
-    from physgen.batch.workers import run_parallel
     from physgen.report.folders import cleaned_up
 
     out = Path(options.output)
     index = out / INDEX
     if count == 0 and options.part:
         print_error("this part has no clip: there are fewer clips than parts")
-    gallery = gallery and (count > 1 or index.exists())
+    store = getattr(options, "ship", None)
+    gallery = gallery and (count > 1 or index.exists()) and store is None
     if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar = Tally(), Bar()
     _announce(bar, 1, count)
-    workers = min(options.jobs, count)
-    work = run if workers > 1 else partial(run, progress=bar.show)
+    work = run if is_parallel(options, count) else partial(run, progress=bar.show)
     with (
         cleaned_up(out),
-        closing(run_parallel(work, jobs, workers, failed)) as done_ones,
+        closing(run_all(options, work, jobs, count, failed)) as done_ones,
     ):
         for done in done_ones:
             bar.clear()
@@ -323,7 +323,7 @@ def make_all(
                 print_error(line)
             record_failure(done, out, gallery)
             on_done(done)
-            _print_done(done, options.json)
+            _print_done(done, options.json, store)
             _announce(bar, tally.counts.total() + 1, count)
     bar.clear()
     bar.prefix = ""
@@ -353,8 +353,11 @@ def _announce(bar: Bar, number: int, count: int) -> None:
         bar.write(bar.prefix)
 
 
-def _print_done(done: Done, as_json: bool) -> None:
-    """A line on stdout: the folder, or all about the clip as JSON."""
+def _print_done(done: Done, as_json: bool, store: str | None) -> None:
+    """A line on stdout: the folder, in its store if there is one, or all about the clip as JSON."""
+    folder = None if done.folder is None else str(done.folder)
+    if store is not None and folder is not None:
+        folder = f"{store.rstrip('/')}/{folder}"
     if as_json:
         with suppress(InputError):
             line = {
@@ -362,14 +365,14 @@ def _print_done(done: Done, as_json: bool) -> None:
                 "scene": done.job.scene,
                 "variant": done.job.options.variant,
                 "state": done.state.value,
-                "folder": None if done.folder is None else str(done.folder),
+                "folder": folder,
                 **_video_entry(done),
                 "seconds": round(done.seconds, 3),
                 "problems": [problem.as_dict() for problem in done.problems],
             }
             print_line(json.dumps(line, ensure_ascii=False, default=str))
-    elif done.folder is not None:
-        print_line(str(done.job.video or done.folder))
+    elif folder is not None:
+        print_line(str(done.job.video or folder))
 
 
 def _video_entry(done: Done) -> dict[str, str]:
@@ -444,7 +447,7 @@ def add_clips(parser: Parser) -> None:
     )
     parser.option("--fan", "N", draws, about, 0)
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
-    about = "refine the clip by a video diffusion model: animatediff, or none; see physgen backends"
+    about = "refine the clip by a video diffusion model: animatediff, wan, or none; see physgen backends"
     parser.option("--refine", "NAME[:WEIGHTS]", str, about)
     parser.option(
         "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"

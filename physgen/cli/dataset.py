@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import (
     WRONG_INPUT,
@@ -13,9 +15,14 @@ from physgen.cli.arguments import (
     check_folder_name,
     seed,
 )
+from physgen.cli.clusters import add_cluster, check_cluster, run_all
 from physgen.cli.output import OK, print_error, print_line, print_problem
 from physgen.problems import Place, Problem, Severity
 from physgen.text import counted
+
+if TYPE_CHECKING:
+    from physgen.batch.clips import FoundClip
+    from physgen.batch.dataset import Sample
 
 INTERVAL = 10_000
 """Clips between two lines of progress."""
@@ -24,9 +31,10 @@ MAX_WARNINGS = 20
 
 
 def dataset(options: argparse.Namespace) -> int:
-    from physgen.batch.dataset import gather, read_splits
+    from physgen.batch.dataset import gather, lost_sample, read_splits
 
     check_folder_name(options.output)
+    check_cluster(options)
     splits = read_splits(options.split, options.seed)
     warnings = 0
 
@@ -40,7 +48,12 @@ def dataset(options: argparse.Namespace) -> int:
         if count % INTERVAL == 0:
             print_error(f"{count:,} clips")
 
-    done = gather(options.folders, options.output, splits, warn, progress)
+    def copies(
+        copy: Callable[[FoundClip], Sample], clips: Iterator[FoundClip]
+    ) -> Generator[Sample, None, None]:
+        return run_all(options, copy, clips, 1, lost_sample)
+
+    done = gather(options.folders, options.output, splits, warn, progress, copies)
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
     if empty := [name for name, count in done.counts.items() if not count]:
@@ -78,6 +91,7 @@ def add(parser: Parser) -> None:
     parser.option(
         "--seed", "S", seed, "determines which photo is in which split; default: 0", 0
     )
+    add_cluster(parser)
     parser.flag("--json", "print a line of JSON")
 
 

@@ -23,6 +23,7 @@ from physgen.cli.clips import (
     make_all,
     other_variants,
 )
+from physgen.cli.clusters import add_cluster, add_ship, check_cluster
 from physgen.cli.output import print_problems
 from physgen.files import check_writable
 from physgen.problems import InputError
@@ -33,9 +34,13 @@ if TYPE_CHECKING:
 
 def render(options: argparse.Namespace) -> int:
     refuse_split_values(options.command_line, options.scenes)
+    check_cluster(options)
     options.output = options.output or ("out/preview" if options.preview else "out")
     video = video_file(options)
     if video is not None:
+        if options.ship is not None:
+            found = "is a file, and clips go to a store"
+            raise InputError.of("-o", f'"{video}"', found, "name a folder")
         options.output = str(video.parent)
     jobs = list(jobs_of(options))
     if video is None:
@@ -94,6 +99,8 @@ def add(parser: Parser) -> None:
     parser.option("--push", "NAME=DIRECTION", str, about, [], action="append")
     add_motion_flags(parser)
     add_clips(parser)
+    add_cluster(parser)
+    add_ship(parser)
     add_overlays(parser)
 
 

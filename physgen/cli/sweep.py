@@ -25,6 +25,7 @@ from physgen.cli.clips import (
     make_all,
     preview_edits,
 )
+from physgen.cli.clusters import add_cluster, add_ship, check_cluster
 from physgen.cli.output import OK, print_backup, print_line
 from physgen.files import check_writable
 from physgen.problems import InputError, Place, Problem
@@ -49,6 +50,7 @@ def sweep(options: argparse.Namespace) -> int:
         fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
         raise InputError.of(options.scene, "", "is no scene file", fix)
     check_folder_name(options.output)
+    check_cluster(options)
     opened = Opened(Path(options.scene), options.allow_outside)
     variants = (
         [None, *opened.variants] if options.variant == "all" else [options.variant]
@@ -182,6 +184,8 @@ def add(parser: Parser) -> None:
         "-o --output", "DIR", str, "folder of the sweep; default: out/<scene>-sweep"
     )
     add_clips(parser)
+    add_cluster(parser)
+    add_ship(parser)
     add_overlays(parser)
 
 

@@ -10,26 +10,37 @@ from functools import partial
 from pathlib import Path
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, count
+from physgen.cli.clusters import (
+    add_cluster,
+    add_ship,
+    check_cluster,
+    run_all,
+    stored_clips,
+)
 from physgen.cli.output import FAILED, OK, Bar, print_error, print_line
 
 
 def verify(options: argparse.Namespace) -> int:
     from physgen.batch import verify as batch
     from physgen.batch.clips import clip_folders
-    from physgen.batch.verify import Outcome, VerifyRequest
-    from physgen.batch.workers import run_parallel
 
-    folders = clip_folders(options.folders)
+    check_cluster(options)
+    if options.ship is None:
+        folders = clip_folders(options.folders)
+    else:
+        folders = stored_clips(options)
     requests = [
-        VerifyRequest(folder, options.scene, options.allow_outside)
+        batch.VerifyRequest(folder, options.scene, options.allow_outside)
         for folder in folders
     ]
     many = len(requests) > 1
     bar = Bar()
-    work = batch.verify if many else partial(batch.verify, progress=bar.show)
-    counts: Counter[Outcome] = Counter()
+    work = batch.verify
+    if not many and options.cluster is None:
+        work = partial(batch.verify, progress=bar.show)
+    counts: Counter[batch.Outcome] = Counter()
     with closing(
-        run_parallel(work, requests, min(options.jobs, len(requests)), batch.failed)
+        run_all(options, work, requests, len(requests), batch.failed)
     ) as verdicts:
         for verdict in verdicts:
             bar.clear()
@@ -45,18 +56,18 @@ def verify(options: argparse.Namespace) -> int:
     bar.clear()
     code = (
         WRONG_INPUT
-        if counts[Outcome.UNKNOWN]
+        if counts[batch.Outcome.UNKNOWN]
         else FAILED
-        if counts[Outcome.DIFFERS]
+        if counts[batch.Outcome.DIFFERS]
         else OK
     )
     if options.json:
-        outcomes = {outcome.name.lower(): counts[outcome] for outcome in Outcome}
+        outcomes = {outcome.name.lower(): counts[outcome] for outcome in batch.Outcome}
         print(json.dumps({"clips": len(requests), **outcomes, "passed": code == OK}))
     elif many:
         parts = [
             f"{counts[outcome]} {outcome.value}"
-            for outcome in Outcome
+            for outcome in batch.Outcome
             if counts[outcome]
         ]
         print_error(f"{len(requests):,} clips: {', '.join(parts)}")
@@ -69,6 +80,8 @@ def add(parser: Parser) -> None:
     about = "the scene file of all these clips; default: the one that each clip's manifest names"
     parser.option("--scene", "FILE", Path, about)
     parser.option("--jobs", "N", count, "clips verified at a time; default: 1", 1)
+    add_cluster(parser)
+    add_ship(parser)
     parser.flag("--json", "print a line of JSON for each clip, and one with the counts")
     parser.flag("--allow-outside", "let scenes read files outside their folders")
 

@@ -1,6 +1,6 @@
 """Photo to percepts and scene document: the stages of perception in order.
 
-    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> inpaint -> shadow
+    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> shadow -> inpaint
 
 Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.registry`). `write_scene` in
 `physgen.perceive.document` writes the result: a scene file and its assets.
@@ -35,7 +35,6 @@ from physgen.maps import F32, Percepts
 from physgen.materials import kind
 from physgen.perceive import document
 from physgen.perceive.hidden_parts import continue_outlines
-from physgen.perceive.inpaint.poisson import fill_behind
 from physgen.perceive.remains import Remain, attach_remains, find_remains
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -55,8 +54,15 @@ from physgen.perceive.roles import (
     Suitability,
 )
 from physgen.perceive.segment.prompts import Segmenter
+from physgen.perceive.shadow.backgrounds import (
+    Backgrounds,
+    Surroundings,
+    fill_backgrounds,
+    fill_before_scenery,
+    find_surroundings,
+)
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
-from physgen.perceive.shadow.shadow_removal import refill_background
+from physgen.perceive.shadow.shadow_removal import remove_reflections
 from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.perceive.wheels import find_vehicles
@@ -83,7 +89,7 @@ SMALLEST_SIDE = 8  # px; the shadow search takes slopes at a coarse scale
 LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
-    "inpaint", "shadow",
+    "shadow", "inpaint",
 )  # fmt: skip
 """In the order in which they run."""
 KEPT = ("inpaint", "normals", "label")
@@ -117,7 +123,7 @@ def perceive(
 
     `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
     (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `known`
-    is not guessed. `meanwhile` completes the scene while the background without shadows is made, which the scene does
+    is not guessed. `meanwhile` completes the scene while its backgrounds are made, which the scene does
     not hold yet. Raises InputError where no scene can be made.
     """
     check_size(rgb)
@@ -144,12 +150,9 @@ def perceive(
         if found.gone is None
         else np.where(found.labels > 0, found.labels, found.gone)
     )
-    # what the border cuts off stays where it is, as scenery for all others
-    fixed = [item.id for item in objects if item.cut]
-    # the fill needs the photo and the masks alone, and takes as long as all that does not need it
     with ThreadPoolExecutor(1) as beside:
-        is_core = run.core("matte", "inpaint")
-        filling = beside.submit(run.fill, filled, fixed) if is_core else None
+        is_core = run.core("matte")
+        cutting = beside.submit(run.cut_out, filled) if is_core else None
         names = run.name(found, objects, renames)
         outlined = outline_as_named(rgb, found.labels, names.objects)
         outlined, wholes = continue_outlines(found.labels, outlined)
@@ -171,11 +174,11 @@ def perceive(
         light: LightGuess = run.role(
             "light", rgb, found.labels, objects, normals, intrinsics
         )
-        run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
-        coverage, background = filling.result() if filling else run.fill(filled, fixed)
+        around = cutting.result() if cutting else run.cut_out(filled)
+        coverage = around.coverage
         shadows: Shadows = run.role(
             "shadow",
-            background,
+            around.guess,
             coverage,
             found.labels,
             objects,
@@ -184,14 +187,12 @@ def perceive(
             light,
         )
         standing = found.labels if boundaries.view is View.SIDE else None
+        run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
+        # the fill takes as long as all that does not need it
+        # what the border cuts off stays where it is, as scenery for all others
+        fixed = [item.id for item in objects if item.cut]
         scenery_mask = nearest_labels(filled, fixed) & (coverage > 0)
-        again = partial(run.fill_again, standing=standing, scenery=scenery_mask)
-        refilled = shadows.clean is not None and not shadows.faint
-        cleaning = (
-            beside.submit(again, shadows.clean, background, coverage)
-            if refilled
-            else None
-        )
+        filling = beside.submit(run.fill, around, shadows, standing, scenery_mask)
         labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
         kept = {
             i: n
@@ -271,7 +272,7 @@ def perceive(
             )
         suits = judge_suitability(rgb, found, objects, boundaries)
         percepts = Percepts(
-            rgb=rgb, labels=labels, coverage=coverage, background=background, shadows=shadows.owners,
+            rgb=rgb, labels=labels, coverage=coverage, shadows=shadows.owners,
             depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
         )  # fmt: skip
         reason = document.provenance(boundaries.reason, boundaries.confidence)
@@ -280,16 +281,18 @@ def perceive(
                 percepts, scene, comments, warnings, (), suits, reason, wholes=wholes
             )
         )
-        clean = cleaning.result() if cleaning else shadows.clean
+        backgrounds = filling.result()
+        clean = backgrounds.clean
         if boundaries.view is View.SIDE:
             standing_ids = [t.id for t in objects if t.id not in boundaries.held]
-            seen = background if clean is None else clean
+            seen = backgrounds.shaded if clean is None else clean
             mirrorless = run.without_mirror_images(
                 seen, found.labels, coverage, standing_ids
             )
             clean = clean if mirrorless is None else mirrorless
         run.crew.release("inpaint")
-        return run.signed(replace(made, percepts=replace(made.percepts, clean=clean)))
+        percepts = replace(made.percepts, background=backgrounds.shaded, clean=clean)
+        return run.signed(replace(made, percepts=percepts))
 
 
 def check_size(rgb: Rgb, file: str = "the photo") -> None:
@@ -320,44 +323,35 @@ class _Run:
         """Whether no role is filled by a model of the extras, which may want all memory for itself."""
         return all(self.crew.row(role).extra is None for role in roles)
 
-    def fill(self, labels: Labels, fixed: Sequence[int]) -> tuple[F32, Rgb]:
-        """Coverage of the objects (H, W), and the photo with what lies behind them filled.
-
-        Objects of the ids `fixed` do not move: they are filled last, so that what
-        stands on them or before them leaves them behind, and not what they hide.
-        """
+    def cut_out(self, labels: Labels) -> Surroundings:
+        """Return the photo with the objects cut out and a guess behind them."""
         coverage: F32 = self.crew.call("matte", self.rgb, labels)
         self.crew.release("matte")
-        inpaint = partial(self.crew.call, "inpaint")
-        hole = coverage > 0
-        scenery = hole & nearest_labels(labels, fixed)
-        background = fill_behind(self.rgb, hole & ~scenery, inpaint)
-        return coverage, fill_behind(background, scenery, inpaint)
+        return find_surroundings(self.rgb, coverage)
 
-    def fill_again(
+    def fill(
         self,
-        clean: Rgb,
-        background: Rgb,
-        coverage: F32,
+        around: Surroundings,
+        shadows: Shadows,
         standing: Labels | None,
-        scenery: Mask,
-    ) -> Rgb:
-        """Return the background without shadows, filled again behind objects that move.
+        scenery_mask: Mask,
+    ) -> Backgrounds:
+        """Fill what lies behind the objects, last behind those of `scenery_mask`.
 
-        Objects of the mask `scenery` (H, W) are seen meanwhile, and keep their fill.
+        Without shadows, what a floor mirrors of objects `standing` on it goes, too.
         """
         inpaint = partial(self.crew.call, "inpaint")
-        fixed = scenery[:, :, None]
-        if standing is not None:
-            standing = np.where(scenery, np.uint16(0), standing)
-        seen = refill_background(
-            np.where(fixed, self.rgb, clean),
-            np.where(fixed, self.rgb, background),
-            np.where(scenery, np.float32(0), coverage),
-            inpaint,
-            standing,
+        has_movable = ((around.coverage > 0) & ~scenery_mask).any()
+        if has_movable and scenery_mask.any():
+            backgrounds = fill_before_scenery(around, scenery_mask, shadows, inpaint)
+        else:
+            backgrounds = fill_backgrounds(around, shadows, inpaint)
+        if backgrounds.clean is None or shadows.faint or standing is None:
+            return backgrounds
+        clean = remove_reflections(
+            backgrounds.clean, standing, around.coverage, inpaint
         )
-        return np.where(fixed, clean, seen)
+        return replace(backgrounds, clean=clean)
 
     def without_mirror_images(
         self, clean: Rgb, labels: Labels, coverage: F32, ids: Sequence[int]

@@ -86,8 +86,8 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
         "normals",
         "intrinsic",
         "light",
-        "inpaint",
         "shadow",
+        "inpaint",
     ]
     cv2.imwrite(str(tmp_path / "photo.png"), seen.percepts.rgb[..., ::-1])
     write_scene(seen, tmp_path / "photo.png", "photo", tmp_path / "scene.yaml")

@@ -3,7 +3,8 @@
 Borrowed patches carry lines and grain on. Their difference from the photo around the hole is spread over it, so that
 no seam shows. Where the surroundings are smooth, a harmonic fill is right and the patches bring the grain only.
 Pixels right beside an object are mixed with its blurred edge and its contact shadow: they are not learnt from, they
-stay, and the fill meets them within a few pixels.
+stay, and the fill meets them within a few pixels. Colours and patches of a large photo are chosen at reduced size;
+finer detail is copied at full size.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import cv2
 import numpy as np
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.copy_offsets import I64
 from physgen.perceive.inpaint.edge_continuation import continue_arcs
 from physgen.perceive.inpaint.patch_match import patch_match_fill
 from physgen.perceive.inpaint.poisson import (
@@ -53,6 +55,7 @@ class _Limits:
     drawn: int = 2
     arc_grain: float = 8.0  # levels: more beside an arc is an edge of the fill
     detail: float = 2.0  # px: standard deviation of the blur below which is grain
+    side: int = 640  # px: longer side of the picture in which patches are chosen
 
 
 LIMITS = _Limits()
@@ -63,15 +66,44 @@ def fill(*, copies: bool = True) -> Inpaint:
     return partial(_fill, copies=copies)
 
 
+@dataclass(frozen=True, eq=False)
+class _Guide:
+    """A fill without copies of whole pieces."""
+
+    picture: F32
+    """(H, W, 3)."""
+    near: Mask
+    """(H, W): the hole without gaps, and what is mixed with it."""
+    smooth: Mask
+    """(H, W): pieces with smooth surroundings."""
+    drawn: Mask
+    """(H, W): continued circles and ellipses."""
+    places: I64 | None
+    """(H, W, 2): rows and columns of the known place that each pixel is from."""
+
+
 def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
+    scale = max(hole.shape) / LIMITS.side
+    guide = _guide(photo, hole) if scale <= 1 else _large_guide(photo, hole, scale)
+    picture, textured = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
+    if copies and textured.any():
+        level = _pieces_without(guide.drawn, guide.near)
+        copied = shift_map_fill(picture, textured, picture)
+        picture = _carry_level_lines(copied, photo, level)
+    return blend_at_border(picture, rgb, hole)
+
+
+def _guide(photo: F32, hole: Mask) -> _Guide:
+    """Return the guide in the `hole` (H, W) of a photo (H, W, 3)."""
     whole = close_gaps(hole)
     near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
-    borrowed, smooth = _smooth_pieces(photo, patch_match_fill(photo, far), far)
+    patches = patch_match_fill(photo, far)
+    borrowed, smooth = _smooth_pieces(photo, patches.picture, far)
     gap = np.where(
         near[:, :, None],
         np.float32(0),
@@ -79,13 +111,88 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     )
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
     guide, drawn = _carry_arcs(filled, photo, near)
-    level = _pieces_without(drawn, near)
-    guide = _carry_level_lines(guide, photo, level)
-    textured = near & ~smooth & ~drawn
-    if copies and textured.any():
-        copied = shift_map_fill(guide, textured, guide)
-        guide = _carry_level_lines(copied, photo, level)
-    return blend_at_border(guide, rgb, hole)
+    guide = _carry_level_lines(guide, photo, _pieces_without(drawn, near))
+    return _Guide(guide, near, smooth, drawn, patches.places)
+
+
+def _large_guide(photo: F32, hole: Mask, scale: float) -> _Guide:
+    """Return the guide of a photo that is chosen at 1 / `scale` of its size.
+
+    The fine detail that the reduced picture lacks is copied from the place that each
+    pixel is from.
+    """
+    height, width = hole.shape
+    size = max(1, round(width / scale)), max(1, round(height / scale))
+    small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA))
+    share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    guide = _guide(small, np.asarray(share > 0))
+    near = dilate(close_gaps(hole), LIMITS.mixed)
+    if near.all():
+        near = hole
+    smooth, drawn = (
+        cv2.resize(
+            part.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
+        )
+        for part in (guide.smooth, guide.drawn)
+    )
+    x, y, w, h = cv2.boundingRect(near.view(np.uint8))
+    box = np.s_[y : y + h, x : x + w]
+    rows, columns = np.mgrid[box].astype(np.float32)
+    steps = np.array([height / size[1], width / size[0]], np.float32)
+    filled = _enlarged(guide.picture, rows, columns, steps)
+    if guide.places is not None:
+        detail = _copied_detail(
+            photo, small, near, guide.places, (rows, columns), steps
+        )
+        filled += np.where(drawn[box][..., None] > 0, np.float32(0), detail)
+    picture = photo.copy()
+    inside = near[box][..., None]
+    picture[box] = np.where(inside, np.clip(filled, 0, 255), photo[box])
+    return _Guide(picture, near, (smooth > 0) & near, (drawn > 0) & near, None)
+
+
+def _enlarged(picture: F32, rows: F32, columns: F32, steps: F32) -> F32:
+    """(h, w, 3): a reduced `picture` at rows and columns (h, w) px of the large one."""
+    return np.asarray(
+        cv2.remap(
+            picture,
+            (columns + 0.5) / steps[1] - 0.5,
+            (rows + 0.5) / steps[0] - 0.5,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        ),
+        np.float32,
+    )
+
+
+def _copied_detail(
+    photo: F32,
+    small: F32,
+    near: Mask,
+    places: I64,
+    pixels: tuple[F32, F32],
+    steps: F32,
+) -> F32:
+    """(h, w, 3): what `photo` has of detail that `small` lacks, at the source of each pixel.
+
+    `places` are those of the reduced picture; `pixels` are rows and columns (h, w). 0 if
+    a source is not known.
+    """
+    sources, legal = [], np.ones(pixels[0].shape, bool)
+    here = [
+        np.minimum((pixels[axis] / steps[axis]).astype(np.intp), small.shape[axis] - 1)
+        for axis in (0, 1)
+    ]
+    for axis in (0, 1):
+        shift = (places[here[0], here[1], axis] - here[axis]) * steps[axis]
+        place = np.rint(pixels[axis] + shift).astype(np.intp)
+        inside = np.clip(place, 0, near.shape[axis] - 1)
+        legal &= place == inside
+        sources.append(inside)
+    legal &= ~near[sources[0], sources[1]]
+    there = [part.astype(np.float32) for part in sources]
+    detail = photo[sources[0], sources[1]] - _enlarged(small, *there, steps)
+    return np.where(legal[..., None], detail, np.float32(0))
 
 
 def _carry_arcs(filled: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
@@ -111,6 +218,22 @@ def _pieces_without(drawn: Mask, hole: Mask) -> Mask:
 
 def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
     """`filled` (H, W, 3) with level lines that the photo shows at both sides of the `hole` (H, W) carried on."""
+    if not hole.any():
+        return filled
+    # the hole, what is compared with it and the reach of a blur there
+    margin = LIMITS.around + round(4 * LIMITS.detail) + 1
+    left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
+    part = np.s_[
+        max(0, top - margin) : top + height + margin,
+        max(0, left - margin) : left + width + margin,
+    ]
+    result = filled.copy()
+    result[part] = _level_lines(filled[part], photo[part], hole[part])
+    return result
+
+
+def _level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
+    """The same for the box of a hole."""
     (along, beside), thick = LIMITS.line, LIMITS.drawn
     found, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
     least = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))

@@ -244,10 +244,10 @@ def _cut_out_again(rgb: NDArray[np.uint8], found: Candidates, k: int) -> Mask:
     across, down = _scale_to(found.shape, rgb)
     corners = found.proposals[k].box / np.array([across, down, across, down])
     own = found.on_photo(k, (rgb.shape[0], rgb.shape[1]))
-    return _better_mask(own, mask_in_box(rgb, corners.tolist()).mask)
+    return better_mask(own, mask_in_box(rgb, corners.tolist()).mask)
 
 
-def _better_mask(own: Mask, again: Mask) -> Mask:
+def better_mask(own: Mask, again: Mask) -> Mask:
     """Return what was cut out again, or else the mask before."""
     shared, union = np.count_nonzero(own & again), np.count_nonzero(own | again)
     is_other = shared < LEARNED.same * union

@@ -201,9 +201,19 @@ def fill_behind(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
     """`photo` (H, W, 3) with `hole` (H, W), its blurred rim and contact shadow filled."""
     if not hole.any() or hole.all():
         return photo.copy()
+    return fill(photo, with_rim(photo, hole))
+
+
+def with_rim(photo: Rgb, hole: Mask) -> Mask:
+    """Return `hole` (H, W) with its blurred rim and contact shadow.
+
+    `hole` itself if nothing else of the photo (H, W, 3) would be left.
+    """
+    if not hole.any() or hole.all():
+        return hole
     wide = _reach_around(hole)[1] <= rim_width(photo, hole)
     wide |= dilate(contact_strips(photo, hole), CONTACT_RIM)
-    return fill(photo, hole if wide.all() else wide)
+    return hole if wide.all() else wide
 
 
 def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:

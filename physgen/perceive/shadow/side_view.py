@@ -23,6 +23,7 @@ from physgen.perceive.roles import (
     Shadows,
 )
 from physgen.perceive.shadow.ambient_shade import find_ambient_shade
+from physgen.perceive.shadow.reduced import ReducedPhoto, reduce_photo, restore_size
 from physgen.perceive.shadow.shadow_fit import (
     COARSE,
     FINE,
@@ -86,10 +87,13 @@ LIMITS = _Limits()
 
 @dataclass(frozen=True)
 class _Photo:
-    """The background and its objects; silhouettes and gradients at several scales, each made once."""
+    """The reduced background and its objects; silhouettes and gradients at several scales, each made once.
 
-    background: Rgb
-    coverage: F32
+    Lengths are px of the reduced background; labels, objects and boundaries are in px
+    of the photo.
+    """
+
+    reduced: ReducedPhoto
     labels: Labels
     objects: Sequence[PhotoObject]
     matter: Mapping[int, Matter]
@@ -100,13 +104,30 @@ class _Photo:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height, px."""
-        return self.labels.shape[1], self.labels.shape[0]
+        """Width and height of the reduced background, px."""
+        return self.reduced.size
+
+    @property
+    def background(self) -> Rgb:
+        """(h, w, 3)."""
+        return self.reduced.background
+
+    @property
+    def coverage(self) -> F32:
+        """(h, w)."""
+        return self.reduced.coverage
 
     def silhouettes(self, scale: float, floor: float | None = None) -> list[Silhouette]:
-        return object_silhouettes(
-            self.labels, self.objects, self.matter, self.boundaries, scale, floor
+        """Silhouettes at 1 / `scale` of the size; `floor` is a row of the photo."""
+        at = partial(
+            object_silhouettes,
+            self.labels,
+            self.objects,
+            self.matter,
+            self.boundaries,
+            floor=floor,
         )
+        return at(scale * self.reduced.scale)
 
     def gradients(
         self, longest: int, floor: float | None = None
@@ -128,15 +149,23 @@ def side_view_shadows(
     guess: LightGuess,
 ) -> Shadows:
     """The role `shadow` for a photo from the side."""
-    photo = _Photo(background, coverage, labels, objects, matter, boundaries)
+    reduced = reduce_photo(background, coverage)
+    photo = _Photo(reduced, labels, objects, matter, boundaries)
+    found = None
+    if not _is_ground_known(photo):
+        found = find_smooth_shade(background, coverage, labels, objects)
+    if found is not None:
+        return _soft_light(*found, guess, boundaries.tilt)
+    return restore_size(_reduced_shadows(photo, guess), reduced, background, coverage)
+
+
+def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
+    """Shadows of the reduced photo."""
+    background, coverage = photo.background, photo.coverage
     nothing = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0)
     given = photo.gradients(COARSE)
     if given is None:
         return nothing
-    if not _is_ground_known(given, boundaries):
-        shade = _smooth_shade(photo, guess)
-        if shade is not None:
-            return shade
     wall = _wall_shadow(photo)
     found, floor = _floor_fit(photo, given, guess)
     silhouettes = photo.silhouettes(1.0, floor)
@@ -153,7 +182,7 @@ def side_view_shadows(
             )
         if ratio <= LIMITS.calm:
             setting, sure = _light(fit, wall, guess, photo.size)
-            setting = _with_known_tilt(setting, boundaries.tilt)
+            setting = _with_known_tilt(setting, photo.boundaries.tilt)
             back = None if setting.backdrop == inf else round(setting.backdrop, 1)
             tilt, softness = (
                 round(degrees(atan(setting.tilt)), 1),
@@ -166,11 +195,12 @@ def side_view_shadows(
     return _soft_shade(photo, guess) or nothing
 
 
-def _is_ground_known(given: LightGradients, boundaries: BoundaryGuess) -> bool:
+def _is_ground_known(photo: _Photo) -> bool:
     """Return whether an object stands on a floor, seen from a small height."""
-    if boundaries.tilt is not None:
+    if photo.boundaries.tilt is not None:
         return False
-    for what in given.silhouettes:
+    given = photo.gradients(COARSE)
+    for what in [] if given is None else given.silhouettes:
         height = what.coverage.shape[0]
         foot = what.corner[1] + height
         if what.floor is not None and what.floor - foot < LIMITS.foot * height:
@@ -178,21 +208,16 @@ def _is_ground_known(given: LightGradients, boundaries: BoundaryGuess) -> bool:
     return False
 
 
-def _smooth_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
-    """Return the shade on a ground of unknown geometry; None if there is none.
+def _soft_light(
+    clean: Rgb, owners: Labels, guess: LightGuess, tilt: float | None
+) -> Shadows:
+    """Return shade on a ground of unknown geometry, with a soft light.
 
-    The light is taken as soft: geometry then predicts little, and each object takes
-    the shade that the photo shows with it.
+    Geometry then predicts little, and each object takes the shade that the photo shows
+    with it.
     """
-    found = find_smooth_shade(
-        photo.background, photo.coverage, photo.labels, photo.objects
-    )
-    if found is None:
-        return None
-    clean, owners = found
     direct = LIMITS.direct
     light = DistantLight(guess.light.direction, FULL * direct, FULL * (1 - direct))
-    tilt = photo.boundaries.tilt
     if tilt is None:
         tilt = round(degrees(atan(TILT)), 1)
     return Shadows(clean, owners, light, LIMITS.soft, tilt, None, LIMITS.unknown)
@@ -216,7 +241,7 @@ def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetti
 def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     """The shade of soft light on a floor under the lowest object; None where it is not seen."""
     bottom = max(bounds(item.outline)[3] for item in photo.objects)
-    if bottom >= photo.size[1] - 1:
+    if bottom >= len(photo.labels) - 1:
         return None
     at = partial(photo.silhouettes, floor=bottom)
     shade = find_ambient_shade(photo.background, photo.coverage, at, from_above=False)
@@ -298,7 +323,7 @@ def _floor_fit(
     floors: list[float | None] = [None]
     lowest = lowest_floor(photo.boundaries)
     if lowest is not None:
-        row = lowest / given.scale
+        row = lowest / (given.scale * photo.reduced.scale)
         elsewhere = any(
             s.floor is None or abs(s.floor - row) > 2 for s in given.silhouettes
         )

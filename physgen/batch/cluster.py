@@ -1,0 +1,366 @@
+"""Run work on a Dask cluster: connect to its scheduler, submit batches of items, return results in order.
+
+The only module that needs Dask.
+
+Workers read and write the user's folders under the same paths, or get them as `batch.shipping` describes. A worker
+process does one item at a time.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import platform
+import re
+import time
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from threading import Lock
+from typing import Any, TypeVar
+
+import dask
+from distributed import (
+    Client,
+    Future,
+    KilledWorker,
+    LocalCluster,
+    as_completed,
+    default_client,
+)
+from distributed.comm import CommClosedError
+
+from physgen.batch.resume import CODE
+from physgen.batch.shipping import Store, shipped
+from physgen.batch.workers import LostError
+from physgen.environment import keep_freed_memory
+from physgen.operating_system import available_cores
+from physgen.pipeline.cache_keys import code_version
+from physgen.problems import InputError
+from physgen.report.record import versions
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Versions = Mapping[str, str]
+
+FLAG = "--cluster"
+LOCAL = re.compile(r"local(?::(?P<workers>[1-9]\d{0,3}))?")
+"""A cluster of this machine, with so many processes."""
+TIMEOUT = 10.0
+"""s in which a scheduler must answer."""
+WORKER_NOTICE = 10.0
+"""s without any worker after which that is reported."""
+CLOSE_TIMEOUT = 2.0
+"""s in which the client must close."""
+BATCH_SECONDS = 1.0
+"""Duration of a task that the size of batches aims at: a task costs the scheduler about 1 ms."""
+LARGEST_BATCH = 100
+"""Items of a task, at most: what a worker that dies has to do again."""
+BATCHES_AHEAD = 4
+"""Batches per worker that may be under way or done while an older one is not."""
+LONELY_TRIES = 2
+"""How often an item is tried with no other task at work, after its workers died. At the first one, a worker that the
+item before has ended may still be known as alive."""
+DASK_SETTINGS = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.limit": "1h",
+    "distributed.comm.timeouts.connect": f"{TIMEOUT:g}s",
+    # of a local cluster: what ends its process twice is the item itself
+    "distributed.scheduler.allowed-failures": 1,
+}
+_ONE_AT_A_TIME = Lock()
+"""The working folder belongs to the process, and a clip uses all of its cores."""
+
+
+@dataclass
+class Batch:
+    """Consecutive items that one task works on."""
+
+    first: int  # number of the first item
+    items: list[Any]
+    lonely_tries: int = 0  # how often it was tried with no other task at work
+
+
+@dataclass
+class BatchSize:
+    """Number of items of the next task, from the durations of those before."""
+
+    seconds: float = BATCH_SECONDS  # of one item
+    is_measured: bool = False
+
+    def add(self, seconds: float, items: int) -> None:
+        """Count the duration of a batch; newer ones weigh more."""
+        duration = seconds / items
+        if self.is_measured:
+            duration = (duration + self.seconds) / 2
+        self.seconds, self.is_measured = duration, True
+
+    @property
+    def items(self) -> int:
+        """Number of items that take about BATCH_SECONDS."""
+        count = int(BATCH_SECONDS / max(self.seconds, BATCH_SECONDS / LARGEST_BATCH))
+        return max(1, count)
+
+
+@cache
+def own_versions() -> Versions:
+    """Return the versions of code and libraries; on one kind of processor, clips are equal if these are."""
+    code = {**code_version((*CODE, "batch")), **versions()}
+    code.pop("machine")
+    return code
+
+
+def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, float]:
+    """Run a pickled function on pickled items, on a worker, in the user's `folder`.
+
+    Return the pickled results and their duration, s. Raises InputError if the results would differ, or if the worker
+    does not see the folder.
+    """
+    versions_here = own_versions()
+    if versions_here != expected:
+        raise _version_error(expected, versions_here)
+    with _ONE_AT_A_TIME:
+        _enter(folder)
+        keep_freed_memory()
+        work, items = pickle.loads(content)
+        start = time.perf_counter()
+        results = [work(item) for item in items]
+        return pickle.dumps(results), time.perf_counter() - start
+
+
+def _enter(folder: str) -> None:
+    """Change to the working folder of the user. Raises InputError."""
+    if not folder:
+        return
+    try:
+        os.chdir(folder)
+    except OSError:
+        found = f"is not there on a worker, {platform.node()}"
+        fix = "run this from a folder that workers share, or add --ship URL"
+        raise InputError.of(FLAG, f'"{folder}"', found, fix) from None
+
+
+def _version_error(theirs: Versions, ours: Versions) -> InputError:
+    """Return the error that the user's versions, `theirs`, are not the worker's."""
+    names = [name for name in theirs if ours.get(name) != theirs[name]]
+    if len(names) > 1 and "sources" in names:
+        names.remove("sources")  # a hash, which explains less than the other versions
+
+    def text(known: Versions) -> str:
+        return ", ".join(f"{name} {known.get(name, 'none')[:12]}" for name in names)
+
+    found = f"a worker on {platform.node()}"
+    expected = f"has {text(ours)}, and here is {text(theirs)}: its results would differ"
+    return InputError.of(FLAG, found, expected, "install the same on both")
+
+
+def run_on_cluster(
+    address: str,
+    work: Callable[[Item], Result],
+    items: Iterable[Item],
+    lost: Callable[[Item, Exception], Result],
+    *,
+    ship: str | None = None,
+    report: Callable[[str], None] = lambda text: None,
+) -> Generator[Result, None, None]:
+    """Yield `work(item)` for each item, in order; `lost(item, error)` if its workers died each time.
+
+    `ship` is the URL of a store for the files of jobs or requests, in place of a shared folder. `report` gets the
+    reason of a wait. Raises InputError if there is no such cluster or the results of a worker would differ,
+    ConnectionError if the scheduler is lost. A caller that stops early must close the generator, which cancels the
+    tasks.
+    """
+    if ship is not None:
+        yield from run_on_cluster(
+            address, *shipped(Store(ship), items, lost), report=report
+        )
+        return
+    with _connected(address) as client:
+        try:
+            client.wait_for_workers(1, timeout=WORKER_NOTICE)
+        except TimeoutError:
+            report(f"{address}: has no workers yet; waiting for them")
+        run = _ClusterRun(client, address, work, os.getcwd())
+        try:
+            yield from run.results(iter(items), lost)
+        finally:
+            run.cancel()
+
+
+@dataclass
+class _ClusterRun:
+    """The tasks of one call of run_on_cluster."""
+
+    client: Client
+    address: str
+    work: Callable[[Any], Any]
+    folder: str
+    size: BatchSize = field(default_factory=BatchSize)
+    tasks: dict[Future, Batch] = field(default_factory=dict)
+    suspects: list[Batch] = field(default_factory=list)
+    """Single items whose workers died, perhaps by another item; each is tried again with no other task at work."""
+    done: dict[int, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # not `with_results`: it waits for ever if a worker dies while its result is fetched
+        self.completed = as_completed(loop=self.client.loop)
+
+    def results(
+        self, source: Iterator[Item], lost: Callable[[Item, Exception], Result]
+    ) -> Iterator[Result]:
+        """Yield results in order; at most BATCHES_AHEAD batches a worker are ahead of the oldest one."""
+        due = count = 0
+        while True:
+            limit = due + BATCHES_AHEAD * self._workers() * self.size.items
+            while count < limit and not self.suspects:
+                items = list(islice(source, self.size.items))
+                if not items:
+                    break
+                self._submit(Batch(count, items))
+                count += len(items)
+            if self.suspects and not self.tasks:
+                suspect = self.suspects.pop(0)
+                suspect.lonely_tries += 1
+                self._submit(suspect)
+            if due == count:
+                return
+            for future in self.completed.next_batch(block=True):
+                self._add_results(future, lost)
+            while due in self.done:
+                yield self.done.pop(due)
+                due += 1
+
+    def _add_results(
+        self, future: Future, lost: Callable[[Any, Exception], Any]
+    ) -> None:
+        """Keep the results of a task until they are due."""
+        batch = self.tasks.pop(future)
+        try:
+            results = self._read(future, len(batch.items))
+        except KilledWorker:
+            if batch.lonely_tries < LONELY_TRIES:
+                for number, item in enumerate(batch.items, batch.first):
+                    self.suspects.append(Batch(number, [item], batch.lonely_tries))
+                return
+            results = [lost(batch.items[0], LostError("its workers died each time"))]
+        self.done.update(enumerate(results, batch.first))
+
+    def cancel(self) -> None:
+        """Cancel all tasks that have not ended."""
+        with suppress(Exception):
+            self.client.cancel(list(self.tasks), force=True)
+
+    def _submit(self, batch: Batch) -> None:
+        content = pickle.dumps((self.work, batch.items))
+        future = self.client.submit(
+            run_batch, own_versions(), self.folder, content, pure=False
+        )
+        self.tasks[future] = batch
+        self.completed.add(future)
+
+    def _workers(self) -> int:
+        """Return the number of worker processes, at least 1."""
+        try:
+            return max(1, len(self.client.nthreads()))
+        except OSError:
+            raise self._scheduler_error() from None
+
+    def _read(self, future: Future, items: int) -> list[Any]:
+        """Return the results of a task. Raises KilledWorker, or the error that ends the run."""
+        try:
+            content, seconds = future.result()
+        except (ModuleNotFoundError, AttributeError) as error:
+            found = f"has no physgen, or another one ({error})"
+            fix = "install the same on both"
+            raise InputError.of(FLAG, self.address, found, fix) from None
+        except (CancelledError, CommClosedError):
+            raise self._scheduler_error() from None
+        self.size.add(seconds, items)
+        results: list[Any] = pickle.loads(content)
+        return results
+
+    def _scheduler_error(self) -> ConnectionError:
+        text = "the scheduler is gone; once it is back, run the same command again"
+        return ConnectionError(f"{self.address}: {text}")
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    """Yield a client of the scheduler at `address`, of the one in a FILE.json, or of a cluster of this machine."""
+    with ExitStack() as stack:
+        stack.enter_context(_quiet())
+        stack.enter_context(dask.config.set(DASK_SETTINGS))
+        local = LOCAL.fullmatch(address)
+        if local is not None:
+            cluster = LocalCluster(
+                n_workers=int(local["workers"] or available_cores()),
+                threads_per_worker=1,
+                memory_limit=None,
+                dashboard_address=None,
+                host="127.0.0.1",
+                silence_logs=logging.CRITICAL,
+            )
+            stack.callback(_close, cluster)
+            place = {"address": cluster.scheduler_address}
+        else:
+            current = _current_client(address)
+            if current is not None:
+                yield current
+                return
+            place = _scheduler_place(address)
+        try:
+            client = Client(**place, timeout=TIMEOUT, set_as_default=False)
+        except (OSError, ValueError, TypeError, ImportError) as error:
+            reason = str(error).split("\n")[0]
+            found = f"is no scheduler that answers within {TIMEOUT:g} s ({reason})"
+            fix = "check that it runs and that this machine reaches it; `dask scheduler` starts one"
+            raise InputError.of(FLAG, f'"{address}"', found, fix) from None
+        stack.callback(_close, client)
+        yield client
+
+
+def _current_client(address: str) -> Client | None:
+    """Return the client that a script has opened for this scheduler, if any: it has the right certificates."""
+    try:
+        client = default_client()
+    except ValueError:
+        return None
+    return client if client.scheduler.address == address else None
+
+
+def _scheduler_place(address: str) -> dict[str, str]:
+    """Return the argument of Client for an address or a scheduler file. Raises InputError."""
+    if not address.endswith(".json"):
+        return {"address": address}
+    path = Path(address).expanduser()
+    if not path.is_file():
+        fix = "start it: dask scheduler --scheduler-file FILE.json"
+        raise InputError.of(FLAG, f'"{address}"', "is no scheduler file", fix)
+    return {"scheduler_file": str(path)}
+
+
+def _close(part: Any) -> None:
+    """Close a client or a local cluster."""
+    with suppress(Exception):
+        part.close(timeout=CLOSE_TIMEOUT)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence logs and warnings of Dask, whose errors are reported in our own words."""
+    # for good: it still logs after the block
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)
+    disabled = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            yield
+        finally:
+            logging.disable(disabled)

@@ -1,0 +1,99 @@
+"""Flags of the commands that may run on a cluster, and the choice between it and this machine."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+from physgen.cli.arguments import Parser
+from physgen.cli.output import print_error
+from physgen.files import install
+from physgen.problems import InputError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+ADDRESS = re.compile(
+    r"local(:[1-9]\d{0,3})?|\w+://.+|(?!local:)[\w.\-\[\]:]+:\d+|.+\.json"
+)
+
+
+def address(text: str) -> str:
+    """Read the address of a scheduler, its file, or `local`."""
+    if ADDRESS.fullmatch(text):
+        return text
+    raise argparse.ArgumentTypeError(
+        f"{text} is no cluster; write tcp://HOST:8786, a scheduler's FILE.json, or local:4"
+    )
+
+
+def add_cluster(parser: Parser) -> None:
+    """Add the flag of a cluster."""
+    about = "run on a Dask cluster: tcp://HOST:8786, a scheduler's FILE.json, or local[:N] for N processes here"
+    parser.option("--cluster", "ADDRESS", address, about)
+
+
+def add_ship(parser: Parser) -> None:
+    """Add the flag of a store."""
+    about = "with --cluster: scenes and results are in this store in place of a shared folder: s3://BUCKET/NAME"
+    parser.option("--ship", "URL", str, about)
+
+
+def check_cluster(options: argparse.Namespace) -> None:
+    """Refuse flags that contradict each other. Raises InputError."""
+    ship = getattr(options, "ship", None)
+    jobs = getattr(options, "jobs", 1)
+    if options.cluster is None and ship is not None:
+        fix = "add --cluster ADDRESS"
+        raise InputError.of("--ship", f'"{ship}"', "is for clusters", fix)
+    if options.cluster is not None and jobs > 1:
+        fix = "leave it out: the cluster has as many as it has workers"
+        raise InputError.of("--jobs", str(jobs), "is for one machine", fix)
+
+
+def is_parallel(options: argparse.Namespace, count: int) -> bool:
+    """Return whether other processes work on the `count` items of a command."""
+    return getattr(options, "cluster", None) is not None or min(options.jobs, count) > 1
+
+
+def run_all(
+    options: argparse.Namespace,
+    work: Callable[[Item], Result],
+    items: Iterable[Item],
+    count: int,
+    lost: Callable[[Item, Exception], Result],
+) -> Generator[Result, None, None]:
+    """Yield `work(item)` for each of `count` items, in order, by the cluster or by processes of this machine."""
+    if getattr(options, "cluster", None) is None:
+        from physgen.batch.workers import run_parallel
+
+        jobs = min(getattr(options, "jobs", 1), count)
+        return run_parallel(work, items, jobs, lost)
+    with _dask_needed(options):
+        from physgen.batch.cluster import run_on_cluster
+    ship = getattr(options, "ship", None)
+    return run_on_cluster(
+        options.cluster, work, items, lost, ship=ship, report=print_error
+    )
+
+
+def stored_clips(options: argparse.Namespace) -> list[Path]:
+    """Return the folders of all clips below those of the command, in its store. Raises InputError."""
+    with _dask_needed(options):
+        from physgen.batch import shipping
+    return shipping.stored_clips(shipping.Store(options.ship), options.folders)
+
+
+@contextmanager
+def _dask_needed(options: argparse.Namespace) -> Iterator[None]:
+    """Report that the block could not import Dask."""
+    try:
+        yield
+    except ImportError:
+        found = "needs Dask, which is not installed"
+        place = f'"{options.cluster}"'
+        raise InputError.of("--cluster", place, found, install("cluster")) from None
