@@ -7,7 +7,7 @@ shadows is that fill in the light that is left around it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -79,6 +79,30 @@ def fill_backgrounds(
     if shadows.faint:
         return _fill_shaded(around, lifted, inpaint)
     return _fill_clean(around, lifted, inpaint)
+
+
+def fill_before_scenery(
+    around: Surroundings, scenery_mask: Mask, shadows: Shadows, inpaint: Inpaint
+) -> Backgrounds:
+    """Return both backgrounds; `scenery_mask` (H, W) are objects that do not move.
+
+    They are filled last: what stands on them or before them leaves them behind, and not
+    what they hide.
+    """
+    fixed = scenery_mask[..., None]
+    coverage = np.where(scenery_mask, np.float32(0), around.coverage)
+    hole = with_rim(around.photo, coverage > 0)
+    guess = np.where(hole[..., None], around.guess, around.photo)
+    clean = shadows.clean
+    if clean is not None:
+        shadows = replace(shadows, clean=np.where(fixed, around.photo, clean))
+    before = Surroundings(around.photo, coverage, hole, guess)
+    backgrounds = fill_backgrounds(before, shadows, inpaint)
+    rest = with_rim(around.photo, scenery_mask)
+    lit = backgrounds.shaded if backgrounds.clean is None else backgrounds.clean
+    filled = inpaint(lit, rest)
+    shaded = np.where(rest[..., None], filled, backgrounds.shaded)
+    return Backgrounds(shaded, None if backgrounds.clean is None else filled)
 
 
 def _fill_shaded(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrounds:
