@@ -16,6 +16,7 @@ import re
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -33,6 +34,7 @@ from distributed import (
     as_completed,
     default_client,
 )
+from distributed.comm import CommClosedError
 
 from physgen.batch.resume import CODE
 from physgen.batch.shipping import Store, shipped
@@ -62,6 +64,9 @@ LARGEST_BATCH = 100
 """Items of a task, at most: what a worker that dies has to do again."""
 BATCHES_AHEAD = 4
 """Batches per worker that may be under way or done while an older one is not."""
+LONELY_TRIES = 2
+"""How often an item is tried with no other task at work, after its workers died. At the first one, a worker that the
+item before has ended may still be known as alive."""
 DASK_SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.limit": "1h",
@@ -79,6 +84,7 @@ class Batch:
 
     first: int  # number of the first item
     items: list[Any]
+    lonely_tries: int = 0  # how often it was tried with no other task at work
 
 
 @dataclass
@@ -197,12 +203,13 @@ class _ClusterRun:
     folder: str
     size: BatchSize = field(default_factory=BatchSize)
     tasks: dict[Future, Batch] = field(default_factory=dict)
+    suspects: list[Batch] = field(default_factory=list)
+    """Single items whose workers died, perhaps by another item; each is tried again with no other task at work."""
+    done: dict[int, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.answers = as_completed(
-            loop=self.client.loop, with_results=True, raise_errors=False
-        )
-        self.done: dict[int, Any] = {}
+        # not `with_results`: it waits for ever if a worker dies while its result is fetched
+        self.completed = as_completed(loop=self.client.loop)
 
     def results(
         self, source: Iterator[Item], lost: Callable[[Item, Exception], Result]
@@ -211,35 +218,38 @@ class _ClusterRun:
         due = count = 0
         while True:
             limit = due + BATCHES_AHEAD * self._workers() * self.size.items
-            while count < limit:
+            while count < limit and not self.suspects:
                 items = list(islice(source, self.size.items))
                 if not items:
                     break
                 self._submit(Batch(count, items))
                 count += len(items)
+            if self.suspects and not self.tasks:
+                suspect = self.suspects.pop(0)
+                suspect.lonely_tries += 1
+                self._submit(suspect)
             if due == count:
                 return
-            for future, answer in self.answers.next_batch(block=True):
-                self._add_answer(future, answer, lost)
+            for future in self.completed.next_batch(block=True):
+                self._add_results(future, lost)
             while due in self.done:
                 yield self.done.pop(due)
                 due += 1
 
-    def _add_answer(
-        self, future: Future, answer: Any, lost: Callable[[Any, Exception], Any]
+    def _add_results(
+        self, future: Future, lost: Callable[[Any, Exception], Any]
     ) -> None:
-        """Keep the results of a task until they are due; try the items of a lost one singly."""
+        """Keep the results of a task until they are due."""
         batch = self.tasks.pop(future)
-        is_lost = future.status == "error" and isinstance(answer[1], KilledWorker)
-        if not is_lost:
-            results = self._read(future, answer, len(batch.items))
-            self.done.update(enumerate(results, batch.first))
-        elif len(batch.items) == 1:
-            error = LostError("its workers died each time")
-            self.done[batch.first] = lost(batch.items[0], error)
-        else:  # one item of them is to blame
-            for number, item in enumerate(batch.items, batch.first):
-                self._submit(Batch(number, [item]))
+        try:
+            results = self._read(future, len(batch.items))
+        except KilledWorker:
+            if batch.lonely_tries < LONELY_TRIES:
+                for number, item in enumerate(batch.items, batch.first):
+                    self.suspects.append(Batch(number, [item], batch.lonely_tries))
+                return
+            results = [lost(batch.items[0], LostError("its workers died each time"))]
+        self.done.update(enumerate(results, batch.first))
 
     def cancel(self) -> None:
         """Cancel all tasks that have not ended."""
@@ -252,7 +262,7 @@ class _ClusterRun:
             run_batch, own_versions(), self.folder, content, pure=False
         )
         self.tasks[future] = batch
-        self.answers.add(future)
+        self.completed.add(future)
 
     def _workers(self) -> int:
         """Return the number of worker processes, at least 1."""
@@ -261,21 +271,19 @@ class _ClusterRun:
         except OSError:
             raise self._scheduler_error() from None
 
-    def _read(self, future: Future, answer: Any, items: int) -> list[Any]:
-        """Return the results of a task. Raises the error that ends the run."""
-        if future.status == "finished":
-            content, seconds = answer
-            self.size.add(seconds, items)
-            results: list[Any] = pickle.loads(content)
-            return results
-        if future.status != "error":
-            raise self._scheduler_error()
-        error = answer[1]
-        if isinstance(error, ModuleNotFoundError | AttributeError):
+    def _read(self, future: Future, items: int) -> list[Any]:
+        """Return the results of a task. Raises KilledWorker, or the error that ends the run."""
+        try:
+            content, seconds = future.result()
+        except (ModuleNotFoundError, AttributeError) as error:
             found = f"has no physgen, or another one ({error})"
             fix = "install the same on both"
-            raise InputError.of(FLAG, self.address, found, fix)
-        raise error
+            raise InputError.of(FLAG, self.address, found, fix) from None
+        except (CancelledError, CommClosedError):
+            raise self._scheduler_error() from None
+        self.size.add(seconds, items)
+        results: list[Any] = pickle.loads(content)
+        return results
 
     def _scheduler_error(self) -> ConnectionError:
         text = "the scheduler is gone; once it is back, run the same command again"

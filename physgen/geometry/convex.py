@@ -24,24 +24,28 @@ from physgen.geometry.polygon import (
     polygon_moments,
 )
 
-SLIVER = 1e-3  # px²: smaller pieces are left out; an engine makes nothing of them
+SLIVER = 1e-3
+"""px²: smaller pieces are left out; an engine makes nothing of them."""
 
 
 @dataclass(frozen=True)
 class PieceTuning:
     """Limits of convex pieces."""
 
-    seam: float = (
-        0.5  # px between two pieces of one object that is meant to be whole there
-    )
-    flush: float = (
-        0.02  # px by which corners may lie within the hull of pieces that become one
-    )
-    many: int = 200  # pieces of a body above which seams stay as they are: every two are looked at
-    remembered: int = 1000  # regions
-    flat: float = 1e-9  # px²: a corner this flat is straight
-    rounding: float = 1e-9  # px²: a smaller overlap is none
-    corners: int = 64  # of a quarter of a circle as a polygon
+    seam: float = 0.5
+    """px between two pieces of one object that is meant to be whole there."""
+    flush: float = 0.02
+    """px by which corners may lie within the hull of pieces that become one."""
+    many: int = 200
+    """Pieces of a body above which seams stay as they are: every two are looked at."""
+    remembered: int = 1000
+    """Regions."""
+    flat: float = 1e-9
+    """px²: a corner this flat is straight."""
+    rounding: float = 1e-9
+    """px²: a smaller overlap is none."""
+    corners: int = 64
+    """Of a quarter of a circle as a polygon."""
 
 
 PIECES = PieceTuning()

@@ -32,14 +32,17 @@ class FitTuning:
     foot_depth: float = 0.065
     """px, and share of its radius, by which a circle sinks below what stands on a flat foot. Masks of balls in tuning
     photos lack 0.05 at most."""
-    foot_width: float = 1.5  # times as wide as a circle is 1.5 px above its lowest point, at its second row
+    foot_width: float = 1.5
+    """Times as wide as a circle is 1.5 px above its lowest point, at its second row."""
     foot_iou: float = 0.97
     """A circle that covers a mask so well stands for it, whatever is hidden of its foot: grass, a rug."""
-    touch: int = 2  # px between two masks that still count as touching
+    touch: int = 2
+    """px between two masks that still count as touching."""
     keep_iou: float = 0.7
     """A disc that had to leave its mask further than this to make room becomes a region after all. In a rack of balls
     of 20 px, from a photo of low quality, 0.78 is left of discs that lie right and of masks that do not."""
-    hidden: float = 0.1  # weight of a border point that faces another object: it may be the other's border
+    hidden: float = 0.1
+    """Weight of a border point that faces another object: it may be the other's border."""
 
 
 FIT = FitTuning()

@@ -21,7 +21,8 @@ Labels = NDArray[np.int64]
 
 # directions along the pixel grid, each one a quarter turn (+x towards +y) after the last
 _NORTH, _EAST, _SOUTH, _WEST = range(4)
-_STEP = ((-1, 0), (0, 1), (1, 0), (0, -1))  # row, column
+_STEP = ((-1, 0), (0, 1), (1, 0), (0, -1))
+"""Row, column."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,11 +202,14 @@ def _sides(padded: Labels, row: int, column: int, direction: int) -> tuple[int, 
     return ((nw, ne), (ne, se), (se, sw), (sw, nw))[direction]
 
 
-TOLERANCE = 0.75  # px that an outline may stand off its mask's half-level line (Hausdorff distance)
+TOLERANCE = 0.75
+"""px that an outline may stand off its mask's half-level line (Hausdorff distance)."""
 
-CONTACT_TOLERANCE = 1.0  # px, the same for the border between two objects, so that contacts are straight
+CONTACT_TOLERANCE = 1.0
+"""px, the same for the border between two objects, so that contacts are straight."""
 
-_JUNCTION_REACH = 0.5  # px that a junction may move
+_JUNCTION_REACH = 0.5
+"""px that a junction may move."""
 
 _TINY = 30
 """px²: the borders of a smaller object between others stay as they are, lest nothing is left of it."""

@@ -22,34 +22,42 @@ from physgen.geometry.polygon import (
 from physgen.geometry.raster import coverage
 from physgen.materials import Kind
 
-PAPER_SCALE = 100  # px/m: the paper's 1 px = 1 cm, of scene files that name no scale
-MIN_SCALE_CONFIDENCE = 0.5  # from which a scene takes the scale
+PAPER_SCALE = 100
+"""px/m: the paper's 1 px = 1 cm, of scene files that name no scale."""
+MIN_SCALE_CONFIDENCE = 0.5
+"""From which a scene takes the scale."""
 
 
 @dataclass(frozen=True)
 class _ShapeLimits:
     """Solids of revolution, and how an object faces the camera; costs are |log| of an aspect ratio."""
 
-    slices: int = (
-        480  # cells of the grid along the longer side of a solid of revolution
-    )
-    boxy: float = 0.88  # share of its smallest box from which an outline is a box's
-    lying: float = 0.25  # cost of an axis that is not upright
-    end_on: float = 0.4  # cost of a view from the object's end
-    flat: float = 0.2  # depth over width of a disc or ring of unknown thickness
+    slices: int = 480
+    """Cells of the grid along the longer side of a solid of revolution."""
+    boxy: float = 0.88
+    """Share of its smallest box from which an outline is a box's."""
+    lying: float = 0.25
+    """Cost of an axis that is not upright."""
+    end_on: float = 0.4
+    """Cost of a view from the object's end."""
+    flat: float = 0.2
+    """Depth over width of a disc or ring of unknown thickness."""
 
 
 @dataclass(frozen=True)
 class _ScaleLimits:
     """Which objects count for the scale; spreads are standard deviations of the log of size."""
 
-    min_label: float = 0.7  # confidence of a label: a guess from a shape has no size
-    max_mismatch: float = (
-        0.6  # |log| of proportions: beyond, part of it is hidden, or the label is wrong
-    )
-    any_size: float = 0.5  # spread from which an object says nothing of scale: a plank is of any length
-    vague: float = 0.3  # spread at which the confidence has fallen to 1 / e
-    judged: float = 0.1  # least spread of a size that is judged by eye
+    min_label: float = 0.7
+    """Confidence of a label: a guess from a shape has no size."""
+    max_mismatch: float = 0.6
+    """|log| of proportions: beyond, part of it is hidden, or the label is wrong."""
+    any_size: float = 0.5
+    """Spread from which an object says nothing of scale: a plank is of any length."""
+    vague: float = 0.3
+    """Spread at which the confidence has fallen to 1 / e."""
+    judged: float = 0.1
+    """Least spread of a size that is judged by eye."""
 
 
 SHAPE, LIMITS = _ShapeLimits(), _ScaleLimits()
@@ -61,9 +69,12 @@ class PhotoObject:
 
     id: int
     outline: Outline
-    label: str = ""  # `""` until it is named
-    cut: bool = False  # whether the photo's border cuts it off
-    top: float = 0.0  # px of its mask above its front, where the outline is the section half-way to its back
+    label: str = ""
+    """`""` until it is named."""
+    cut: bool = False
+    """Whether the photo's border cuts it off."""
+    top: float = 0.0
+    """px of its mask above its front, where the outline is the section half-way to its back."""
 
 
 def photo_object(
@@ -80,11 +91,12 @@ def photo_object(
 class Extent:
     """Measures of an object from its outline and kind."""
 
-    volume: float  # px³ that it takes up, hollows included
-    per_mm: (
-        float | None
-    )  # px per mm if it is of its ordinary size, None where it has none
-    mismatch: float  # |log| of its proportions over the ordinary ones; 0 where they are unknown
+    volume: float
+    """Px³ that it takes up, hollows included."""
+    per_mm: float | None
+    """px per mm if it is of its ordinary size, None where it has none."""
+    mismatch: float
+    """|log| of its proportions over the ordinary ones; 0 where they are unknown."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +104,10 @@ class Revolved:
     """A body of revolution from the mirror-symmetric part of an outline, px."""
 
     volume: float
-    height: float  # along its axis
-    diameter: float  # at its widest
+    height: float
+    """Along its axis."""
+    diameter: float
+    """At its widest."""
 
 
 def object_extent(outline: Outline, what: Kind) -> Extent:
@@ -234,12 +248,14 @@ def _mean_depth(outline: Outline, form: str) -> float:
 class WeighingConstants:
     """Constants of the masses."""
 
-    unscaled: float = 0.3  # confidence of a mass, at most, where the scale is assumed
-    standard: float = 0.05  # spread of sizes up to which the kind has one standard mass
-    like: float = (
-        0.4  # |log| of the size ratio up to which an object may be the typical one
-    )
-    lightest: float = 1e-3  # g
+    unscaled: float = 0.3
+    """Confidence of a mass, at most, where the scale is assumed."""
+    standard: float = 0.05
+    """Spread of sizes up to which the kind has one standard mass."""
+    like: float = 0.4
+    """|log| of the size ratio up to which an object may be the typical one."""
+    lightest: float = 1e-3
+    """g."""
 
 
 WEIGHING = WeighingConstants()
@@ -304,8 +320,10 @@ def _stuff(what: Kind) -> str:
 class Scale:
     """The scale of a photo."""
 
-    pixels_per_meter: float  # px/m, to as many digits as are significant
-    confidence: float  # 0..1: 0.6 at an uncertainty of 20 %, 0.9 at 7 %
+    pixels_per_meter: float
+    """px/m, to as many digits as are significant."""
+    confidence: float
+    """0..1: 0.6 at an uncertainty of 20 %, 0.9 at 7 %."""
     reason: str
 
 
@@ -360,15 +378,20 @@ class _Playback:
 
     width: float = 0.5
     """m along the longer side of a photo that shows no scale: a table top seen from near by."""
-    gravity: float = 9.8  # m/s²
-    fall: float = (
-        0.15  # of the photo's longer side: a fall over it gives the speed of a push
-    )
-    crossing: float = 1.5  # s of the video in which a push crosses the photo, about
-    longest: float = 2.5  # s of the video in which something moves, in less slow motion where that helps
-    pause: float = 0.7  # s of the video after that
-    shortest: float = 2.5  # s of a clip: a shorter one is over before it is watched
-    least_motion: float = 1.0  # s of the video in which a push moves something
+    gravity: float = 9.8
+    """m/s²."""
+    fall: float = 0.15
+    """Of the photo's longer side: a fall over it gives the speed of a push."""
+    crossing: float = 1.5
+    """s of the video in which a push crosses the photo, about."""
+    longest: float = 2.5
+    """s of the video in which something moves, in less slow motion where that helps."""
+    pause: float = 0.7
+    """s of the video after that."""
+    shortest: float = 2.5
+    """s of a clip: a shorter one is over before it is watched."""
+    least_motion: float = 1.0
+    """s of the video in which a push moves something."""
 
 
 PLAYBACK = _Playback()

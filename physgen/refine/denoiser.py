@@ -20,7 +20,9 @@ class Grid:
     cell: int  # px: a side of a latent's cells
     side: int  # px: sides of frames are multiples of it
     area: int  # px of the frames that the model was trained on; larger ones are refined at that size
-    window: int  # frames that the model sees at a time, at most
+    window: int  # latent frames that the model sees at a time, at most
+    stride: int = 1
+    """Frames of a latent frame; over 1, the first latent frame still has one frame alone."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,8 @@ class PromptSettings:
 class Denoiser(Protocol):
     """A latent video diffusion model with its schedule of noise, and nothing of how it is used.
 
-    Latents are (F, C, h, w) float32, one of each frame, scaled as the model wants them. MemoryError is raised where
-    the device holds too little.
+    Latents are (F', C, h, w) float32, scaled as the model wants them. MemoryError is raised where the device holds too
+    little.
     """
 
     grid: Grid
@@ -46,9 +48,9 @@ class Denoiser(Protocol):
     def begin(
         self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int
     ) -> F32:
-        """Latents of `frames` (F of (H, W, 3) sRGB), sizes as the grid wants them: the mean, not a draw.
+        """Latents of `frames` (F of (H, W, 3) sRGB), F and sizes as the grid wants them: the mean, not a draw.
 
-        Of a schedule of `steps`, the last `count` run.
+        Of a schedule of `steps`, the last `count` run. Models of image to video keep the frames, for windows.
         """
         ...
 
@@ -56,8 +58,8 @@ class Denoiser(Protocol):
         """Latents at the level of noise that step `k` of those that run starts from; themselves at k = count."""
         ...
 
-    def predict(self, latents: F32, k: int) -> F32:
-        """What the model says in step `k` of a window of latents."""
+    def predict(self, latents: F32, k: int, first: int) -> F32:
+        """What the model says in step `k` of a window of latents that begins with latent frame `first`."""
         ...
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:

@@ -28,6 +28,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from math import floor
 from typing import Any, TypeVar
 
@@ -41,7 +42,11 @@ from physgen.refine.latents import (
     blend_predictions,
     cell_coverage,
     fit_to_grid,
+    frames_held,
     hold_weights,
+    latent_frames,
+    over_time,
+    pad_frames,
     window_spans,
 )
 from physgen.registry import describe_error
@@ -229,8 +234,9 @@ class Refinement:
             weight,
         )
         self._fit = fit_to_grid(size, model.grid)
+        self._latents = latent_frames(count, model.grid)
         window = model.grid.window
-        self._windows = window_spans(count, window, window // 2)
+        self._windows = window_spans(self._latents, window, window // 2)
 
     def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
         """(H, W, 3) sRGB each. `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
@@ -244,17 +250,18 @@ class Refinement:
 
     def _frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
         model, how, fit, grid = self._model, self._how, self._fit, self._model.grid
-        shown = [fit.shown(rgb) for rgb in guidance]
+        whole = frames_held(self._latents, grid)
+        shown = pad_frames([fit.shown(rgb) for rgb in guidance], whole)
         self._progress("refine", 0, how.count)
         z0 = model.begin(shown, how.prompt, how.steps, how.count)
         del shown
-        mask = cell_coverage(map(fit.mask, coverage), grid)
-        stay = hold_weights(self._count, how.hold)
+        mask = cell_coverage(map(fit.mask, coverage), self._latents, grid)
+        stay = hold_weights(whole, how.hold)
         noise = np.random.default_rng(how.seed).standard_normal(z0.shape, np.float32)
 
         def denoised(z: F32, k: int) -> F32:
             predicted = blend_predictions(
-                lambda part: model.predict(part, k), z, self._windows
+                lambda part, first: model.predict(part, k, first), z, self._windows
             )
             self._progress("refine", k + 1, how.count)
             return model.stepped(predicted, z, k)
@@ -267,7 +274,7 @@ class Refinement:
             count=how.count,
             stop=how.stop,
             weight=self._weight,
-            held=each_step(stay, how.count)[:, None, None, None],
+            held=each_step(over_time(stay, grid), how.count)[:, None, None, None],
         )
         if not np.isfinite(z).all():
             fix = 'write dtype = "float32" in physgen.toml'
@@ -279,7 +286,8 @@ class Refinement:
             )
         parts = zip(model.decode(z), model.decode(z0), strict=True)
         pairs = (pair for part in parts for pair in zip(*part, strict=True))
-        for index, (refined, guided) in enumerate(pairs):
+        # the frames that fill up the last latent frame are left out
+        for index, (refined, guided) in enumerate(islice(pairs, self._count)):
             yield restore_detail(
                 guidance[index],
                 fit.back(refined),

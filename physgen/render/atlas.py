@@ -19,10 +19,14 @@ from physgen.render.sphere_texture import continue_skin
 from physgen.render.sprites import Sprite
 from physgen.render.stage import Placement, Slices, SpritePose
 
-GAP = 3  # px of an atlas on each side of a picture, as far as Lanczos' kernel looks
-PIXELS = 60_000  # of the pictures of an atlas; a single one may have more
-WIDEST = 4_000  # half pixels along an atlas: the farther along, the coarser is a float of 32 bits
-ALIKE = 1.3  # sizes that share an atlas are within this ratio
+GAP = 3
+"""px of an atlas on each side of a picture, as far as Lanczos' kernel looks."""
+PIXELS = 60_000
+"""Of the pictures of an atlas; a single one may have more."""
+WIDEST = 4_000
+"""Half pixels along an atlas: the farther along, the coarser is a float of 32 bits."""
+ALIKE = 1.3
+"""Sizes that share an atlas are within this ratio."""
 
 
 def atlas_groups(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:

@@ -30,72 +30,87 @@ Ids = NDArray[np.int64]
 class BallTuning:
     """Thresholds of the separation of a ball into colour, gloss and shading."""
 
-    paints: int = 5  # at most, on one ball
-    dim: float = 0.03  # linear light below which colours hardly tell paints apart
-    most_pixels: int = 500  # of a ball, that are asked
+    paints: int = 5
+    """At most, on one ball."""
+    dim: float = 0.03
+    """Linear light below which colours hardly tell paints apart."""
+    most_pixels: int = 500
+    """Of a ball, that are asked."""
     rounds: int = 4
-    stiff: float = 0.02  # weight, in shares of the ball's pixels, that keeps shading near Lambert's
-    odd: float = 0.15  # departure in log light from which a pixel counts less: a highlight, a seam
-    undecided: float = 0.08  # of the brightest paint: what differs more from every paint is between them
-    excess: float = (
-        1.3  # times its paint that a pixel may send back: what is more is a reflection
-    )
-    most_departure: float = 1.0  # of the departure from Lambert, in log light
-    darkest: float = 0.18  # of full light: where less falls, the photo's own darkness is taken for the skin's
-    painted: float = 0.5  # share of pixels between paints up to which a ball is taken for a painted one
-    plainly: float = 0.6  # slope of brightness over predicted shading from which light is taken as it is
-    rim_light: float = (
-        0.85  # of the radius: farther out brightness is separated from the model's
-    )
-    even: float = 0.08  # of the radius over which it is evened out
-    fades: float = 1.6  # by how much it may differ
-    smooth: float = (
-        0.15  # of the radius over which what differs from the paints is light
-    )
-    plain: float = 0.2  # departure of log light from an even change, up to which a ball is of one colour
-    gloss_width: float = (
-        0.5  # of the radius: what outshines all around over no more may be a highlight
-    )
-    line_width: float = 0.25  # of the radius: lines of a number have no more
-    gloss_least: float = (
-        0.6  # linear light that the dimmest channel of a highlight has at least
-    )
-    outshines: float = 1.2  # times the brightest paint elsewhere on the ball that a highlight has at least
-    clipped: float = 0.9  # linear light that hardly any paint sends back
-    axes: int = 400  # directions in which borders of two paints are looked for
-    steps: int = 64  # places of a border along each
-    lopsided: float = (
-        0.01  # share of pixels that a cut explains more than a band, at least
-    )
+    stiff: float = 0.02
+    """Weight, in shares of the ball's pixels, that keeps shading near Lambert's."""
+    odd: float = 0.15
+    """Departure in log light from which a pixel counts less: a highlight, a seam."""
+    undecided: float = 0.08
+    """Of the brightest paint: what differs more from every paint is between them."""
+    excess: float = 1.3
+    """Times its paint that a pixel may send back: what is more is a reflection."""
+    most_departure: float = 1.0
+    """Of the departure from Lambert, in log light."""
+    darkest: float = 0.18
+    """Of full light: where less falls, the photo's own darkness is taken for the skin's."""
+    painted: float = 0.5
+    """Share of pixels between paints up to which a ball is taken for a painted one."""
+    plainly: float = 0.6
+    """Slope of brightness over predicted shading from which light is taken as it is."""
+    rim_light: float = 0.85
+    """Of the radius: farther out brightness is separated from the model's."""
+    even: float = 0.08
+    """Of the radius over which it is evened out."""
+    fades: float = 1.6
+    """By how much it may differ."""
+    smooth: float = 0.15
+    """Of the radius over which what differs from the paints is light."""
+    plain: float = 0.2
+    """Departure of log light from an even change, up to which a ball is of one colour."""
+    gloss_width: float = 0.5
+    """Of the radius: what outshines all around over no more may be a highlight."""
+    line_width: float = 0.25
+    """Of the radius: lines of a number have no more."""
+    gloss_least: float = 0.6
+    """Linear light that the dimmest channel of a highlight has at least."""
+    outshines: float = 1.2
+    """Times the brightest paint elsewhere on the ball that a highlight has at least."""
+    clipped: float = 0.9
+    """Linear light that hardly any paint sends back."""
+    axes: int = 400
+    """Directions in which borders of two paints are looked for."""
+    steps: int = 64
+    """Places of a border along each."""
+    lopsided: float = 0.01
+    """Share of pixels that a cut explains more than a band, at least."""
     closer: tuple[float, ...] = (
         0.08,
         0.03,
         0.01,
         0.0,
     )  # rad around the best, in which to look next
-    disc: float = 0.8  # cosine of a disc's radius, at least
-    seen: float = (
-        0.2  # cosine to the viewer, up to which the photo shows what is written
-    )
-    marked: float = 0.015  # share of pixels that a disc explains, at least
-    explained: float = 0.8  # of the pixels, by a pattern that a ball is painted with
-    contrast: float = (
-        1.0  # of log light in some channel: shades of one paint differ less
-    )
-    together: int = 5  # balls, at least, that tell lamps from their neighbours
-    usual: float = 0.35  # quantile of what balls show: neighbours and errors add more often than they take
-    lent: float = 0.05  # share of a normal's light that a neighbour may change, where a ball is alone
-    beyond: float = 1.1  # of a neighbour's radius: a ray that passes so far from its middle does not meet it
-    dark: float = 0.1  # linear light up to which paint shows what is mirrored on it
-    alike: float = (
-        0.25  # of log light: paints of several balls whose hues differ less are one
-    )
-    beside: float = (
-        0.4  # of the way between two paints: what is farther off it is neither
-    )
-    gloss_cosine: float = (
-        0.80  # of the angle between a highlight's normal and the mirror's direction
-    )
+    disc: float = 0.8
+    """Cosine of a disc's radius, at least."""
+    seen: float = 0.2
+    """Cosine to the viewer, up to which the photo shows what is written."""
+    marked: float = 0.015
+    """Share of pixels that a disc explains, at least."""
+    explained: float = 0.8
+    """Of the pixels, by a pattern that a ball is painted with."""
+    contrast: float = 1.0
+    """Of log light in some channel: shades of one paint differ less."""
+    together: int = 5
+    """Balls, at least, that tell lamps from their neighbours."""
+    usual: float = 0.35
+    """Quantile of what balls show: neighbours and errors add more often than they take."""
+    lent: float = 0.05
+    """Share of a normal's light that a neighbour may change, where a ball is alone."""
+    beyond: float = 1.1
+    """Of a neighbour's radius: a ray that passes so far from its middle does not meet it."""
+    dark: float = 0.1
+    """Linear light up to which paint shows what is mirrored on it."""
+    alike: float = 0.25
+    """Of log light: paints of several balls whose hues differ less are one."""
+    beside: float = 0.4
+    """Of the way between two paints: what is farther off it is neither."""
+    gloss_cosine: float = 0.80
+    """Of the angle between a highlight's normal and the mirror's direction."""
 
 
 BALL = BallTuning()
@@ -119,9 +134,12 @@ def basis(u: F32, v: F32, z: F32) -> list[F32]:
 class Paints:
     """What a ball wears, and in what light."""
 
-    even: F32  # (8, 3) weights of `basis`: log of what each channel's light does beyond Lambert's law
-    colours: F32  # (K, 3) linear, in full light
-    between: float  # share of pixels that are unlike all paints: few on a painted ball
+    even: F32
+    """(8, 3) weights of `basis`: log of what each channel's light does beyond Lambert's law."""
+    colours: F32
+    """(K, 3) linear, in full light."""
+    between: float
+    """Share of pixels that are unlike all paints: few on a painted ball."""
 
 
 def find_paints(
@@ -205,17 +223,22 @@ def _nearest(points: Array, centers: Array) -> Ids:
     )
 
 
-RIM = 0.955  # of the radius: farther out pixels are mixed, and so much foreshortened that they tell little
+RIM = 0.955
+"""Of the radius: farther out pixels are mixed, and so much foreshortened that they tell little."""
 
 
 @dataclass(frozen=True)
 class Border:
     """A plane that parts a sphere, or two that are each other's mirror image."""
 
-    normal: Array  # (3,) z to the viewer
-    at: float  # radii from the middle
-    folded: bool  # whether there are two
-    sign: float  # of `values` beyond
+    normal: Array
+    """(3,) z to the viewer."""
+    at: float
+    """Radii from the middle."""
+    folded: bool
+    """Whether there are two."""
+    sign: float
+    """Of `values` beyond."""
 
     def values(self, points: Array) -> Array:
         """(...) of points (..., 3): their distance from it in radii, about; of either sign."""
@@ -228,9 +251,11 @@ class Border:
 class Pattern:
     """Two paints on a sphere: a band or a cut, and perhaps a disc with its like at the antipode."""
 
-    colours: F32  # (2, 3) linear: where `values` are negative, and where positive
+    colours: F32
+    """(2, 3) linear: where `values` are negative, and where positive."""
     border: Border
-    disc: Border | None = None  # which shows what the photo shows there
+    disc: Border | None = None
+    """Which shows what the photo shows there."""
 
     def values(self, points: Array) -> Array:
         """(...) of points (..., 3): their distance from a border in radii, about; of either sign."""
@@ -359,22 +384,26 @@ def _border(points: Array, value: Array, *, folded: bool) -> tuple[float, Border
 class Ball:
     """What is seen of a sphere, on its sprite's box: of one that is cut or hidden, its centre may lie outside."""
 
-    corner: tuple[int, int]  # photo column and row of the box's first pixel
-    center: tuple[float, float]  # px in the photo at t = 0
+    corner: tuple[int, int]
+    """Photo column and row of the box's first pixel."""
+    center: tuple[float, float]
+    """px in the photo at t = 0."""
     radius: float
-    skin: F32  # (h, w, 3) linear light over shading, carried outwards from the rim
+    skin: F32
+    """(h, w, 3) linear light over shading, carried outwards from the rim."""
     gloss: F32
     """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
     light: DistantLight
-    seen: F32  # (h, w, 3) linear light in the photo, carried outwards from the rim
-    even: F32 | None = (
-        None  # (8, 3) of `paints.basis`: log of what light does beyond Lambert's law
-    )
-    trust: float = 1.0  # 0..1: how far the photo shows this light on it; power of Lambert's shading
-    pattern: Pattern | None = None  # of a ball that is seen from above
-    fade: F32 | None = (
-        None  # (h, w) by which the light at the rim differs from that; it does not turn
-    )
+    seen: F32
+    """(h, w, 3) linear light in the photo, carried outwards from the rim."""
+    even: F32 | None = None
+    """(8, 3) of `paints.basis`: log of what light does beyond Lambert's law."""
+    trust: float = 1.0
+    """0..1: how far the photo shows this light on it; power of Lambert's shading."""
+    pattern: Pattern | None = None
+    """Of a ball that is seen from above."""
+    fade: F32 | None = None
+    """(h, w) by which the light at the rim differs from that; it does not turn."""
     is_continued: bool = False
     """Whether its far side continues the texture of the near side."""
 

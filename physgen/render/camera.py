@@ -37,10 +37,13 @@ from physgen.scene.scene import (
 from physgen.simulate.trajectory import Trajectory
 
 Index = NDArray[np.int64]
-Size = tuple[int, int]  # width and height, px
+Size = tuple[int, int]
+"""Width and height, px."""
 
-LOBES = 3  # of the kernel, on each side
-NOTHING = 1e-6  # px that no picture shows
+LOBES = 3
+"""Of the kernel, on each side."""
+NOTHING = 1e-6
+"""px that no picture shows."""
 
 
 def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
@@ -139,19 +142,21 @@ STEADY = 0.2
 """s of the clip: the standard deviation of the weights with which a followed object's way is smoothed."""
 ASTRAY = 0.6
 """Of the way from the picture's middle to its border, within which a followed object stays however it is flung."""
-WHOLE_PHOTO = CameraView(0.0, None, None, 1.0)  # what is seen without a camera
-MOST_DRAWN = (
-    16_000_000  # px of the canvas of a flat scene that is drawn as large as it is seen
-)
+WHOLE_PHOTO = CameraView(0.0, None, None, 1.0)
+"""What is seen without a camera."""
+MOST_DRAWN = 16_000_000
+"""px of the canvas of a flat scene that is drawn as large as it is seen."""
 
 
 @dataclass(frozen=True)
 class Aim:
     """A view that the camera reaches at a time."""
 
-    time: float  # s
+    time: float
+    """s."""
     zoom: float
-    way: Array  # (T, 2) px: its centre at the samples' times; (1, 2) where it stays
+    way: Array
+    """(T, 2) px: its centre at the samples' times; (1, 2) where it stays."""
 
 
 @dataclass(frozen=True)
@@ -159,10 +164,14 @@ class Shot:
     """How a clip is filmed and played."""
 
     photo: Size
-    video: Size  # px of the frames
-    times: Array  # (T,) s of the samples
-    aims: tuple[Aim, ...]  # in the order of their times; at least one
-    order: tuple[int, ...]  # the sample of every frame
+    video: Size
+    """px of the frames."""
+    times: Array
+    """(T,) s of the samples."""
+    aims: tuple[Aim, ...]
+    """In the order of their times; at least one."""
+    order: tuple[int, ...]
+    """The sample of every frame."""
 
     def affine(self, time: float) -> Array:
         """(2, 3): photo px -> video px of a frame at `time` (s of the motion, `Frame.time`); pixel centres are whole.
@@ -348,9 +357,8 @@ def _steadied(way: Array, width: float) -> Array:
 
 FEWEST, MOST = 4, 24
 """Moments of an exposure; the fewest divide all numbers of them, and are the views of a moving camera."""
-STEP = (
-    2.0  # px that anything moves between two of them, unless there are the most already
-)
+STEP = 2.0
+"""px that anything moves between two of them, unless there are the most already."""
 
 
 def exposure_times(

@@ -21,15 +21,18 @@ class ImpactTuning:
     flat: float = 0.75
     """px by which points of one contact may be farther apart than its nearest: of circles, and of faces, whose corners
     may be a little rounded or tilted."""
-    apart: float = 3.0  # px between two points of a contact; nearer ones are one
+    apart: float = 3.0
+    """px between two points of a contact; nearer ones are one."""
     faint: float = 0.7
     loud: float = 3.0
     """Times what gravity gives the lighter partner meanwhile: rise of a push in an impact that changes the motion of
     either, and in one that they pass on."""
     uneven: float = 1.5
     """Times what has pressed before or goes on pressing: an impact is more, as a solver shares pushes out unevenly."""
-    after: int = 3  # spans of time that it must go on
-    steps: int = 4  # of the engine, at least, in which pushes are taken together
+    after: int = 3
+    """Spans of time that it must go on."""
+    steps: int = 4
+    """Of the engine, at least, in which pushes are taken together."""
 
 
 IMPACT = ImpactTuning()
@@ -39,11 +42,16 @@ IMPACT = ImpactTuning()
 class Impact:
     """A sudden push between two objects."""
 
-    time: float  # s
-    at: Array  # (2,) px of the photo
-    impulse: float  # g·px/s
-    way: Array  # (2,) unit: where the second of the pair pushes the first
-    pair: tuple[int, int]  # the two surfaces, counted as in `World.surfaces`
+    time: float
+    """s."""
+    at: Array
+    """(2,) px of the photo."""
+    impulse: float
+    """g·px/s."""
+    way: Array
+    """(2,) unit: where the second of the pair pushes the first."""
+    pair: tuple[int, int]
+    """The two surfaces, counted as in `World.surfaces`."""
 
 
 def sample_times(trajectory: Trajectory, finer: int, most: int) -> Array:

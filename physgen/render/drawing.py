@@ -14,13 +14,18 @@ from physgen.geometry.polygon import Array
 from physgen.maps import F32, U8
 from physgen.photometry import decode, encode_u8
 
-Colour = tuple[int, int, int]  # sRGB
+Colour = tuple[int, int, int]
+"""SRGB."""
 
-FINE = 3  # sub-pixels a side: widths are kept to a third of a pixel
-BITS = 4  # of a sub-pixel, that OpenCV keeps of a place, so that nothing trembles as it moves
-FARTHEST = 1e6  # px: what lies farther out is not drawn
+FINE = 3
+"""Sub-pixels a side: widths are kept to a third of a pixel."""
+BITS = 4
+"""Of a sub-pixel, that OpenCV keeps of a place, so that nothing trembles as it moves."""
+FARTHEST = 1e6
+"""px: what lies farther out is not drawn."""
 CASING: Colour = (18, 20, 26)
-OPAQUE = 0.78  # of the casing
+OPAQUE = 0.78
+"""Of the casing."""
 
 
 class Layer:
@@ -163,8 +168,10 @@ def _light(colour: Colour) -> F32:
     return decode(np.array(colour, np.uint8))
 
 
-SHAFT = 1.5  # pens: the width of an arrow's shaft
-HEAD = 4.6  # widths of its shaft that an arrow's head is long
+SHAFT = 1.5
+"""Pens: the width of an arrow's shaft."""
+HEAD = 4.6
+"""Widths of its shaft that an arrow's head is long."""
 
 
 def arrow(tail: Array, tip: Array, width: float) -> Array:

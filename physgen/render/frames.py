@@ -71,7 +71,8 @@ def _table() -> tuple[Callable[..., object], NDArray[np.uint8]]:
     return cv2.LUT, table
 
 
-TILE = 32  # px a side of the tiles in which touched pixels are counted
+TILE = 32
+"""px a side of the tiles in which touched pixels are counted."""
 
 
 def touched_tiles(boxes: Sequence[Slices], size: tuple[int, int]) -> list[int]:
@@ -188,25 +189,28 @@ class Picture:
 
     stand: SpritePose
     where: Placement
-    light: F32  # (h, w, 3) linear, times coverage
-    coverage: F32  # (h, w)
+    light: F32
+    """(h, w, 3) linear, times coverage."""
+    coverage: F32
+    """(h, w)."""
     rest: tuple[Slices, F32] | None
     """A box and (h, w, 3) what the photo shows there beyond light and background; as bright as the background is."""
-    factor: F32 | None = (
-        None  # (h, w) by which `light` was multiplied for the shadows of others
-    )
+    factor: F32 | None = None
+    """(h, w) by which `light` was multiplied for the shadows of others."""
 
 
 @dataclass(frozen=True)
 class ExposureTuning:
     """How finely an exposure is divided."""
 
-    sharp: float = 0.5  # px of motion that no exposure shows
-    step: float = (
-        2.0  # px that any point of an object moves between two of its pictures
-    )
-    shadow: float = 8.0  # px that its shadow moves, which is softer
-    shadows: int = 4  # of an object in an exposure, at most
+    sharp: float = 0.5
+    """px of motion that no exposure shows."""
+    step: float = 2.0
+    """px that any point of an object moves between two of its pictures."""
+    shadow: float = 8.0
+    """px that its shadow moves, which is softer."""
+    shadows: int = 4
+    """Of an object in an exposure, at most."""
 
 
 EXPOSURE = ExposureTuning()

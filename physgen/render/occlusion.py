@@ -39,18 +39,18 @@ from physgen.render.stage import (
 class OcclusionTuning:
     """Resolution and thresholds of shadows on other objects."""
 
-    cells: int = (
-        16  # of the grid on which a veil is worked out, about so many across the figure
-    )
-    stops: int = 4  # On the way through another object's thickness at which its silhouette is looked at
-    rim: float = (
-        0.4  # of a ball's normal towards the viewer, from which a veil is seen in full
-    )
-    floor: float = (
-        1.0  # -log of light that a floor keeps from a ball where they touch; by tune
-    )
-    near: float = 0.09  # of a ball's radius: the height over a floor in which that falls to a third; by tune
-    faint: float = 0.01  # -log of light: what is less everywhere is no veil
+    cells: int = 16
+    """Of the grid on which a veil is worked out, about so many across the figure."""
+    stops: int = 4
+    """On the way through another object's thickness at which its silhouette is looked at."""
+    rim: float = 0.4
+    """Of a ball's normal towards the viewer, from which a veil is seen in full."""
+    floor: float = 1.0
+    """-log of light that a floor keeps from a ball where they touch; by tune."""
+    near: float = 0.09
+    """Of a ball's radius: the height over a floor in which that falls to a third; by tune."""
+    faint: float = 0.01
+    """-log of light: what is less everywhere is no veil."""
 
 
 OCCLUSION = OcclusionTuning()
@@ -263,7 +263,8 @@ def _behind_slab(
     return np.asarray(blocked * thin, np.float32)
 
 
-SUNK = 3.0  # px by which an object's pixels may reach below the floor that it stands on
+SUNK = 3.0
+"""px by which an object's pixels may reach below the floor that it stands on."""
 
 
 def ground_below(

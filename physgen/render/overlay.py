@@ -33,20 +33,26 @@ from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View
 from physgen.simulate.trajectory import Trajectory
 
-PEN = 1 / 380  # of the picture's longer side: the width of a line
-LETTER = 1 / 42  # of the picture's longer side: the size of a letter
+PEN = 1 / 380
+"""Of the picture's longer side: the width of a line."""
+LETTER = 1 / 42
+"""Of the picture's longer side: the size of a letter."""
 
 
 @dataclass(frozen=True)
 class Sheet:
     """One frame."""
 
-    size: tuple[int, int]  # W, H px
+    size: tuple[int, int]
+    """W, H px."""
     unit: float
     """px of the frame for a px of the photo, seen whole: what lengths of arrows and rings are given in."""
-    lens: Array  # (2, 3): photo px (x, y, 1) -> px of the frame
-    time: float  # s
-    sample: int  # of the trajectory
+    lens: Array
+    """(2, 3): photo px (x, y, 1) -> px of the frame."""
+    time: float
+    """s."""
+    sample: int
+    """Of the trajectory."""
 
     @property
     def pen(self) -> float:
@@ -86,21 +92,28 @@ class OverlayStyle:
     """Sizes and limits of overlays."""
 
     opaque: float = 0.74
-    row: float = 1.6  # letters from line to line
+    row: float = 1.6
+    """Letters from line to line."""
     pad: float = 0.4
-    side: float = 0.9  # letters of room above and below, and at the sides
-    largest: float = 0.85  # of a picture's side: a key that is longer is left out
-    arc: float = 1.1  # letters: the radius of a torque's sample
-    least: float = 0.65  # of a letter: as small as a name becomes on a small object
-    finer: int = 8  # times a frame that trails and impacts are looked at
-    most: int = 2_000_000  # samples times objects of such a closer look
+    side: float = 0.9
+    """Letters of room above and below, and at the sides."""
+    largest: float = 0.85
+    """Of a picture's side: a key that is longer is left out."""
+    arc: float = 1.1
+    """Letters: the radius of a torque's sample."""
+    least: float = 0.65
+    """Of a letter: as small as a name becomes on a small object."""
+    finer: int = 8
+    """Times a frame that trails and impacts are looked at."""
+    most: int = 2_000_000
+    """Samples times objects of such a closer look."""
     flash: int = 8
     """Frames for which an impact, or a push of no duration, is shown; at most a sixth of the clip."""
-    fade: float = 0.5  # of the clip: how long a trail takes to fade to its least
+    fade: float = 0.5
+    """Of the clip: how long a trail takes to fade to its least."""
     faint: float = 0.4
-    still: float = (
-        2.0  # px: shorter arrows, and trails of what moves no farther, are not drawn
-    )
+    still: float = 2.0
+    """px: shorter arrows, and trails of what moves no farther, are not drawn."""
 
 
 STYLE = OverlayStyle()
@@ -176,11 +189,13 @@ class OverlayClip:
     """What all frames of a clip share."""
 
     world: World
-    seen: Trajectory  # with samples enough for what is drawn
+    seen: Trajectory
+    """With samples enough for what is drawn."""
     impacts: list[Impact]
     scales: Scales
     key: list[Entry]
-    flash: float  # s
+    flash: float
+    """s."""
 
 
 def annotate_frames(

@@ -18,21 +18,22 @@ from physgen.simulate.trajectory import Trajectory
 class ScaleStyle:
     """Sizes of arrows, arcs and rings."""
 
-    long: float = 0.17  # of the picture's longer side: how long an arrow of the most common largest is
-    longest: float = (
-        0.45  # of the picture's longer side: how long any velocity in sight is
-    )
-    sample: float = (
-        0.09  # of the picture's longer side: how long an arrow of the key is at most
-    )
+    long: float = 0.17
+    """Of the picture's longer side: how long an arrow of the most common largest is."""
+    longest: float = 0.45
+    """Of the picture's longer side: how long any velocity in sight is."""
+    sample: float = 0.09
+    """Of the picture's longer side: how long an arrow of the key is at most."""
     usual: int = 97
     """Percentile of all speeds that counts as the largest: a rare fast one may be longer than the rest."""
 
 
 SCALE = ScaleStyle()
 
-RING = 0.04  # of the picture's longer side: the radius of the strongest impact's ring
-SWEEP = 1.6 * np.pi  # rad: the arc of the strongest torque
+RING = 0.04
+"""Of the picture's longer side: the radius of the strongest impact's ring."""
+SWEEP = 1.6 * np.pi
+"""rad: the arc of the strongest torque."""
 COLOURS = {
     Overlay.OUTLINES: (86, 190, 255),
     Overlay.VELOCITY: (40, 205, 150),
@@ -52,10 +53,14 @@ class Scales:
 
     velocity: float
     """px of arrow a px/s: s, so that an arrow's point is where its object would be after as long, left alone."""
-    force: float  # px a g·px/s²; weights have the same
-    impulse: float  # px a g·px/s, of pushes
-    torque: float  # rad of arc a g·px²/s²
-    ring: float  # px² a g·px/s: the square of an impact's radius; its area shows its impulse
+    force: float
+    """px a g·px/s²; weights have the same."""
+    impulse: float
+    """px a g·px/s, of pushes."""
+    torque: float
+    """rad of arc a g·px²/s²."""
+    ring: float
+    """px² a g·px/s: the square of an impact's radius; its area shows its impulse."""
 
 
 @dataclass(frozen=True)

@@ -44,37 +44,41 @@ class ShadowTuning:
     """Of an object's size: moved by as much, it has mostly left an old shadow that was not removed."""
     flies: float = 2.0
     """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
-    turn: float = 0.35  # rad by which an object that is not round may turn until then
+    turn: float = 0.35
+    """rad by which an object that is not round may turn until then."""
     smooth: float = 0.5
     """px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""
-    ring: int = 2  # px around objects where the background still shows traces of them
-    gap: int = (
-        4  # px: half the width of gaps between objects in which no background is seen
-    )
-    deepest: float = 3.5  # -log of the least light that a shadow leaves
-    near: float = (
-        0.5  # of an object's size: how far around it what is dark may be its own
-    )
+    ring: int = 2
+    """px around objects where the background still shows traces of them."""
+    gap: int = 4
+    """px: half the width of gaps between objects in which no background is seen."""
+    deepest: float = 3.5
+    """-log of the least light that a shadow leaves."""
+    near: float = 0.5
+    """Of an object's size: how far around it what is dark may be its own."""
     claimed: tuple[float, float] = (0.02, 0.1)
     """Sum of objects' claims on a pixel from which its plate gives way to the clean picture, and where it is that."""
     explained: float = 0.5
     """Share of the spread of shadows' offsets that one near lamp must explain, to be believed."""
-    shadows: int = 3  # shadows that slide, at least: two lie along any line by chance
+    shadows: int = 3
+    """Shadows that slide, at least: two lie along any line by chance."""
     lamp: float = 1.5
     """Times that spread (fitted on billiards): a part of each offset is what geometry predicts for all alike."""
-    leans: float = 0.3  # px for each px of the object's way, at most
-    faint: float = (
-        0.006  # -log of light that is not missed: half a grey level of a middle grey
-    )
+    leans: float = 0.3
+    """px for each px of the object's way, at most."""
+    faint: float = 0.006
+    """-log of light that is not missed: half a grey level of a middle grey."""
     compared: tuple[float, int] = (0.2, 200)
     """-log of light from which, and px on which, predicted shadows are compared with the photo's."""
     lacking: tuple[float, float] = (0.65, 0.3)
     """Quantile of the photo's depth over the predicted one, for some lie beside it; and its least value. By tune."""
-    cells: int = 24  # of the grid on which a shadow is worked out, at least so many across the object
+    cells: int = 24
+    """Of the grid on which a shadow is worked out, at least so many across the object."""
 
 
 SHADOW = ShadowTuning()
-FAR = 1e6  # px, beyond any picture
+FAR = 1e6
+"""px, beyond any picture."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +86,17 @@ class CastShadow:
     """One object's share of the photo's shadows; darkness is -log of the light that it leaves."""
 
     start: Silhouette
-    step: int  # px a side of the grid on which its shadow is worked out
-    whole: tuple[PixelBox, F32] | None  # all of it, at t = 0
+    step: int
+    """px a side of the grid on which its shadow is worked out."""
+    whole: tuple[PixelBox, F32] | None
+    """All of it, at t = 0."""
     own: tuple[
         PixelBox, F32
     ]  # of `whole` what the photo shows beyond geometry, of either sign
     sliding: tuple[tuple[int, int], F32] | None
     """Where the shadow never changes its shape: its corner, and all of it, beyond the photo's border too."""
-    round: bool  # whether turning changes nothing
+    round: bool
+    """Whether turning changes nothing."""
     lean: float = 0.0
     """px that a sliding shadow moves beyond its object for each px of the object's way: a lamp is near."""
 
@@ -101,12 +108,15 @@ class LitBackground:
     setting: ShadowSetting
     plate: F32
     """(H, W, 3) linear: in the light that no object keeps away; the clean picture where objects may have shadows."""
-    tint: F32  # (3,): by how much more or less than the average a channel darkens
-    total: F32  # (H, W): -log of the light left at t = 0, of all objects
+    tint: F32
+    """(3,): by how much more or less than the average a channel darkens."""
+    total: F32
+    """(H, W): -log of the light left at t = 0, of all objects."""
     casts: Sequence[CastShadow]
     owner: NDArray[np.int32]
     """(H, W): 1 + the index of the cast whose object most likely changes the picture there, 0: none."""
-    lifted: bool = True  # whether a backend has taken the photo's shadows apart from the background
+    lifted: bool = True
+    """Whether a backend has taken the photo's shadows apart from the background."""
 
     def behind(self) -> F32:
         """(H, W, 3) linear: the background at t = 0."""

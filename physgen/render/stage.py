@@ -23,9 +23,12 @@ Slices = tuple[slice, slice]
 
 LEAVES = 0.1
 """Of an object's size: moved by as much, it takes what the photo shows around it, of rims and shadows, with it."""
-FAINT = 0.02  # share of a halo that nobody sees
-FADE = 3.0  # px of motion over which the photo's own border pixels give way to the object's clean ones
-SPREAD = 1.5  # px beyond its pixels that a warped picture may reach
+FAINT = 0.02
+"""Share of a halo that nobody sees."""
+FADE = 3.0
+"""px of motion over which the photo's own border pixels give way to the object's clean ones."""
+SPREAD = 1.5
+"""px beyond its pixels that a warped picture may reach."""
 WARP_FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 
 
@@ -33,15 +36,20 @@ WARP_FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 class Placement:
     """Where a sprite falls on the canvas."""
 
-    box: Slices  # rows and columns of the canvas
-    own: Slices | None = (
-        None  # at rest: the same on the sprite, whose pixels are then the photo's
-    )
-    matrix: Array | None = None  # (2, 3) Moved: pixel of the box -> pixel of the sprite
-    turn: float = 0.0  # rad by which the sprite's picture turns
-    space: Array | None = None  # (3, 3) A ball: how its skin has turned
-    shift: tuple[float, float] = (0.0, 0.0)  # px by which the centre has moved
-    wheel_turns: tuple[float, ...] = ()  # rad, of each of the sprite's wheels
+    box: Slices
+    """Rows and columns of the canvas."""
+    own: Slices | None = None
+    """At rest: the same on the sprite, whose pixels are then the photo's."""
+    matrix: Array | None = None
+    """(2, 3) Moved: pixel of the box -> pixel of the sprite."""
+    turn: float = 0.0
+    """rad by which the sprite's picture turns."""
+    space: Array | None = None
+    """(3, 3) A ball: how its skin has turned."""
+    shift: tuple[float, float] = (0.0, 0.0)
+    """px by which the centre has moved."""
+    wheel_turns: tuple[float, ...] = ()
+    """rad, of each of the sprite's wheels."""
 
 
 def place_sprite(
@@ -290,8 +298,10 @@ class Cover:
     """Where a body is in a picture, what hides it taken away."""
 
     body: int
-    box: Slices  # rows and columns of the picture that hold it
-    mask: NDArray[np.bool_]  # (h, w) on its box
+    box: Slices
+    """Rows and columns of the picture that hold it."""
+    mask: NDArray[np.bool_]
+    """(h, w) on its box."""
 
 
 @dataclass(frozen=True)
@@ -299,8 +309,10 @@ class Frame:
     """One picture of the video."""
 
     index: int
-    time: float  # s
-    rgb: U8  # (H, W, 3) sRGB
+    time: float
+    """s."""
+    rgb: U8
+    """(H, W, 3) sRGB."""
     named: Callable[[], U16] = field(
         repr=False, compare=False
     )  # works out `ids`: few ask
@@ -326,23 +338,24 @@ class Frame:
 class ShadowBody:
     """What light has to know of a body: as its silhouette, see `shadow.Silhouette`."""
 
-    radius: float | None  # px, of a sphere
-    thick: float  # px
-    veiled: float = 1.0  # share of the shadows of others that is seen on it, 0..1.
+    radius: float | None
+    """px, of a sphere."""
+    thick: float
+    """px."""
+    veiled: float = 1.0
+    """Share of the shadows of others that is seen on it, 0..1."""
 
 
 @dataclass(frozen=True)
 class Mirror:
     """What a floor mirrors of what stands on it."""
 
-    share: (
-        F32  # (n,): of the light of an object's lowest rows, of each row below its foot
-    )
+    share: F32
+    """(n,): of the light of an object's lowest rows, of each row below its foot."""
     feet: Sequence[tuple[int, float, float] | None]
     """One a sprite: the row of the photo at which it ends, and its floor's end columns; None: it does not stand."""
-    rough: float = (
-        2.0  # px, standard deviation: how much less sharp this is than the object
-    )
+    rough: float = 2.0
+    """px, standard deviation: how much less sharp this is than the object."""
 
 
 @dataclass(frozen=True)
@@ -353,17 +366,20 @@ class Stage:
     sprites: Sequence[Sprite]
     lit: LitBackground | None = None
     """Where shadows move: the background taken apart, with a cast for each sprite in turn."""
-    actors: Sequence[ShadowBody] = ()  # one a sprite, where there is `lit`
+    actors: Sequence[ShadowBody] = ()
+    """One a sprite, where there is `lit`."""
     grounds: Sequence[
         Array
     ] = ()  # side view: as `staging.floors` has them, what shadows fall on from above.
     veils: Sequence[F32 | None] | None = None
     """One a sprite, on its box: -log of the light that the others leave on it at t = 0; None: none."""
-    supersample: int = 1  # samples a pixel, along each side, of what moves
+    supersample: int = 1
+    """Samples a pixel, along each side, of what moves."""
     starts: Sequence[Pose] = ()
     """One a body: the pose in which its sprite was cut out, where some are put elsewhere; empty: as at t = 0."""
     mirror: Mirror | None = None
-    scale: float = 1.0  # canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen
+    scale: float = 1.0
+    """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
 
     @property
     def faces(self) -> Mapping[int, float]:
@@ -379,10 +395,12 @@ class Stage:
 class SpritePose:
     """How a sprite stands in a frame."""
 
-    k: int  # index into the stage's sprites
+    k: int
+    """Index into the stage's sprites."""
     start: Pose
     pose: Pose
-    where: Placement | None  # None: out of the picture
+    where: Placement | None
+    """None: out of the picture."""
     space: Array | None = None
     """(3, 3) a ball's turn so far; None where it has none, or only the angle is known."""
 

@@ -34,6 +34,7 @@ from physgen.simulate.contacts import (
     contact_points,
     contacts_jumped,
     new_contacts,
+    pairs_with_more_contacts,
 )
 from physgen.simulate.forces import (
     EnergyEvent,
@@ -69,6 +70,8 @@ ABRUPT = 8.0
 and not in the course of the step. A body at rest on another is at 1, one that slides or rolls below 3."""
 KEPT_PARTS = 64
 """Parts of a step that the next one keeps after an abrupt contact, at most: more would take long."""
+HIDINGS = 4
+"""Times that a step is taken again because contacts at internal edges acted in it."""
 LOOK = 8
 """Steps after which speeds are looked at again."""
 
@@ -478,12 +481,52 @@ class Stepper:
             placed = self.state() if state is None else state
             alone = state is None and not self._numbers and not self._joined.busy
             load = self._lasting.push(placed, end, h, first=first, alone=alone)
-            every = len(load.total) == len(placed)
-            self._space.push(load.total if every else load.total[self._space.moving])
+            self._push(load)
         resistance = self._lasting.resistance
         if resistance.busy:
             self._space.brake(resistance.brakes.pairs, resistance.torques)
         return load, *self._space.step(h)
+
+    def _hides_contacts(
+        self, order: Order, numbers: bytes, new: Sequence[int] | None
+    ) -> bool:
+        """Return whether contacts at internal edges acted, which later steps leave out."""
+        if self.suspicious:
+            return self._space.hide_internal_edges(None)
+        if order is not self._order:
+            pairs = pairs_with_more_contacts(order.raw, self._order.raw)
+        elif new is None:
+            pairs = order.pairs_turned(numbers, self._numbers)
+        else:
+            return False
+        return bool(pairs) and self._space.hide_internal_edges(pairs)
+
+    def _again(
+        self, h: float, state: Array | None, load: Forces | None
+    ) -> tuple[bytes, Order, bytes]:
+        """Take a step again, with other contacts; returns as `Space.step` does."""
+        self._space.iterations = max(
+            self._space.iterations, self._governor.after_impacts
+        )
+        self._space.place(self.state() if state is None else state)
+        if load is not None:
+            self._push(load)
+        return self._space.step(h)
+
+    def _push(self, load: Forces) -> None:
+        every = len(load.total) == len(self._space.moving)
+        self._space.push(load.total if every else load.total[self._space.moving])
+
+    def _new_contacts(self, order: Order, numbers: bytes) -> Sequence[int] | None:
+        """Return rows of contacts that the step before did not have; None if all may close.
+
+        The first step is one of those after which all may close.
+        """
+        if self.suspicious or self._leaps(order, numbers):
+            return None
+        if order is self._order:
+            return ()
+        return new_contacts(order.raw, self._order.raw)
 
     def _leaps(self, order: Order, numbers: bytes) -> bool:
         """Whether a contact is elsewhere at once."""
@@ -514,15 +557,12 @@ class Stepper:
             load, states, order, numbers = self._begin(end, h, state, first)
             impact = None
             # the last try is taken as it comes: what still closes then does not bounce
-            new: Sequence[int] | None = None
-            if not (
-                self.suspicious or self._leaps(order, numbers)
-            ):  # the first step is one, too
-                new = (
-                    new_contacts(order.raw, self._order.raw)
-                    if order is not self._order
-                    else ()
-                )
+            new = self._new_contacts(order, numbers)
+            for _ in range(HIDINGS):
+                if not self._hides_contacts(order, numbers, new):
+                    break
+                states, order, numbers = self._again(h, state, load)
+                new = self._new_contacts(order, numbers)
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
@@ -548,6 +588,8 @@ class Stepper:
             )
             probing = False
             self._space.place(state)
+        if self._space.hidden:
+            self._space.review_internal_edges()
         self.steps += 1
         self.budget.grant(h)
         self._calm = original is None

@@ -69,10 +69,6 @@ def jobs_of(scene: Path, out: Path, count: int, **options: object) -> list[Job]:
     ]
 
 
-class Fatal(str):
-    """Ends the process that works on it."""
-
-
 def run_or_die(text: str) -> str:
     if text == "fatal":
         os._exit(7)
@@ -158,7 +154,7 @@ def test_a_killed_worker_loses_no_clip(
 @pytest.mark.slow
 def test_an_item_that_kills_its_workers_fails_alone() -> None:
     items = [*"abc", "fatal", *"def"]
-    lost = lambda item, error: f"{item}: {error}"  # noqa: E731
+    lost = "{}: {}".format
     with dask_processes.alarm():
         results = list(run_on_cluster("local:2", run_or_die, items, lost))
     expected = [*"ABC", "fatal: its workers died each time", *"DEF"]

@@ -36,10 +36,10 @@ class PointConstants:
 
     least: float = 0.05  # expected fit from which a candidate may be meant
     likely: float = 0.1  # expected fit from which the smallest candidate may be meant
-    shallow: float = 0.1
+    shallow: float = 0.2
     """Added to the depth of a click, since some lie near the rim."""
-    fit_power: float = 0.3
-    confidence_power: float = 5.0
+    fit_power: float = 0.5
+    confidence_power: float = 2.0
     """Powers of the judge's fit and of the head's confidence beside that depth."""
     tries: int = 6  # candidates that are cut out again at most
     same_box: float = 0.9
