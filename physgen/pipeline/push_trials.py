@@ -47,7 +47,7 @@ class TrialLimits:
     """Objects with a direction that are tried."""
     most: int = 28
     """Trials."""
-    work: float = 2500.0
+    work: float = 2000.0
     """Work of all trials together, in steps of the engine: about half a second."""
     one: float = 1500.0
     """Work of one trial, after which it ends: objects that are jammed take long."""

@@ -9,8 +9,8 @@ least and the greatest of the pixels under the middle lobe, against dark lines a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil, exp, expm1, floor, log, sqrt
 
@@ -21,9 +21,9 @@ from PIL import Image
 
 from physgen.compile.world import World
 from physgen.geometry.polygon import Array
-from physgen.maps import U8
+from physgen.maps import F32, U8
 from physgen.photometry import decode, encode_u8
-from physgen.render.stage import Cover, Frame, Slices
+from physgen.render.stage import Cover, Frame, Layers, Slices, SpriteLayer
 from physgen.scene.scene import (
     CameraView,
     Play,
@@ -111,7 +111,9 @@ def sources(matrix: Array, shown: Size, size: Size) -> tuple[Index, Index]:
     return rows, columns
 
 
-def _seen(rgb: U8, matrix: Array, size: Size) -> tuple[float, float, float, float]:
+def _seen(
+    rgb: U8 | F32, matrix: Array, size: Size
+) -> tuple[float, float, float, float]:
     """The borders x0, y0, x1, y1 of what is seen, as Pillow counts px: from the corner of the first pixel."""
     scale = float(matrix[0, 0])
     edges = []
@@ -290,7 +292,12 @@ def filmed(
             rgb = resample_picture(frame.rgb, matrix, through.video)
         through_it = frame, matrix, through.video
         named, covering = partial(_named, *through_it), partial(_covering, *through_it)
-        seen = Frame(frame.index, frame.time, rgb, named, covering, frame.faces)
+        layering = None
+        if frame.layering is not None:
+            layering = partial(_layers_seen, frame.layering, matrix, through.video)
+        seen = Frame(
+            frame.index, frame.time, rgb, named, covering, frame.faces, layering
+        )
         last = frame, matrix, seen
         yield seen
 
@@ -308,6 +315,31 @@ def _covering(frame: Frame, matrix: Array, size: Size) -> list[Cover]:
         Cover(cover.body, *nearest_in(cover.box, cover.mask, rows, columns))
         for cover in frame.covers
     ]
+
+
+def resample_light(light: F32, matrix: Array, size: Size) -> F32:
+    """(h, w, C) of `size` (w, h), 0..1, of linear light as `resample_picture` sees it."""
+    box = _seen(light, matrix, size)
+    planes = []
+    for plane in cv2.split(light):
+        picture = Image.fromarray(plane).resize(size, Image.Resampling.LANCZOS, box=box)
+        planes.append(np.clip(np.asarray(picture), 0, 1))
+    return np.asarray(cv2.merge(planes), np.float32)
+
+
+def _layers_seen(layering: Callable[[], Layers], matrix: Array, size: Size) -> Layers:
+    """The layers of a frame as they are seen."""
+    layers = layering()
+    whole = np.s_[0 : size[1], 0 : size[0]]
+    sprites = []
+    for sprite in layers.sprites:
+        canvas = np.zeros((*layers.plate.shape[:2], 4), np.float32)
+        canvas[sprite.box] = np.dstack([sprite.light, sprite.coverage])
+        seen = resample_light(canvas, matrix, size)
+        sprites.append(SpriteLayer(sprite.body, whole, seen[..., :3], seen[..., 3]))
+    plate = resample_light(layers.plate, matrix, size)
+    shaded = resample_light(layers.shaded, matrix, size)
+    return Layers(plate, shaded, sprites, layers.order)
 
 
 def canvas_scale(scene: Scene) -> float:
@@ -404,4 +436,32 @@ def mean_exposures(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:
             (decode(frame.rgb) for frame in group), np.zeros(last.rgb.shape, np.float32)
         )
         rgb = encode_u8(light / np.float32(parts))
-        yield Frame(index, last.time, rgb, last.named, last.covering, last.faces)
+        layering = last.layering
+        if layering is not None:  # at once: an exposure's layers take much memory
+            layering = partial(_same_layers, _mean_layers(group))
+        yield replace(last, index=index, rgb=rgb, layering=layering)
+
+
+def _same_layers(layers: Layers) -> Layers:
+    return layers
+
+
+def _mean_layers(frames: Sequence[Frame]) -> Layers:
+    """Return the mean of the layers of an exposure."""
+    parts = [frame.layering() for frame in frames if frame.layering is not None]
+    last = parts[-1]
+    plate, shaded = np.zeros_like(last.plate), np.zeros_like(last.plate)
+    means = {}
+    for body in last.order:
+        means[body] = np.zeros((*plate.shape[:2], 4), np.float32)
+    share = np.float32(1 / len(parts))
+    for layers in parts:
+        plate += layers.plate * share
+        shaded += layers.shaded * share
+        for body, picture in layers.pictures().items():
+            means[body] += picture * share
+    whole = np.s_[0 : plate.shape[0], 0 : plate.shape[1]]
+    sprites = []
+    for body, mean in means.items():
+        sprites.append(SpriteLayer(body, whole, mean[..., :3], mean[..., 3]))
+    return Layers(plate, shaded, sprites, last.order)

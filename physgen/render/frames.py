@@ -33,8 +33,10 @@ from physgen.render.sprites import CUT
 from physgen.render.stage import (
     Cover,
     Frame,
+    Layers,
     Placement,
     Slices,
+    SpriteLayer,
     SpritePose,
     Stage,
     borders_left,
@@ -257,6 +259,7 @@ def render_frames(
                 [a & ~b for a, b in zip(before, relit, strict=True)], size
             ):
                 canvas[box] = left.light[box]
+            layers = _LayerList(stage, left, canvas) if stage.keeps_layers else None
             touched = boxes_of_tiles(relit, size)
             around_them = halos_left(stage.sprites, stands)
             for picture in pictures:
@@ -280,6 +283,8 @@ def render_frames(
                 if stand.k in trails:
                     layer = _smeared(stage, balls, stand, seen, trails[stand.k])
                 if layer is not None:
+                    if layers is not None:
+                        layers.add(stage.sprites[stand.k].body, *layer)
                     under = canvas[layer[0]]
                     cv2.multiply(under, three_channels(1 - layer[2]), dst=under)
                     cv2.add(under, layer[1], dst=under)
@@ -302,7 +307,24 @@ def render_frames(
                 partial(_named, covers, size),
                 partial(_covering, covers),
                 stage.faces,
+                None if layers is None else layers.taken_apart,
             )
+
+
+class _LayerList:
+    """The layers of one frame as they are drawn, over a copy of the shaded background."""
+
+    def __init__(self, stage: Stage, left: BackgroundCache, canvas: F32) -> None:
+        self._plate = left.light if stage.lit is None else stage.lit.plate
+        self._shaded = canvas.copy()
+        self._order = tuple(dict.fromkeys(sprite.body for sprite in stage.sprites))
+        self._sprites: list[SpriteLayer] = []
+
+    def add(self, body: int, box: Slices, light: F32, coverage: F32) -> None:
+        self._sprites.append(SpriteLayer(body, box, light, coverage))
+
+    def taken_apart(self) -> Layers:
+        return Layers(self._plate, self._shaded, self._sprites, self._order)
 
 
 class _Shadows:

@@ -305,6 +305,44 @@ class Cover:
 
 
 @dataclass(frozen=True)
+class SpriteLayer:
+    """A sprite as a frame shows it, without what hides it."""
+
+    body: int
+    box: Slices
+    """Rows and columns of the picture."""
+    light: F32
+    """(h, w, 3) linear, times coverage."""
+    coverage: F32
+    """(h, w)."""
+
+
+@dataclass(frozen=True)
+class Layers:
+    """A picture taken apart, in linear light; what is mixed at borders is in none of them."""
+
+    plate: F32
+    """(H, W, 3): the background in the light that no object keeps away."""
+    shaded: F32
+    """(H, W, 3): the same with shadows."""
+    sprites: Sequence[SpriteLayer]
+    """The farthest first."""
+    order: Sequence[int]
+    """All bodies of the clip, the farthest first."""
+
+    def pictures(self) -> dict[int, F32]:
+        """Return (H, W, 4) of each body: light times coverage, and coverage; 0 outside of the picture."""
+        pictures = {}
+        for body in self.order:
+            pictures[body] = np.zeros((*self.plate.shape[:2], 4), np.float32)
+        for sprite in self.sprites:
+            canvas = pictures[sprite.body][sprite.box]
+            canvas *= 1 - sprite.coverage[..., None]
+            canvas += np.dstack([sprite.light, sprite.coverage])
+        return pictures
+
+
+@dataclass(frozen=True)
 class Frame:
     """One picture of the video."""
 
@@ -322,6 +360,10 @@ class Frame:
     """Works out `covers`."""
     faces: Mapping[int, float] = field(default_factory=dict, repr=False, compare=False)
     """px of the photo by which the front of a body lies below its centre, where it does."""
+    layering: Callable[[], Layers] | None = field(
+        default=None, repr=False, compare=False
+    )
+    """Works out `Layers`, if the stage keeps them."""
 
     @cached_property
     def ids(self) -> U16:
@@ -380,6 +422,8 @@ class Stage:
     mirror: Mirror | None = None
     scale: float = 1.0
     """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
+    keeps_layers: bool = False
+    """Whether frames can be taken apart into layers."""
 
     @property
     def faces(self) -> Mapping[int, float]:

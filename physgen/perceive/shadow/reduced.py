@@ -17,10 +17,9 @@ from physgen.geometry.shadows import Silhouette
 from physgen.maps import F32
 from physgen.perceive.roles import Labels, Rgb, Shadows
 from physgen.perceive.shadow.silhouettes import DARKEST
+from physgen.perceive.working_size import working_size
 from physgen.photometry import decode, encode_u8, luminance
 
-LONGEST = 640
-"""px: longer side of the photo in which shadows are found and removed."""
 GUIDE_SIDE = 5
 """px of the reduced photo: side of the guided filter's windows."""
 GUIDE_TEXTURE = 0.01
@@ -52,12 +51,11 @@ class ReducedPhoto:
 
 
 def reduce_photo(background: Rgb, coverage: F32) -> ReducedPhoto:
-    """Return a background (H, W, 3) and coverage (H, W) of at most `LONGEST` px."""
-    height, width = coverage.shape
-    scale = max(height, width) / LONGEST
-    if scale <= 1:
+    """Return a background (H, W, 3) and coverage (H, W) at the working size."""
+    size = working_size(coverage.shape)
+    if size is None:
         return ReducedPhoto(background, coverage, 1.0)
-    size = max(1, round(width / scale)), max(1, round(height / scale))
+    scale = max(coverage.shape) / max(size)
     small = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
     share = cv2.resize(coverage, size, interpolation=cv2.INTER_AREA)
     return ReducedPhoto(
