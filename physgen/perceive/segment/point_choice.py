@@ -32,7 +32,10 @@ Scale = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PointConstants:
-    """Constants of clicks, chosen on half of the photos that only measure."""
+    """Constants of clicks.
+
+    Chosen on clicks on 75 objects of household photos, COCO's and two rendered piles.
+    """
 
     least: float = 0.05  # expected fit from which a candidate may be meant
     likely: float = 0.1  # expected fit from which the smallest candidate may be meant
