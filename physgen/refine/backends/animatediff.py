@@ -72,7 +72,8 @@ class Trained:
     """What the weights were trained on, as their configurations say."""
 
     grid: Grid
-    most: int  # frames that the model can see at a time
+    most: int
+    """Frames that the model can see at a time."""
 
 
 class AnimateDiff:
@@ -91,16 +92,16 @@ class AnimateDiff:
         )  # fmt: skip
 
     def schedule(self, steps: int, count: int) -> Schedule:
-        """DDIM."""
+        """Return the DDIM schedule."""
         return ddim(self._scheduler, steps, count)
 
     def encode_text(self, text: str) -> Tensor:
-        """(1, 77, width)."""
+        """Encode a text as (1, 77, width)."""
         found: Tensor = self.pipe.encode_prompt(text, self._device, 1, False)[0]
         return found
 
     def encode(self, video: Tensor) -> Tensor:
-        """(F, 3, H, W) in -1..1 on the processor -> (F, C, h, w): the mean of each frame, some at a time."""
+        """Encode (F, 3, H, W) in -1..1 on the processor as (F, C, h, w): the mean of each frame, some at a time."""
         vae = self.pipe.vae
         found = [
             vae.encode(part.to(self._device)).latent_dist.mode()
@@ -109,7 +110,7 @@ class AnimateDiff:
         return torch.cat(found) * vae.config.scaling_factor
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
-        """(F, C, h, w) on the processor -> (f, 3, H, W) in -1..1, some frames at a time."""
+        """Decode (F, C, h, w) on the processor to (f, 3, H, W) in -1..1, some frames at a time."""
         vae = self.pipe.vae
         for part in latents.split(CHUNK):
             yield vae.decode(part.to(self._device) / vae.config.scaling_factor).sample
@@ -178,14 +179,21 @@ class Run:
     schedule: Schedule
     guidance: float
     text: Tensor
-    negative: Tensor | None  # what shall not be seen; None: the model is not guided
+    negative: Tensor | None
+    """What shall not be seen; None: the model is not guided."""
 
 
 class Sampler:
-    """The backend `animatediff`; its weights are `ADAPTER,BASE`, loaded when the first video begins."""
+    """The backend `animatediff`.
+
+    Its weights are `ADAPTER,BASE`, loaded when the first video begins.
+    """
 
     def __init__(self, setup: Setup) -> None:
-        """Raises InputError for a device, a type, options or weights that cannot be; no weights are loaded yet."""
+        """Raises InputError for a device, a type, options or weights that cannot be.
+
+        No weights are loaded yet.
+        """
         self._options = read_options(setup, NAME, OPTIONS)
         self._weights = weight_ids("refine", NAME, setup, REFINE)
         self._device = device_of(setup)
@@ -320,7 +328,10 @@ class Sampler:
 
 @contextmanager
 def memory_errors() -> Iterator[None]:
-    """Inference; where a device's memory does not suffice, all is given back and MemoryError raised."""
+    """Inference.
+
+    Where a device's memory does not suffice, all is given back and MemoryError raised.
+    """
     try:
         with (
             torch.no_grad()
