@@ -79,7 +79,7 @@ def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | N
     rows = []
     for path in paths:
         values: list[Value | None] = []
-        by_subject: dict[str, set[Value]] = {}
+        by_subject: dict[object, set[Value]] = {}
         for clip, edit in zip(clips, edits, strict=True):
             value = edit[path] if path in edit else _value(clip.document, path)
             values.append(value)
