@@ -72,6 +72,6 @@ def velocities_that_joints_allow(world: World) -> Array:
     inverse = np.where(np.array(is_dynamic)[:, None], 1 / weights, 0.0).ravel()
     give = (jacobian * inverse) @ jacobian.T
     excess = jacobian @ velocity.ravel()
-    impulse = np.linalg.lstsq(give, excess, rcond=1e-10)[0]
+    impulse: Array = np.linalg.lstsq(give, excess, rcond=1e-10)[0]
     change = inverse * (jacobian.T @ impulse)
     return (velocity.ravel() - change).reshape(-1, 3)

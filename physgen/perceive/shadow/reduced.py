@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.shadows import Silhouette
 from physgen.maps import F32
@@ -145,7 +147,7 @@ def _fit_lines(guide: F32, values: F32) -> tuple[F32, F32]:
     return _box_mean(slope), _box_mean(level)
 
 
-def _box_mean(values: F32) -> F32:
+def _box_mean(values: NDArray[np.floating[Any]]) -> F32:
     return np.asarray(cv2.blur(values, (GUIDE_SIDE, GUIDE_SIDE)), np.float32)
 
 
