@@ -1,7 +1,7 @@
 """Many tiny previews on a Dask cluster of this machine: cost a clip and memory of the process that hands out.
 
     python benchmarks/run.py cluster                    # 10,000 clips; some 10 minutes on an idle machine
-    python benchmarks/cluster.py --clips 2000 --limit 300
+    python benchmarks/cluster_previews.py --clips 2000 --limit 300
 
 A run that reaches its limit, s, is interrupted and reports the clips that it made.
 """
