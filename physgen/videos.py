@@ -266,7 +266,8 @@ def _pages(path: Path) -> Iterator[VideoFrame]:
 
     with open_picture(path) as image:
         count = int(getattr(image, "n_frames", 1))
-    with path.open("rb") as file, iio.imopen(file, "r", plugin="pillow") as reader:
+    with path.open("rb") as file, iio.imopen(file, "r", plugin="pillow") as opened:
+        reader: Any = opened  # its type lacks the plugin's arguments
         for k in range(count):
             place = f"{path}: frame {k}"
             try:
