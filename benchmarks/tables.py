@@ -11,6 +11,7 @@ from statistics import median
 
 import accuracy
 import batch_tables
+import cluster_previews
 import editor
 import fid_table
 import fidelity
@@ -633,6 +634,7 @@ SECTIONS = {
     "Editor": ("editor", editor.table),
     "Gallery": ("gallery", _gallery),
     "Batches": ("batch", batch_tables.batch_table),
+    "Clusters": ("cluster", cluster_previews.cluster_table),
     "Interrupted batches": ("kills", batch_tables.kills_table),
     "Hostile input": ("attack", batch_tables.attack_table),
     "Objects of a photo": ("objects", _objects),

@@ -68,6 +68,7 @@ item before has ended may still be known as alive."""
 DASK_SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.limit": "1h",
+    "distributed.admin.system-monitor.interval": "10s",
     "distributed.comm.timeouts.connect": f"{TIMEOUT:g}s",
     # of a local cluster: what ends its process twice is the item itself
     "distributed.scheduler.allowed-failures": 1,

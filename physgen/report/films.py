@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import imageio.v3 as iio
 import numpy as np
-from PIL import Image
 
 from physgen.export.video import U8, sample_frames
 from physgen.report.html import encoded, fitted
@@ -45,7 +45,8 @@ def linked_film(made: Sequence[str]) -> Film:
 
 
 def _rgb(file: Path) -> U8:
-    return np.asarray(Image.open(file).convert("RGB"))
+    with file.open("rb") as stream:
+        return np.asarray(iio.imread(stream, plugin="pillow", index=0, mode="RGB"))
 
 
 def poster(film: Path) -> bytes:

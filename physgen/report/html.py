@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import cv2
+import imageio.v3 as iio
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, WebPImagePlugin  # noqa: F401 - else `save` loads all plugins
+from PIL import WebPImagePlugin  # noqa: F401 - else `save` loads all plugins
 
 from physgen.files import resource
 from physgen.text import rounded, value_text
@@ -60,9 +60,14 @@ def webp(pixels: U8, quality: int) -> str:
 
 def encoded(pixels: U8, quality: int) -> bytes:
     """Encode a WebP file."""
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "WEBP", quality=quality, method=METHOD)
-    return buffer.getvalue()
+    return iio.imwrite(
+        "<bytes>",
+        pixels,
+        plugin="pillow",
+        extension=".webp",
+        quality=quality,
+        method=METHOD,
+    )
 
 
 def fitted(rgb: U8, side: int) -> U8:

@@ -240,7 +240,7 @@ class Assemblies:
 
 def _energy(light: Sequence[float], speeds: Sequence[float] | Array) -> float:
     """Return the kinetic energy of what is not held, g·px²/s²; light: 1/mass and 1/moment, 0 if it does not yield."""
-    return sum(v * v / m for m, v in zip(light, speeds, strict=True) if m) / 2
+    return float(sum(v * v / m for m, v in zip(light, speeds, strict=True) if m)) / 2
 
 
 def is_jolt(
