@@ -152,6 +152,7 @@ def _counted(problems: Iterable[Problem]) -> str:
 
 def simulate(options: argparse.Namespace) -> int:
     from physgen import pipeline
+    from physgen.pipeline.clip import motion_warnings
     from physgen.simulate.trajectory import is_trajectory
 
     kind = _trajectory_kind(options.output)
@@ -166,6 +167,7 @@ def simulate(options: argparse.Namespace) -> int:
     with scene.located():
         trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
     bar.clear()
+    print_problems(motion_warnings(scene, compiled.world, trajectory))
     if options.output is not None and not is_trajectory(options.output):
         back_up(options.output, print_backup)
     if kind == "npz":

@@ -74,4 +74,4 @@ def velocities_that_joints_allow(world: World) -> Array:
     excess = jacobian @ velocity.ravel()
     impulse: Array = np.linalg.lstsq(give, excess, rcond=1e-10)[0]
     change = inverse * (jacobian.T @ impulse)
-    return (velocity.ravel() - change).reshape(-1, 3)
+    return np.asarray((velocity.ravel() - change).reshape(-1, 3))

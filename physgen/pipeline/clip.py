@@ -259,6 +259,68 @@ UNBALANCED = 0.03
 """Share of the energy that flows which may be unaccounted for before the user is warned."""
 
 
+def imbalance(world: World, trajectory: Trajectory) -> float:
+    """Return the error of the energy balance as a part of the energy that flows.
+
+    At rest no energy flows; a body's fall by a pixel is the least that counts.
+    """
+    mass = sum(body.mass for body in world.bodies)
+    return trajectory.imbalance(mass * float(np.hypot(*world.gravity)))
+
+
+def motion_warnings(
+    scene: Scene, world: World, trajectory: Trajectory
+) -> list[Problem]:
+    """Return every warning about the motion of a clip."""
+    error = imbalance(world, trajectory)
+    return [
+        *departure_warnings(scene, world, trajectory),
+        *accuracy_warnings(scene, world, trajectory, error),
+    ]
+
+
+def accuracy_warnings(
+    scene: Scene, world: World, trajectory: Trajectory, error: float
+) -> list[Problem]:
+    """Return warnings about a large error of the energy balance, and about work that was not done."""
+    problems = []
+    if error > UNBALANCED:
+        fix = balance_advice(world)
+        found = f"has an error of {error:.0%} of the energy that flows"
+        place = scene.place("world")
+        what = "the energy balance"
+        problems.append(Problem(place, "world", what, found, fix, Severity.WARNING))
+    effort = trajectory.effort
+    if effort.overworked >= 0:
+        names = [name for name, _ in world.surfaces]
+        if effort.overworked_by >= 0:
+            second = names[effort.overworked_by]
+            what = f"impacts of {names[effort.overworked]} and {second}"
+            fix = "bring their masses closer"
+        else:
+            what = f"steps of {names[effort.overworked]}"
+            fix = "look for a corner that reaches far out, or slow it down"
+        found = "took more work than a run may do: later ones are less exact"
+        place = scene.place("objects")
+        problems.append(Problem(place, "", what, found, fix, Severity.WARNING))
+    return problems
+
+
+def departure_warnings(
+    scene: Scene, world: World, trajectory: Trajectory
+) -> list[Problem]:
+    """Return a warning if all that moves has left the picture early in the clip."""
+    reaches = np.array([body.reach for body in world.bodies])
+    time = trajectory.time_of_departure(reaches, world.size, UNMOVED)
+    if time is None or time >= DEPARTED * world.duration:
+        return []
+    found = (
+        f"all that moves has left the picture by {time:.2g} s of {world.duration:g} s"
+    )
+    fix = "write boundaries that stop it, a lower velocity, or a shorter world.duration"
+    return [Problem(scene.place("objects"), "", "", found, fix, Severity.WARNING)]
+
+
 def reduced_rates(scene: Scene, formats: Sequence[Format]) -> list[Problem]:
     """Return warnings about formats that browsers would play too slowly at the scene's rate."""
     fps = scene.render.fps
@@ -507,45 +569,15 @@ class _Run:
                 Problem(scene.place("objects"), "", "", why, fix, Severity.WARNING)
             )
         else:  # at rest, no energy flows; a body's fall by a pixel is the least that counts
-            weight = sum(body.mass for body in world.bodies) * float(
-                np.hypot(*world.gravity)
-            )
-            record.imbalance = trajectory.imbalance(weight)
-            self.check_departure(trajectory)
+            record.imbalance = imbalance(world, trajectory)
+            for problem in departure_warnings(scene, world, trajectory):
+                self.warn(problem)
         record.samples, record.effort = (
             trajectory.sample_hashes(),
             asdict(trajectory.effort),
         )
-        if record.imbalance > UNBALANCED:
-            fix = balance_advice(world)
-            found = f"has an error of {record.imbalance:.0%} of the energy that flows"
-            place = scene.place("world")
-            self.warn(
-                Problem(
-                    place, "world", "the energy balance", found, fix, Severity.WARNING
-                )
-            )
-        if trajectory.effort.overworked >= 0:
-            names = [
-                *(body.name for body in world.bodies),
-                *(wall.name for wall in world.walls),
-            ]
-            first, second = (
-                trajectory.effort.overworked,
-                trajectory.effort.overworked_by,
-            )
-            if second >= 0:
-                what, fix = (
-                    f"impacts of {names[first]} and {names[second]}",
-                    "bring their masses closer",
-                )
-            else:
-                what = f"steps of {names[first]}"
-                fix = "look for a corner that reaches far out, or slow it down"
-            found = "took more work than a run may do: later ones are less exact"
-            self.warn(
-                Problem(scene.place("objects"), "", what, found, fix, Severity.WARNING)
-            )
+        for problem in accuracy_warnings(scene, world, trajectory, record.imbalance):
+            self.warn(problem)
         if not options.draws:
             return None
         record.seeds["fan"] = options.draw_seed
@@ -553,18 +585,6 @@ class _Run:
             draws = self._draws()
             record.fan = None if draws is None else draws.as_dict()
         return draws
-
-    def check_departure(self, trajectory: Trajectory) -> None:
-        """Warn if all that moves has left the picture early in the clip."""
-        world = self.film.compiled.world
-        reaches = np.array([body.reach for body in world.bodies])
-        time = trajectory.time_of_departure(reaches, world.size, UNMOVED)
-        if time is None or time >= DEPARTED * world.duration:
-            return
-        problem = f"all that moves has left the picture by {time:.2g} s of {world.duration:g} s"
-        fix = "write boundaries that stop it, a lower velocity, or a shorter world.duration"
-        place = self.scene.place("objects")
-        self.warn(Problem(place, "", "", problem, fix, Severity.WARNING))
 
     def _draws(self) -> Draws | None:
         """Simulations with drawn values; None, and a warning, where no value of the scene is uncertain."""

@@ -27,8 +27,8 @@ def find(root: dict[int, int], k: int) -> int:
 
 SINGULAR = 1e-10
 """Of the largest singular value: smaller ones count as 0, where joints say the same twice."""
-JOLT = 0.04
-"""Part of a group's kinetic energy that the closing of gaps may have; a turn by 0.2 rad in a step has 0.01."""
+JOLT = 0.002
+"""Part of a group's kinetic energy that the closing of gaps may have; a turn by 0.06 rad in a step has 0.001."""
 SOFTNESS = 1e-3
 """Part of its own response by which a joint yields while gaps are closed without speed."""
 
@@ -200,7 +200,7 @@ class Assemblies:
                 if is_jolt(light, still, (after - still).tolist(), self._jolt * h):
                     square = np.diag(give) * SOFTNESS
                     mend = np.linalg.solve(give + np.diag(square), np.array(gaps))
-                    moved = light * (J.T @ mend)
+                    moved = np.array(light) * (J.T @ mend)
                     shift[bodies] -= moved.reshape(-1, 3)
                     lost += _energy(light, before) - _energy(light, still)
                     after = still
@@ -240,7 +240,8 @@ class Assemblies:
 
 def _energy(light: Sequence[float], speeds: Sequence[float] | Array) -> float:
     """Return the kinetic energy of what is not held, g·px²/s²; light: 1/mass and 1/moment, 0 if it does not yield."""
-    return float(sum(v * v / m for m, v in zip(light, speeds, strict=True) if m)) / 2
+    doubled = sum(v * v / m for m, v in zip(light, speeds, strict=True) if m)
+    return float(doubled / 2)
 
 
 def is_jolt(

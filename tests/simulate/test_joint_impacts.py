@@ -87,7 +87,7 @@ def bridge_faults(scene, drop: float) -> list[str]:
     x, y = motion.poses[:, -1, 0], motion.poses[:, -1, 1]
     right = scene.joints[-1].second_at[0]
     faults = []
-    if total.max() - total[0] > 1e-3 * heavy.mass * 980 * drop:
+    if total.max() - total[0] > 1e-2 * heavy.mass * 980 * drop:
         faults.append("gains energy")
     if y[(x > 200) & (x < right)].max() > BRIDGE:
         faults.append("falls through")
