@@ -91,6 +91,11 @@ class ShadowSetting:
         """
         return float(max((row - self.size[1] / 2) / max(self.tilt, 1e-3), self.size[0]))
 
+    @property
+    def light_radius(self) -> float:
+        """Return the light's radius relative to its distance."""
+        return tan(radians(min(self.softness, 60.0)))
+
     @cached_property
     def shade(self) -> np.float32:
         """Return -log of the light left in the darkest shadow."""
@@ -157,13 +162,8 @@ def penumbra_width(
 
     `slope`: px sideways for each px of height.
     """
-    radius = _light_radius(setting) * max(height, 0.0) / rise
+    radius = setting.light_radius * max(height, 0.0) / rise
     return float(0.35 + 0.5 * radius * (1 + slope * slope) ** 0.5)
-
-
-def _light_radius(setting: ShadowSetting) -> float:
-    """Return the light's radius relative to its distance."""
-    return tan(radians(min(setting.softness, 60.0)))
 
 
 def clipped_box(
@@ -240,7 +240,7 @@ def blocked_by_ball(
     along = np.asarray(along, np.float32)
     distance = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
     # A point sees two discs: the ball, and the light at the ball's distance.
-    light = np.maximum(np.float32(_light_radius(setting)) * along, np.float32(0.35))
+    light = np.maximum(np.float32(setting.light_radius) * along, np.float32(0.35))
     smaller = np.minimum(np.float32(radius), light)
     larger = np.maximum(np.float32(radius), light)
     gap = (distance - larger) / (0.28 * smaller)
@@ -782,7 +782,7 @@ def _blocked_on_side(
     is_wall = (back >= 0) & (back <= setting.backdrop)
     upon = is_wall * np.clip(np.float32(floor + 0.5) - y, 0, 1)
     fine = (blocked * upon).reshape(len(y), -1, MODEL.wall)
-    return np.asarray(fine.mean(axis=2), np.float32)
+    return np.asarray(fine.mean(axis=2, dtype=np.float32), np.float32)
 
 
 def _cast_sideways(

@@ -233,11 +233,18 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
 def _played(render: Render) -> str:
     """How the clip differs from the motion and from the whole photo; empty where it does not."""
     parts = [
-        f"{value_text(render.slow)} times slower" if render.slow != 1 else "",
+        _speed(render.slow),
         render.play.value if render.play is not Play.FORWARD else "",
         "through a camera" if render.camera else "",
     ]
     return ", ".join(filter(None, parts))
+
+
+def _speed(slow: float) -> str:
+    """Return the speed of a clip that is `slow` times as slow as the motion, in words."""
+    if slow == 1:
+        return ""
+    return "at half speed" if slow == 2 else f"slowed down {value_text(slow)}x"
 
 
 def provenance(
