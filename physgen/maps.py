@@ -352,7 +352,7 @@ def _write_pictures(
     existing = [picture for picture in pictures.values() if picture is not None]
     # OpenCV encodes without Python's lock, so two threads are faster than one.
     with ThreadPoolExecutor(2) as pool:
-        files = dict(zip(names, pool.map(_map_bytes, existing), strict=True))
+        files = dict(zip(names, pool.map(_encode_map, existing), strict=True))
     for name in pictures:
         path = folder / f"{name}.png"
         if name in files:
@@ -369,7 +369,7 @@ def write_png(path: Path, picture: U8 | U16, keep: Keep = ignore_kept_file) -> N
     write_with_backup(path, png_bytes(picture), keep)
 
 
-def _map_bytes(picture: U8 | U16) -> bytes:
+def _encode_map(picture: U8 | U16) -> bytes:
     """Encode a map: runs alone are as small as matches, in less time."""
     return png_bytes(picture, strategy=cv2.IMWRITE_PNG_STRATEGY_RLE)
 

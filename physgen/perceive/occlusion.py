@@ -58,11 +58,13 @@ def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]
 
     Those of the last labels are kept, since outlines and layers need them.
     """
-    return list(_orders(labels.tobytes(), labels.shape, labels.dtype.str, tuple(ids)))
+    return list(
+        _find_orders(labels.tobytes(), labels.shape, labels.dtype.str, tuple(ids))
+    )
 
 
 @lru_cache(maxsize=1)
-def _orders(
+def _find_orders(
     numbers: bytes, shape: tuple[int, ...], kind: str, ids: tuple[int, ...]
 ) -> list[OcclusionOrder]:
     labels: Labels = np.frombuffer(numbers, kind).reshape(shape)

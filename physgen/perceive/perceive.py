@@ -43,6 +43,7 @@ from physgen.perceive.roles import (
     Intrinsics,
     Labels,
     LightGuess,
+    Mask,
     Matter,
     Name,
     PerceivedScene,
@@ -57,6 +58,7 @@ from physgen.perceive.shadow.backgrounds import (
     Backgrounds,
     Surroundings,
     fill_backgrounds,
+    fill_before_scenery,
     find_surroundings,
 )
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
@@ -82,6 +84,7 @@ Of COCO's photos a clock reaches 0.90, a pizza 0.93, a cup 0.96."""
 NEARLY_ROUND = (
     0.93  # IoU with its circle from which a mask becomes that circle; balls have 0.96
 )
+ANOTHER_COLOUR = 60  # 8-bit codes between an object and what is beside it, in sight
 SMALLEST_SIDE = 8  # px; the shadow search takes slopes at a coarse scale
 LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
@@ -186,7 +189,10 @@ def perceive(
         standing = found.labels if boundaries.view is View.SIDE else None
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
         # the fill takes as long as all that does not need it
-        filling = beside.submit(run.fill, around, shadows, standing)
+        # what the border cuts off stays where it is, as scenery for all others
+        fixed = [item.id for item in objects if item.cut]
+        scenery_mask = nearest_labels(filled, fixed) & (coverage > 0)
+        filling = beside.submit(run.fill, around, shadows, standing, scenery_mask)
         labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
         kept = {
             i: n
@@ -324,14 +330,22 @@ class _Run:
         return find_surroundings(self.rgb, coverage)
 
     def fill(
-        self, around: Surroundings, shadows: Shadows, standing: Labels | None
+        self,
+        around: Surroundings,
+        shadows: Shadows,
+        standing: Labels | None,
+        scenery_mask: Mask,
     ) -> Backgrounds:
-        """Fill what lies behind the objects.
+        """Fill what lies behind the objects, last behind those of `scenery_mask`.
 
         Without shadows, what a floor mirrors of objects `standing` on it goes, too.
         """
         inpaint = partial(self.crew.call, "inpaint")
-        backgrounds = fill_backgrounds(around, shadows, inpaint)
+        has_movable = ((around.coverage > 0) & ~scenery_mask).any()
+        if has_movable and scenery_mask.any():
+            backgrounds = fill_before_scenery(around, scenery_mask, shadows, inpaint)
+        else:
+            backgrounds = fill_backgrounds(around, shadows, inpaint)
         if backgrounds.clean is None or shadows.faint or standing is None:
             return backgrounds
         clean = remove_reflections(
@@ -456,6 +470,21 @@ class _Run:
         )
 
 
+def nearest_labels(labels: Labels, ids: Sequence[int]) -> Mask:
+    """Return the pixels (H, W) whose nearest object has one of the ids."""
+    own = np.isin(labels, ids)
+    if not own.any():
+        return np.zeros(labels.shape, bool)
+    others = (labels > 0) & ~own
+    if not others.any():
+        return np.ones(labels.shape, bool)
+    to_own, to_others = (
+        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+        for mask in (own, others)
+    )
+    return np.asarray(to_own < to_others)
+
+
 def judged_scale(
     objects: Sequence[PhotoObject], matter: Mapping[int, Matter], source: str
 ) -> Scale | None:
@@ -527,11 +556,29 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
         exact = i in found.prompts or (
             found.mask_sources.get(i) or found.source
         ).startswith(by_hand)
-        ends = not exact and not isinstance(outlines[i], Disc) and i in beside
+        is_region = not exact and not isinstance(outlines[i], Disc)
+        ends = is_region and i in beside and not ends_in_sight(rgb, labels, i, near)
         objects.append(
             PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
         )
     return objects, len(every) - len(ids)
+
+
+def ends_in_sight(rgb: Rgb, labels: Labels, number: int, depth: int) -> bool:
+    """Return whether the photo's border shows something else beside an object.
+
+    The object is `depth` px from a border; one that the border cuts off goes on to it in
+    its own colours, though its mask ends before.
+    """
+    for turn in range(4):
+        turned, own = np.rot90(rgb, turn), np.rot90(labels, turn) == number
+        is_near = own[depth] & ~own[0]
+        if not is_near.any():
+            continue
+        step = turned[0][is_near].astype(np.int16) - turned[depth][is_near]
+        if np.median(np.abs(step).max(axis=1)) < ANOTHER_COLOUR:
+            return False
+    return True
 
 
 def remain_problem(remain: Remain, name: str) -> Problem:

@@ -61,7 +61,7 @@ def outcome_doubts(
         left = listed(list(outcome.left), "and")
         doubts.append(f"{left} leaves the picture, also at the gentlest push")
     if outcome.grade is Grade.RESTLESS:
-        doubts.append("something still moves after the longest trial")
+        doubts.append("something moves for too long, or climbs what is in its way")
     slow = round(perceived.document.get("render", {}).get("slow", 1))
     seconds = outcome.seconds * slow
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:

@@ -159,15 +159,15 @@ class BallSprites:
         Each pixel is the mean of `fine` x `fine` samples.
         """
         groups: dict[int, tuple[_Atlas, list[tuple[int, int, Placement]]]] = {}
-        for k, where in placements:
-            if k in self._homes and where.own is None:
+        for k, placement in placements:
+            if k in self._homes and placement.own is None:
                 atlas, place = self._homes[k]
                 group = groups.setdefault(id(atlas), (atlas, []))
-                group[1].append((k, place, where))
+                group[1].append((k, place, placement))
         pictures: dict[int, tuple[F32, F32]] = {}
         for atlas, members in groups.values():
             places = [place for _, place, _ in members]
-            wheres = [where for _, _, where in members]
+            wheres = [placement for _, _, placement in members]
             drawn = atlas.drawn(places, wheres, fine)
             for (k, _, _), picture in zip(members, drawn, strict=True):
                 pictures[k] = picture
@@ -229,8 +229,12 @@ class _Atlas:
         self, places: Sequence[int], wheres: Sequence[Placement], fine: int
     ) -> list[tuple[F32, F32]]:
         """Draw the atlas' balls at `places`; see `BallSprites.drawn`."""
-        height = max(where.box[0].stop - where.box[0].start for where in wheres)
-        width = max(where.box[1].stop - where.box[1].start for where in wheres)
+        height = max(
+            placement.box[0].stop - placement.box[0].start for placement in wheres
+        )
+        width = max(
+            placement.box[1].stop - placement.box[1].start for placement in wheres
+        )
         strip = Strip(len(wheres), (height, width), fine)
         picture = self._warp(np.array(places), wheres, strip)
         if fine > 1:
@@ -241,8 +245,8 @@ class _Atlas:
         light = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), np.float32)
         coverage = np.asarray(cv2.extractChannel(picture, 3), np.float32)
         pictures = []
-        for j, where in enumerate(wheres):
-            rows, columns = (part.stop - part.start for part in where.box)
+        for j, placement in enumerate(wheres):
+            rows, columns = (part.stop - part.start for part in placement.box)
             cell = np.s_[:rows, j * width : j * width + columns]
             pictures.append((light[cell], coverage[cell]))
         return pictures
@@ -251,9 +255,11 @@ class _Atlas:
         self, places: NDArray[np.int64], wheres: Sequence[Placement], strip: Strip
     ) -> F32:
         """Return light and coverage (H, W, 4) of balls on the cells of a strip."""
-        corners = [(where.box[1].start, where.box[0].start) for where in wheres]
+        corners = [
+            (placement.box[1].start, placement.box[0].start) for placement in wheres
+        ]
         # px from the ball's box at t = 0, moved along, to the cell
-        shifts = np.array([where.shift for where in wheres])
+        shifts = np.array([placement.shift for placement in wheres])
         start = np.array(corners, np.float64) - self.corner[places] - shifts
         middle = np.array(corners, np.float64) - self.center[places] - shifts
         left = self.left[places]
@@ -264,7 +270,7 @@ class _Atlas:
         np.add(2 * strip.rows, strip.along(moved[:, 1] + 2 * GAP), out=y)
         picture, lit = warp_picture(self.still, x, y), warp_picture(self.lit, x, y)
         # back to where points were
-        turns = np.array([where.space for where in wheres]).transpose(0, 2, 1)
+        turns = np.array([placement.space for placement in wheres]).transpose(0, 2, 1)
         self._skin_places(x, y, places, middle, turns, strip)
         cv2.multiply(warp_picture(self.skin, x, y), lit, dst=lit)
         cv2.add(picture, lit, dst=picture)
@@ -333,9 +339,9 @@ class ShadowSprites:
                 self._homes[sliding[i][0]] = (row, place)
 
     def thrown(
-        self, dark: F32, stands: Iterable[tuple[SpritePose, float]]
+        self, darkness: F32, stands: Iterable[tuple[SpritePose, float]]
     ) -> list[Slices]:
-        """Add the shadows of those of `stands` that slide, times weights, to `dark` (H, W).
+        """Add the shadows of those of `stands` that slide, times weights, to `darkness` (H, W).
 
         Return their boxes.
         """
@@ -347,7 +353,7 @@ class ShadowSprites:
                 group[1].append((place, stand, weight))
         boxes = []
         for row, members in groups.values():
-            boxes += row.thrown(dark, members)
+            boxes += row.thrown(darkness, members)
         return boxes
 
 
@@ -362,9 +368,9 @@ class _Row:
         self.speed = 1 + np.array(leans)[:, None]
 
     def thrown(
-        self, dark: F32, members: Sequence[tuple[int, SpritePose, float]]
+        self, darkness: F32, members: Sequence[tuple[int, SpritePose, float]]
     ) -> list[Slices]:
-        """Add shadows, times weights, to `dark` (H, W); return their boxes."""
+        """Add shadows, times weights, to `darkness` (H, W); return their boxes."""
         places = np.array([place for place, _, _ in members])
         shifts = []
         for _, stand, _ in members:
@@ -372,7 +378,7 @@ class _Row:
         corner = self.corner[places] + self.speed[places] * np.array(shifts)
         first = np.floor(corner)
         low = np.maximum(first, 0)
-        high = np.minimum(first + self.size[places] + 1, dark.shape[::-1])
+        high = np.minimum(first + self.size[places] + 1, darkness.shape[::-1])
         is_visible = (high > low).all(axis=1) & np.isfinite(corner).all(axis=1)
         visible = np.flatnonzero(is_visible)
         if not len(visible):
@@ -394,6 +400,6 @@ class _Row:
             weight = members[visible[j]][2]
             if weight != 1:
                 shadow = np.float32(weight) * shadow
-            dark[box] += shadow
+            darkness[box] += shadow
             boxes.append(box)
         return boxes

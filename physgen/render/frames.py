@@ -144,8 +144,8 @@ class BackgroundCache:
 
     def update(self, stands: Sequence[SpritePose]) -> list[Slices]:
         """Update the background for objects at new poses; return the boxes of all changes."""
-        lit, dark = self._lit, self.dark
-        if lit is None or dark is None:
+        lit, darkness = self._lit, self.dark
+        if lit is None or darkness is None:
             return []
         shadows = {}
         for stand in stands:
@@ -158,13 +158,13 @@ class BackgroundCache:
         changed = self._shadow_boxes(moved ^ self._moved)
         self._moved = moved
         for box in changed:
-            dark[box] = lit.total[box]
+            darkness[box] = lit.total[box]
         # In order, so that rounding is the same in every frame.
         for k in sorted(moved):
             for box in changed:
-                _take(dark, box, *shadows[k])
+                _take(darkness, box, *shadows[k])
         for box in changed:
-            self.light[box] = shaded_background(lit.plate[box], dark[box], lit.tint)
+            self.light[box] = shaded_background(lit.plate[box], darkness[box], lit.tint)
             self.codes[box] = encode_picture(self.light[box])
         return changed
 
@@ -182,14 +182,14 @@ class BackgroundCache:
 
 
 def _take(
-    dark: F32, box: Slices, shadow_box: tuple[int, int, int, int], shadow: F32
+    darkness: F32, box: Slices, shadow_box: tuple[int, int, int, int], shadow: F32
 ) -> None:
-    """Subtract the part of a shadow that lies in the box from `dark` (H, W)."""
+    """Subtract the part of a shadow that lies in the box from `darkness` (H, W)."""
     left, top, right, bottom = shadow_box
     x0, y0 = max(box[1].start, left), max(box[0].start, top)
     x1, y1 = min(box[1].stop, right), min(box[0].stop, bottom)
     if x0 < x1 and y0 < y1:
-        dark[y0:y1, x0:x1] -= shadow[y0 - top : y1 - top, x0 - left : x1 - left]
+        darkness[y0:y1, x0:x1] -= shadow[y0 - top : y1 - top, x0 - left : x1 - left]
 
 
 @contextmanager
@@ -437,31 +437,31 @@ class _Shadows:
 
         Return the tiles of `canvas` (H, W, 3) that were made anew.
         """
-        lit, dark, behind = self._lit, self._dark, self._background.dark
+        lit, darkness, behind = self._lit, self._dark, self._background.dark
         size = (canvas.shape[1], canvas.shape[0])
-        if lit is None or dark is None or behind is None:
+        if lit is None or darkness is None or behind is None:
             return touched_tiles([], size)
         for box in self._shaded + changed:
-            dark[box] = behind[box]
+            darkness[box] = behind[box]
         figures = _figures(self._stage, pictures)
-        boxes = self._add_shadows(dark, lit, stands, figures, trails)
+        boxes = self._add_shadows(darkness, lit, stands, figures, trails)
         shaded_tiles = touched_tiles(boxes, size)
         self._shaded = boxes_of_tiles(shaded_tiles, size)
         for box in self._shaded:
-            dark[box] = lit.limited(dark[box], box)
-            canvas[box] = shaded_background(lit.plate[box], dark[box], lit.tint)
+            darkness[box] = lit.limited(darkness[box], box)
+            canvas[box] = shaded_background(lit.plate[box], darkness[box], lit.tint)
         self._veil(pictures, figures)
         return shaded_tiles
 
     def _add_shadows(
         self,
-        dark: F32,
+        darkness: F32,
         lit: LitBackground,
         stands: Sequence[SpritePose],
         figures: Mapping[int, Silhouette],
         trails: Mapping[int, Trail],
     ) -> list[Slices]:
-        """Add the shadows of objects that have moved to `dark` (H, W); return their boxes."""
+        """Add the shadows of objects that have moved to `darkness` (H, W); return their boxes."""
         boxes: list[Slices] = []
         exposures = []
         for stand in stands:
@@ -475,8 +475,8 @@ class _Shadows:
                 figure = figures.get(stand.k)
                 if figure is not None and moment is not stand:
                     figure = _moved_figure(figure, stand, moment)
-                boxes += add_shadow(dark, lit, moment, figure, weight)
-        return boxes + self._slides.thrown(dark, exposures)
+                boxes += add_shadow(darkness, lit, moment, figure, weight)
+        return boxes + self._slides.thrown(darkness, exposures)
 
     def _veil(
         self, pictures: Sequence[Picture], figures: Mapping[int, Silhouette]
@@ -647,12 +647,12 @@ def _unclipped(
     margin = _trail_reach(trail, sprite.coverage.shape) + 1
     pose = stand.pose._replace(x=stand.pose.x + margin, y=stand.pose.y + margin)
     size = (width + 2 * margin, height + 2 * margin)
-    where = place_sprite(sprite, stand.start, pose, size, stand.space)
-    if where is None:
+    placement = place_sprite(sprite, stand.start, pose, size, stand.space)
+    if placement is None:
         return None
-    ball = balls.drawn([(stand.k, where)], stage.supersample).get(stand.k)
-    light, coverage = ball or draw_sprite(sprite, where, stage.supersample)
-    top, left = where.box[0].start - margin, where.box[1].start - margin
+    ball = balls.drawn([(stand.k, placement)], stage.supersample).get(stand.k)
+    light, coverage = ball or draw_sprite(sprite, placement, stage.supersample)
+    top, left = placement.box[0].start - margin, placement.box[1].start - margin
     if picture is not None and picture.factor is not None:
         # The shade at the border goes on beyond it.
         shift_x, shift_y = columns.start - left, rows.start - top
@@ -690,17 +690,17 @@ def _pictures(
 ) -> Iterator[Picture]:
     """Yield the pictures of visible sprites at their poses, the farthest first."""
     visible = [(stand, stand.where) for stand in stands if stand.where is not None]
-    placements = [(stand.k, where) for stand, where in visible]
+    placements = [(stand.k, placement) for stand, placement in visible]
     drawn_balls = balls.drawn(placements, stage.supersample)
     borders = borders_left(stage.sprites, [stand for stand, _ in visible])
-    for (stand, where), shares in zip(visible, borders, strict=True):
+    for (stand, placement), shares in zip(visible, borders, strict=True):
         sprite = stage.sprites[stand.k]
         picture = drawn_balls.get(stand.k)
         if picture is None:
-            picture = draw_sprite(sprite, where, stage.supersample)
+            picture = draw_sprite(sprite, placement, stage.supersample)
         light, coverage = picture
-        border = draw_border(sprite, where, shares)
-        yield Picture(stand, where, light, coverage, border)
+        border = draw_border(sprite, placement, shares)
+        yield Picture(stand, placement, light, coverage, border)
 
 
 def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:

@@ -185,18 +185,18 @@ def occlusion_of(
     all_balls = all(figure.radius is not None for figure in (onto, *others))
     surface = _surface(onto, step, np.float64 if all_balls else np.float32, setting)
     remaining = _remaining_light(surface, others, step, setting)
-    dark = _visible_darkness(remaining, surface.facing_viewer)
+    darkness = _visible_darkness(remaining, surface.facing_viewer)
     if surface.down is not None and onto.radius and onto.floor is not None:
         # A floor close below lies in the ball's own shadow.
         height = np.maximum(onto.floor - surface.y, 0) / np.float32(onto.radius)
         fade = np.exp(-height / OCCLUSION.near)
         below = np.clip(surface.down, 0, 1) ** 2
-        dark = dark + OCCLUSION.floor * below * fade
-    if dark.max() < OCCLUSION.faint:
+        darkness = darkness + OCCLUSION.floor * below * fade
+    if darkness.max() < OCCLUSION.faint:
         return None
     height_px, width_px = onto.coverage.shape
-    size = (dark.shape[1] * step, dark.shape[0] * step)
-    fine = cv2.resize(dark, size, interpolation=cv2.INTER_LINEAR)
+    size = (darkness.shape[1] * step, darkness.shape[0] * step)
+    fine = cv2.resize(darkness, size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(fine[:height_px, :width_px], np.float32)
 
 
@@ -256,11 +256,11 @@ def _visible_darkness(remaining: F32, facing_viewer: NDArray[Any] | None) -> F32
 
     They are mixed with what is behind, and the neighbours' light fills them.
     """
-    dark = -np.log(np.maximum(remaining, 1 - MOST_BLOCKED))
+    darkness = -np.log(np.maximum(remaining, 1 - MOST_BLOCKED))
     if facing_viewer is not None:
         share = np.clip(facing_viewer / np.float32(OCCLUSION.rim), 0, 1)
-        dark = dark * share
-    return np.asarray(dark, np.float32)
+        darkness = darkness * share
+    return np.asarray(darkness, np.float32)
 
 
 def stacked(values: Iterable[float]) -> F32:
@@ -340,10 +340,10 @@ def ground_below(
 
 
 def sprite_silhouette(
-    stage: Stage, stand: SpritePose, where: Placement, coverage: F32
+    stage: Stage, stand: SpritePose, placement: Placement, coverage: F32
 ) -> Silhouette:
     """Return a sprite's silhouette for shadows; `coverage` (h, w) is on its placement's box."""
-    corner = (where.box[1].start, where.box[0].start)
+    corner = (placement.box[1].start, placement.box[0].start)
     tilt = 0.0 if stage.lit is None else stage.lit.setting.tilt
     return silhouette(
         stage.grounds, coverage, corner, stand.pose[:2], stage.actors[stand.k], tilt
@@ -382,13 +382,13 @@ def silhouette(
 
 
 def add_shadow(
-    dark: F32,
+    darkness: F32,
     lit: LitBackground,
     stand: SpritePose,
     now: Silhouette | None,
     weight: float = 1.0,
 ) -> list[Slices]:
-    """Add the shadow of a sprite at its pose, times a `weight`, to `dark` (H, W); return its boxes.
+    """Add the shadow of a sprite at its pose, times a `weight`, to `darkness` (H, W); return its boxes.
 
     A shadow that slides does not need the sprite's silhouette `now`.
     """
@@ -396,14 +396,14 @@ def add_shadow(
     for (x0, y0, x1, y1), shadow in lit.moved(stand.k, now, stand.start, stand.pose):
         if weight != 1:
             shadow = np.float32(weight) * shadow
-        dark[y0:y1, x0:x1] += shadow
+        darkness[y0:y1, x0:x1] += shadow
         boxes.append(np.s_[y0:y1, x0:x1])
     return boxes
 
 
-def relit_border(rest: F32, lit: LitBackground, dark: F32, box: Slices) -> F32:
+def relit_border(rest: F32, lit: LitBackground, darkness: F32, box: Slices) -> F32:
     """Return (h, w, 3) a border's rest in the present light of the background: no black where a shadow passes."""
-    difference = lit.total[box] - dark[box]
+    difference = lit.total[box] - darkness[box]
     if not difference.any():
         return rest
     gain = three_channels(np.asarray(cv2.exp(np.minimum(difference, 1)), np.float32))
@@ -454,7 +454,7 @@ def occlusion_factors(
 
 
 def _old_veil(
-    stage: Stage, k: int, where: Placement, shape: tuple[int, ...]
+    stage: Stage, k: int, placement: Placement, shape: tuple[int, ...]
 ) -> F32 | None:
     """Return (h, w) the veil that the photo shows on sprite k, on its placement's box.
 
@@ -463,13 +463,13 @@ def _old_veil(
     veil = None if stage.veils is None else stage.veils[k]
     if veil is None:
         return None
-    if where.own is not None:
-        return veil[where.own]
-    if stage.sprites[k].ball is not None or where.matrix is None:
+    if placement.own is not None:
+        return veil[placement.own]
+    if stage.sprites[k].ball is not None or placement.matrix is None:
         return None
     size = (shape[1], shape[0])
     border = cv2.BORDER_REPLICATE
     moved = cv2.warpAffine(
-        veil, where.matrix, size, flags=WARP_FLAGS, borderMode=border
+        veil, placement.matrix, size, flags=WARP_FLAGS, borderMode=border
     )
     return np.asarray(moved, np.float32)

@@ -128,15 +128,15 @@ class LitBackground:
         """Return (H, W, 3) linear: the background at t = 0."""
         return shaded_background(self.plate, self.total, self.tint)
 
-    def limited(self, dark: F32, box: tuple[slice, slice]) -> F32:
-        """Limit the sum `dark` (h, w) of shadows: direct light that one keeps away, others keep away no more."""
-        over = dark - self._most[box]
+    def limited(self, darkness: F32, box: tuple[slice, slice]) -> F32:
+        """Limit the sum `darkness` (h, w) of shadows: direct light that one keeps away, others keep away no more."""
+        over = darkness - self._most[box]
         if over.max() <= 0:
-            return dark
-        kept = dark - over
+            return darkness
+        kept = darkness - over
         kept += 1
         kept -= cv2.exp(-over)
-        np.copyto(kept, dark, where=over <= 0)
+        np.copyto(kept, darkness, where=over <= 0)
         return np.asarray(kept, np.float32)
 
     @cached_property
@@ -261,9 +261,9 @@ def predicted_shadow(
     shadow = shadow_darkness(coarse, _coarse(setting, step))
     if shadow is None:
         return None
-    (x0, y0, x1, y1), dark = shadow
+    (x0, y0, x1, y1), darkness = shadow
     size = ((x1 - x0) * step, (y1 - y0) * step)
-    fine = cv2.resize(dark, size, interpolation=cv2.INTER_LINEAR)
+    fine = cv2.resize(darkness, size, interpolation=cv2.INTER_LINEAR)
     width, height = setting.size
     x0, y0 = x0 * step, y0 * step
     x1, y1 = min(x1 * step, width), min(y1 * step, height)
@@ -310,9 +310,9 @@ def _coarse(setting: ShadowSetting, step: int) -> ShadowSetting:
     return replace(setting, size=size, backdrop=setting.backdrop / step)
 
 
-def shaded_background(plate: F32, dark: F32, tint: F32) -> F32:
+def shaded_background(plate: F32, darkness: F32, tint: F32) -> F32:
     """Return (h, w, 3) a plate in the remaining light."""
-    logarithm = cv2.merge([dark * -part for part in tint])
+    logarithm = cv2.merge([darkness * -part for part in tint])
     return np.asarray(cv2.multiply(plate, cv2.exp(logarithm)), np.float32)
 
 
@@ -357,26 +357,28 @@ def decompose_shadows(
     if clean is None:
         return _undivided(lit, starts, rounds, setting), None
     bare = decode(clean)
-    dark = _log(luminance(bare)) - _log(luminance(lit))
-    np.clip(dark, -0.5, SHADOW.deepest, out=dark)
+    darkness = _log(luminance(bare)) - _log(luminance(lit))
+    np.clip(darkness, -0.5, SHADOW.deepest, out=darkness)
     is_open = _open_background(coverage)
     if changed is not None:
         is_open &= ~changed
     everybody = [*starts, *gone]
     steps = [shadow_grid_step(silhouette) for silhouette in everybody]
-    setting, firsts, total = _matched_shadows(everybody, steps, setting, dark, is_open)
-    rest = _unexplained(dark, total, is_open)
+    setting, firsts, total = _matched_shadows(
+        everybody, steps, setting, darkness, is_open
+    )
+    rest = _unexplained(darkness, total, is_open)
     claims = _claims(everybody, firsts, setting.size)
-    claimed, owner = _claimed(claims, dark.shape)
+    claimed, owner = _claimed(claims, darkness.shape)
     every_cast = []
     for k, start in enumerate(everybody):
         own = _owned(rest, claims[k], claimed)
         is_round = k < len(starts) and rounds[k]
         every_cast.append(_cast(start, steps[k], firsts[k], own, is_round, setting))
     casts, ghost_casts = every_cast[: len(starts)], every_cast[len(starts) :]
-    total = _sum_of_shadows(casts, dark.shape)
-    ghost_shadows = _sum_of_shadows(ghost_casts, dark.shape)
-    tint = _tint(lit, bare, dark, is_open)
+    total = _sum_of_shadows(casts, darkness.shape)
+    ghost_shadows = _sum_of_shadows(ghost_casts, darkness.shape)
+    tint = _tint(lit, bare, darkness, is_open)
     share = _clean_share(claimed, is_open)
     plate = _plate(lit, bare, (total + ghost_shadows), tint, share)
     result = LitBackground(setting, plate, tint, total, _leaning(casts), owner)
@@ -395,10 +397,10 @@ def _undivided(
     for start, is_round in zip(starts, rounds, strict=True):
         step = shadow_grid_step(start)
         casts.append(CastShadow(start, step, None, nothing, None, is_round))
-    dark = np.zeros(lit.shape[:2], np.float32)
-    no_owner = np.zeros(dark.shape, np.int32)
+    darkness = np.zeros(lit.shape[:2], np.float32)
+    no_owner = np.zeros(darkness.shape, np.int32)
     tint = np.ones(3, np.float32)
-    return LitBackground(setting, lit, tint, dark, casts, no_owner, lifted=False)
+    return LitBackground(setting, lit, tint, darkness, casts, no_owner, lifted=False)
 
 
 def _square(reach: int) -> U8:
@@ -418,26 +420,26 @@ def _matched_shadows(
     everybody: Sequence[Silhouette],
     steps: Sequence[int],
     setting: ShadowSetting,
-    dark: F32,
+    darkness: F32,
     is_open: Mask,
 ) -> tuple[ShadowSetting, list[tuple[PixelBox, F32] | None], F32]:
-    """Predict the shadow of each object and their sum, as deep as the photo's shadows `dark` (H, W)."""
+    """Predict the shadow of each object and their sum, as deep as the photo's shadows `darkness` (H, W)."""
     firsts, total = _predicted(everybody, steps, setting)
     (deep, fewest), (quantile, least) = SHADOW.compared, SHADOW.lacking
     compared = is_open & (total > deep)
     if np.count_nonzero(compared) <= fewest:
         return setting, firsts, total
-    ratios = np.expm1(-dark[compared]) / np.expm1(-total[compared])
+    ratios = np.expm1(-darkness[compared]) / np.expm1(-total[compared])
     middle, high = np.quantile(ratios, (0.5, quantile))
     lacking = float(max(min(high, 1.0), middle, least))
     setting = replace(setting, lacking=lacking)
     return setting, *_predicted(everybody, steps, setting)
 
 
-def _unexplained(dark: F32, total: F32, is_open: Mask) -> F32:
+def _unexplained(darkness: F32, total: F32, is_open: Mask) -> F32:
     """Return (H, W) the photo's darkness beyond the predicted `total`, continued behind objects."""
     weight = is_open.astype(np.float32)
-    difference = cv2.medianBlur(dark - total, 5) * weight
+    difference = cv2.medianBlur(darkness - total, 5) * weight
     rest = _spread_into(difference, weight, SHADOW.smooth)
     rest = harmonic_fill(rest[..., None], ~is_open)[..., 0]
     # Nothing behind an object is brighter than without shadows.
@@ -559,8 +561,8 @@ def unbounded_shadow(
     shadow = predicted_shadow(moved, large, step)
     if shadow is None:
         return (x, y, x + 1, y + 1), np.zeros((1, 1), np.float32)
-    (x0, y0, x1, y1), dark = shadow
-    return (x0 - margin, y0 - margin, x1 - margin, y1 - margin), dark
+    (x0, y0, x1, y1), darkness = shadow
+    return (x0 - margin, y0 - margin, x1 - margin, y1 - margin), darkness
 
 
 def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
@@ -591,10 +593,10 @@ def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
     return np.asarray(mean * np.clip(norm * 4, 0, 1), np.float32)
 
 
-def _tint(lit: F32, bare: F32, dark: F32, is_open: Mask) -> F32:
+def _tint(lit: F32, bare: F32, darkness: F32, is_open: Mask) -> F32:
     """Fit (3,) each channel's darkening to that of the luminance by least squares."""
-    in_shadow = is_open & (dark > 0.3)
-    lit, bare, darkness = lit[in_shadow], bare[in_shadow], dark[in_shadow][:, None]
+    in_shadow = is_open & (darkness > 0.3)
+    lit, bare, darkness = lit[in_shadow], bare[in_shadow], darkness[in_shadow][:, None]
     measurable = (lit.min(axis=1) > 2e-3) & (bare.min(axis=1) > 2e-3)
     if np.count_nonzero(measurable) < 200:
         return np.ones(3, np.float32)
@@ -624,9 +626,9 @@ def _claims(
         distance = np.minimum(distance, FAR)
         claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
         if shadow is not None:
-            (left, top, right, bottom), dark = shadow
+            (left, top, right, bottom), darkness = shadow
             cast = np.zeros_like(claim)
-            cast[top - y0 : bottom - y0, left - x0 : right - x0] = dark
+            cast[top - y0 : bottom - y0, left - x0 : right - x0] = darkness
             claim += 4 * cast + 4 * blurred(cast, 0.6 * reach)
         claims.append((box, claim))
     return claims

@@ -145,30 +145,30 @@ def _boxed(
     return rows, slice(max(floor(left), 0), min(ceil(right) + 1, size[0]))
 
 
-def draw_sprite(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F32]:
+def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F32, F32]:
     """Draw (h, w, 3) linear light times coverage, and coverage (h, w), on its box; of anything but a moved ball.
 
     Where it moved, each pixel is the mean of `fine` x `fine` samples.
     """
-    if where.own is not None:
-        return sprite.light[where.own], sprite.coverage[where.own]
-    assert where.matrix is not None
-    size = _box_size(where.box)
+    if placement.own is not None:
+        return sprite.light[placement.own], sprite.coverage[placement.own]
+    assert placement.matrix is not None
+    size = _box_size(placement.box)
     fine_size = (size[0] * fine, size[1] * fine)
-    matrix = _finer(where.matrix, fine)
+    matrix = _finer(placement.matrix, fine)
     # `Sprite.fine` has two samples a pixel.
     warped = _warped(sprite.fine, 2 * matrix, fine_size)
     # The conversion keeps the first three channels.
     light = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR), np.float32)
     coverage = np.asarray(cv2.extractChannel(warped, 3), np.float32)
-    if sprite.relief is not None and where.turn != 0.0:
-        ratio = sprite.relief.ratio(where.turn)
+    if sprite.relief is not None and placement.turn != 0.0:
+        ratio = sprite.relief.ratio(placement.turn)
         ratio = _warped(ratio, matrix, fine_size, cv2.BORDER_REPLICATE)
         light *= three_channels(ratio)
-    for wheel, turn in zip(sprite.wheels, where.wheel_turns, strict=False):
+    for wheel, turn in zip(sprite.wheels, placement.wheel_turns, strict=False):
         wheel.draw(light, coverage, matrix, turn)
-    if sprite.sides is not None and sprite.sides.share(where.turn) > 0:
-        kept = sprite.sides.kept(matrix, coverage.shape, where.turn)
+    if sprite.sides is not None and sprite.sides.share(placement.turn) > 0:
+        kept = sprite.sides.kept(matrix, coverage.shape, placement.turn)
         light, coverage = light * three_channels(kept), coverage * kept
     if fine > 1:
         area = cv2.INTER_AREA
@@ -193,7 +193,7 @@ def _warped(
 
 
 def draw_border(
-    sprite: Sprite, where: Placement, shares: F32
+    sprite: Sprite, placement: Placement, shares: F32
 ) -> tuple[Slices, F32] | None:
     """Draw a box and (h, w, 3) the share of `Sprite.rest` that still shows there; None if none of it does.
 
@@ -205,7 +205,7 @@ def draw_border(
     if not own_shares.any():
         return None
     is_repainted = sprite.ball is not None and sprite.ball.pattern is not None
-    if where.own is None and is_repainted:
+    if placement.own is None and is_repainted:
         return None  # its rest is of mixtures of the photo's pixels
     rest = sprite.rest
     if own_shares.min() < 1:
@@ -213,10 +213,10 @@ def draw_border(
             rest = rest * shares[0]
         else:
             rest = rest * three_channels(shares[sprite.hider])
-    if where.own is not None:
-        return where.box, rest[where.own]
-    assert where.matrix is not None
-    return where.box, _warped(rest, where.matrix, _box_size(where.box))
+    if placement.own is not None:
+        return placement.box, rest[placement.own]
+    assert placement.matrix is not None
+    return placement.box, _warped(rest, placement.matrix, _box_size(placement.box))
 
 
 def borders_left(sprites: Sequence[Sprite], visible: Sequence[SpritePose]) -> F32:
@@ -275,12 +275,12 @@ def draw_halo(
     return box, picture * three_channels(pixel_shares)
 
 
-def sprite_coverage(sprite: Sprite, where: Placement) -> F32:
+def sprite_coverage(sprite: Sprite, placement: Placement) -> F32:
     """Return (h, w) the coverage of `draw_sprite` alone."""
-    if where.own is not None:
-        return sprite.coverage[where.own]
-    assert where.matrix is not None
-    return _warped(sprite.fine_coverage, 2 * where.matrix, _box_size(where.box))
+    if placement.own is not None:
+        return sprite.coverage[placement.own]
+    assert placement.matrix is not None
+    return _warped(sprite.fine_coverage, 2 * placement.matrix, _box_size(placement.box))
 
 
 def _finer(matrix: F64, fine: int) -> F64:
@@ -483,11 +483,11 @@ def sprite_poses(
         for k, sprite in enumerate(stage.sprites):
             start, pose = starts[sprite.body], Pose(*sample_poses[sprite.body])
             space = turns.find(sample, sprite.body, start)
-            where = place_sprite(sprite, start, pose, (width, height), space)
-            if sprite.wheels and where is not None:
+            placement = place_sprite(sprite, start, pose, (width, height), space)
+            if sprite.wheels and placement is not None:
                 turned_wheels = wheel_turns(sprite, trajectory, sample)
-                where = replace(where, wheel_turns=turned_wheels)
-            stands.append(SpritePose(k, start, pose, where, space))
+                placement = replace(placement, wheel_turns=turned_wheels)
+            stands.append(SpritePose(k, start, pose, placement, space))
         yield float(trajectory.times[sample]), stands
 
 

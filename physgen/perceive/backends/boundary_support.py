@@ -566,7 +566,7 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
         height - 1 - boxes[:, 3].max(),
         boxes[:, 0].min(),
     )
-    found = _rails(photo, free)
+    found = _find_rails(photo, free)
     if any("billiard" in t.label for t in objects):
         found = [rail or (0.0, -0.5) for rail in found]
     if sum(rail is not None for rail in found) < 2:
@@ -598,7 +598,9 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
     ]
 
 
-def _rails(photo: Photo, free: Sequence[float]) -> list[tuple[float, float] | None]:
+def _find_rails(
+    photo: Photo, free: Sequence[float]
+) -> list[tuple[float, float] | None]:
     """Slope and height of the rail on each side, turned to the top.
 
     Those of a large photo are found at reduced size.

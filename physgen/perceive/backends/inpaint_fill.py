@@ -90,7 +90,11 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
         return rgb.copy()
     photo = rgb.astype(np.float32)
     size = working_size(hole.shape)
-    guide = _guide(photo, hole) if size is None else _large_guide(photo, hole, size)
+    guide = (
+        _make_guide(photo, hole)
+        if size is None
+        else _make_large_guide(photo, hole, size)
+    )
     picture, textured = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
     if copies and textured.any():
         level = _pieces_without(guide.drawn, guide.near)
@@ -108,7 +112,7 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     return result
 
 
-def _guide(photo: F32, hole: Mask) -> _Guide:
+def _make_guide(photo: F32, hole: Mask) -> _Guide:
     """Return the guide in the `hole` (H, W) of a photo (H, W, 3)."""
     whole = close_gaps(hole)
     near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
@@ -127,7 +131,7 @@ def _guide(photo: F32, hole: Mask) -> _Guide:
     return _Guide(guide, near, smooth, drawn, patches.places)
 
 
-def _large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
+def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
     """Return the guide of a photo that is chosen at a `size` (width, height).
 
     The fine detail that the reduced picture lacks is copied from the place that each
@@ -136,7 +140,7 @@ def _large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
     height, width = hole.shape
     small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA))
     share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    guide = _guide(small, np.asarray(share > 0))
+    guide = _make_guide(small, np.asarray(share > 0))
     near = dilate(close_gaps(hole), LIMITS.mixed)
     if near.all():
         near = hole
@@ -148,9 +152,9 @@ def _large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
     )
     pixels = np.stack(np.nonzero(near))
     steps = np.array([[height / size[1]], [width / size[0]]])
-    filled = _sampled(guide.picture, pixels, steps)
+    filled = _sample(guide.picture, pixels, steps)
     if guide.places is not None:
-        detail = _copied_detail((photo, small), near, guide.places, pixels, steps)
+        detail = _copy_detail((photo, small), near, guide.places, pixels, steps)
         detail[drawn[near] > 0] = 0
         filled += detail
     picture = photo.copy()
@@ -158,7 +162,7 @@ def _large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
     return _Guide(picture, near, (smooth > 0) & near, (drawn > 0) & near, None)
 
 
-def _sampled(picture: F32, pixels: I64, steps: NDArray[np.float64]) -> F32:
+def _sample(picture: F32, pixels: I64, steps: NDArray[np.float64]) -> F32:
     """(n, 3): a reduced `picture` at rows and columns (2, n) px of the large one.
 
     `steps` (2, 1) px of the large one are one of the reduced one.
@@ -174,7 +178,7 @@ def _sampled(picture: F32, pixels: I64, steps: NDArray[np.float64]) -> F32:
     return np.asarray(values.reshape(-1, 3)[:count], np.float32)
 
 
-def _copied_detail(
+def _copy_detail(
     pictures: tuple[F32, F32],
     near: Mask,
     places: I64,
@@ -193,7 +197,7 @@ def _copied_detail(
     place = np.rint(pixels + shift).astype(np.int64)
     sources = np.clip(place, 0, np.array(near.shape)[:, None] - 1)
     is_known = (place == sources).all(axis=0) & ~near[sources[0], sources[1]]
-    detail = photo[sources[0], sources[1]] - _sampled(small, sources, steps)
+    detail = photo[sources[0], sources[1]] - _sample(small, sources, steps)
     detail[~is_known] = 0
     return np.asarray(detail, np.float32)
 
@@ -231,11 +235,11 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
         max(0, left - margin) : left + width + margin,
     ]
     result = filled.copy()
-    result[part] = _level_lines(filled[part], photo[part], hole[part])
+    result[part] = _draw_level_lines(filled[part], photo[part], hole[part])
     return result
 
 
-def _level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
+def _draw_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
     """The same for the box of a hole."""
     (along, beside), thick = LIMITS.line, LIMITS.drawn
     found, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)

@@ -7,7 +7,7 @@ shadows is that fill in the light that is left around it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -81,6 +81,30 @@ def fill_backgrounds(
     return _fill_clean(around, lifted, inpaint)
 
 
+def fill_before_scenery(
+    around: Surroundings, scenery_mask: Mask, shadows: Shadows, inpaint: Inpaint
+) -> Backgrounds:
+    """Return both backgrounds; `scenery_mask` (H, W) are objects that do not move.
+
+    They are filled last: what stands on them or before them leaves them behind, and not
+    what they hide.
+    """
+    fixed = scenery_mask[..., None]
+    coverage = np.where(scenery_mask, np.float32(0), around.coverage)
+    hole = with_rim(around.photo, coverage > 0)
+    guess = np.where(hole[..., None], around.guess, around.photo)
+    clean = shadows.clean
+    if clean is not None:
+        shadows = replace(shadows, clean=np.where(fixed, around.photo, clean))
+    before = Surroundings(around.photo, coverage, hole, guess)
+    backgrounds = fill_backgrounds(before, shadows, inpaint)
+    rest = with_rim(around.photo, scenery_mask)
+    lit = backgrounds.shaded if backgrounds.clean is None else backgrounds.clean
+    filled = inpaint(lit, rest)
+    shaded = np.where(rest[..., None], filled, backgrounds.shaded)
+    return Backgrounds(shaded, None if backgrounds.clean is None else filled)
+
+
 def _fill_shaded(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrounds:
     """Return the backgrounds if shadows are faint: the fill is made with them."""
     shaded = inpaint(around.photo, around.hole)
@@ -100,33 +124,33 @@ def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrou
     after = reduce_photo(lifted, around.coverage)
     plan = plan_refill(after.background, before.background, before.coverage)
     shape = around.hole.shape
-    whole = around.hole | _enlarged(plan.hole, shape)
+    whole = around.hole | _enlarge_mask(plan.hole, shape)
     if whole.all():
         whole = around.hole
     clean = inpaint(lifted, whole)
     filled = reduce_photo(clean, around.coverage).background
     old = luminance(decode(before.background))
-    unlike = plan.unlike(_smoothed(luminance(decode(filled))), old)
-    again = _enlarged(unlike, shape) & whole
+    unlike = plan.unlike(_smooth(luminance(decode(filled))), old)
+    again = _enlarge_mask(unlike, shape) & whole
     if again.any():
         known = np.where((whole & ~again)[..., None], clean, around.photo)
         filled = fill_from_surroundings(known, again, inpaint)
         clean = np.where(again[..., None], filled, clean)
     shaded, dimmed = around.photo.copy(), around.hole & ~again
-    light = np.exp(enlarge(_darkness(around, lifted, whole), shape)[dimmed])
+    light = np.exp(enlarge(_measure_darkness(around, lifted, whole), shape)[dimmed])
     shaded[dimmed] = encode_u8(decode(clean[dimmed]) * light)
     shaded[again] = clean[again]
     return Backgrounds(shaded, clean)
 
 
-def _enlarged(mask: Mask, shape: tuple[int, ...]) -> Mask:
+def _enlarge_mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
     """Return a mask of the reduced photo as one of `shape` (H, W)."""
     size = shape[1], shape[0]
     large = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT)
     return np.asarray(large > 0)
 
 
-def _darkness(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
+def _measure_darkness(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
     """Return -log of light that shadows leave, negative, extended into `hole`.
 
     (h, w, 3) of the reduced photo.
@@ -150,5 +174,5 @@ def _smooth_fill(picture: F32, hole: Mask, tolerance: float) -> F32:
     return np.where(hole[..., None], smooth, picture)
 
 
-def _smoothed(values: F32) -> F32:
+def _smooth(values: F32) -> F32:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), GRAIN), np.float32)

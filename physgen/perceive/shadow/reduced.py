@@ -75,11 +75,11 @@ def restore_size(
     if clean is not None:
         clean = _lighten(background, reduced.background, clean)
     if owners is not None:
-        owners = _enlarged_owners(owners, coverage)
+        owners = _enlarge_owners(owners, coverage)
     return replace(shadows, clean=clean, owners=owners, backdrop=backdrop)
 
 
-def _enlarged_owners(owners: Labels, coverage: F32) -> Labels | None:
+def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
     size = coverage.shape[::-1]
     large = cv2.resize(owners, size, interpolation=cv2.INTER_NEAREST_EXACT)
     large[coverage >= 0.5] = 0
@@ -97,7 +97,7 @@ def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
     )
     if not len(rows):
         return background
-    slope, level = _guided(guide, gain)
+    slope, level = _fit_lines(guide, gain)
     # the box of what changes, and the windows' reach, at full size
     down, across = height / small.shape[0], width / small.shape[1]
     top, bottom = (rows[0] - GUIDE_SIDE) * down, (rows[-1] + GUIDE_SIDE) * down
@@ -134,7 +134,7 @@ def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
     return result
 
 
-def _guided(guide: F32, values: F32) -> tuple[F32, F32]:
+def _fit_lines(guide: F32, values: F32) -> tuple[F32, F32]:
     """Return slope and level (h, w, 3) of the lines from `guide` (h, w) to `values`."""
     middle = _box_mean(guide)
     spread = _box_mean(guide * guide) - middle * middle

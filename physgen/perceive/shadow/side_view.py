@@ -58,6 +58,7 @@ from physgen.perceive.shadow.silhouettes import (
     predicted_darkness,
     typical_size,
 )
+from physgen.perceive.shadow.smooth_shade import find_smooth_shade
 from physgen.photometry import DistantLight
 
 
@@ -72,6 +73,10 @@ class _Limits:
     seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
     faintest: float = 0.15  # depth of the faintest shadows
     darkest: float = 2.5  # depth of the darkest
+    foot: float = 0.1  # of an object's height, from its foot to the floor it stands on
+    direct: float = 0.05  # share of direct light where only shade is known
+    soft: float = 40.0  # degrees: half the width of that light
+    unknown: float = 0.3  # confidence of that light
     rough: int = (
         240  # px: longer side of the picture in which shadows on a wall are searched
     )
@@ -146,6 +151,11 @@ def side_view_shadows(
     """The role `shadow` for a photo from the side."""
     reduced = reduce_photo(background, coverage)
     photo = _Photo(reduced, labels, objects, matter, boundaries)
+    found = None
+    if not _is_ground_known(photo):
+        found = find_smooth_shade(background, coverage, labels, objects)
+    if found is not None:
+        return _soft_light(*found, guess, boundaries.tilt)
     return restore_size(_reduced_shadows(photo, guess), reduced, background, coverage)
 
 
@@ -183,6 +193,34 @@ def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
                 clean, nothing.owners, setting.light, softness, tilt, back, sure
             )
     return _soft_shade(photo, guess) or nothing
+
+
+def _is_ground_known(photo: _Photo) -> bool:
+    """Return whether an object stands on a floor, seen from a small height."""
+    if photo.boundaries.tilt is not None:
+        return False
+    given = photo.gradients(COARSE)
+    for what in [] if given is None else given.silhouettes:
+        height = what.coverage.shape[0]
+        foot = what.corner[1] + height
+        if what.floor is not None and what.floor - foot < LIMITS.foot * height:
+            return True
+    return False
+
+
+def _soft_light(
+    clean: Rgb, owners: Labels, guess: LightGuess, tilt: float | None
+) -> Shadows:
+    """Return shade on a ground of unknown geometry, with a soft light.
+
+    Geometry then predicts little, and each object takes the shade that the photo shows
+    with it.
+    """
+    direct = LIMITS.direct
+    light = DistantLight(guess.light.direction, FULL * direct, FULL * (1 - direct))
+    if tilt is None:
+        tilt = round(degrees(atan(TILT)), 1)
+    return Shadows(clean, owners, light, LIMITS.soft, tilt, None, LIMITS.unknown)
 
 
 def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetting:
