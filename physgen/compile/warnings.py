@@ -57,7 +57,9 @@ class WarningLimits:
     The photo also shows a top, an inside or a rim nearer the lens."""
     thin: int = 5  # px: threads and wires narrower than this need no shape
     frames: int = 1800  # a minute of video at 30 a second: more is seldom meant
-    excluded: float = 0.01  # part of a velocity at t = 0 that joints may change unnoticed
+    excluded: float = (
+        0.01  # part of a velocity at t = 0 that joints may change unnoticed
+    )
     weak: float = 0.1
     """Of the Earth's gravity: the Moon's is 0.17 of it; a weaker one is m/s² without the unit."""
     visible: float = 0.5  # px from the centre: a smaller object fills no pixel

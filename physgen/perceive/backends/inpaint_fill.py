@@ -138,7 +138,9 @@ def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
     pixel is from.
     """
     height, width = hole.shape
-    small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA))
+    small: F32 = np.asarray(
+        cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32
+    )
     share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     guide = _make_guide(small, np.asarray(share > 0))
     near = dilate(close_gaps(hole), LIMITS.mixed)
