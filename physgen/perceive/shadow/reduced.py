@@ -141,10 +141,12 @@ def _fit_lines(guide: F32, values: F32) -> tuple[F32, F32]:
     middle = _box_mean(guide)
     spread = _box_mean(guide * guide) - middle * middle
     means = _box_mean(values)
-    shared = _box_mean(guide[..., None] * values) - middle[..., None] * means
+    both = np.asarray(guide[..., None] * values, np.float32)
+    shared = _box_mean(both) - middle[..., None] * means
     slope = shared / (np.maximum(spread, 0) + np.float32(GUIDE_TEXTURE))[..., None]
     level = means - slope * middle[..., None]
-    return _box_mean(slope), _box_mean(level)
+    steep = np.asarray(slope, np.float32)
+    return _box_mean(steep), _box_mean(np.asarray(level, np.float32))
 
 
 def _box_mean(values: NDArray[np.floating[Any]]) -> F32:
