@@ -9,6 +9,7 @@
     python benchmarks/run.py fidelity        # frames against the studio's truth videos
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
+    python benchmarks/run.py cluster         # 10,000 tiny previews on a Dask cluster of this machine
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py attack          # hostile inputs of three seeds; an hour
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
@@ -41,6 +42,7 @@ import numpy as np
 from ablations import ablations
 from attack import attacks
 from batch import batch
+from cluster_previews import cluster
 from colour_steps import measure_steps
 from editor import editor
 from fid import fid
@@ -266,6 +268,7 @@ PARTS |= {
     "refine": refining,
     "gallery": gallery,
     "batch": batch,
+    "cluster": cluster,
     "kills": kills,
     "attack": attacks,
     "labels": labels,

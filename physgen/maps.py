@@ -352,7 +352,7 @@ def _write_pictures(
     existing = [picture for picture in pictures.values() if picture is not None]
     # OpenCV encodes without Python's lock, so two threads are faster than one.
     with ThreadPoolExecutor(2) as pool:
-        files = dict(zip(names, pool.map(png_bytes, existing), strict=True))
+        files = dict(zip(names, pool.map(_encode_map, existing), strict=True))
     for name in pictures:
         path = folder / f"{name}.png"
         if name in files:
@@ -369,16 +369,28 @@ def write_png(path: Path, picture: U8 | U16, keep: Keep = ignore_kept_file) -> N
     write_with_backup(path, png_bytes(picture), keep)
 
 
+def _encode_map(picture: U8 | U16) -> bytes:
+    """Encode a map: runs alone are as small as matches, in less time."""
+    return png_bytes(picture, strategy=cv2.IMWRITE_PNG_STRATEGY_RLE)
+
+
 PNG_LEVEL = 1
 """Of zlib: three times as fast as the usual 6, and files a fifth larger."""
 
 
-def png_bytes(picture: U8 | U16, level: int = PNG_LEVEL) -> bytes:
-    """Encode (H, W) or (H, W, 3) RGB, 8 or 16 bits, as a PNG file."""
+def png_bytes(
+    picture: U8 | U16, level: int = PNG_LEVEL, strategy: int | None = None
+) -> bytes:
+    """Encode (H, W) or (H, W, 3) RGB, 8 or 16 bits, as a PNG file.
+
+    `strategy` is one of OpenCV's, its default if it is None.
+    """
     stored: NDArray[Any] = picture
     if picture.ndim == 3:
         stored = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
     options = [cv2.IMWRITE_PNG_COMPRESSION, level]
+    if strategy is not None:
+        options += [cv2.IMWRITE_PNG_STRATEGY, strategy]
     is_encoded, data = cv2.imencode(".png", np.ascontiguousarray(stored), options)
     if not is_encoded:
         kind = f"a picture of shape {picture.shape} and type {picture.dtype}"

@@ -110,17 +110,17 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
     rounded to 8 before a profile is applied. Raises InputError.
     """
     with open_picture(path) as image:
-        decode_picture(image, path)
-        numbers = read_16_bit(image, path)
-        turn = orientation(image)
+        numbers: NDArray[Any] | None = None
+        if image.mode.startswith("I") or _bits(image, path) > 8:
+            decode_picture(image, path)
+            numbers = read_16_bit(image, path)
         mode, to_srgb, readable = _meaning(image, path)
+        turn = orientation(image, path)
         is_8_bit = numbers is None
         is_scene_format = image.mode in PLAIN and image.format in SCENE_FORMATS
+        has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
         if numbers is None:
-            has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
-            numbers = np.asarray(image.convert(mode + "A" if has_alpha else mode))
-            if numbers.ndim == 2:
-                numbers = numbers[:, :, None]
+            numbers = _stored_numbers(image, path, mode + "A" * has_alpha)
         else:
             has_alpha = numbers.shape[2] in (2, 4)
     rgb, opaque = _convert_bands(numbers, has_alpha, to_srgb)
@@ -142,6 +142,30 @@ def _convert_bands(
         rgb[rows], is_opaque = over_white(numbers[rows], has_alpha, to_srgb)
         opaque &= is_opaque
     return rgb, opaque
+
+
+def _stored_numbers(image: Image.Image, path: Path, mode: str) -> NDArray[Any]:
+    """Return (H, W, C) of 8 bits of the page that `open_picture` has checked and selected.
+
+    Raises InputError.
+    """
+    import imageio.v3 as iio
+
+    quiet = discard_native_errors() if image.format == "TIFF" else nullcontext()
+    try:
+        # a file, for imageio reads some names as addresses or as archives
+        with quiet, warnings.catch_warnings(), path.open("rb") as file:
+            warnings.simplefilter("ignore")
+            numbers = iio.imread(
+                file,
+                plugin="pillow",
+                index=image.tell(),
+                mode=mode,
+                writeable_output=False,
+            )
+    except Exception as error:
+        raise _damaged(path, error) from None
+    return numbers[:, :, None] if numbers.ndim == 2 else numbers
 
 
 def over_white(
@@ -171,14 +195,18 @@ def _eight_bits(levels: NDArray[Any]) -> U8:
     return np.asarray(rounded.reshape(levels.shape), np.uint8)
 
 
-def orientation(image: Image.Image) -> int:
+def orientation(image: Image.Image, path: Path | None = None) -> int:
     """Return the orientation as EXIF counts it, 1 to 8.
 
     1 if it is damaged, and for formats whose readers turn the picture themselves.
 
-    A PNG may have it behind its pixels: where these are not loaded, it is not looked for.
+    A PNG may have it behind its pixels: it is looked for there if its `path` is given.
     """
     with suppress(Exception):  # Pillow's reader raises errors of many kinds
+        if path is not None and image.format == "PNG" and "exif" not in image.info:
+            body = _png_chunk(path, b"eXIf", is_late=True)
+            if body is not None:
+                image.info["exif"] = b"Exif\0\0" + body
         if not _is_turned_by_reader(image) and "exif" in image.info:
             return int(image.getexif().get(EXIF_ORIENTATION, 1))
     return 1
@@ -489,15 +517,18 @@ def _by_cicp(image: Image.Image, path: Path) -> ToSrgb | None:
     return coded_space(body[0], body[1], is_full_range=body[3] == 1).to_srgb
 
 
-def _png_chunk(path: Path, kind: bytes) -> bytes | None:
-    """Return the content of the first chunk of a kind before the pixels; None if there is none."""
+def _png_chunk(path: Path, kind: bytes, *, is_late: bool = False) -> bytes | None:
+    """Return the content of the first chunk of a kind; None if there is none.
+
+    The search ends at the pixels, unless the chunk may be late.
+    """
     with path.open("rb") as stream:
         stream.seek(8)
         while len(head := stream.read(8)) == 8:
             length, name = int.from_bytes(head[:4], "big"), head[4:]
             if name == kind:
                 return stream.read(length)
-            if name == b"IDAT":
+            if name == b"IDAT" and not is_late:
                 break
             stream.seek(length + 4, os.SEEK_CUR)
     return None

@@ -12,7 +12,7 @@ import numpy as np
 
 from physgen.arrays import U8 as U8
 from physgen.phone_formats import recognise
-from physgen.photos import decode_picture, open_picture, over_white, read_photo
+from physgen.photos import open_picture, over_white, read_photo
 from physgen.problems import InputError, Limit, Place
 from physgen.text import natural
 
@@ -273,15 +273,19 @@ def _still(path: Path) -> VideoFrame:
 
 def _pages(path: Path) -> Iterator[VideoFrame]:
     """Yield the frames of an animated picture."""
+    import imageio.v3 as iio
+
     with open_picture(path) as image:
-        for k in range(getattr(image, "n_frames", 1)):
+        count = int(getattr(image, "n_frames", 1))
+    with path.open("rb") as file, iio.imopen(file, "r", plugin="pillow") as opened:
+        reader: Any = opened  # its type lacks the plugin's arguments
+        for k in range(count):
             place = f"{path}: frame {k}"
             try:
-                image.seek(k)
-            except (EOFError, OSError, SyntaxError, ValueError):
+                rgba = reader.read(index=k, mode="RGBA")
+                duration = float(reader.metadata(index=k).get("duration") or 0)
+            except Exception:  # readers raise errors of many kinds
                 raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
-            decode_picture(image, Path(place))
-            seconds = float(image.info.get("duration") or 0) / 1000 or DEFAULT_DURATION
             yield VideoFrame(
-                over_white(np.asarray(image.convert("RGBA")))[0], seconds, place
+                over_white(rgba)[0], duration / 1000 or DEFAULT_DURATION, place
             )

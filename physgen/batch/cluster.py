@@ -53,9 +53,7 @@ FLAG = "--cluster"
 LOCAL = re.compile(r"local(?::(?P<workers>[1-9]\d{0,3}))?")
 """A cluster of this machine, with so many processes."""
 TIMEOUT = 10.0
-"""s in which a scheduler must answer."""
-WORKER_NOTICE = 10.0
-"""s without any worker after which that is reported."""
+"""s in which a scheduler must answer, and without any worker after which that is reported."""
 CLOSE_TIMEOUT = 2.0
 """s in which the client must close."""
 BATCH_SECONDS = 1.0
@@ -70,6 +68,7 @@ item before has ended may still be known as alive."""
 DASK_SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.limit": "1h",
+    "distributed.admin.system-monitor.interval": "10s",
     "distributed.comm.timeouts.connect": f"{TIMEOUT:g}s",
     # of a local cluster: what ends its process twice is the item itself
     "distributed.scheduler.allowed-failures": 1,
@@ -84,7 +83,7 @@ class Batch:
 
     first: int  # number of the first item
     items: list[Any]
-    lonely_tries: int = 0  # how often it was tried with no other task at work
+    lonely_tries: int  # how often it was tried with no other task at work
 
 
 @dataclass
@@ -183,7 +182,7 @@ def run_on_cluster(
         return
     with _connected(address) as client:
         try:
-            client.wait_for_workers(1, timeout=WORKER_NOTICE)
+            client.wait_for_workers(1, timeout=TIMEOUT)
         except TimeoutError:
             report(f"{address}: has no workers yet; waiting for them")
         run = _ClusterRun(client, address, work, os.getcwd())
@@ -222,7 +221,7 @@ class _ClusterRun:
                 items = list(islice(source, self.size.items))
                 if not items:
                     break
-                self._submit(Batch(count, items))
+                self._submit(Batch(count, items, 0))
                 count += len(items)
             if self.suspects and not self.tasks:
                 suspect = self.suspects.pop(0)

@@ -39,7 +39,7 @@ def export(options: argparse.Namespace) -> int:
 
 NAMES = (
     "frames", "flo", "depth", "normals", "coco", "davis", "events", "trajectory",
-    "physics",
+    "physics", "layers", "layers-prores", "layers-vp9",
 )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from physgen.export.davis import Davis, Frames
 from physgen.export.events import Events
 from physgen.export.flow import Flo
 from physgen.export.labels import Clip, Writer
+from physgen.export.layers import LayerFiles, ProResLayers, Vp9Layers
 from physgen.export.maps import Depth, Normals
 from physgen.export.physics import Physics
 from physgen.export.trajectory import TrajectoryTables
@@ -36,6 +37,7 @@ class LabelFormat:
     library: str = ""
     """An optional module that it needs, of the extra `labels`."""
     most: int | None = None  # objects that it can number
+    in_layers: bool = False  # whether it takes frames apart
 
 
 FORMATS = (
@@ -62,6 +64,24 @@ FORMATS = (
         "physics",
         Physics,
         "masses, coefficients and all other inputs of the motion: JSON",
+    ),
+    LabelFormat(
+        "layers",
+        LayerFiles,
+        "layers for compositing: PNG of 16 bits, linear, premultiplied",
+        in_layers=True,
+    ),
+    LabelFormat(
+        "layers-prores",
+        ProResLayers,
+        "layers for compositing: ProRes 4444",
+        in_layers=True,
+    ),
+    LabelFormat(
+        "layers-vp9",
+        Vp9Layers,
+        "layers for compositing: VP9 with alpha",
+        in_layers=True,
     ),
 )
 FLAG = "--format"

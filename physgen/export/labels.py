@@ -28,7 +28,7 @@ from physgen.export.correspondence import (
 )
 from physgen.maps import F32, U8, U16, Percepts, png_bytes
 from physgen.render.camera import Shot
-from physgen.render.stage import Cover, Frame, Slices
+from physgen.render.stage import Cover, Frame, Layers, Slices
 from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory, rotation_matrices
 
@@ -142,6 +142,10 @@ class View(PosedView):
     ids: U16  # (H, W): body k shows as k + 1, 0 = background
     covering: Callable[[], Sequence[Cover]] = field(repr=False, compare=False)
     """Computes the coverage of the bodies, see `Frame.covers`."""
+    layering: Callable[[], Layers] | None = field(
+        default=None, repr=False, compare=False
+    )
+    """Computes the layers of the frame, see `Frame.layering`."""
 
     @cached_property
     def presences(self) -> Sequence[Presence]:
@@ -394,6 +398,7 @@ class MomentQueue:
             frame.rgb,
             frame.ids,
             lambda: frame.covers,
+            frame.layering,
         )
 
 

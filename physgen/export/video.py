@@ -66,6 +66,18 @@ NO_ROOM = (ENOSPC, EDQUOT, EFBIG)
 HEADER = 4096
 """Bytes, more than the header of any format."""
 
+# clips with alpha: ProRes 4444, and VP9 in WebM
+PRORES_OPTIONS = {"profile": "4444", "alpha_bits": "16", "vendor": "apl0"}
+VP9_OPTIONS = {"crf": "8", "b": "0", "auto-alt-ref": "0", "cpu-used": "4"}
+"""Quality by which layers reach 40 dB; with alpha, no frame may be hidden."""
+ALPHA_WAYS = {
+    ".mov": ("mov", "prores_ks", ("yuv444p10le", "yuva444p10le"), PRORES_OPTIONS),
+    ".webm": ("webm", "libvpx-vp9", ("yuv444p", "yuva420p"), VP9_OPTIONS),
+}
+"""Container, encoder, formats of pixels without and with alpha, and options."""
+BITEXACT = 1 << 23
+"""Flag of an encoder: no version in the stream."""
+
 Write = Callable[[U8], None]
 WAITING = 4
 """Frames between the one that is drawn and the one that is encoded."""
@@ -241,7 +253,6 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
 def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     """H.264, 4:2:0, BT.709; odd sizes are padded by repeating the last column and row."""
     import av
-    from av.video.reformatter import Colorspace
 
     width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
     with av.open(
@@ -275,7 +286,7 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
             frame = av.VideoFrame.from_ndarray(
                 np.ascontiguousarray(even), format="rgb24"
             )
-            frame = frame.reformat(format="yuv420p", dst_colorspace=Colorspace.ITU709)
+            frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
             container.mux(stream.encode(frame))
 
         yield write
@@ -371,13 +382,53 @@ def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     yield write
 
 
+@contextmanager
+def open_alpha_clip(
+    path: Path, size: tuple[int, int], fps: float, channels: int
+) -> Iterator[Callable[[NDArray[np.uint16]], None]]:
+    """Yield a function that takes (h, w, 3) sRGB or (h, w, 4) straight alpha, 16 bits; `size` is (w, h).
+
+    Odd sizes are padded by repeating the last column and row.
+    """
+    import av
+
+    container_name, encoder, pixel_formats, options = ALPHA_WAYS[path.suffix]
+    width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
+    bitexact = {"fflags": "+bitexact"}
+    with av.open(str(path), "w", format=container_name, options=bitexact) as container:
+        stream: Any = container.add_stream(
+            encoder, rate=Fraction(fps).limit_denominator(1001)
+        )
+        stream.width, stream.height = width, height
+        stream.pix_fmt = pixel_formats[channels == 4]
+        stream.options = {**options, "threads": "1"}
+        context = stream.codec_context
+        context.flags |= BITEXACT
+        context.color_range, context.colorspace = 1, 1
+        context.color_primaries, context.color_trc = 1, 13
+        layout = "rgba64le" if channels == 4 else "rgb48le"
+
+        def write(picture: NDArray[np.uint16]) -> None:
+            border = ((0, height - size[1]), (0, width - size[0]), (0, 0))
+            even = np.ascontiguousarray(np.pad(picture, border, mode="edge"))
+            frame = av.VideoFrame.from_ndarray(even, format=layout)
+            frame = frame.reformat(
+                format=stream.pix_fmt,
+                dst_colorspace="ITU709",
+                dst_color_range="MPEG",
+            )
+            container.mux(stream.encode(frame))
+
+        yield write
+        container.mux(stream.encode(None))
+
+
 def sample_frames(path: Path, count: int, side: int) -> list[U8]:
     """Of an MP4 that `open_video` wrote, up to `count` frames, evenly from the first to the last: (H, W, 3) sRGB.
 
     None is longer than `side` px; only these are converted, so it is quick. Raises OSError where it cannot be read.
     """
     import av
-    from av.error import FFmpegError
 
     taken = []
     try:
@@ -395,6 +446,6 @@ def sample_frames(path: Path, count: int, side: int) -> list[U8]:
                 if index in wanted:
                     small = frame.reformat(width, height, "rgb24", interpolation="AREA")
                     taken.append(np.asarray(small.to_ndarray(), np.uint8))
-    except (FFmpegError, IndexError) as error:
+    except (av.error.FFmpegError, IndexError) as error:
         raise OSError(f"{path} cannot be read: {error}") from error
     return taken

@@ -91,6 +91,11 @@ class ShadowSetting:
         """
         return float(max((row - self.size[1] / 2) / max(self.tilt, 1e-3), self.size[0]))
 
+    @property
+    def light_radius(self) -> float:
+        """Return the light's radius relative to its distance."""
+        return tan(radians(min(self.softness, 60.0)))
+
     @cached_property
     def shade(self) -> np.float32:
         """Return -log of the light left in the darkest shadow."""
@@ -157,13 +162,8 @@ def penumbra_width(
 
     `slope`: px sideways for each px of height.
     """
-    radius = _light_radius(setting) * max(height, 0.0) / rise
+    radius = setting.light_radius * max(height, 0.0) / rise
     return float(0.35 + 0.5 * radius * (1 + slope * slope) ** 0.5)
-
-
-def _light_radius(setting: ShadowSetting) -> float:
-    """Return the light's radius relative to its distance."""
-    return tan(radians(min(setting.softness, 60.0)))
 
 
 def clipped_box(
@@ -178,9 +178,9 @@ def clipped_box(
     return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
 
 
-def attenuation(direct: float, blocked: F32, hidden: F32) -> F32:
+def attenuation(direct: float, blocked_share: F32, hidden_share: F32) -> F32:
     """Return -log of the remaining light if such shares of direct and ambient light are taken away."""
-    lost = np.float32(direct) * blocked + np.float32(1 - direct) * hidden
+    lost = np.float32(direct) * blocked_share + np.float32(1 - direct) * hidden_share
     return np.asarray(-np.log(1 - np.float32(MOST_BLOCKED) * lost), np.float32)
 
 
@@ -240,7 +240,7 @@ def blocked_by_ball(
     along = np.asarray(along, np.float32)
     distance = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
     # A point sees two discs: the ball, and the light at the ball's distance.
-    light = np.maximum(np.float32(_light_radius(setting)) * along, np.float32(0.35))
+    light = np.maximum(np.float32(setting.light_radius) * along, np.float32(0.35))
     smaller = np.minimum(np.float32(radius), light)
     larger = np.maximum(np.float32(radius), light)
     gap = (distance - larger) / (0.28 * smaller)
@@ -310,14 +310,14 @@ def shadow_on_floor(
     rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
     # px towards the viewer, of each row
     depths = (rows - np.float32(contact.row)) / np.float32(tilt)
-    blocked = _blocked_on_floor(silhouette, setting, contact, columns, depths)
+    blocked_share = _blocked_on_floor(silhouette, setting, contact, columns, depths)
     upon = floor_share(silhouette.ends, setting, box, contact.row)
     if np.isfinite(setting.backdrop):
         before_wall = (depths + np.float32(setting.backdrop)) * np.float32(tilt)
         upon = upon * np.clip(before_wall + np.float32(0.5), 0, 1)
-    hidden = _hidden_sky(silhouette, contact, columns, depths) * upon
+    hidden_share = _hidden_sky(silhouette, contact, columns, depths) * upon
     direct = setting.direct((0.0, -1.0, 0.0))
-    return box, attenuation(direct, blocked * upon, hidden)
+    return box, attenuation(direct, blocked_share * upon, hidden_share)
 
 
 def _floor_shadow_box(
@@ -357,10 +357,12 @@ def _blocked_on_floor(
     if silhouette.radius is not None:
         right = (columns - np.float32(silhouette.center[0]))[None]
         below = contact.row - silhouette.center[1]
-        blocked = blocked_by_ball(silhouette.radius, setting, right, below, lines)
+        blocked_share = blocked_by_ball(silhouette.radius, setting, right, below, lines)
     else:
-        blocked = _blocked_by_silhouette(silhouette, setting, contact, columns, lines)
-    fine = blocked.reshape(len(depths), MODEL.finer, len(columns))
+        blocked_share = _blocked_by_silhouette(
+            silhouette, setting, contact, columns, lines
+        )
+    fine = blocked_share.reshape(len(depths), MODEL.finer, len(columns))
     return np.asarray(fine.mean(axis=1), np.float32)
 
 
@@ -483,9 +485,9 @@ def _hidden_sky(
     gaps = np.maximum(gaps, 0.5).astype(np.float32)
     gaps[lowest == 0] = MODEL.far
     first_column = silhouette.corner[0] + left
-    hidden = _sky_beside_feet(gaps, first_column, contact, columns, depths)
-    _add_sky_below(hidden, gaps, first_column, contact.half, columns, depths)
-    return np.asarray(hidden, np.float32)
+    hidden_share = _sky_beside_feet(gaps, first_column, contact, columns, depths)
+    _add_sky_below(hidden_share, gaps, first_column, contact.half, columns, depths)
+    return np.asarray(hidden_share, np.float32)
 
 
 def _sky_behind_ball(
@@ -522,14 +524,14 @@ def _sky_beside_feet(
 
 
 def _add_sky_below(
-    hidden: F32,
+    hidden_share: F32,
     gaps: F32,
     first_column: int,
     half: float,
     columns: F32,
     depths: F32,
 ) -> None:
-    """Raise `hidden` below the object to the share of sky that a rectangle so high over the floor hides."""
+    """Raise `hidden_share` below the object to the share of sky that a rectangle so high over the floor hides."""
     x0 = np.float32(first_column - 0.5)
     x1 = np.float32(first_column + len(gaps) - 0.5)
     smooth_gaps = np.asarray(cv2.blur(gaps[None], (5, 1))[0], np.float32)
@@ -546,7 +548,7 @@ def _add_sky_below(
     square = height * height
     to_front = front / np.sqrt(front * front + square)
     across = to_front + back / np.sqrt(back * back + square)
-    part = hidden[:, start:end]
+    part = hidden_share[:, start:end]
     np.maximum(part, np.float32(MODEL.under / 4) * along * across, out=part)
 
 
@@ -563,10 +565,10 @@ def shadow_on_table(
         parts = _silhouette_on_table(silhouette, setting)
     if parts is None:
         return None
-    box, blocked, hidden = parts
+    box, blocked_share, hidden_share = parts
     direct = setting.direct((0.0, 0.0, 1.0))
-    hidden = hidden * (1 - np.float32(direct) * blocked)
-    return box, attenuation(direct, blocked, hidden)
+    hidden_share = hidden_share * (1 - np.float32(direct) * blocked_share)
+    return box, attenuation(direct, blocked_share, hidden_share)
 
 
 def _slopes_before(setting: ShadowSetting) -> tuple[float, float, float]:
@@ -595,12 +597,12 @@ def _ball_on_table(
         return None
     x = (np.arange(box[0], box[2], dtype=np.float32) - np.float32(cx))[None, :]
     y = (np.arange(box[1], box[3], dtype=np.float32) - np.float32(cy))[:, None]
-    blocked = blocked_by_ball(radius, setting, x, y, -radius)
+    blocked_share = blocked_by_ball(radius, setting, x, y, -radius)
     # cosine-weighted solid angle of a sphere that lies on the table
     square = np.float32(radius * radius)
     near = square / (x * x + y * y + square)
-    hidden = near * np.sqrt(near) * faded_out(x, y, 2.2 * radius)
-    return box, blocked, hidden
+    hidden_share = near * np.sqrt(near) * faded_out(x, y, 2.2 * radius)
+    return box, blocked_share, hidden_share
 
 
 LEVELS_ON_TABLE = (0.0, 0.33, 0.67, 1.0)
@@ -626,15 +628,15 @@ def _silhouette_on_table(
     box = clipped_box(surroundings, setting.size)
     if box is None:
         return None
-    blocked = np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
+    blocked_share = np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
     for level in LEVELS_ON_TABLE:
         soft = penumbra_width(setting, thickness * level, rise)
         dx, dy = ax * thickness * level, ay * thickness * level
         shadow = moved_silhouette(silhouette, box, dx, dy, soft)
-        np.maximum(blocked, shadow, out=blocked)
+        np.maximum(blocked_share, shadow, out=blocked_share)
     blur = max(0.4, 0.35 * thickness)
-    hidden = 0.9 * moved_silhouette(silhouette, box, 0, 0, blur)
-    return box, blocked, hidden
+    hidden_share = 0.9 * moved_silhouette(silhouette, box, 0, 0, blur)
+    return box, blocked_share, hidden_share
 
 
 def shadow_on_wall(
@@ -653,15 +655,15 @@ def shadow_on_wall(
         shadow = _silhouette_on_wall(silhouette, setting, lean)
     if shadow is None:
         return None
-    box, blocked = shadow
+    box, blocked_share = shadow
     if silhouette.floor is not None:
         # The wall ends where the floor begins.
         rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
         end = np.float32(silhouette.floor - lean + 0.5)
-        blocked = blocked * np.clip(end - rows, 0, 1)
+        blocked_share = blocked_share * np.clip(end - rows, 0, 1)
     direct = setting.direct((0.0, 0.0, 1.0))
-    nothing = np.zeros_like(blocked)
-    return box, attenuation(direct, np.asarray(blocked, np.float32), nothing)
+    nothing = np.zeros_like(blocked_share)
+    return box, attenuation(direct, np.asarray(blocked_share, np.float32), nothing)
 
 
 def _ball_on_wall(
@@ -705,15 +707,15 @@ def _silhouette_on_wall(
     box = clipped_box(surroundings, setting.size)
     if box is None:
         return None
-    blocked = moved_silhouette(silhouette, box, dx, dy, 0.0)
+    blocked_share = moved_silhouette(silhouette, box, dx, dy, 0.0)
     if half * slope > 1:
         # The near and the far side of a thick object throw their shadows apart.
         for back in (-half, half):
             side = moved_silhouette(
                 silhouette, box, dx + ax * back, dy + ay * back, 0.0
             )
-            np.maximum(blocked, side, out=blocked)
-    return box, blurred(blocked, soft)
+            np.maximum(blocked_share, side, out=blocked_share)
+    return box, blurred(blocked_share, soft)
 
 
 def shadows_on_sides(
@@ -736,9 +738,11 @@ def shadows_on_sides(
         box = _side_wall_box(silhouette, setting, silhouette.floor, end)
         if box is None:
             continue
-        blocked = _blocked_on_side(silhouette, setting, silhouette.floor, end, box)
+        blocked_share = _blocked_on_side(
+            silhouette, setting, silhouette.floor, end, box
+        )
         direct = setting.direct((facing, 0.0, 0.0))
-        yield box, attenuation(direct, blocked, np.zeros_like(blocked))
+        yield box, attenuation(direct, blocked_share, np.zeros_like(blocked_share))
 
 
 def _side_wall_box(
@@ -776,13 +780,13 @@ def _blocked_on_side(
     if silhouette.radius is not None:
         right = np.float32(end - silhouette.center[0])
         below = y - np.float32(silhouette.center[1])
-        blocked = blocked_by_ball(silhouette.radius, setting, right, below, -back)
+        blocked_share = blocked_by_ball(silhouette.radius, setting, right, below, -back)
     else:
-        blocked = _cast_sideways(silhouette, setting, end, back, y)
+        blocked_share = _cast_sideways(silhouette, setting, end, back, y)
     is_wall = (back >= 0) & (back <= setting.backdrop)
     upon = is_wall * np.clip(np.float32(floor + 0.5) - y, 0, 1)
-    fine = (blocked * upon).reshape(len(y), -1, MODEL.wall)
-    return np.asarray(fine.mean(axis=2), np.float32)
+    fine = (blocked_share * upon).reshape(len(y), -1, MODEL.wall)
+    return np.asarray(fine.mean(axis=2, dtype=np.float32), np.float32)
 
 
 def _cast_sideways(

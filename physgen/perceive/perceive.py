@@ -235,11 +235,11 @@ def perceive(
         if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:
             scene["render"]["relight"] = False
             comments["render.relight"] = (
-                "the light seems to come from below, which it hardly does: unsure"
+                "unsure: the light seems to come from below, which is unlikely"
             )
         if slow > 1:
             comments["render"] = (
-                "in slow motion: what moves in so small a place is over at once"
+                f"slowed down {slow:g}x: at real speed the motion would soon be over"
             )
         comments |= document.scene_comments(found, objects, specks, boundaries)
         comments |= reasons

@@ -32,6 +32,7 @@ from physgen.pipeline.stages import (
     render,
     resolved,
 )
+from physgen.pipeline.writing import VideoFiles
 from physgen.problems import (
     InputError,
     Place,
@@ -350,6 +351,7 @@ class _Run:
         self.paged = bool(options.formats) and options.page is not Page.NONE
         self.film = Film(scene, compiled, maps, record, stages)
         self.labels = Labels.of(options.export, scene, maps.percepts)
+        self.film.keeps_layers = any(kind.in_layers for kind in self.labels.kinds)
         if options.export and not options.formats:
             self.labels.check_kept(self.final)
         self.aside = Aside(record, scene.size)
@@ -591,8 +593,6 @@ class _Run:
 
     def draw(self, trajectory: Trajectory, folder: Path) -> U8:
         """Write the video and the labels; returns the first frame."""
-        from physgen.pipeline.writing import VideoFiles
-
         film, record = self.film, self.record
         film.exposed(trajectory)
         if self.paged:
@@ -615,7 +615,6 @@ class _Run:
         self, footage: Footage, folder: Path, refiners: Refiners
     ) -> tuple[Sequence[Problem], Comparison | None]:
         """Write the clip unrefined and refined, and the labels; returns why it failed, and the changes."""
-        from physgen.pipeline.writing import VideoFiles
         from physgen.report.folders import read_manifest
 
         film, record = self.film, self.record

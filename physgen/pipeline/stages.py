@@ -570,6 +570,8 @@ class Film:
         stages: Stages,
     ) -> None:
         self.scene, self.compiled = scene, compiled
+        self.keeps_layers = False
+        """Whether frames can be taken apart."""
         self._maps: Maps | None = maps
         self._record, self._stages = record, stages
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
@@ -607,9 +609,8 @@ class Film:
         if order is not None:
             through = replace(through, order=tuple(order))
         fine, parts = self.exposed(trajectory)
-        return render(
-            matte_stage(self.stage) if matte else self.stage, fine, parts, through
-        )
+        stage = replace(self.stage, keeps_layers=self.keeps_layers)
+        return render(matte_stage(stage) if matte else stage, fine, parts, through)
 
     def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Samples for motion blur, and how many a frame has."""

@@ -85,7 +85,7 @@ def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:
     is_busy = area > OUTCOME.busy_filled and busy > OUTCOME.busy
     if not (is_large or is_busy):
         return []
-    text = f"{100 * area:.0f} % of it must be filled in behind what moves"
+    text = f"{100 * area:.0f} % of the photo must be filled in behind moving objects"
     return [f"{text}, beside fine detail" if is_busy else text]
 
 

@@ -30,9 +30,13 @@ class PromptSettings:
     """The texts that guide the model."""
 
     prompt: str
-    negative: str  # what shall not be seen
+    negative: str
+    """What shall not be seen."""
     guidance: float | None
-    """How much it listens (classifier-free guidance, Ho and Salimans 2022); None: as its authors advise."""
+    """How much it listens (classifier-free guidance, Ho and Salimans 2022).
+
+    None: as its authors advise.
+    """
 
 
 @runtime_checkable
@@ -55,7 +59,10 @@ class Denoiser(Protocol):
         ...
 
     def noised(self, latents: F32, noise: F32, k: int) -> F32:
-        """Latents at the level of noise that step `k` of those that run starts from; themselves at k = count."""
+        """Return latents at the level of noise at which step `k` starts.
+
+        Themselves at k = count.
+        """
         ...
 
     def predict(self, latents: F32, k: int, first: int) -> F32:
@@ -63,17 +70,17 @@ class Denoiser(Protocol):
         ...
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
-        """Latents after step `k`."""
+        """Return latents after step `k`."""
         ...
 
     def decode(self, latents: F32) -> Iterator[F32]:
-        """Frames, some at a time: (f, H, W, 3) sRGB, 0..1 but for over- and undershoots."""
+        """Decode frames, some at a time: (f, H, W, 3) sRGB, 0..1 but for over- and undershoots."""
         ...
 
     def note(self) -> Mapping[str, Any]:
-        """For the record: weights, revision, device, dtype, scheduler ..."""
+        """Return entries of the record: weights, revision, device, dtype, scheduler ..."""
         ...
 
     def close(self) -> None:
-        """The model goes."""
+        """Remove the model from memory."""
         ...

@@ -59,7 +59,7 @@ Weight = Callable[[int, int], float]
 
 
 def steps_run(steps: int, strength: float) -> int:
-    """Line 1: how many of a schedule's steps run, nint(T s), halves upwards.
+    """Return how many of a schedule's steps run, nint(T s), halves upwards (line 1).
 
     >>> steps_run(50, 0.5), steps_run(50, 0.009)
     (25, 0)
@@ -68,7 +68,7 @@ def steps_run(steps: int, strength: float) -> int:
 
 
 def steps_fused(count: int, stop: int) -> int:
-    """Line 4: how many of `count` steps are fused with the guidance.
+    """Return how many of `count` steps are fused with the guidance (line 4).
 
     >>> steps_fused(25, 5)
     20
@@ -77,7 +77,7 @@ def steps_fused(count: int, stop: int) -> int:
 
 
 def rising(k: int, count: int) -> float:
-    """Line 7: the fusion weight w of step k.
+    """Return the fusion weight w of step k (line 7).
 
     >>> rising(0, 25), rising(19, 25)
     (0.0, 0.76)
@@ -86,7 +86,7 @@ def rising(k: int, count: int) -> float:
 
 
 def each_step(held: Any, count: int) -> Any:
-    """What of the guidance each of `count` steps puts back so that `held` of it is there after all of them.
+    """Return the share of the guidance that each of `count` steps restores so that `held` remains in the end.
 
     Blends multiply: putting 0.15 back in 25 steps would leave 0.85^25 = 0.02 of what the model changed.
 
@@ -107,7 +107,7 @@ def fused(
     weight: Weight = rising,
     held: Any = 0.0,
 ) -> Latent:
-    """Refined latents of the guidance's shape.
+    """Return refined latents of the guidance's shape.
 
     `mask` 0..1 broadcasts against latents. `noised(z0, k)` is z0 at the noise that step k starts from, z0 itself at
     k = count; `denoised(z, k)` is step k. `held` 0..1, broadcasting too, is how much of the guidance stays in every
@@ -129,7 +129,7 @@ EMPTY_LABELS = frozenset({"", "object", "thing"})
 
 
 def prompt_of(labels: Iterable[str]) -> str:
-    """The labels, the most frequent first, each once.
+    """Join the labels, the most frequent first, each once.
 
     >>> prompt_of(["billiard ball", "billiard ball", "cue", "object"])
     'billiard ball, cue'
@@ -154,7 +154,7 @@ def restore_detail(
     lock: float,
     held: float,
 ) -> U8:
-    """(H, W, 3) sRGB.
+    """Restore detail in (H, W, 3) sRGB.
 
     `refined` and `guided`: what the decoder makes of the refined latents and of the guidance's, (H, W, 3) sRGB 0..1;
     `coverage` (H, W) of objects. `detail` 0..1: how much of what the decoder loses of the guidance is put back;
@@ -175,7 +175,7 @@ def restore_detail(
 
 
 def _around(values: F32) -> tuple[slice, slice]:
-    """The box of all that is not 0."""
+    """Return the box of all pixels that are not 0."""
     rows, columns = (
         np.flatnonzero(values.any(axis=1)),
         np.flatnonzero(values.any(axis=0)),
@@ -200,16 +200,17 @@ class RefineSettings:
     prompt: PromptSettings
     lock: float
     detail: float
-    hold: int  # frames over which the first gives way; 0: it is refined like all others
+    hold: int
+    """Frames over which the first gives way; 0: it is refined like all others."""
 
     @property
     def count(self) -> int:
-        """Steps that run."""
+        """Return the number of steps that run."""
         return steps_run(self.steps, self.strength)
 
 
 def hold_frames(fps: float) -> int:
-    """Frames over which a first frame that is the photo gives way to the refined video."""
+    """Return the frames over which a first frame that is the photo gives way to the refined video."""
     return max(LEAST_HELD, round(HOLD * fps))
 
 
@@ -225,7 +226,10 @@ class Refinement:
         progress: Progress = silent,
         weight: Weight = rising,
     ) -> None:
-        """`size` (W, H) px and `count` of the frames to come. `weight` is the algorithm's own unless a test asks."""
+        """Prepare for `count` frames of `size` (W, H) px.
+
+        `weight` is the algorithm's own unless a test sets it.
+        """
         self._model, self._how, self._count, self._progress, self._weight = (
             model,
             how,
@@ -239,7 +243,7 @@ class Refinement:
         self._windows = window_spans(self._latents, window, window // 2)
 
     def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
-        """(H, W, 3) sRGB each. `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
+        """Yield (H, W, 3) sRGB; `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
 
         Raises InputError where the device holds too little.
         """
@@ -307,7 +311,7 @@ class Refinement:
         )
 
     def note(self) -> Mapping[str, Any]:
-        """For the record: what was asked, what ran, what the model says of itself."""
+        """Return entries of the record: settings, steps that ran, the model's own note."""
         how = self._how
         return {
             "strength": how.strength,
@@ -328,7 +332,7 @@ class Refinement:
 
 @contextmanager
 def backend_errors(flag: str, name: str) -> Iterator[None]:
-    """Whatever the libraries of backend `name` raise is one message on the `flag` that chose it."""
+    """Report any error of the libraries of backend `name` as one message on the `flag` that chose it."""
     try:
         yield
     except InputError:

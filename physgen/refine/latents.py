@@ -27,13 +27,15 @@ MOST = 1.5
 class Fit:
     """How frames of one size are shown to a model."""
 
-    size: Size  # of the video
+    size: Size
+    """Of the video."""
     scaled: Size
     """What the model is shown of it: the same, unless it has more pixels than the model was trained on."""
-    padded: Size  # with the border mirrored up to the grid's multiples
+    padded: Size
+    """With the border mirrored up to the grid's multiples."""
 
     def shown(self, rgb: U8) -> U8:
-        """(H, W, 3) of `size` -> of `padded`; made smaller in linear light."""
+        """Resize (H, W, 3) of `size` to `padded`; made smaller in linear light."""
         if self.scaled != self.size:
             rgb = encode_u8(
                 cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA)
@@ -41,7 +43,7 @@ class Fit:
         return np.asarray(self._padded(rgb), np.uint8)
 
     def mask(self, coverage: F32) -> F32:
-        """(H, W) of `size` -> of `padded`."""
+        """Resize (H, W) of `size` to `padded`."""
         if self.scaled != self.size:
             coverage = np.asarray(
                 cv2.resize(coverage, self.scaled, interpolation=cv2.INTER_AREA),
@@ -50,7 +52,7 @@ class Fit:
         return np.asarray(self._padded(coverage), np.float32)
 
     def back(self, picture: F32) -> F32:
-        """(H, W, 3) of `padded` -> of `size`."""
+        """Resize (H, W, 3) of `padded` to `size`."""
         width, height = self.scaled
         picture = picture[:height, :width]
         if self.scaled != self.size:
@@ -71,7 +73,7 @@ class Fit:
 
 
 def fit_to_grid(size: Size, grid: Grid) -> Fit:
-    """How frames of `size` are shown to a model with this grid."""
+    """Return how frames of `size` are shown to a model with this grid."""
     scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
     width, height = (max(1, round(side * scale)) for side in size)
     most = max(MOST * grid.area, grid.side**2)
@@ -129,7 +131,7 @@ def over_time(values: F32, grid: Grid) -> F32:
 
 
 def hold_weights(frames: int, over: int) -> F32:
-    """(F,) how much of the guidance stays in each frame: 1 in the first, falling smoothly to 0 over so many.
+    """Return (F,) the share of the guidance in each frame: 1 in the first, falling smoothly to 0 over so many.
 
     >>> hold_weights(6, 4).tolist()
     [1.0, 0.84375, 0.5, 0.15625, 0.0, 0.0]
@@ -158,7 +160,7 @@ def window_spans(total: int, window: int, overlap: int) -> list[Span]:
 
 
 def weights(span: Span, total: int) -> F32:
-    """(last - first,): how much of a window's say counts: less towards an end that another window goes beyond.
+    """Return (last - first,): the weight of a window's prediction: less towards an end that another window goes beyond.
 
     Not towards the clip's own ends: there a neighbour's first frame would count for a large share, all at once.
 

@@ -214,7 +214,8 @@ class Sides:
         """
         height = round(self.share(turn) * self.depth) + 1
         column = np.ones((height, 1), np.uint8)
-        block = cv2.dilate(coverage, column, anchor=(0, 0))
+        dilated = cv2.dilate(coverage, column, anchor=(0, 0))
+        block = np.asarray(dilated, np.float32)
         sides = np.asarray(block - coverage, np.float32)
         if self.light is None:
             return sides, np.ones(block.shape[1], np.float32)

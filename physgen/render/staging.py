@@ -445,15 +445,17 @@ def _visible_veils(
     every = {k: neighbours.get(k, []) for k in range(len(starts))}
     predicted = occlusions(starts, every, setting)
     shares = {}
-    for k, veil in predicted.items():
-        shares[k] = seen_share(sprites[k], actors[k], starts[k], veil, setting.light)
+    for k, prediction in predicted.items():
+        shares[k] = seen_share(
+            sprites[k], actors[k], starts[k], prediction, setting.light
+        )
     typical = float(np.median([*shares.values()])) if shares else 1.0
     visible: list[F32 | None] = []
     veiled_actors = []
     for k, actor in enumerate(actors):
         share = shares.get(k, typical)
         veiled_actors.append(replace(actor, veiled=share))
-        veil = None
+        veil: F32 | None = None
         if k in predicted and share != 0:
             veil = np.asarray(share * predicted[k], np.float32)
         visible.append(veil)
@@ -687,7 +689,7 @@ def thickness(body: Body, top: bool) -> float:
     is_box = area > STAGING.box * box_width * box_height
     if top or is_box:
         return float(depth)
-    return min(float(depth), width)
+    return float(min(depth, width))
 
 
 def seen_share(
@@ -727,12 +729,12 @@ def _robust_weights(terms: Array, level: Array) -> Array:
     """Return the weights (4,) of `terms` (n, 4) that explain `level` (n,), by reweighted least squares."""
     count = len(level)
     stiffness = 1e-3 * count * np.diag([0.0, 1, 1, 0.1])
-    trust = np.ones(count)
-    weights = np.zeros(4)
+    trust: Array = np.ones(count)
+    weights: Array = np.zeros(4)
     for _ in range(4):
         weighted = terms * trust[:, None]
         normal = weighted.T @ terms + stiffness
-        weights = np.linalg.solve(normal, weighted.T @ level)
+        weights = np.asarray(np.linalg.solve(normal, weighted.T @ level), np.float64)
         errors = np.abs(level - terms @ weights)
         trust = 1 / np.maximum(errors / VEIL_NOISE, 1)
     return weights
@@ -856,7 +858,8 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
     solid = (sprite.coverage >= 1).astype(np.uint8)
     if sprite.sides is not None:
         solid[: ceil(sprite.sides.first)] = 0
-    depth = cv2.distanceTransform(np.pad(solid, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    padded_depth = cv2.distanceTransform(np.pad(solid, 1), cv2.DIST_L2, 5)
+    depth = np.asarray(padded_depth[1:-1, 1:-1], np.float32)
     has_inside = (depth > 2 * CUT.rim).any()
     if sprite.ball is not None or sprite.relief is not None or not has_inside:
         return sprite

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import imageio.v3 as iio
 import numpy as np
-from PIL import Image
 
 from physgen.export.video import U8, sample_frames
 from physgen.report.html import encoded, fitted
@@ -24,15 +24,18 @@ QUALITY = 80
 class Film:
     """A clip on a page."""
 
-    source: str  # URL of the file, or of the first frame
-    plays: bool  # it is a video; else a picture, which may be animated
-    name: str  # the file beside the page
+    source: str
+    """URL of the file, or of the first frame."""
+    plays: bool
+    """It is a video; else a picture, which may be animated."""
+    name: str
+    """The file beside the page."""
     frames: str = ""
     """Folder of the frames beside the page, where there is no film."""
 
 
 def linked_film(made: Sequence[str]) -> Film:
-    """The best of the films and folders of frames `made` beside the page."""
+    """Return the best of the films and folders of frames `made` beside the page."""
     name = min(
         made, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix)
     )
@@ -42,11 +45,15 @@ def linked_film(made: Sequence[str]) -> Film:
 
 
 def _rgb(file: Path) -> U8:
-    return np.asarray(Image.open(file).convert("RGB"))
+    with file.open("rb") as stream:
+        return np.asarray(iio.imread(stream, plugin="pillow", index=0, mode="RGB"))
 
 
 def poster(film: Path) -> bytes:
-    """The first frame of a film, which is the photo, as WebP. Raises OSError where it cannot be read."""
+    """Encode the first frame of a film, which is the photo, as WebP.
+
+    Raises OSError if it cannot be read.
+    """
     try:
         frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)
     except (

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from itertools import takewhile
 from math import ceil, nan
@@ -70,6 +71,8 @@ ABRUPT = 8.0
 and not in the course of the step. A body at rest on another is at 1, one that slides or rolls below 3."""
 KEPT_PARTS = 64
 """Parts of a step that the next one keeps after an abrupt contact, at most: more would take long."""
+LEFT = 0.5
+"""Closing speed, in units of gravity x step, that contacts of bodies on joints may keep."""
 HIDINGS = 4
 """Times that a step is taken again because contacts at internal edges acted in it."""
 LOOK = 8
@@ -463,7 +466,7 @@ class Stepper:
         """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
         if not self._joined.busy:
             return velocity, 0.0
-        allowed, _ = self._joined.hold(pose, velocity, 1.0, None)
+        allowed = self._joined.allowed(pose, velocity)
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float(
             (weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2
@@ -601,8 +604,17 @@ class Stepper:
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
                 strength = 0.5 if first else 1.0  # of the motors
-                held, driven = self._joined.hold(*self.everybody(exact), h, strength)
-                exact[:, 3:] = held[self._space.moving]
+                held = self._joined.hold(*self.everybody(exact), h, strength)
+                driven, moving = held.work, self._space.moving
+                exact[:, 3:] = held.velocity[moving]
+                if held.lost:
+                    exact[:, :3] += held.shift[moving]
+                    kicks.append(EnergyEvent(end, held.lost, 0.0))
+                within = self.state()[:, 3:] if before is None else before
+                carried = self._carry(exact, within, order, numbers, h)
+                if carried is not None:
+                    exact[:, 3:] = carried.velocity[moving]
+                    impacts.append(carried)
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
@@ -634,6 +646,39 @@ class Stepper:
             braked,
             kicks,
         )
+
+    def _carry(
+        self, state: Array, within: Array, order: Order, numbers: bytes, h: float
+    ) -> Impacts | None:
+        """Return what contacts of bodies that joints hold lack, given the state (M, 6) that joints leave.
+
+        within: (M, 3) velocities within the step.
+
+        The engine solves contacts and joints in turns, which carries no heavy load on
+        light bodies; the rest is solved with the joints' responses, without rebound.
+        """
+        least = LEFT * max(self._weight * h, self._governor.threshold(h, 0.0))
+        rows = self._joined.rows_held(order)
+        moving = self._space.moving
+        if not rows or order.fastest_closing(rows, numbers, moving, state) <= least:
+            return None
+        wide, fast = self._wide, self._fast
+        wide[moving], fast[moving] = state[:, :3], state[:, 3:]
+        points = contact_points(order.words, order.sort(numbers), wide, fast)
+        nothing = [0.0] * len(self._properties.elasticity)
+        begun = np.zeros_like(fast)
+        begun[moving] = within
+        solver = ImpactSolver(
+            replace(self._properties, elasticity=nothing),
+            self._joined,
+            StepMotion(wide, fast, np.zeros((len(wide), 2))),
+            points,
+            np.ones(len(order.listed), bool),
+            h,
+            least,
+            begun,
+        )
+        return solver.run(self.budget)
 
     def _strike(
         self,

@@ -385,7 +385,8 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
             corners = [(float(x), float(y)) for x, y in (shape.a, shape.b)]
         case _:
             corners = []
-    is_static = shape.body.body_type == pymunk.Body.STATIC
+    body = shape.body
+    is_static = body is not None and body.body_type == pymunk.Body.STATIC
     box = np.array(corners or [(0.0, 0.0)])
     x, y = ((box.min(axis=0) + box.max(axis=0)) / 2).tolist()
     reach = float(np.hypot(*(box - (x, y)).T).max())

@@ -46,6 +46,7 @@ def whole_box(rgb: NDArray[np.uint8], box: NDArray[np.float64]) -> PromptedMask:
 def photo(monkeypatch: pytest.MonkeyPatch) -> NDArray[np.uint8]:
     monkeypatch.setattr(point_choice, "judge_photo", judged)
     monkeypatch.setattr(point_choice, "mask_in_box", whole_box)
+    monkeypatch.setattr(prompts, "_looks_around", lambda *_: ([], False))
     return np.full((*SIZE, 3), 128, np.uint8)
 
 
@@ -84,7 +85,7 @@ def test_box_that_no_candidate_shows_may_be_meant(
     photo: NDArray[np.uint8], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The detector sees a jug around the mug, which the judge rates above it."""
-    jug = (8, 8, 30, 30)
+    jug = (6, 8, 28, 28)
     x, y, width, height = jug
     corners = 2.0 * np.array([[x, y, x + width, y + height]])
     boxes = DetectedBoxes(corners, np.zeros((1, 82)))
@@ -92,22 +93,26 @@ def test_box_that_no_candidate_shows_may_be_meant(
     cut_out = Proposal(x, y, np.ones((height, width), bool), width * height)
     monkeypatch.setattr(point_choice, "judge_photo", lambda rgb: with_box)
     monkeypatch.setattr(point_choice, "rough_mask_in_box", lambda *_: cut_out)
-    for fit, expected in ((0.99, jug), (0.3, MUG)):
+    for fit, expected in ((0.99, jug), (0.1, MUG)):
         fits = np.array([fit])
-        monkeypatch.setattr(point_choice, "judge_others", lambda *_, fits=fits: fits)
-        found = prompts.segment_point(photo, (46, 46), None)
+        monkeypatch.setattr(
+            point_choice,
+            "judge_others",
+            lambda rgb, judged, others, fits=fits: fits[: len(others)],
+        )
+        found = prompts.segment_point(photo, (40, 44), None)
         assert box_found(found.mask) == expected
 
 
-def test_click_on_what_the_judge_doubts_looks_around(
+def test_click_may_mean_what_is_seen_around_it(
     photo: NDArray[np.uint8], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The judge knows no object in the pile; what is seen around the click fits better."""
     doubtful = replace(judged(photo), fit=np.array([0.1, 0.06, 0.2]))
-    jug = PromptedMask(np.zeros(SIZE, bool), 0.8)
+    jug = PromptedMask(np.zeros(SIZE, bool), 0.9)
     jug.mask[20:60, 20:70] = True
     monkeypatch.setattr(point_choice, "judge_photo", lambda rgb: doubtful)
-    monkeypatch.setattr(prompts, "_looks_around", lambda *_: ([jug], False))
+    monkeypatch.setattr(prompts, "_looks_around", lambda *_: ([(jug, 0.8)], False))
     for fit, expected in ((0.4, (10, 10, 25, 20)), (0.05, PILE)):
         fits = np.array([fit])
         monkeypatch.setattr(

@@ -14,6 +14,7 @@ from functools import partial
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.copy_offsets import I64
@@ -28,6 +29,7 @@ from physgen.perceive.inpaint.poisson import (
 )
 from physgen.perceive.inpaint.shift_map import shift_map_fill
 from physgen.perceive.roles import Inpaint, Mask, Rgb
+from physgen.perceive.working_size import working_size
 
 
 @dataclass(frozen=True)
@@ -55,10 +57,11 @@ class _Limits:
     drawn: int = 2
     arc_grain: float = 8.0  # levels: more beside an arc is an edge of the fill
     detail: float = 2.0  # px: standard deviation of the blur below which is grain
-    side: int = 640  # px: longer side of the picture in which patches are chosen
 
 
 LIMITS = _Limits()
+SAMPLED_COLUMNS = 1024
+"""Pixels in a row of those that are sampled: OpenCV allows no rows of over 32,767."""
 
 
 def fill(*, copies: bool = True) -> Inpaint:
@@ -86,17 +89,30 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
-    scale = max(hole.shape) / LIMITS.side
-    guide = _guide(photo, hole) if scale <= 1 else _large_guide(photo, hole, scale)
+    size = working_size(hole.shape)
+    guide = (
+        _make_guide(photo, hole)
+        if size is None
+        else _make_large_guide(photo, hole, size)
+    )
     picture, textured = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
     if copies and textured.any():
         level = _pieces_without(guide.drawn, guide.near)
         copied = shift_map_fill(picture, textured, picture)
         picture = _carry_level_lines(copied, photo, level)
-    return blend_at_border(picture, rgb, hole)
+    if size is None:
+        return blend_at_border(picture, rgb, hole)
+    left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
+    box = np.s_[
+        max(0, top - LIMITS.around) : top + height + LIMITS.around,
+        max(0, left - LIMITS.around) : left + width + LIMITS.around,
+    ]
+    result = rgb.copy()
+    result[box] = blend_at_border(picture[box], rgb[box], hole[box])
+    return result
 
 
-def _guide(photo: F32, hole: Mask) -> _Guide:
+def _make_guide(photo: F32, hole: Mask) -> _Guide:
     """Return the guide in the `hole` (H, W) of a photo (H, W, 3)."""
     whole = close_gaps(hole)
     near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
@@ -115,17 +131,18 @@ def _guide(photo: F32, hole: Mask) -> _Guide:
     return _Guide(guide, near, smooth, drawn, patches.places)
 
 
-def _large_guide(photo: F32, hole: Mask, scale: float) -> _Guide:
-    """Return the guide of a photo that is chosen at 1 / `scale` of its size.
+def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
+    """Return the guide of a photo that is chosen at a `size` (width, height).
 
     The fine detail that the reduced picture lacks is copied from the place that each
     pixel is from.
     """
     height, width = hole.shape
-    size = max(1, round(width / scale)), max(1, round(height / scale))
-    small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA))
+    small: F32 = np.asarray(
+        cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32
+    )
     share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    guide = _guide(small, np.asarray(share > 0))
+    guide = _make_guide(small, np.asarray(share > 0))
     near = dilate(close_gaps(hole), LIMITS.mixed)
     if near.all():
         near = hole
@@ -135,64 +152,56 @@ def _large_guide(photo: F32, hole: Mask, scale: float) -> _Guide:
         )
         for part in (guide.smooth, guide.drawn)
     )
-    x, y, w, h = cv2.boundingRect(near.view(np.uint8))
-    box = np.s_[y : y + h, x : x + w]
-    rows, columns = np.mgrid[box].astype(np.float32)
-    steps = np.array([height / size[1], width / size[0]], np.float32)
-    filled = _enlarged(guide.picture, rows, columns, steps)
+    pixels = np.stack(np.nonzero(near))
+    steps = np.array([[height / size[1]], [width / size[0]]])
+    filled = _sample(guide.picture, pixels, steps)
     if guide.places is not None:
-        detail = _copied_detail(
-            photo, small, near, guide.places, (rows, columns), steps
-        )
-        filled += np.where(drawn[box][..., None] > 0, np.float32(0), detail)
+        detail = _copy_detail((photo, small), near, guide.places, pixels, steps)
+        detail[drawn[near] > 0] = 0
+        filled += detail
     picture = photo.copy()
-    inside = near[box][..., None]
-    picture[box] = np.where(inside, np.clip(filled, 0, 255), photo[box])
+    picture[near] = np.clip(filled, 0, 255)
     return _Guide(picture, near, (smooth > 0) & near, (drawn > 0) & near, None)
 
 
-def _enlarged(picture: F32, rows: F32, columns: F32, steps: F32) -> F32:
-    """(h, w, 3): a reduced `picture` at rows and columns (h, w) px of the large one."""
-    return np.asarray(
-        cv2.remap(
-            picture,
-            (columns + 0.5) / steps[1] - 0.5,
-            (rows + 0.5) / steps[0] - 0.5,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ),
-        np.float32,
+def _sample(picture: F32, pixels: I64, steps: NDArray[np.float64]) -> F32:
+    """(n, 3): a reduced `picture` at rows and columns (2, n) px of the large one.
+
+    `steps` (2, 1) px of the large one are one of the reduced one.
+    """
+    count = pixels.shape[1]
+    lines = -(-count // SAMPLED_COLUMNS)
+    place = ((pixels + 0.5) / steps - 0.5).astype(np.float32)
+    place = np.pad(place, ((0, 0), (0, lines * SAMPLED_COLUMNS - count)))
+    rows, columns = place.reshape(2, lines, SAMPLED_COLUMNS)
+    values = cv2.remap(
+        picture, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
+    return np.asarray(values.reshape(-1, 3)[:count], np.float32)
 
 
-def _copied_detail(
-    photo: F32,
-    small: F32,
+def _copy_detail(
+    pictures: tuple[F32, F32],
     near: Mask,
     places: I64,
-    pixels: tuple[F32, F32],
-    steps: F32,
+    pixels: I64,
+    steps: NDArray[np.float64],
 ) -> F32:
-    """(h, w, 3): what `photo` has of detail that `small` lacks, at the source of each pixel.
+    """(n, 3): the detail that the photo has and the reduced one lacks, by pixel.
 
-    `places` are those of the reduced picture; `pixels` are rows and columns (h, w). 0 if
-    a source is not known.
+    `pictures` are both; `places` (h, w, 2) the source of each pixel of the reduced
+    one. Details are those at the sources of `pixels` (2, n), 0 if they are not known.
     """
-    sources, legal = [], np.ones(pixels[0].shape, bool)
-    here = [
-        np.minimum((pixels[axis] / steps[axis]).astype(np.intp), small.shape[axis] - 1)
-        for axis in (0, 1)
-    ]
-    for axis in (0, 1):
-        shift = (places[here[0], here[1], axis] - here[axis]) * steps[axis]
-        place = np.rint(pixels[axis] + shift).astype(np.intp)
-        inside = np.clip(place, 0, near.shape[axis] - 1)
-        legal &= place == inside
-        sources.append(inside)
-    legal &= ~near[sources[0], sources[1]]
-    there = [part.astype(np.float32) for part in sources]
-    detail = photo[sources[0], sources[1]] - _enlarged(small, *there, steps)
-    return np.where(legal[..., None], detail, np.float32(0))
+    photo, small = pictures
+    last = np.array(small.shape[:2])[:, None] - 1
+    here = np.minimum((pixels / steps).astype(np.int64), last)
+    shift = (places[here[0], here[1]].T - here) * steps
+    place = np.rint(pixels + shift).astype(np.int64)
+    sources = np.clip(place, 0, np.array(near.shape)[:, None] - 1)
+    is_known = (place == sources).all(axis=0) & ~near[sources[0], sources[1]]
+    detail = photo[sources[0], sources[1]] - _sample(small, sources, steps)
+    detail[~is_known] = 0
+    return np.asarray(detail, np.float32)
 
 
 def _carry_arcs(filled: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
@@ -228,11 +237,11 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
         max(0, left - margin) : left + width + margin,
     ]
     result = filled.copy()
-    result[part] = _level_lines(filled[part], photo[part], hole[part])
+    result[part] = _draw_level_lines(filled[part], photo[part], hole[part])
     return result
 
 
-def _level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
+def _draw_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
     """The same for the box of a hole."""
     (along, beside), thick = LIMITS.line, LIMITS.drawn
     found, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)

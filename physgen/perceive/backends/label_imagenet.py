@@ -122,7 +122,7 @@ class Heads:
         seen = np.zeros_like(named)
         is_model = self.is_model(features)
         if is_model.any() and DINOSAUR in self.labels:
-            places = np.ix_(is_model, ANIMALS)
+            places = np.ix_(np.flatnonzero(is_model), np.array(ANIMALS, np.intp))
             seen[is_model, self.labels.index(DINOSAUR)] = detected[places].max(axis=1)
             detected = detected.copy()
             detected[places] = 0

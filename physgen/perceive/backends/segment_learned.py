@@ -233,9 +233,12 @@ def as_segments(
         for one in (k, *selection.parts.get(k, ())):
             labels[_cut_out_again(rgb, found, one)] = label
     for label in range(1, len(rising) + 1):
-        piece = cut_out(labels == label, 0, 0, 1)
+        own = labels == label
+        left, top, width, height = cv2.boundingRect(own.view(np.uint8))
+        box = np.s_[top : top + height, left : left + width]
+        piece = cut_out(own[box], 0, 0, 1)
         if piece is not None:  # without what a later one cut off
-            labels[(labels == label) & ~piece.on(size)] = 0
+            labels[box][own[box] & ~piece.on((height, width))] = 0
     return left_to_right(Segments(labels, confidence(fit[rising])))
 
 

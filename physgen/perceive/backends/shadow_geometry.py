@@ -89,11 +89,11 @@ def _geometry(
         )
     at = partial(object_silhouettes, labels, objects, matter, boundaries)
     reduced = reduce_photo(background, coverage)
-    shadows = _reduced_shadows(reduced, reduced.at(at), light)
+    shadows = _find_reduced_shadows(reduced, reduced.at(at), light)
     return restore_size(shadows, reduced, background, coverage)
 
 
-def _reduced_shadows(
+def _find_reduced_shadows(
     reduced: ReducedPhoto, at: SilhouettesAt, light: LightGuess
 ) -> Shadows:
     """Shadows of a reduced photo; `at` gives the silhouettes on smaller ones."""

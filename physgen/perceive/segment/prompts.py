@@ -358,11 +358,15 @@ def segment_point(
             if known.confidence >= RULE.likely:
                 return known
     around = cache(partial(_looks_around, rgb, (x, y), others))
-    candidate = object_at_point(rgb, (x, y), others, smallest, lambda: around()[0])
+
+    def look_around() -> list[PromptedMask]:
+        return [look for look, _ in around()[0]]
+
+    candidate = object_at_point(rgb, (x, y), others, smallest, look_around)
     if candidate is not None:
         return candidate
     looks, is_contested = around()
-    found += looks
+    found += [PromptedMask(look.mask, sureness) for look, sureness in looks]
     if not found:
         expected, fix = (
             "shows no object that ends somewhere",
@@ -400,10 +404,10 @@ def _known_object(
 
 def _looks_around(
     rgb: Rgb, own: tuple[int, int], others: Sequence[tuple[int, int]]
-) -> tuple[list[PromptedMask], bool]:
-    """Return what is seen in squares of several sizes around a pixel.
+) -> tuple[list[tuple[PromptedMask, float]], bool]:
+    """Return what is seen in squares of several sizes around a pixel, and how surely.
 
-    The second value is whether some of it also holds another point.
+    The last value is whether some of it also holds another point.
     """
     height, width = rgb.shape[:2]
     found = []
@@ -421,7 +425,7 @@ def _looks_around(
             shared = np.count_nonzero(first.mask & again.mask)
             alike = shared / np.count_nonzero(first.mask | again.mask)
             sure = float(first.confidence * again.confidence * alike)
-            found.append(PromptedMask(again.mask, sure))
+            found.append((again, sure))
     return found, is_contested
 
 

@@ -13,9 +13,15 @@ import cv2
 import numpy as np
 
 from physgen.maps import F32
-from physgen.perceive.inpaint.poisson import harmonic_fill, with_rim
+from physgen.perceive.inpaint.poisson import (
+    fill_from_surroundings,
+    harmonic_fill,
+    with_rim,
+)
 from physgen.perceive.roles import Inpaint, Mask, Rgb, Shadows
+from physgen.perceive.shadow.reduced import reduce_photo
 from physgen.perceive.shadow.shadow_removal import plan_refill
+from physgen.perceive.working_size import enlarge, reduce_known
 from physgen.photometry import decode, encode_u8, luminance
 
 GUESS_ERROR = 0.5
@@ -56,7 +62,7 @@ def find_surroundings(photo: Rgb, coverage: F32) -> Surroundings:
     hole = with_rim(photo, coverage > 0)
     if not hole.any() or hole.all():
         return Surroundings(photo, coverage, hole, photo.copy())
-    smooth = harmonic_fill(photo.astype(np.float32), hole, GUESS_ERROR)
+    smooth = _smooth_fill(photo.astype(np.float32), hole, GUESS_ERROR)
     guess = np.clip(smooth + np.float32(0.5), 0, 255).astype(np.uint8)
     return Surroundings(photo, coverage, hole, guess)
 
@@ -109,33 +115,64 @@ def _fill_shaded(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgro
 
 
 def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrounds:
-    """Return the backgrounds from a fill without shadows."""
-    plan = plan_refill(lifted, around.guess, around.coverage)
-    whole = around.hole | plan.hole
+    """Return the backgrounds from a fill without shadows.
+
+    A piece of the fill that is another surface than its surroundings is filled again,
+    with its shadows.
+    """
+    before = reduce_photo(around.guess, around.coverage)
+    after = reduce_photo(lifted, around.coverage)
+    plan = plan_refill(after.background, before.background, before.coverage)
+    shape = around.hole.shape
+    whole = around.hole | _enlarge_mask(plan.hole, shape)
     if whole.all():
         whole = around.hole
     clean = inpaint(lifted, whole)
-    old = luminance(decode(around.guess))
-    unlike = plan.unlike(_smoothed(luminance(decode(clean))), old) & whole
-    if unlike.any():
-        known = np.where((whole & ~unlike)[..., None], clean, around.photo)
-        clean = np.where(unlike[..., None], inpaint(known, unlike), clean)
-    dimmed = encode_u8(decode(clean) * _light_left(around, lifted, whole))
-    behind = (around.hole & ~unlike)[..., None]
-    shaded = np.where(behind, dimmed, around.photo)
-    shaded = np.where(unlike[..., None], clean, shaded)
+    filled = reduce_photo(clean, around.coverage).background
+    old = luminance(decode(before.background))
+    unlike = plan.unlike(_smooth(luminance(decode(filled))), old)
+    again = _enlarge_mask(unlike, shape) & whole
+    if again.any():
+        known = np.where((whole & ~again)[..., None], clean, around.photo)
+        filled = fill_from_surroundings(known, again, inpaint)
+        clean = np.where(again[..., None], filled, clean)
+    shaded, dimmed = around.photo.copy(), around.hole & ~again
+    light = np.exp(enlarge(_measure_darkness(around, lifted, whole), shape)[dimmed])
+    shaded[dimmed] = encode_u8(decode(clean[dimmed]) * light)
+    shaded[again] = clean[again]
     return Backgrounds(shaded, clean)
 
 
-def _light_left(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
-    """Return the share (H, W, 3) of light that shadows leave, extended into `hole`."""
-    before, after = (
-        cv2.log(decode(picture) + np.float32(DARKEST))
-        for picture in (around.photo, lifted)
-    )
-    dark = np.where(hole[..., None], np.float32(0), before - after)
-    return np.asarray(np.exp(harmonic_fill(dark, hole, LIGHT_ERROR)), np.float32)
+def _enlarge_mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
+    """Return a mask of the reduced photo as one of `shape` (H, W)."""
+    size = shape[1], shape[0]
+    large = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT)
+    return np.asarray(large > 0)
 
 
-def _smoothed(values: F32) -> F32:
+def _measure_darkness(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
+    """Return -log of light that shadows leave, negative, extended into `hole`.
+
+    (h, w, 3) of the reduced photo.
+    """
+    share = hole.astype(np.float32)
+    before, after = (reduce_photo(picture, share) for picture in (around.photo, lifted))
+    logs = [
+        cv2.log(decode(one.background) + np.float32(DARKEST)) for one in (before, after)
+    ]
+    hidden = before.coverage > 0
+    dark = np.where(hidden[..., None], np.float32(0), logs[0] - logs[1])
+    return harmonic_fill(dark, hidden, LIGHT_ERROR)
+
+
+def _smooth_fill(picture: F32, hole: Mask, tolerance: float) -> F32:
+    """Return a harmonic fill of `hole` (H, W), made at reduced size if it is large."""
+    reduced = reduce_known(picture, hole)
+    if reduced is None:
+        return harmonic_fill(picture, hole, tolerance)
+    smooth = enlarge(harmonic_fill(*reduced, tolerance), hole.shape)
+    return np.where(hole[..., None], smooth, picture)
+
+
+def _smooth(values: F32) -> F32:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), GRAIN), np.float32)

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.shadows import Silhouette
 from physgen.maps import F32
 from physgen.perceive.roles import Labels, Rgb, Shadows
 from physgen.perceive.shadow.silhouettes import DARKEST
+from physgen.perceive.working_size import working_size
 from physgen.photometry import decode, encode_u8, luminance
 
-LONGEST = 640
-"""px: longer side of the photo in which shadows are found and removed."""
 GUIDE_SIDE = 5
 """px of the reduced photo: side of the guided filter's windows."""
 GUIDE_TEXTURE = 0.01
@@ -52,12 +53,11 @@ class ReducedPhoto:
 
 
 def reduce_photo(background: Rgb, coverage: F32) -> ReducedPhoto:
-    """Return a background (H, W, 3) and coverage (H, W) of at most `LONGEST` px."""
-    height, width = coverage.shape
-    scale = max(height, width) / LONGEST
-    if scale <= 1:
+    """Return a background (H, W, 3) and coverage (H, W) at the working size."""
+    size = working_size(coverage.shape)
+    if size is None:
         return ReducedPhoto(background, coverage, 1.0)
-    size = max(1, round(width / scale)), max(1, round(height / scale))
+    scale = max(coverage.shape) / max(size)
     small = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
     share = cv2.resize(coverage, size, interpolation=cv2.INTER_AREA)
     return ReducedPhoto(
@@ -77,11 +77,11 @@ def restore_size(
     if clean is not None:
         clean = _lighten(background, reduced.background, clean)
     if owners is not None:
-        owners = _enlarged_owners(owners, coverage)
+        owners = _enlarge_owners(owners, coverage)
     return replace(shadows, clean=clean, owners=owners, backdrop=backdrop)
 
 
-def _enlarged_owners(owners: Labels, coverage: F32) -> Labels | None:
+def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
     size = coverage.shape[::-1]
     large = cv2.resize(owners, size, interpolation=cv2.INTER_NEAREST_EXACT)
     large[coverage >= 0.5] = 0
@@ -99,7 +99,7 @@ def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
     )
     if not len(rows):
         return background
-    slope, level = _guided(guide, gain)
+    slope, level = _fit_lines(guide, gain)
     # the box of what changes, and the windows' reach, at full size
     down, across = height / small.shape[0], width / small.shape[1]
     top, bottom = (rows[0] - GUIDE_SIDE) * down, (rows[-1] + GUIDE_SIDE) * down
@@ -136,7 +136,7 @@ def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
     return result
 
 
-def _guided(guide: F32, values: F32) -> tuple[F32, F32]:
+def _fit_lines(guide: F32, values: F32) -> tuple[F32, F32]:
     """Return slope and level (h, w, 3) of the lines from `guide` (h, w) to `values`."""
     middle = _box_mean(guide)
     spread = _box_mean(guide * guide) - middle * middle
@@ -147,7 +147,7 @@ def _guided(guide: F32, values: F32) -> tuple[F32, F32]:
     return _box_mean(slope), _box_mean(level)
 
 
-def _box_mean(values: F32) -> F32:
+def _box_mean(values: NDArray[np.floating[Any]]) -> F32:
     return np.asarray(cv2.blur(values, (GUIDE_SIDE, GUIDE_SIDE)), np.float32)
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.shadows import PixelBox
 from physgen.maps import F32
-from physgen.perceive.inpaint.poisson import nearest_piece
+from physgen.perceive.inpaint.poisson import fill_from_surroundings, nearest_piece
 from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, encode_u8, luminance
@@ -552,7 +552,8 @@ def remove_reflections(
     if not taken.any():
         return clean
     hole = cv2.dilate(taken[names].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    return np.where(hole[..., None], inpaint(clean, hole), clean)
+    filled = fill_from_surroundings(clean, hole, inpaint)
+    return np.where(hole[..., None], filled, clean)
 
 
 # assignment

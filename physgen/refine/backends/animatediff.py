@@ -58,11 +58,11 @@ class AnimateDiff:
         )  # fmt: skip
 
     def schedule(self, steps: int, count: int) -> Schedule:
-        """DDIM."""
+        """Return the DDIM schedule."""
         return ddim(self._scheduler, steps, count)
 
     def encode_text(self, text: str) -> Tensor:
-        """(1, 77, width)."""
+        """Encode a text as (1, 77, width)."""
         found: Tensor = self.pipe.encode_prompt(text, self._device, 1, False)[0]
         return found
 
@@ -70,7 +70,7 @@ class AnimateDiff:
         """Return nothing: it is guided by words alone."""
 
     def encode(self, video: Tensor) -> Tensor:
-        """(F, 3, H, W) in -1..1 on the processor -> (F, C, h, w): the mean of each frame, some at a time."""
+        """Encode (F, 3, H, W) in -1..1 on the processor as (F, C, h, w): the mean of each frame, some at a time."""
         vae = self.pipe.vae
         found = [
             vae.encode(part.to(self._device)).latent_dist.mode()
@@ -79,7 +79,7 @@ class AnimateDiff:
         return torch.cat(found) * vae.config.scaling_factor
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
-        """(F, C, h, w) on the processor -> (f, 3, H, W) in -1..1, some frames at a time."""
+        """Decode (F, C, h, w) on the processor to (f, 3, H, W) in -1..1, some frames at a time."""
         vae = self.pipe.vae
         for part in latents.split(CHUNK):
             yield vae.decode(part.to(self._device) / vae.config.scaling_factor).sample

@@ -107,7 +107,10 @@ def revision(weights: str) -> str:
 
 
 def place_pipeline(pipe: Any, device: str) -> str:
-    """Moves a pipeline to where it runs, and says how: `none`, all of it now; `model`, each part when it is needed."""
+    """Moves a pipeline to where it runs, and says how: `none`, all of it now.
+
+    `model`, each part when it is needed.
+    """
     if device.startswith("cuda") and importlib.util.find_spec("accelerate"):
         free, _ = torch.cuda.mem_get_info(device)
         if _bytes(pipe) > FULL * free:
@@ -131,10 +134,10 @@ def _bytes(pipe: Any) -> int:
 class Schedule:
     """The steps that run."""
 
-    name: str  # the scheduler's class
-    times: (
-        torch.Tensor
-    )  # (count,): the level of noise that each step passes to the model
+    name: str
+    """The scheduler's class."""
+    times: torch.Tensor
+    """(count,): the level of noise that each step passes to the model."""
     noised: Callable[
         [F32, F32, int], F32
     ]  # latents, noise and step k -> latents as noisy as step k begins

@@ -1,0 +1,97 @@
+"""Cryptomatte: ids of objects and their shares of each pixel, in an OpenEXR file.
+
+Friedman and Jones, "Fully automatic ID mattes with support for motion blur and transparency", SIGGRAPH 2015; version
+1.2.0 of the specification.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from physgen.maps import F32
+
+NAME = "physgen"
+"""Of the layer: its channels are `physgen00.R` ..."""
+RANKS = 6
+"""Objects in one pixel, at most, the largest share first; two share a layer of four channels."""
+CHANNELS = (("R", "G"), ("B", "A"))
+"""Of an id and its share."""
+KEY_LENGTH = len("cryptomatte/") + 7
+"""Seven digits of the hash of the layer's name."""
+WORD = 0xFFFFFFFF
+FACTORS = 0xCC9E2D51, 0x1B873593
+"""Of MurmurHash3."""
+MIXERS = 0x85EBCA6B, 0xC2B2AE35
+
+
+def murmur_hash(name: str) -> int:
+    """MurmurHash3 of 32 bits, seed 0, of a name in UTF-8."""
+    data = name.encode()
+    hash_ = 0
+    blocks = len(data) // 4 * 4
+    for start in range(0, blocks, 4):
+        hash_ ^= _mixed(int.from_bytes(data[start : start + 4], "little"))
+        hash_ = (_rotated(hash_, 13) * 5 + 0xE6546B64) & WORD
+    hash_ ^= _mixed(int.from_bytes(data[blocks:], "little"))
+    hash_ ^= len(data)
+    for shift, factor in ((16, MIXERS[0]), (13, MIXERS[1])):
+        hash_ = ((hash_ ^ (hash_ >> shift)) * factor) & WORD
+    return hash_ ^ (hash_ >> 16)
+
+
+def _mixed(block: int) -> int:
+    return (_rotated(block * FACTORS[0] & WORD, 15) * FACTORS[1]) & WORD
+
+
+def _rotated(word: int, bits: int) -> int:
+    return (word << bits | word >> (32 - bits)) & WORD
+
+
+def object_id(name: str) -> int:
+    """Hash of a name whose bits are an ordinary float: neither denormal nor infinite."""
+    hash_ = murmur_hash(name)
+    exponent = hash_ >> 23 & 255
+    return hash_ ^ 1 << 23 if exponent in (0, 255) else hash_
+
+
+def write_cryptomatte(
+    path: Path, shares: Mapping[str, F32], names: Sequence[str]
+) -> None:
+    """Write the shares (h, w) of objects by name; `names` are all of the clip."""
+    import OpenEXR
+
+    key = f"cryptomatte/{murmur_hash(NAME):08x}"[:KEY_LENGTH]
+    manifest = {name: f"{object_id(name):08x}" for name in names}
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        f"{key}/name": NAME,
+        f"{key}/hash": "MurmurHash3_32",
+        f"{key}/conversion": "uint32_to_float32",
+        f"{key}/manifest": json.dumps(manifest, ensure_ascii=False),
+    }
+    with OpenEXR.File(header, ranked_channels(shares)) as file:
+        file.write(str(path))
+
+
+def ranked_channels(shares: Mapping[str, F32]) -> dict[str, F32]:
+    """Channels (h, w) of the RANKS largest shares of each pixel, and of their ids."""
+    size = next(iter(shares.values())).shape if shares else (1, 1)
+    stack = np.zeros((RANKS + len(shares), *size), np.float32)
+    ids = np.zeros(len(stack), np.uint32)
+    for index, (name, share) in enumerate(shares.items()):
+        stack[index], ids[index] = share, object_id(name)
+    ranks = np.argsort(-stack, axis=0, kind="stable")[:RANKS]
+    coverage = np.take_along_axis(stack, ranks, axis=0)
+    values = np.where(coverage > 0, ids[ranks], np.uint32(0)).view(np.float32)
+    channels = {}
+    for rank in range(RANKS):
+        first, second = CHANNELS[rank % len(CHANNELS)]
+        layer = f"{NAME}{rank // len(CHANNELS):02d}"
+        channels[f"{layer}.{first}"] = np.ascontiguousarray(values[rank])
+        channels[f"{layer}.{second}"] = np.ascontiguousarray(coverage[rank])
+    return channels

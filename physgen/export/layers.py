@@ -1,0 +1,284 @@
+"""Layers for compositing: objects with alpha, a clean plate, and passes for shadows, borders and ids.
+
+    plate x shadow, then each object over it, the farthest first, then x multiply + add = the frame
+
+All of it is linear light. The last two passes hold what belongs to no single layer: pixels of the photo that mix an
+object with what is behind it, reflections in a floor, and rounding. `layers.json` names every file, and `blender.py`
+builds the clip from them in Blender.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from physgen.export.cryptomatte import write_cryptomatte
+from physgen.export.labels import Clip, Moment, View, Writer, write_json, write_png
+from physgen.export.video import open_alpha_clip
+from physgen.files import resource
+from physgen.maps import F32, U8, U16
+from physgen.photometry import decode, encode, encode_u8
+from physgen.render.stage import Layers
+
+LIGHTEST = 65535
+"""Code of 1 in a file of 16 bits."""
+UNSAFE = re.compile(r"[^\w.-]+")
+SPREADS = (3, 9, 33)
+"""px: sizes of the means that continue an object's colours beyond its border, for codecs without premultiplication."""
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """How pictures are written."""
+
+    name: str
+    """As `layers.json` has it."""
+    suffix: str
+    """Of a clip; empty for a folder of PNG."""
+
+    @property
+    def pattern(self) -> str:
+        """End of a pass' path: a file a frame, or one clip."""
+        return self.suffix or "/%05d.png"
+
+
+PNG = Encoding("linear, premultiplied, 16 bits", "")
+PRORES = Encoding("sRGB, premultiplied", ".mov")
+"""Codes are multiplied by alpha, as Blender and editors of films read 10 bits."""
+VP9 = Encoding("sRGB, straight alpha", ".webm")
+"""As browsers read it."""
+Put = Callable[[F32], None]
+"""Takes one linear picture (h, w, 3), or (h, w, 4) premultiplied."""
+
+
+def quantized(light: F32) -> U16:
+    """Linear light 0..1 as 16 bits."""
+    return np.rint(np.clip(light, 0, 1) * LIGHTEST).astype(np.uint16)
+
+
+def rounded(light: F32) -> F32:
+    """Light as a file of 16 bits returns it."""
+    return np.asarray(quantized(light) / np.float32(LIGHTEST), np.float32)
+
+
+class LayerFiles(Writer):
+    """Writes the layers of each frame; `encoding` is PNG, or that of clips with alpha."""
+
+    encoding = PNG
+
+    def __init__(self, folder: Path, clip: Clip) -> None:
+        super().__init__(folder, clip)
+        self._stack = ExitStack()
+        self._puts: dict[str, Put] = {}
+        self._frames: list[dict[str, Any]] = []
+        self._order: tuple[int, ...] = ()
+        self._plate: F32 | None = None
+        self._paths = {"shadow": "shadow", "multiply": "multiply", "add": "add"}
+        self._has_cryptomatte = find_spec("OpenEXR") is not None
+        script = resource("templates", "blender_layers.py").read_bytes()
+        (folder / "blender.py").write_bytes(script)
+
+    def add(self, moment: Moment) -> None:
+        """All layers of a frame."""
+        view = moment.view
+        assert view.layering is not None
+        layers = view.layering()
+        self._order = tuple(layers.order)
+        plate = rounded(layers.plate)
+        self._put_plate(plate)
+        shadow = rounded(shadow_pass(layers))
+        objects = layers.pictures()
+        composed = plate * shadow
+        self._put("shadow", shadow)
+        for body in self._order:
+            picture = rounded(objects[body])
+            composed = composed * (1 - picture[..., 3:]) + picture[..., :3]
+            self._put(self._object_path(body), picture)
+        multiply, add = corrections(composed, view.rgb)
+        self._put("multiply", multiply)
+        self._put("add", add)
+        self._write_ids(view, objects)
+        self._frames.append(self._transforms(view))
+
+    def close(self) -> None:
+        """Finish the clips, and describe all files."""
+        self._stack.close()
+        write_json(self._folder / "layers.json", self._description())
+
+    def _object_path(self, body: int) -> str:
+        name = UNSAFE.sub("_", self._clip.names[body])
+        return f"objects/{body + 1:03d}-{name}"
+
+    def _put_plate(self, plate: F32) -> None:
+        """Write the background once, or for each frame if the camera moves."""
+        if self._clip.shot.moves:
+            self._put("plate", plate)
+        elif self._plate is None:
+            write_png(self._folder / "plate.png", quantized(plate))
+        self._plate = plate
+
+    def _put(self, path: str, picture: F32) -> None:
+        """Write the next picture of a pass."""
+        if path not in self._puts:
+            self._puts[path] = self._opened(path, picture)
+        self._puts[path](picture)
+
+    def _opened(self, path: str, picture: F32) -> Put:
+        """Return a function that writes a pass."""
+        folder = self._folder / path
+        if not self.encoding.suffix:
+            folder.mkdir(parents=True)
+            return _PngFolder(folder).put
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        file = folder.with_name(folder.name + self.encoding.suffix)
+        write = self._stack.enter_context(
+            open_alpha_clip(file, self._clip.size, self._clip.fps, picture.shape[2])
+        )
+
+        encoding = self.encoding
+
+        def put(light: F32) -> None:
+            colour = straight_srgb(light)
+            if encoding is PRORES and light.shape[2] == 4:
+                colour[..., :3] *= colour[..., 3:]
+            write(quantized(colour))
+
+        return put
+
+    def _write_ids(self, view: View, objects: Mapping[int, F32]) -> None:
+        """Write the ids, and their shares of each pixel."""
+        (self._folder / "ids").mkdir(exist_ok=True)
+        write_png(self._folder / "ids" / f"{view.index:05d}.png", view.ids)
+        if not self._has_cryptomatte:
+            return
+        shares = visible_shares(objects, self._order)
+        named = {self._clip.names[body]: share for body, share in shares.items()}
+        (self._folder / "cryptomatte").mkdir(exist_ok=True)
+        file = self._folder / "cryptomatte" / f"{view.index:05d}.exr"
+        write_cryptomatte(file, named, self._clip.names)
+
+    def _transforms(self, view: View) -> dict[str, Any]:
+        """Return the place of the camera and of each object."""
+        scale = float(view.lens[0, 0])
+        places = {}
+        for body, name in enumerate(self._clip.names):
+            x, y, angle = view.poses[body].tolist()
+            u, v = (view.lens @ [x, y, 1.0]).tolist()
+            places[name] = {"x": u, "y": v, "angle_rad": angle, "scale": scale}
+        return {
+            "frame": view.index,
+            "time": view.time,
+            "lens": view.lens.tolist(),
+            "objects": places,
+        }
+
+    def _description(self) -> dict[str, Any]:
+        pattern = self.encoding.pattern
+        plate = "plate" + pattern if self._clip.shot.moves else "plate.png"
+        objects = []
+        for body in self._order:
+            path = self._object_path(body) + pattern
+            label = self._clip.labels[body]
+            entry = {"id": body + 1, "name": self._clip.names[body], "label": label}
+            objects.append({**entry, "path": path})
+        cryptomatte = "cryptomatte/%05d.exr" if self._has_cryptomatte else None
+        return {
+            "layers": 1,
+            "size": list(self._clip.size),
+            "fps": self._clip.fps,
+            "encoding": self.encoding.name,
+            "plate": plate,
+            "shadow": "shadow" + pattern,
+            "objects": objects,
+            "multiply": "multiply" + pattern,
+            "add": "add" + pattern,
+            "ids": "ids/%05d.png",
+            "cryptomatte": cryptomatte,
+            "frames": self._frames,
+        }
+
+
+class ProResLayers(LayerFiles):
+    """Layers as clips of ProRes 4444."""
+
+    encoding = PRORES
+
+
+class Vp9Layers(LayerFiles):
+    """Layers as clips of VP9."""
+
+    encoding = VP9
+
+
+class _PngFolder:
+    """A folder of numbered PNG."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._count = folder, 0
+
+    def put(self, light: F32) -> None:
+        picture = quantized(light)
+        file = self._folder / f"{self._count:05d}.png"
+        if picture.shape[2] == 4:
+            bgra = cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA)
+            file.write_bytes(cv2.imencode(".png", bgra)[1].tobytes())
+        else:
+            write_png(file, picture)
+        self._count += 1
+
+
+def shadow_pass(layers: Layers) -> F32:
+    """(H, W, 3): share of the plate's light that shadows leave, at most 1."""
+    plate = np.maximum(layers.plate, np.float32(1 / LIGHTEST))
+    return np.asarray(np.clip(layers.shaded / plate, 0, 1), np.float32)
+
+
+def visible_shares(
+    objects: Mapping[int, F32], order: tuple[int, ...]
+) -> dict[int, F32]:
+    """(H, W) share of each pixel in which an object is visible, by body; the nearest hide the others."""
+    shares = {}
+    left: F32 | None = None
+    for body in reversed(order):
+        coverage = np.clip(objects[body][..., 3], 0, 1)
+        shares[body] = coverage if left is None else coverage * left
+        left = 1 - coverage if left is None else left * (1 - coverage)
+    return shares
+
+
+def corrections(composed: F32, frame: U8) -> tuple[F32, F32]:
+    """(H, W, 3) factors and additions that make the layers equal to the frame; 1 and 0 where they are."""
+    difference = encode_u8(composed).astype(np.int16) - frame
+    target = decode(frame)
+    multiply = np.ones_like(composed)
+    dark = difference > 0
+    multiply[dark] = target[dark] / composed[dark]
+    add = np.zeros_like(composed)
+    bright = difference < 0
+    add[bright] = target[bright] - composed[bright]
+    return multiply, add
+
+
+def straight_srgb(light: F32) -> F32:
+    """Linear light as sRGB; of (h, w, 4) premultiplied, colours by themselves, continued beyond borders."""
+    if light.shape[2] == 3:
+        return encode(light)
+    alpha = light[..., 3]
+    colour = np.zeros_like(light[..., :3])
+    is_known = alpha > 0
+    colour[is_known] = light[is_known][:, :3] / alpha[is_known][:, None]
+    for side in SPREADS:
+        total = cv2.blur(light[..., :3], (side, side))
+        share = cv2.blur(alpha, (side, side))
+        is_new = (share > 1 / LIGHTEST) & ~is_known
+        colour[is_new] = total[is_new] / share[is_new][:, None]
+        is_known |= is_new
+    return np.dstack([encode(np.clip(colour, 0, 1)), alpha])
