@@ -84,7 +84,6 @@ Of COCO's photos a clock reaches 0.90, a pizza 0.93, a cup 0.96."""
 NEARLY_ROUND = (
     0.93  # IoU with its circle from which a mask becomes that circle; balls have 0.96
 )
-ANOTHER_COLOUR = 60  # 8-bit codes between an object and what is beside it, in sight
 SMALLEST_SIDE = 8  # px; the shadow search takes slopes at a coarse scale
 LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
@@ -556,29 +555,11 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
         exact = i in found.prompts or (
             found.mask_sources.get(i) or found.source
         ).startswith(by_hand)
-        is_region = not exact and not isinstance(outlines[i], Disc)
-        ends = is_region and i in beside and not ends_in_sight(rgb, labels, i, near)
+        ends = not exact and not isinstance(outlines[i], Disc) and i in beside
         objects.append(
             PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
         )
     return objects, len(every) - len(ids)
-
-
-def ends_in_sight(rgb: Rgb, labels: Labels, number: int, depth: int) -> bool:
-    """Return whether the photo's border shows something else beside an object.
-
-    The object is `depth` px from a border; one that the border cuts off goes on to it in
-    its own colours, though its mask ends before.
-    """
-    for turn in range(4):
-        turned, own = np.rot90(rgb, turn), np.rot90(labels, turn) == number
-        is_near = own[depth] & ~own[0]
-        if not is_near.any():
-            continue
-        step = turned[0][is_near].astype(np.int16) - turned[depth][is_near]
-        if np.median(np.abs(step).max(axis=1)) < ANOTHER_COLOUR:
-            return False
-    return True
 
 
 def remain_problem(remain: Remain, name: str) -> Problem:
