@@ -1,9 +1,11 @@
 """Gather clips into a data set for training; all clips of a photo are in one split.
 
-The folder is what Hugging Face's `videofolder` loads:
+The layout `folder` is what Hugging Face's `videofolder` loads:
 
     train/metadata.jsonl               a row per clip: file_name and other metadata
     train/<key>/video.mp4              with clip.json, trajectory.npz and labels, a folder per format
+
+`webdataset` has shards, `train/shard-000000.tar` and so on, with <key>.mp4, .json, .trajectory.npz, .<format>.<file>.
 """
 
 from __future__ import annotations
@@ -11,16 +13,16 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import Any
 
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
+from physgen.batch.layouts import LAYOUTS, SHARD_CLIPS, VIDEO, card
 from physgen.batch.values import parse_yaml
 from physgen.files import check_writable
 from physgen.problems import InputError, Problem
@@ -28,10 +30,10 @@ from physgen.report.folders import atomic_folder
 from physgen.scene.load import scene_name
 
 DATASET_FILE = "dataset.json"
-ROWS, ABOUT = "metadata.jsonl", "clip.json"
+CARD = "README.md"
+"""The data set card of Hugging Face."""
 LABELS = "truth"
 """Folder of a clip's labels."""
-VIDEO = "video.mp4"
 MAX_KEY_LENGTH = 80
 """Characters of a key, without the digits that make it unique."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
@@ -220,48 +222,30 @@ class DatasetSummary:
         return self.counts.total()
 
 
-def write_sample(
-    home: Path, members: Mapping[str, Path], about: Mapping[str, Any], rows: BinaryIO
-) -> None:
-    """Writes the folder of a clip, and its row in the table of its split."""
-    for name, file in members.items():
-        place = home / name
-        place.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, place)
-    (home / ABOUT).write_bytes(_json_line(about))
-    rows.write(_json_line({"file_name": f"{about['key']}/{VIDEO}", **about}))
-
-
-def _json_line(data: Mapping[str, Any]) -> bytes:
-    return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
-
-
 def gather(
     roots: Sequence[Path],
     out: Path,
     splits: Splits,
     warn: Callable[[Problem], None],
     progress: Callable[[int], None] = lambda count: None,
+    layout: str = "folder",
+    shard_clips: int = SHARD_CLIPS,
 ) -> DatasetSummary:
     """Makes a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
 
-    Clips that cannot be used are warned of and left out. Raises InputError where the folders or `out` cannot be used,
-    or where there is no clip.
+    `layout` is a name of LAYOUTS. Clips that cannot be used are warned of and left out. Raises InputError where the
+    folders or `out` cannot be used, or where there is no clip.
     """
     roots = checked_folders(roots)
     _check_output(out, roots)
     summary = DatasetSummary(Counter(dict.fromkeys(splits.names, 0)))
     with atomic_folder(out.resolve()) as folder:
         with ExitStack() as stack:
-            rows: dict[Path, BinaryIO] = {}
+            writer = LAYOUTS[layout](folder, stack, shard_clips)
             for total, (members, about) in enumerate(
                 _samples(roots, splits, summary, warn), 1
             ):
-                split = folder / about["split"]
-                if split not in rows:
-                    split.mkdir()
-                    rows[split] = stack.enter_context((split / ROWS).open("wb"))
-                write_sample(split / about["key"], members, about, rows[split])
+                writer.add(members, about)
                 summary.counts[about["split"]] += 1
                 summary.photos.add(about["photo"])
                 progress(total)
@@ -269,8 +253,12 @@ def gather(
             fix = "name folders that physgen rendered or exported into"
             found = "holds no clip that can be used"
             raise InputError.of(", ".join(map(str, roots)), "", found, fix)
-        files = sorted(folder.glob(f"*/{ROWS}"))
+        files = writer.files()
+        names = [name for name in splits.names if summary.counts[name]]
+        (folder / CARD).write_text(card(names, writer.patterns), encoding="utf-8")
         settings = {"dataset": 1, "seed": splits.seed, "splits": dict(splits.shares)}
+        if layout != "folder":
+            settings["layout"] = layout
         content = {**settings, "physgen": __version__, "clips": summary.counts}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")

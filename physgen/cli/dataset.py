@@ -11,6 +11,7 @@ from physgen.cli.arguments import (
     Command,
     Parser,
     check_folder_name,
+    number_of_clips,
     seed,
 )
 from physgen.cli.output import OK, print_error, print_line, print_problem
@@ -40,7 +41,15 @@ def dataset(options: argparse.Namespace) -> int:
         if count % INTERVAL == 0:
             print_error(f"{count:,} clips")
 
-    done = gather(options.folders, options.output, splits, warn, progress)
+    done = gather(
+        options.folders,
+        options.output,
+        splits,
+        warn,
+        progress,
+        options.layout,
+        options.shard_clips,
+    )
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
     if empty := [name for name, count in done.counts.items() if not count]:
@@ -72,6 +81,11 @@ def add(parser: Parser) -> None:
     parser.option(
         "-o --output", "DATASET", Path, "folder of the data set", required=True
     )
+    layouts = ("folder", "webdataset")
+    about = "folder (the default), as Hugging Face's datasets read it, or webdataset: shards"
+    parser.add_argument("--layout", choices=layouts, default=layouts[0], help=about)
+    about = "clips in a shard, at most; default: 1000"
+    parser.option("--shard-clips", "N", number_of_clips, about, 1000)
     shares = "train=0.8,validation=0.1,test=0.1"
     about = f"shares of the photos: all clips of a photo are in the same split; default: {shares}"
     parser.option("--split", "SHARES", str, about, shares)
@@ -83,7 +97,7 @@ def add(parser: Parser) -> None:
 
 DATASET = Command(
     "dataset",
-    "Makes a data set for training of rendered clips, as Hugging Face's datasets read it; split by photo.",
+    "Makes a data set for training of rendered clips: folders, or WebDataset shards; split by photo.",
     "physgen dataset out sweep -o data",
     add,
     dataset,
