@@ -13,7 +13,6 @@ import accuracy
 import batch_tables
 import editor
 import fid_table
-import fidelity
 import fills
 import paper
 import plausibility.table
@@ -23,6 +22,8 @@ from colour_steps import ALLOWED_STEP, FAR, summarise_steps
 from ghosts import RING
 from growth import KINDS, exponent
 from layout import number, prose, table
+
+from physgen.evaluate import fidelity
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"

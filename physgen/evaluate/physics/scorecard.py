@@ -6,6 +6,7 @@ seeded parameters and run by the public path. `Track` and `Run` give readable ac
 
 from __future__ import annotations
 
+import importlib
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -323,11 +324,9 @@ class _Job(NamedTuple):
 
 
 def _run(job: _Job) -> Done:
-    from . import (
-        ROWS,
-    )  # which imports this module; rows hold functions, which no other process can be sent
-
-    row = next(row for row in ROWS if row.number == job.row)
+    # that package imports this module; rows have functions, which are not sent to processes
+    rows = importlib.import_module("physgen.evaluate.physics").ROWS
+    row = next(row for row in rows if row.number == job.row)
     return run_draw(row, job.draw, job.folder, job.steps)
 
 
