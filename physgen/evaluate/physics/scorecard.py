@@ -6,8 +6,8 @@ seeded parameters and run by the public path. `Track` and `Run` give readable ac
 
 from __future__ import annotations
 
-import importlib
 import signal
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -324,8 +324,8 @@ class _Job(NamedTuple):
 
 
 def _run(job: _Job) -> Done:
-    # that package imports this module; rows have functions, which are not sent to processes
-    rows = importlib.import_module("physgen.evaluate.physics").ROWS
+    # the package, which imports this module, has the rows: functions are not sent to processes
+    rows = sys.modules["physgen.evaluate.physics"].ROWS
     row = next(row for row in rows if row.number == job.row)
     return run_draw(row, job.draw, job.folder, job.steps)
 
