@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fidelity import Truth, Ways, ours, paper, true_light, ways
+from physgen.evaluate.fidelity import Truth, Ways, ours, paper, true_light, ways
 
 
 def ablations(truth: Truth) -> Ways:

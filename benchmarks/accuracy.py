@@ -7,11 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import fidelity
 from layout import table
 from paper import tenths
 from physics import table as physics_table
 from plausibility.confusion import balanced, interval
+
+from physgen.evaluate import fidelity
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -53,8 +54,8 @@ CLOSED_FORMS = """\
 
 Rigid bodies with friction and elasticity, rolling resistance, joints, fields and tables seen from above, compared with
 mechanics in closed form. Each row is a scene (`scenes/physics/`), rendered like any other; its parameters are drawn
-five times from fixed seeds and the worst error counts, at the default 960 steps a second. `python
-benchmarks/closed_forms.py` runs all rows and exits with 1 where a bar is missed; what is drawn, and why a bar is where
+five times from fixed seeds and the worst error counts, at the default 960 steps a second. `physgen
+evaluate physics` runs all rows and exits with 1 where a bar is missed; what is drawn, and why a bar is where
 it is, stand in `benchmarks/results/physics.json`, with errors at other step sizes. e is elasticity, mu friction, I
 moment of inertia, R radius; seen from the side unless stated.
 """
@@ -75,7 +76,7 @@ come out soft and are warned of.
 - **FID as published**: the Inception file cannot be shipped. `physgen evaluate fid --inception FILE` uses yours.
 - **Other methods' videos** (SEINE, DynamiCrafter, I2VGen-XL): none is available here.
 - **Refinement with real weights**, and anything on a GPU: tests run the algorithm with tiny random weights.
-- **A model's estimates of physics**: `python benchmarks/properties.py --backend physics=vlm` asks a configured one.
+- **A model's estimates of physics**: `physgen evaluate properties --backend physics=vlm` asks a configured one.
 """
 
 
@@ -93,7 +94,7 @@ def physics(rows: Any) -> list[Row]:
             "Motion",
             found,
             "not measured",
-            "`python benchmarks/closed_forms.py`",
+            "`physgen evaluate physics`",
         )
     ]
 
@@ -111,7 +112,7 @@ def frames(rows: Any) -> list[Row]:
         f"{ahead} nearer to path-traced frames than the paper's way, relit, on "
         f"{len(scenes)} scenes held out (our own bar is {state})"
     )
-    command = "`python benchmarks/fidelity.py`"
+    command = "`physgen evaluate fidelity`"
     return [("Frames", found, "this is the comparison with its compositing", command)]
 
 
@@ -141,7 +142,7 @@ def segmentation(rows: Any) -> list[Row]:
 def properties(rows: Any) -> list[Row]:
     told = [sentence for sentence in rows[0]["sentences"] if " The paper: " in sentence]
     asked = ("Mass", "Order of friction", "Order of elasticity")
-    command = "`python benchmarks/properties.py`"
+    command = "`physgen evaluate properties`"
     found = [sentence.split(" The paper: ") for sentence in told]
     found[0][0] += (
         " Label and size are given; the material table was written with these objects known."
@@ -169,7 +170,7 @@ def controllability(rows: Any) -> list[Row]:
         f"in {len(found)} scenes a harder push takes an object farther in {rising} of {steps} steps where it meets no "
         f"other, and to the side it is pushed to in {same} of {pushes}"
     )
-    command = "`python benchmarks/controllability.py SCENE`"
+    command = "`physgen evaluate controllability SCENE`"
     return [("Control", told, "figure 6, by eye", command)]
 
 

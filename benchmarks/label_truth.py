@@ -15,10 +15,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from fidelity import TRUTH, Truth, read_ids, replayed, truths
 from numpy.typing import NDArray
 from PIL import Image
 
+from physgen.evaluate.fidelity import TRUTH, Truth, read_ids, replayed, truths
 from physgen.export.flow import SEEN
 from physgen.photos import read_image
 from physgen.pipeline.clip import Labels

@@ -11,18 +11,18 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from controllability import findings as answered
-from controllability import sweep
 from layout import prose, table
-from properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
-from properties import findings as weighed
-from runtime import Run, Time, gpu, total
-from runtime import findings as timed
 from studio_properties import ask_photos, with_studio
 
 from physgen import pipeline
 from physgen.environment import this_machine
+from physgen.evaluate.controllability import findings as answered
+from physgen.evaluate.controllability import sweep
 from physgen.evaluate.measure import Findings, Progress
+from physgen.evaluate.properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
+from physgen.evaluate.properties import findings as weighed
+from physgen.evaluate.runtime import Run, Time, gpu, total
+from physgen.evaluate.runtime import findings as timed
 from physgen.registry import Backends
 from physgen.report.record import TIMING
 

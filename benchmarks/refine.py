@@ -24,10 +24,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import fidelity
 import numpy as np
 
 from physgen import pipeline, registry
+from physgen.evaluate import fidelity
 from physgen.photometry import decode
 from physgen.refine.denoiser import Grid, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings, hold_frames, prompt_of

@@ -37,7 +37,6 @@ import tempfile
 from pathlib import Path
 
 import cv2
-import fidelity
 import numpy as np
 from ablations import ablations
 from attack import attacks
@@ -68,6 +67,7 @@ from views import views
 
 from physgen import pipeline
 from physgen.cli.main import main as physgen
+from physgen.evaluate import fidelity
 from physgen.perceive.perceive import KnownFacts, perceive
 from physgen.perceive.roles import BoundaryGuess
 from physgen.perceive.segment.prompts import from_masks

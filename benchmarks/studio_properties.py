@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from properties import (
+
+from physgen.evaluate.measure import Findings, Progress, Table
+from physgen.evaluate.properties import (
     COEFFICIENTS,
     MASS,
     NUMBERS,
@@ -24,8 +26,6 @@ from properties import (
     masses,
     order,
 )
-
-from physgen.evaluate.measure import Findings, Progress, Table
 from physgen.maps import read_labels
 from physgen.materials import kind as kind_of
 from physgen.perceive.perceive import fit_objects

@@ -14,7 +14,6 @@ import batch_tables
 import cluster_previews
 import editor
 import fid_table
-import fidelity
 import fills
 import paper
 import plausibility.table
@@ -24,6 +23,8 @@ from colour_steps import ALLOWED_STEP, FAR, summarise_steps
 from ghosts import RING
 from growth import KINDS, exponent
 from layout import number, prose, table
+
+from physgen.evaluate import fidelity
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"

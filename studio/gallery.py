@@ -13,9 +13,8 @@ from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-from fidelity import ours, truths  # noqa: E402
-
 from physgen import pipeline, registry  # noqa: E402
+from physgen.evaluate.fidelity import ours, truths  # noqa: E402
 from physgen.photos import read_image  # noqa: E402
 from physgen.render.overlay import annotate_frames  # noqa: E402
 from physgen.render.stage import Frame  # noqa: E402

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -83,3 +84,26 @@ def test_the_wheel_renders(tmp_path: Path) -> None:
     assert {p.name for p in (elsewhere / "out" / "ball").iterdir()} == {
         "video.mp4", "report.html", "manifest.json", "timing.json", "trajectory.npz",
     }  # fmt: skip
+    check_measures(physgen, elsewhere)
+
+
+MEASURES = {
+    "runtime": ["out"],
+    "controllability": ["ball.yaml", "--angles", "2", "--sizes", "20,40"],
+    "properties": [],
+    "physics": ["--rows", "1", "--draws", "1", "--no-convergence", "--jobs", "1"],
+    "plausibility": ["tracks.csv", "--fps", "30"],
+}
+"""Measures that need no truth of a user, and their arguments."""
+
+
+def check_measures(physgen: Path, folder: Path) -> None:
+    """Every measure of the paper is there, and those that need no other files run."""
+    offered = run(physgen, "evaluate", "--help", cwd=folder)
+    for name in (*MEASURES, "segmentation", "fid", "fidelity", "study"):
+        assert name in offered
+    rows = [f"{k},ball,{10 + k},{20 + 0.5 * k * k}" for k in range(12)]
+    (folder / "tracks.csv").write_text("\n".join(["frame,name,x,y", *rows]) + "\n")
+    for name, arguments in MEASURES.items():
+        result = run(physgen, "evaluate", name, *arguments, "--json", cwd=folder)
+        assert json.loads(result)["measure"] == name

@@ -10,11 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from physgen.compile.world import World
+from physgen.evaluate.physics import ROWS, examples
+from physgen.evaluate.physics.scorecard import (
+    DRAWS,
+    Row,
+    evaluate,
+    run_draw,
+    write_scenes,
+)
 from physgen.simulate.trajectory import Trajectory
 
-from . import ROWS, examples
 from .engines import ENGINES, Unsupported, make
-from .scorecard import DRAWS, Row, evaluate, run_draw, write_scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "physics.json"

@@ -7,7 +7,7 @@ from typing import Any
 
 from layout import table
 
-from .scorecard import quantity
+from physgen.evaluate.physics.scorecard import quantity
 
 ENGINES = ("box2d", "mujoco")
 """Shown beside ours; `plain` (Chipmunk alone) and the convergence with the steps are in the JSON."""

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from physgen.evaluate.plausibility.tracks import Array, Tracks, disc
 from physgen.scene.scene import View
-
-from .tracks import Array, Tracks, disc
 
 Rng = np.random.Generator
 ROOM = 512.0

@@ -7,10 +7,10 @@ from math import hypot
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from physgen.evaluate.measure import Bar, Findings, Section, Table
+from physgen.evaluate.plausibility.judge import EVEN
 from physgen.simulate.uncertainty import wilson
 
 from .balls import FREE
-from .judge import EVEN
 
 if TYPE_CHECKING:
     from .trial import Said

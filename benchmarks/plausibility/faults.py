@@ -13,13 +13,13 @@ from itertools import pairwise
 import numpy as np
 
 from physgen.compile.world import World
+from physgen.evaluate.plausibility.tracks import Array
 from physgen.scene.scene import View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
 from .balls import FREE
 from .pieces import in_two
-from .tracks import Array
 
 Rng = np.random.Generator
 SHORT = 0.02

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .tracks import Tracks
+from physgen.evaluate.plausibility.tracks import Tracks
 
 Rng = np.random.Generator
 

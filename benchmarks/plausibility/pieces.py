@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from physgen.compile.world import World
+from physgen.evaluate.plausibility.tracks import Array
 from physgen.geometry.polygon import rotation
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
-
-from .tracks import Array
 
 Change = Callable[[World], World]
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from physgen import pipeline
+from physgen.evaluate.plausibility.judge import Verdict, judge
+from physgen.evaluate.plausibility.tracks import Tracks, from_scene, from_world
 from physgen.scene.load import Opened
 
 from .confusion import counted
-from .judge import Verdict, judge
-from .tracks import Tracks, from_scene, from_world
 from .trial import HELD_OUT, trial
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from layout import prose, table
 
+from physgen.evaluate.plausibility.judge import EVEN
+
 from .confusion import findings
-from .judge import EVEN
 from .run import SEEDS
 from .trial import HELD_OUT
 

@@ -9,11 +9,11 @@ from functools import partial
 
 import numpy as np
 
+from physgen.evaluate.plausibility.judge import Verdict, judge
+from physgen.evaluate.plausibility.tracks import Tracks, from_world
 from physgen.simulate.engine import simulate
 
 from . import balls, families, faults, films
-from .judge import Verdict, judge
-from .tracks import Tracks, from_world
 
 RIGHT = "right"
 FINE = 480

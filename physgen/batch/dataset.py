@@ -1,9 +1,11 @@
 """Gather clips into a data set for training; all clips of a photo are in one split.
 
-The folder is what Hugging Face's `videofolder` loads:
+The layout `folder` is what Hugging Face's `videofolder` loads:
 
     train/metadata.jsonl               a row per clip: file_name and other metadata
     train/<key>/video.mp4              with clip.json, trajectory.npz and labels, a folder per format
+
+`webdataset` has shards, `train/shard-000000.tar` and so on, with <key>.mp4, .json, .trajectory.npz, .<format>.<file>.
 """
 
 from __future__ import annotations
@@ -11,17 +13,17 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import Any
 
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
+from physgen.batch.layouts import LAYOUTS, SHARD_CLIPS, VIDEO, Copier, card
 from physgen.batch.values import parse_yaml
 from physgen.files import check_writable
 from physgen.problems import InputError, Problem
@@ -29,10 +31,10 @@ from physgen.report.folders import atomic_folder
 from physgen.scene.load import scene_name
 
 DATASET_FILE = "dataset.json"
-ROWS, ABOUT = "metadata.jsonl", "clip.json"
+CARD = "README.md"
+"""The data set card of Hugging Face."""
 LABELS = "truth"
 """Folder of a clip's labels."""
-VIDEO = "video.mp4"
 MAX_KEY_LENGTH = 80
 """Characters of a key, without the digits that make it unique."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
@@ -223,48 +225,34 @@ class DatasetSummary:
 
 @dataclass(frozen=True)
 class Sample:
-    """A clip in the data set: its metadata, or why it cannot be used."""
+    """A clip in the data set: its metadata and files, or why it cannot be used."""
 
     about: Mapping[str, Any]
+    members: Mapping[str, Path] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
 
 
-def copy_sample(splits: Splits, dataset: Path, clip: FoundClip) -> Sample:
-    """Copy the files of a clip into its folder in the data set."""
+def copy_sample(splits: Splits, copy: Copier, clip: FoundClip) -> Sample:
+    """Read the metadata of a clip, and copy its files."""
     try:
         members, about = read_sample(clip, splits)
-        write_sample(dataset / about["split"] / about["key"], members, about)
+        copy(members, about)
     except InputError as error:
-        return Sample({}, tuple(error.problems))
-    return Sample(about)
+        return Sample({}, problems=tuple(error.problems))
+    return Sample(about, members)
 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
     """Return the sample of a clip that could not be copied."""
     fix = "run the command again"
     problems = InputError.of(str(clip.folder), "", f"failed: {error}", fix).problems
-    return Sample({}, tuple(problems))
+    return Sample({}, problems=tuple(problems))
 
 
 Copies = Callable[
     [Callable[[FoundClip], Sample], Iterator[FoundClip]], Iterator[Sample]
 ]
 """Calls a function for each clip, in order, as `map` does."""
-
-
-def write_sample(
-    home: Path, members: Mapping[str, Path], about: Mapping[str, Any]
-) -> None:
-    """Writes the folder of a clip."""
-    for name, file in members.items():
-        place = home / name
-        place.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, place)
-    (home / ABOUT).write_bytes(_json_line(about))
-
-
-def _json_line(data: Mapping[str, Any]) -> bytes:
-    return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def gather(
@@ -274,63 +262,51 @@ def gather(
     warn: Callable[[Problem], None],
     progress: Callable[[int], None] = lambda count: None,
     copies: Copies = map,
+    layout: str = "folder",
+    shard_clips: int = SHARD_CLIPS,
 ) -> DatasetSummary:
-    """Makes a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
+    """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
 
-    `copies` runs the copying of clips, here or on a cluster.
-    Clips that cannot be used are warned of and left out. Raises InputError where the folders or `out` cannot be used,
-    or where there is no clip.
+    `copies` runs the copying of clips, here or on a cluster. `layout` is a name of LAYOUTS.
+    Clips that cannot be used are warned of and left out. Raises InputError if the folders or
+    `out` cannot be used, or if there is no clip.
     """
     roots = checked_folders(roots)
     _check_output(out, roots)
     summary = DatasetSummary(Counter(dict.fromkeys(splits.names, 0)))
+
+    def reject(problems: Sequence[Problem]) -> None:
+        summary.left_out += 1
+        for problem in problems:
+            warn(problem)
+
     with atomic_folder(out.resolve()) as folder:
-
-        def reject(problems: Sequence[Problem]) -> None:
-            summary.left_out += 1
-            for problem in problems:
-                warn(problem)
-
-        copy = partial(copy_sample, splits, folder)
-        samples = copies(copy, _distinct_clips(roots, reject))
-        _write_rows(folder, samples, summary, reject, progress)
+        with ExitStack() as stack:
+            writer = LAYOUTS[layout](folder, stack, shard_clips)
+            copy = partial(copy_sample, splits, writer.copier())
+            for sample in copies(copy, _distinct_clips(roots, reject)):
+                if sample.problems:
+                    reject(sample.problems)
+                    continue
+                writer.add(sample.members, sample.about)
+                summary.counts[sample.about["split"]] += 1
+                summary.photos.add(sample.about["photo"])
+                progress(summary.total)
         if not summary.total:
             fix = "name folders that physgen rendered or exported into"
             found = "holds no clip that can be used"
             raise InputError.of(", ".join(map(str, roots)), "", found, fix)
-        files = sorted(folder.glob(f"*/{ROWS}"))
+        files = writer.files()
+        names = [name for name in splits.names if summary.counts[name]]
+        (folder / CARD).write_text(card(names, writer.patterns), encoding="utf-8")
         settings = {"dataset": 1, "seed": splits.seed, "splits": dict(splits.shares)}
+        if layout != "folder":
+            settings["layout"] = layout
         content = {**settings, "physgen": __version__, "clips": summary.counts}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")
     summary.files = [out / path.relative_to(folder) for path in files]
     return summary
-
-
-def _write_rows(
-    folder: Path,
-    samples: Iterator[Sample],
-    summary: DatasetSummary,
-    reject: Callable[[Sequence[Problem]], None],
-    progress: Callable[[int], None],
-) -> None:
-    """Write the table of each split, and count."""
-    with ExitStack() as stack:
-        rows: dict[str, BinaryIO] = {}
-        for sample in samples:
-            about = sample.about
-            if sample.problems:
-                reject(sample.problems)
-                continue
-            split = about["split"]
-            if split not in rows:
-                table = (folder / split / ROWS).open("wb")
-                rows[split] = stack.enter_context(table)
-            row = {"file_name": f"{about['key']}/{VIDEO}", **about}
-            rows[split].write(_json_line(row))
-            summary.counts[split] += 1
-            summary.photos.add(about["photo"])
-            progress(summary.total)
 
 
 def _distinct_clips(

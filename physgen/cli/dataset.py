@@ -13,6 +13,7 @@ from physgen.cli.arguments import (
     Command,
     Parser,
     check_folder_name,
+    number_of_clips,
     seed,
 )
 from physgen.cli.clusters import add_cluster, check_cluster, run_all
@@ -53,7 +54,16 @@ def dataset(options: argparse.Namespace) -> int:
     ) -> Generator[Sample, None, None]:
         return run_all(options, copy, clips, 1, lost_sample)
 
-    done = gather(options.folders, options.output, splits, warn, progress, copies)
+    done = gather(
+        options.folders,
+        options.output,
+        splits,
+        warn,
+        progress,
+        copies,
+        options.layout,
+        options.shard_clips,
+    )
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
     if empty := [name for name, count in done.counts.items() if not count]:
@@ -85,6 +95,11 @@ def add(parser: Parser) -> None:
     parser.option(
         "-o --output", "DATASET", Path, "folder of the data set", required=True
     )
+    layouts = ("folder", "webdataset")
+    about = "folder (the default), as Hugging Face's datasets read it, or webdataset: shards"
+    parser.add_argument("--layout", choices=layouts, default=layouts[0], help=about)
+    about = "clips in a shard, at most; default: 1000"
+    parser.option("--shard-clips", "N", number_of_clips, about, 1000)
     shares = "train=0.8,validation=0.1,test=0.1"
     about = f"shares of the photos: all clips of a photo are in the same split; default: {shares}"
     parser.option("--split", "SHARES", str, about, shares)
@@ -97,7 +112,7 @@ def add(parser: Parser) -> None:
 
 DATASET = Command(
     "dataset",
-    "Makes a data set for training of rendered clips, as Hugging Face's datasets read it; split by photo.",
+    "Makes a data set for training of rendered clips: folders, or WebDataset shards; split by photo.",
     "physgen dataset out sweep -o data",
     add,
     dataset,

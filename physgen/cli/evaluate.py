@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from physgen.cli import measures
 from physgen.cli.arguments import Command, Parser, check_folder_name, count, seed, whole
 from physgen.cli.output import (
     FAILED,
@@ -281,6 +282,19 @@ def _read_study(options: argparse.Namespace) -> int:
     return hand_over(findings(answers, options.seed), options)
 
 
+# ---- the measures of cli/measures.py ------------------------------------------------------------------------------
+
+
+def _add_measure(add_flags: Callable[[Parser], None], parser: Parser) -> None:
+    add_flags(parser)
+    add_output(parser)
+
+
+def _run_measure(options: argparse.Namespace) -> int:
+    check_output(options.output)
+    return hand_over(measures.find(options), options)
+
+
 # ---- the command --------------------------------------------------------------------------------------------------
 
 MEASURES = (
@@ -304,6 +318,48 @@ MEASURES = (
         "study METHODS -o study.html, then: physgen evaluate study answers/*.json --key study.key.json -o out/study",
         add_study,
         run_study,
+    ),
+    Command(
+        "properties",
+        "Mass, friction and elasticity of objects as a backend answers them, against measured ones.",
+        "properties --backend physics=vlm -o out/vlm",
+        partial(_add_measure, measures.add_properties),
+        _run_measure,
+    ),
+    Command(
+        "controllability",
+        "How the motion of one object answers to the direction and size of a push.",
+        "controllability scene.yaml --object ball --angles 12",
+        partial(_add_measure, measures.add_controllability),
+        _run_measure,
+    ),
+    Command(
+        "physics",
+        "The engine against closed forms of mechanics; 1 if a bar is missed.",
+        "physics --rows 1,5,12 --no-convergence",
+        partial(_add_measure, measures.add_physics),
+        _run_measure,
+    ),
+    Command(
+        "plausibility",
+        "Motion without a truth: gravity, momentum, energy, overlap and jumps; 1 if a clip is called wrong.",
+        "plausibility tracks.csv --fps 30",
+        partial(_add_measure, measures.add_plausibility),
+        _run_measure,
+    ),
+    Command(
+        "fidelity",
+        "Drawn frames against path-traced ones at the same poses: PSNR and SSIM.",
+        "fidelity --truth studio/truth",
+        partial(_add_measure, measures.add_fidelity),
+        _run_measure,
+    ),
+    Command(
+        "runtime",
+        "Wall and CPU time of each stage of clips, beside the paper's table.",
+        "runtime out",
+        partial(_add_measure, measures.add_runtime),
+        _run_measure,
     ),
 )
 
@@ -333,7 +389,7 @@ def evaluate(options: argparse.Namespace) -> int:
 
 EVALUATE = Command(
     "evaluate",
-    "Measures photos, clips and answers of raters against a truth or a reference of yours.",
+    "Measures photos, scenes, clips, backends and answers of raters, as the paper does.",
     "physgen evaluate segmentation photos",
     add,
     evaluate,

@@ -38,7 +38,7 @@ def export(options: argparse.Namespace) -> int:
 
 
 NAMES = (
-    "frames", "flo", "depth", "normals", "coco", "davis", "events", "trajectory",
+    "frames", "flo", "kitti", "depth", "normals", "coco", "davis", "mot", "tapvid", "events", "trajectory",
     "physics", "layers", "layers-prores", "layers-vp9",
 )  # fmt: skip
 

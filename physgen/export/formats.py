@@ -12,10 +12,13 @@ from physgen.export.coco import Coco
 from physgen.export.davis import Davis, Frames
 from physgen.export.events import Events
 from physgen.export.flow import Flo
+from physgen.export.kitti import Kitti
 from physgen.export.labels import Clip, Writer
 from physgen.export.layers import LayerFiles, ProResLayers, Vp9Layers
 from physgen.export.maps import Depth, Normals
+from physgen.export.mot import Mot
 from physgen.export.physics import Physics
+from physgen.export.tapvid import Tapvid
 from physgen.export.trajectory import TrajectoryTables
 from physgen.files import install
 from physgen.maps import Percepts
@@ -45,6 +48,7 @@ FORMATS = (
     LabelFormat(
         "flo", Flo, "optical flow, Middlebury .flo, with masks of hidden pixels"
     ),
+    LabelFormat("kitti", Kitti, "optical flow, KITTI's 16-bit PNG"),
     LabelFormat("depth", Depth, "depth, 16-bit PNG", "depth"),
     LabelFormat("normals", Normals, "normals, 16-bit PNG", "normals"),
     LabelFormat(
@@ -54,6 +58,8 @@ FORMATS = (
         library="pycocotools",
     ),
     LabelFormat("davis", Davis, "masks, palette PNG as in DAVIS 2017", most=254),
+    LabelFormat("mot", Mot, "boxes and tracks, MOT Challenge text"),
+    LabelFormat("tapvid", Tapvid, "tracks of 256 points as in TAP-Vid: npz"),
     LabelFormat("events", Events, "events: JSON"),
     LabelFormat(
         "trajectory",

@@ -91,7 +91,7 @@ def _padded(width: int, height: int, grid: Grid) -> Size:
 def latent_frames(frames: int, grid: Grid) -> int:
     """Latent frames that hold so many frames.
 
-    >>> latent_frames(16, Grid(8, 16, 480 * 832, 4, 21))
+    >>> latent_frames(16, Grid(8, 16, 480 * 832, 21, 4))
     5
     """
     return frames if grid.stride == 1 else 1 + ceil((frames - 1) / grid.stride)

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import webdataset
 
 from physgen.batch.clips import find_clips
-from physgen.batch.dataset import Splits, read_splits, write_sample
+from physgen.batch.dataset import Splits, read_splits
+from physgen.batch.layouts import LAYOUTS, Folders
 from physgen.cli.main import main
 
 SCENE = """\
@@ -147,26 +152,87 @@ def bytes_of(out: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_same_clips_give_the_same_bytes(
-    made: Path, tmp_path: Path, monkeypatch
+    made: Path, tmp_path: Path, monkeypatch, layout: str
 ) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
-        assert dataset(made, Path("data"), *HALVES) == 0
+        assert dataset(made, Path("data"), "--layout", layout, *HALVES) == 0
     assert bytes_of(tmp_path / "a") == bytes_of(tmp_path / "b")
 
 
 def test_an_interrupted_run_leaves_nothing(
     made: Path, tmp_path: Path, monkeypatch
 ) -> None:
-    def stopping(*sample: object) -> None:
-        write_sample(*sample)
+    add = Folders.add
+
+    def stopping(self: Folders, *sample: Any) -> None:
+        add(self, *sample)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("physgen.batch.dataset.write_sample", stopping)
+    monkeypatch.setattr(Folders, "add", stopping)
     assert dataset(made, tmp_path / "data", *HALVES) == 130
     assert not list(tmp_path.iterdir())
+
+
+def test_shards_are_read_by_webdataset(made: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "100% data"
+    flags = ["--layout", "webdataset", "--shard-clips", "2", *HALVES]
+    assert dataset(made, out, *flags) == 0
+    files = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    assert files == sorted(out.glob("*/shard-*.tar"))
+    assert dataset(made, tmp_path / "folder", *HALVES) == 0
+    expected = {row["key"]: (home, row) for home, row in rows(tmp_path / "folder")}
+    found = []
+    for path in files:
+        clips = list(webdataset.WebDataset(str(path), shardshuffle=False))
+        assert 1 <= len(clips) <= 2
+        for clip in clips:
+            home, row = expected[clip["__key__"]]
+            about = json.loads(clip["json"])
+            assert {"file_name": row["file_name"], **about} == row
+            assert path.parent.name == row["split"]
+            folder = home / row["key"]
+            assert clip["mp4"] == (folder / "video.mp4").read_bytes()
+            flow = clip["flo.forward.00000.flo"]
+            assert flow == (folder / "flo/forward/00000.flo").read_bytes()
+            found.append(clip["__key__"])
+    assert sorted(found) == sorted(expected)
+
+
+def test_shards_without_webdataset_are_refused(made, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("physgen.batch.layouts.find_spec", lambda name: None)
+    assert dataset(made, tmp_path / "data", "--layout", "webdataset") == 2
+    assert "needs webdataset, which is not installed" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_folder_loads_with_hugging_faces_datasets(made: Path, tmp_path: Path):
+    out = tmp_path / "data"
+    assert dataset(made, out, *HALVES) == 0
+    code = (
+        "import sys, json, datasets\n"
+        "found = datasets.load_dataset(sys.argv[1], cache_dir=sys.argv[2])\n"
+        "found = found.cast_column('video', datasets.Video(decode=False))\n"
+        "print(json.dumps({name: [row['key'] for row in split] for name, split in found.items()}))\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(out), str(tmp_path / "cache")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    keys = json.loads(run.stdout)
+    assert set(keys) == {"train", "test"}
+    expected = {name: [] for name in keys}
+    for home, row in rows(out):
+        expected[home.name].append(row["key"])
+    assert {name: sorted(found) for name, found in keys.items()} == {
+        name: sorted(found) for name, found in expected.items()
+    }
 
 
 def test_links_that_lead_back_are_not_followed(made: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`python benchmarks/closed_forms.py` as a person runs it; its JSON, page and scenes as they are committed."""
+"""`physgen evaluate physics` as a person runs it; its JSON, page and scenes as they are committed."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import closed_forms
 import numpy as np
-import physics
 import pytest
-from closed_forms import main
-from physics import ROWS, examples
-from physics.scorecard import (
+
+from physgen import pipeline
+from physgen.cli.main import main as physgen
+from physgen.evaluate import physics
+from physgen.evaluate.measure import text
+from physgen.evaluate.physics import ROWS, examples
+from physgen.evaluate.physics.scorecard import (
     Case,
     Measure,
     Row,
@@ -25,12 +27,12 @@ from physics.scorecard import (
     write_scenes,
 )
 
-from physgen import pipeline
-from physgen.cli.main import main as physgen
-from physgen.evaluate.measure import text
-
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--rows", "1,6", "--draws", "1", "--no-convergence", "--jobs", "1"]
+
+
+def main(arguments: list[str]) -> int:
+    return physgen(["evaluate", "physics", *arguments])
 
 
 def test_table_on_stdout_and_nothing_on_stderr(capsys) -> None:
@@ -75,7 +77,6 @@ def test_json(capsys) -> None:
 def test_a_missed_bar_exits_1(monkeypatch, capsys) -> None:
     fall = replace(ROWS[0], measures=(Measure("fall", -1.0),))
     monkeypatch.setattr(physics, "ROWS", (fall,))
-    monkeypatch.setattr(closed_forms, "ROWS", (fall,))
     assert main(["--draws", "1", "--no-convergence", "--jobs", "1"]) == 1
     printed = capsys.readouterr().out
     assert "FAIL" in printed
@@ -84,7 +85,10 @@ def test_a_missed_bar_exits_1(monkeypatch, capsys) -> None:
 
 def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
     folder = tmp_path / "kept"
-    assert main(["--rows", "39", "--draws", "2", *QUICK[-3:], "-o", str(folder)]) == 0
+    assert (
+        main(["--rows", "39", "--draws", "2", *QUICK[-3:], "--scenes", str(folder)])
+        == 0
+    )
     assert sorted(p.name for p in folder.iterdir()) == [
         "39-falling-over-draw-2.yaml",
         "39-falling-over.yaml",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from physics.elliptic import complete, runge_kutta
-from physics.forces import kepler
-from physics.sliding_disc import coupling
-from physics.tabletop import mean_distance
 from pytest import approx
 
+from physgen.evaluate.physics.elliptic import complete, runge_kutta
+from physgen.evaluate.physics.forces import kepler
+from physgen.evaluate.physics.sliding_disc import coupling
+from physgen.evaluate.physics.tabletop import mean_distance
 from physgen.geometry.polygon import Region, Ring
 from physgen.geometry.polygon import mean_distance as of_outline
 

@@ -8,18 +8,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from controllability import (
+
+from physgen import pipeline
+from physgen.cli.main import main as physgen
+from physgen.evaluate.controllability import (
     Along,
     Swept,
     by_direction,
     findings,
-    main,
     outcome,
     sweep,
     together,
 )
 
-from physgen import pipeline
+
+def main(arguments: list[str]) -> int:
+    return physgen(["evaluate", "controllability", *arguments])
+
 
 MU, GRAVITY = 0.25, 980.0
 TABLE = """\

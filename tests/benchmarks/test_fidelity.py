@@ -7,9 +7,14 @@ import re
 from pathlib import Path
 
 import cv2
-import fidelity
 import pytest
-from fidelity import main
+
+from physgen.cli.main import main as physgen
+from physgen.evaluate import fidelity
+
+
+def main(arguments: list[str]) -> int:
+    return physgen(["evaluate", "fidelity", *arguments])
 
 
 def test_a_scene_without_truth_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

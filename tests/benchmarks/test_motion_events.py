@@ -5,9 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from physics.events import crossings, flights
-from physics.scorecard import Track
 from pytest import approx
+
+from physgen.evaluate.physics.events import crossings, flights
+from physgen.evaluate.physics.scorecard import Track
 
 G = 980.0
 

@@ -9,7 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from properties import (
+from scipy import stats
+from vlm_stub import BALL, Stub, said
+
+from physgen.cli.main import main as physgen
+from physgen.evaluate.properties import (
     SHIPPED,
     Answer,
     Asked,
@@ -18,16 +22,17 @@ from properties import (
     Objects,
     ask,
     findings,
-    main,
     masses,
     order,
     read_table,
 )
-from scipy import stats
-from vlm_stub import BALL, Stub, said
-
 from physgen.problems import InputError
 from physgen.registry import Backends
+
+
+def main(arguments: list[str]) -> int:
+    return physgen(["evaluate", "properties", *arguments])
+
 
 TABLE = """\
 title: two balls and a box
@@ -91,7 +96,7 @@ def test_the_shipped_table_is_a_test_and_no_source() -> None:
         assert 0.02 < 1000 * item.mass / sides[item.form](item.size) < 5, (
             item.name
         )  # g/cm³ of its box
-    knowledge = (SHIPPED.parents[1] / "physgen" / "materials.yaml").read_text()
+    knowledge = (SHIPPED.parents[1] / "materials.yaml").read_text()
     for word in ("YCB", "Calli", "OpenStax", "Factbook", "Transport Units"):
         assert word in SHIPPED.read_text()
         assert word not in knowledge

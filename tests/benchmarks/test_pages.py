@@ -11,7 +11,8 @@ RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results"
 def test_masses_on_the_page_are_those_of_its_rows() -> None:
     """The share on the page, counted again from the answers and the shipped table."""
     import accuracy
-    from properties import SHIPPED, read_table
+
+    from physgen.evaluate.properties import SHIPPED, read_table
 
     kept = json.loads((RESULTS / "properties.json").read_text())["rows"][0]["found"]
     true = {item.name: item.mass for item in read_table(SHIPPED).weighed}

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from physics import ROWS
-from physics.scorecard import (
+
+from physgen.evaluate.physics import ROWS
+from physgen.evaluate.physics.scorecard import (
     DRAWS,
     Row,
     record,

@@ -7,11 +7,11 @@ import pytest
 from plausibility import balls, families, faults
 from plausibility.confusion import balanced, counted, findings, interval
 from plausibility.films import stranger
-from plausibility.judge import judge
 from plausibility.pieces import in_two
-from plausibility.tracks import from_world
 from plausibility.trial import Said
 
+from physgen.evaluate.plausibility.judge import judge
+from physgen.evaluate.plausibility.tracks import from_world
 from physgen.simulate.engine import simulate
 
 pytestmark = pytest.mark.slow

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plausibility.judge import Verdict, judge
-from plausibility.tracks import Tracks, disc
 
+from physgen.evaluate.plausibility.judge import Verdict, judge
+from physgen.evaluate.plausibility.tracks import Tracks, disc
 from physgen.problems import InputError
 from physgen.scene.scene import View
 

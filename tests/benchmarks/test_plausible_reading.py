@@ -7,13 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from judge_motion import main as judge_motion
-from plausibility.judge import judge
-from plausibility.tracks import read
 
 from physgen.cli.main import main
+from physgen.evaluate.plausibility.judge import judge
+from physgen.evaluate.plausibility.tracks import read
 from physgen.problems import InputError
 from physgen.scene.scene import View
+
+
+def judge_motion(arguments: list[str]) -> int:
+    return main(["evaluate", "plausibility", *arguments])
+
 
 FPS, FRAMES, RADIUS, G = 25, 24, 9.0, 400.0
 T = np.arange(FRAMES) / FPS

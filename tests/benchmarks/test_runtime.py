@@ -8,10 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runtime import main, read_runs
 
 from physgen import environment
 from physgen.cli.main import main as physgen
+from physgen.evaluate.runtime import read_runs
+
+
+def main(arguments: list[str]) -> int:
+    return physgen(["evaluate", "runtime", *arguments])
+
 
 WALLS = (1.0, 5.0, 2.0)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from physics import ROWS
-from physics.scorecard import run_draw, write_scenes
 
 from physgen import pipeline
 from physgen.compile.world import Body, World
+from physgen.evaluate.physics import ROWS
+from physgen.evaluate.physics.scorecard import run_draw, write_scenes
 from physgen.simulate.trajectory import Trajectory
 
 pytestmark = pytest.mark.slow

@@ -69,7 +69,7 @@ def photo(tmp_path: Path) -> Path:
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Labelled:
     """The hall with masks and tracks in every format."""
     home = tmp_path_factory.mktemp("hall")
-    return labelled(hall(home), home / "out", "frames,coco,davis")
+    return labelled(hall(home), home / "out", "frames,coco,davis,mot")
 
 
 Export = Callable[..., Path]

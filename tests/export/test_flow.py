@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen.cli.main import main
-from physgen.export.flow import HIDDEN, SEEN
+from physgen.export.flow import GONE, HIDDEN, SEEN
+from physgen.export.kitti import kitti_codes
 from physgen.simulate.trajectory import read_trajectory
 
 F32 = NDArray[np.float32]
@@ -162,3 +163,42 @@ def test_labels_beside_a_clip_are_those_of_the_export_and_change_no_frame(
     assert (
         json.loads((beside / "timing.json").read_text())["stages"]["export"]["cpu"] > 0
     )
+
+
+def kitti(path: Path) -> tuple[F32, np.ndarray]:
+    """As the devkit's readme says: (I - 2^15) / 64 of two channels; the third says what is valid."""
+    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:, :, ::-1]
+    assert picture.dtype == np.uint16
+    return (picture[..., :2].astype(np.float32) - 2**15) / 64, picture[..., 2] == 1
+
+
+def test_kitti_agrees_with_flo_to_half_a_code(export) -> None:
+    folder = export("side", "flo,kitti,frames", "objects.ball.velocity=[3000, 0]")
+    files = sorted((folder / "kitti/flow_occ").glob("*.png"))
+    assert len(files) == len(list((folder / "flo/forward").glob("*.flo"))) > 1
+    outside = 0
+    for path in files:
+        k = int(path.name[:6])
+        moved = cv2.readOpticalFlow(str(folder / f"flo/forward/{k:05d}.flo"))
+        visible = cv2.imread(
+            str(folder / f"flo/visible/forward/{k:05d}.png"), cv2.IMREAD_UNCHANGED
+        )
+        flow, valid = kitti(path)
+        assert valid.all()
+        assert np.abs(flow - moved).max() <= 1 / 128
+        _, not_hidden = kitti(folder / "kitti/flow_noc" / path.name)
+        np.testing.assert_array_equal(not_hidden, visible == SEEN)
+        outside += int((visible == GONE).sum())
+        for number, frame in ((10, k), (11, k + 1)):
+            picture = cv2.imread(str(folder / f"kitti/image_2/{k:06d}_{number}.png"))
+            same = cv2.imread(str(folder / f"frames/{frame:05d}.png"))
+            np.testing.assert_array_equal(picture, same)
+    assert outside > 0  # some pixels have left the picture, and have flow all the same
+
+
+def test_kitti_codes_refuse_flow_beyond_512_px() -> None:
+    flow = np.array([[[0, 0], [511.9, -512], [512.1, 0], [0, -600]]], np.float32)
+    codes = kitti_codes(flow)
+    assert codes[0, :, 2].tolist() == [1, 1, 0, 0]
+    assert codes[0, 0].tolist() == [2**15, 2**15, 1]
+    assert codes[0, 1, 1] == 0

@@ -113,7 +113,7 @@ def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
                 "export",
                 str(hall(tmp_path)),
                 "--format",
-                "davos,tapvid",
+                "davos,zip",
                 "-o",
                 str(tmp_path / "out"),
             ]
@@ -122,7 +122,7 @@ def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
     )
     said = capsys.readouterr().err
     assert '--format: "davos" is no format; did you mean "davis"?' in said
-    assert '--format: "tapvid" is no format; write any of frames, flo' in said
+    assert '--format: "zip" is no format; write any of frames, flo' in said
     assert not (tmp_path / "out").exists()
 
 

@@ -9,8 +9,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
-from fidelity import TRUTH, truths  # noqa: E402
 from label_truth import compared  # noqa: E402
+
+from physgen.evaluate.fidelity import TRUTH, truths  # noqa: E402
 
 BALLS = ("billiards", "curling")
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .scorecard import Document
+from physgen.evaluate.physics.scorecard import Document
 
 Point = tuple[float, float]
 At = Sequence[float] | NDArray[np.float64]

@@ -7,9 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from .events import flights
-from .scorecard import Case, Draw, Errors, Measure, Row, Run, worst
-from .staging import GRAVITY, box, circle, scene, segment
+from physgen.evaluate.physics.events import flights
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    worst,
+)
+from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene, segment
 
 
 def _free_fall(draw: Draw) -> list[Case]:

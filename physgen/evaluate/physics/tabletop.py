@@ -1,4 +1,4 @@
-"""Rows of things seen from above, on a table: pucks that slide and spin, balls that are struck, a break."""
+"""Rows of objects seen from above, on a table: pucks that slide and spin, balls that are struck, a break."""
 
 from __future__ import annotations
 
@@ -8,14 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .scorecard import Case, Draw, Errors, Measure, Row, Run, Unit, worst
-from .sliding_disc import Stop, stop
-from .staging import GRAVITY, box, circle, scene
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    Unit,
+    worst,
+)
+from physgen.evaluate.physics.sliding_disc import Stop, stop
+from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene
 
 Array = NDArray[np.float64]
 
 STILL = 1e-3
-"""Part of its first speed that a thing at rest has at most."""
+"""Part of its first speed that a object at rest has at most."""
 
 
 def _table(mu: float) -> dict[str, Any]:

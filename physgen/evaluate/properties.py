@@ -1,17 +1,11 @@
 """Masses, and orders of friction and elasticity, as a backend of physics answers them, against measured ones.
 
-    python benchmarks/properties.py                                     # 42 objects of the YCB set, published orders
-    python benchmarks/properties.py --backend physics=vlm -o out/vlm    # a configured model
-    python benchmarks/properties.py mine.yaml                           # a table like benchmarks/objects.yaml
-
 As the paper does (appendix, "GPT-4V physical property estimation evaluation"): the mean absolute difference (ADE) and
 the share of masses within 30 %, and pairs in the right order.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -21,10 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measure_command import run
 from numpy.typing import NDArray
 
-from physgen.cli.arguments import Parser
 from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.geometry import raster
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
@@ -32,7 +24,7 @@ from physgen.geometry.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
 from physgen.materials import kind as kind_of
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
 from physgen.problems import InputError
-from physgen.registry import Backends, choices, load_plan
+from physgen.registry import Backends
 from physgen.scene.document import Source, decode, plain, read
 from physgen.simulate.uncertainty import wilson
 
@@ -122,7 +114,7 @@ class Answer:
 
 def read_table(path: Path) -> Objects:
     """A table in YAML. Raises InputError."""
-    fix = "name a table like benchmarks/objects.yaml"
+    fix = "write a table as docs/evaluation.md describes"
     try:
         data: Any = plain(
             read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
@@ -552,41 +544,3 @@ def _object_section(table: Objects, answers: Mapping[str, Answer]) -> Section:
     return Section(
         "Each object, the nearest first", (), (Table(heads, rows, note=table.source),)
     )
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command."""
-    parser = Parser(description=(__doc__ or "").partition("\n")[0])
-    about = "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
-    parser.add_argument(
-        "table", metavar="TABLE", nargs="?", type=Path, default=SHIPPED, help=about
-    )
-    parser.option(
-        "--backend", "ROLE=NAME", str, "what answers: physics=NAME", [], action="append"
-    )
-    parser.option(
-        "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
-    )
-    parser.flag("--hide-size", "give the name of each object without its size")
-
-    def find(options: argparse.Namespace, progress: Progress) -> Findings:
-        if others := set(choices(options.backend)) - {"physics"}:
-            role = f'"{", ".join(sorted(others))}"'
-            raise InputError.of(
-                "--backend", role, "has no part in this", "write physics=NAME"
-            )
-        table = read_table(options.table)
-        backends = Backends(
-            load_plan(options.backend, config=options.config).of(("physics",))
-        )
-        answers = ask(table, backends, not options.hide_size, progress)
-        backends.close()
-        return findings(
-            table, answers, Asked(backends.name("physics"), not options.hide_size)
-        )
-
-    return run(parser, find, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

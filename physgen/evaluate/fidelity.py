@@ -1,8 +1,5 @@
 """Frames against truth: the studio's true poses replayed, by physgen and by the paper's compositing.
 
-    python benchmarks/fidelity.py                                     # exit code 1 below the bar
-    python benchmarks/fidelity.py --scenes curling,shelf -o out/frames    # and a page, with strips of frames beside it
-
 Truth videos (`studio/truth/NAME/film`) hold poses and what a path tracer sees at them. The headline uses the maps that
 `perceive` makes of the photo, given the true masks. Beside it stand the same with the true maps, and the paper's way:
 objects cut out hard, relit, and pasted over the true background.
@@ -10,9 +7,7 @@ objects cut out hard, relit, and pasted over the true background.
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -20,11 +15,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from measure_command import run
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.cli.arguments import Parser, names
 from physgen.compile.compile import Compiled
 from physgen.evaluate.measure import Bar, Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import rotation
@@ -39,7 +32,6 @@ from physgen.scene.scene import Light, Scene, Settings, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
-TRUTH = Path(__file__).resolve().parent.parent / "studio/truth"
 Mask = NDArray[np.bool_]
 
 REGIONS = ("objects", "shadows", "both", "rest")
@@ -50,6 +42,9 @@ SHADOW = 6
 """Grey levels by which truth differs from the empty background where a shadow or a reflection falls."""
 MOST_DB = 60.0
 """dB: what is equal counts as this."""
+
+TRUTH = Path("studio/truth")
+"""Of a checkout."""
 
 
 @dataclass(frozen=True)
@@ -443,26 +438,3 @@ def write_strips(truth: Truth, path: Path) -> None:
         for frames in rows
     ]
     cv2.imwrite(str(path), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command; strips of frames are `SCENE.jpg` beside the page."""
-    parser = Parser(description=(__doc__ or "").partition("\n")[0])
-    parser.option(
-        "--truth", "DIR", Path, "the studio's truth; default: studio/truth", TRUTH
-    )
-    parser.option("--scenes", "LIST", names, "some scenes, e.g. curling,shelf", [])
-
-    def find(options: argparse.Namespace, progress: Progress) -> Findings:
-        found = findings(evaluate(options.truth, options.scenes, progress))
-        if options.output:
-            options.output.mkdir(parents=True, exist_ok=True)
-            for truth in truths(options.truth, options.scenes):
-                write_strips(truth, options.output / f"{truth.name}.jpg")
-        return found
-
-    return run(parser, find, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

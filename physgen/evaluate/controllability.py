@@ -1,15 +1,11 @@
 """How the motion of one object answers to the direction and size of a push (the paper's figure 6).
 
-    python benchmarks/controllability.py scenes/curling/scene.yaml --object red-1 --angles 12 -o out/controllability
-
 A push is an impulse at t = 0 through the centre of mass (the paper's F0), in px/s: the speed that it gives. The
 answer is the displacement at the end from where the object would be without the push.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -17,16 +13,10 @@ from math import atan2, cos, degrees, hypot, pi, sin, sqrt
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
-from measure_command import run
 from numpy.typing import NDArray
-from scipy.stats import spearmanr
 
 from physgen import pipeline
-from physgen.cli.arguments import Parser, positive, whole
-from physgen.cli.clips import add_overlays
 from physgen.compile.world import Body, World
 from physgen.compile.world import Push as WorldPush
 from physgen.evaluate.measure import Findings, Progress, Section, Table, number
@@ -460,6 +450,9 @@ def plot(swept: Swept, path: Path) -> None:
         low, high = np.minimum(low, -0.5), np.maximum(high, size - 0.5)
     width, height = high - low
     tall = float(np.clip(120 * height / width, 60, 150))
+    import matplotlib
+    from matplotlib.figure import Figure
+
     wheel = matplotlib.colormaps["hsv"]
     with matplotlib.rc_context(
         {"svg.hashsalt": "physgen", "font.size": 7.5, "axes.linewidth": 0.6}
@@ -502,53 +495,23 @@ def plot(swept: Swept, path: Path) -> None:
         figure.savefig(path, metadata={"Title": about, "Date": None})
 
 
+def mean_ranks(values: Array) -> Array:
+    """Return the rank of each of (N,) values; equal values share their mean rank.
+
+    >>> mean_ranks(np.array([3.0, 1.0, 3.0])).tolist()
+    [1.5, 0.0, 1.5]
+    """
+    _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
+    last = np.cumsum(counts) - 1
+    return np.asarray((last - (counts - 1) / 2)[places], np.float64)
+
+
 def correlation(first: Array, second: Array) -> float:
     """Spearman's rank correlation of two columns (N,); 0 where one of them is constant."""
     if len(first) < 2 or np.ptp(first) == 0 or np.ptp(second) == 0:
         return 0.0
-    return float(spearmanr(first, second).statistic)
+    ranks = np.corrcoef(mean_ranks(first), mean_ranks(second))
+    return float(ranks[0, 1])
 
 
 # ---- the command -------------------------------------------------------------------------------------------------
-
-
-def speeds(text: str) -> list[float]:
-    """`50,100,200` -> px/s above 0, each once, in order."""
-    found = sorted({positive(part.strip()) for part in text.split(",")})
-    if not 2 <= len(found) <= 100:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200"
-        )
-    return found
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command; its plot is `paths.svg` beside the page."""
-    parser = Parser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("scene", metavar="SCENE")
-    about = "the object that is pushed; default: the one that the scene pushes, or that moves first"
-    parser.option("--object", "NAME", str, about)
-    about = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
-    parser.option("--angles", "N", whole(1, 360), about, 8)
-    about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
-    parser.option("--sizes", "LIST", speeds, about, [])
-    add_overlays(parser)
-
-    def find(options: argparse.Namespace, progress: Progress) -> Findings:
-        if options.variant == "all":
-            raise InputError.of(
-                "--variant", "all", "names more than one", "write one name"
-            )
-        scene = pipeline.load(
-            options.scene, options.set, options.variant, options.allow_outside
-        )
-        swept = sweep(scene, options.object, options.angles, options.sizes, progress)
-        if options.output:
-            plot(swept, options.output / "paths.svg")
-        return findings(swept)
-
-    return run(parser, find, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from .scorecard import Array, Track
+from physgen.evaluate.physics.scorecard import Array, Track
 
 
 def crossings(times: Array, values: Array, rates: Array) -> Array:

@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from physgen.evaluate.measure import Bar, Findings, Section, Table, number
+from physgen.evaluate.plausibility.motion import Motion, Segment, Turn, runs
+from physgen.evaluate.plausibility.tracks import Array, Tracks
 from physgen.problems import InputError
 from physgen.scene.scene import View
 from physgen.text import counted
-
-from .motion import Motion, Segment, Turn, runs
-from .tracks import Array, Tracks
 
 EVEN = 0.5
 """Score below which a clip is called wrong."""

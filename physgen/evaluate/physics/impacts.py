@@ -6,8 +6,18 @@ from math import cos, degrees, sin, sqrt
 
 import numpy as np
 
-from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
-from .staging import INERTIA, Point, circle, scene, segment
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Document,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    Unit,
+    worst,
+)
+from physgen.evaluate.physics.staging import INERTIA, Point, circle, scene, segment
 
 FLOATING = {"gravity": [0, 0]}
 

@@ -1,4 +1,4 @@
-"""Rows of round things that roll: down slopes, out of a slide, to rest, and on a platform that speeds up."""
+"""Rows of round objects that roll: down slopes, out of a slide, to rest, and on a platform that speeds up."""
 
 from __future__ import annotations
 
@@ -6,8 +6,24 @@ from math import degrees, tan
 
 import numpy as np
 
-from .scorecard import Case, Draw, Errors, Measure, Row, Run, worst
-from .staging import GRAVITY, INERTIA, Slope, box, circle, scene, segment
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    worst,
+)
+from physgen.evaluate.physics.staging import (
+    GRAVITY,
+    INERTIA,
+    Slope,
+    box,
+    circle,
+    scene,
+    segment,
+)
 
 
 def _down(draw: Draw) -> list[Case]:

@@ -7,10 +7,20 @@ from math import cos, exp, pi, radians, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from .elliptic import complete, runge_kutta
-from .events import crossings
-from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
-from .staging import GRAVITY, INERTIA, box, circle, scene
+from physgen.evaluate.physics.elliptic import complete, runge_kutta
+from physgen.evaluate.physics.events import crossings
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Document,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    Unit,
+    worst,
+)
+from physgen.evaluate.physics.staging import GRAVITY, INERTIA, box, circle, scene
 
 Array = NDArray[np.float64]
 

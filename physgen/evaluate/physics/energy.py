@@ -6,8 +6,17 @@ from math import cos, sin
 
 import numpy as np
 
-from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, worst
-from .staging import GRAVITY, Slope, box, circle, scene, segment
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Document,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    worst,
+)
+from physgen.evaluate.physics.staging import GRAVITY, Slope, box, circle, scene, segment
 
 
 def balance(run: Run) -> Errors:

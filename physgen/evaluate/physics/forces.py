@@ -8,8 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .scorecard import Case, Draw, Errors, Measure, Row, Run, worst
-from .staging import box, circle, scene
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    worst,
+)
+from physgen.evaluate.physics.staging import box, circle, scene
 
 Array = NDArray[np.float64]
 

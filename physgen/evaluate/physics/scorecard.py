@@ -7,6 +7,7 @@ seeded parameters and run by the public path. `Track` and `Run` give readable ac
 from __future__ import annotations
 
 import signal
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -323,11 +324,9 @@ class _Job(NamedTuple):
 
 
 def _run(job: _Job) -> Done:
-    from . import (
-        ROWS,
-    )  # which imports this module; rows hold functions, which no other process can be sent
-
-    row = next(row for row in ROWS if row.number == job.row)
+    # the package, which imports this module, has the rows: functions are not sent to processes
+    rows = sys.modules["physgen.evaluate.physics"].ROWS
+    row = next(row for row in rows if row.number == job.row)
     return run_draw(row, job.draw, job.folder, job.steps)
 
 

@@ -6,9 +6,18 @@ from math import cos, hypot, sin
 
 import numpy as np
 
-from .impacts import FLOATING, toward
-from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, worst
-from .staging import Point, box, circle, scene
+from physgen.evaluate.physics.impacts import FLOATING, toward
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Document,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    worst,
+)
+from physgen.evaluate.physics.staging import Point, box, circle, scene
 
 
 def _gas(draw: Draw) -> list[Case]:
@@ -130,9 +139,9 @@ def _momenta(draw: Draw) -> list[Case]:
     return [Case(scene((440, 440), 0.8, objects, world=FLOATING), measure)]
 
 
-def _moved(thing: Document, by: Point) -> Document:
+def _moved(object: Document, by: Point) -> Document:
     """A box, circle or polygon drawn about the origin, elsewhere."""
-    [(kind, shape)] = thing["shape"].items()
+    [(kind, shape)] = object["shape"].items()
     if kind == "polygon":
         return {"shape": {kind: [[x + by[0], y + by[1]] for x, y in shape]}}
     return {"shape": {kind: {**shape, "center": list(by)}}}

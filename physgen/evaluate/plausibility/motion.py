@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.evaluate.plausibility.tracks import Array, Tracks
 from physgen.scene.scene import View
-
-from .tracks import Array, Tracks
 
 
 @dataclass(frozen=True)

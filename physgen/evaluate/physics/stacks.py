@@ -7,9 +7,18 @@ from math import asin, atan2, cos, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from .events import crossings
-from .scorecard import Case, Draw, Errors, Measure, Row, Run, Unit, worst
-from .staging import GRAVITY, box, scene, segment
+from physgen.evaluate.physics.events import crossings
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    Unit,
+    worst,
+)
+from physgen.evaluate.physics.staging import GRAVITY, box, scene, segment
 
 Array = NDArray[np.float64]
 
@@ -45,7 +54,7 @@ def _pyramid(draw: Draw) -> list[Case]:
         }
 
     label, (taken, falls) = list(TAKEN.items())[draw.index]
-    changed = {name: thing for name, thing in objects.items() if name not in taken}
+    changed = {name: object for name, object in objects.items() if name not in taken}
     if not taken:
         x, y = changed[falls]["shape"]["box"]["center"]
         changed[falls] = {

@@ -6,9 +6,18 @@ from math import cos, sin
 
 import numpy as np
 
-from .impacts import FLOATING
-from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, Unit
-from .staging import box, circle, scene, segment
+from physgen.evaluate.physics.impacts import FLOATING
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Document,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    Unit,
+)
+from physgen.evaluate.physics.staging import box, circle, scene, segment
 
 FAST = (2, 5, 10, 15, 20)
 """Radii a step of 1/960 s, a draw each."""

@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from .elliptic import complete, runge_kutta
+from physgen.evaluate.physics.elliptic import complete, runge_kutta
 
 Array = NDArray[np.float64]
 

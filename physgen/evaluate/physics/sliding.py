@@ -7,8 +7,18 @@ from math import acosh, sqrt
 
 import numpy as np
 
-from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
-from .staging import GRAVITY, Slope, box, scene, segment
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Document,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    Unit,
+    worst,
+)
+from physgen.evaluate.physics.staging import GRAVITY, Slope, box, scene, segment
 
 CREEP = 0.1
 """px: what holds moves less."""

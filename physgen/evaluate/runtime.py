@@ -1,16 +1,12 @@
 """Times of the stages, from the records of clips (manifest.json, perceived.json), beside the paper's table.
 
-    python benchmarks/runtime.py out -o out/runtime
-
 Clips of different machines are never mixed.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -20,13 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measure_command import run
 
 from physgen.batch.clips import MANIFEST, checked_folders, find_clips
-from physgen.cli.arguments import Parser
-from physgen.cli.output import print_problem
-from physgen.environment import Machine, this_machine
-from physgen.evaluate.measure import Findings, Progress, Section, Table, number
+from physgen.environment import Machine
+from physgen.evaluate.measure import Findings, Section, Table, number
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.report.record import TIMING
 from physgen.scene.files import RECORD, read_record
@@ -376,20 +369,3 @@ def _models(runs: Sequence[Run]) -> str:
     models = sorted({model for run in runs for model in run.models})
     nothing = "No downloaded models took part: the offline steps do what the paper does with them."
     return f"Models: {', '.join(models)}." if models else nothing
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command."""
-    parser = Parser(description=(__doc__ or "").partition("\n")[0])
-    about = "folders of clips, whose manifests are read"
-    parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help=about)
-
-    def find(options: argparse.Namespace, progress: Progress) -> Findings:
-        runs = read_runs(options.folders, print_problem)
-        return findings(runs, f"{this_machine()}, {gpu() or 'no GPU'}")
-
-    return run(parser, find, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

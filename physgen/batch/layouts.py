@@ -1,0 +1,166 @@
+"""Layouts of a data set: folders with a table, and WebDataset shards.
+
+A layout writes one sample after the other; a row in LAYOUTS makes it a choice of
+`physgen dataset --layout`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+from physgen.files import install
+from physgen.problems import InputError
+
+ROWS, ABOUT = "metadata.jsonl", "clip.json"
+VIDEO = "video.mp4"
+SHARD_CLIPS = 1000
+"""Clips of a shard by default: 0.1 to 1 GB, as WebDataset advises."""
+
+Members = Mapping[str, Path]
+"""Files of a clip by their names in the data set."""
+About = Mapping[str, Any]
+"""The metadata of a clip, as JSON."""
+
+
+Copier = Callable[[Members, About], None]
+
+
+class Layout(Protocol):
+    """Writes samples into a data set."""
+
+    def copier(self) -> Copier:
+        """Return a function that copies the files of a clip, also on another machine."""
+        ...
+
+    def add(self, members: Members, about: About) -> None:
+        """Write the next sample into its split."""
+        ...
+
+    patterns: Sequence[str]
+    """Of the files of a split that loaders read, relative to its folder."""
+
+    def files(self) -> Sequence[Path]:
+        """Return the files that readers open, in order."""
+        ...
+
+
+class Folders:
+    """A folder a clip, and a table a split: what Hugging Face's `videofolder` loads."""
+
+    patterns: Sequence[str] = (ROWS, f"*/{VIDEO}")
+
+    def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
+        self._root, self._stack = root, stack
+        self._rows: dict[str, BinaryIO] = {}
+
+    def copier(self) -> Copier:
+        """Return the function that writes the clip's folder."""
+        return partial(write_folder, self._root)
+
+    def add(self, members: Members, about: About) -> None:
+        """Write the clip's row; its folder is there."""
+        split = about["split"]
+        if split not in self._rows:
+            table = (self._root / split / ROWS).open("wb")
+            self._rows[split] = self._stack.enter_context(table)
+        row = {"file_name": f"{about['key']}/{VIDEO}", **about}
+        self._rows[split].write(json_line(row))
+
+    def files(self) -> Sequence[Path]:
+        """Return the tables."""
+        return sorted(self._root.glob(f"*/{ROWS}"))
+
+
+class Shards:
+    """WebDataset shards, by its own writer; the same clips give the same bytes."""
+
+    patterns: Sequence[str] = ("*.tar",)
+
+    def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
+        """Raises InputError if webdataset is not installed."""
+        if find_spec("webdataset") is None:
+            found = "needs webdataset, which is not installed"
+            raise InputError.of("--layout", '"webdataset"', found, install("labels"))
+        self._root, self._stack, self._shard_clips = root, stack, shard_clips
+        self._writers: dict[str, Any] = {}
+
+    def copier(self) -> Copier:
+        """Return a function that copies nothing: `add` reads the files."""
+        return leave_files
+
+    def add(self, members: Members, about: About) -> None:
+        """Add the clip to the last shard of its split."""
+        split = about["split"]
+        if split not in self._writers:
+            self._writers[split] = self._stack.enter_context(self._open(split))
+        sample: dict[str, Any] = {"__key__": about["key"], "json": json_line(about)}
+        for name, file in members.items():
+            extension = name.replace("/", ".").replace(VIDEO, "mp4")
+            sample[extension] = file.read_bytes()
+        self._writers[split].write(sample)
+
+    def _open(self, split: str) -> Any:
+        from webdataset import ShardWriter
+
+        folder = self._root / split
+        folder.mkdir()
+        escaped = str(folder).replace("%", "%%")
+        # a fixed time and no owner: equal clips give equal bytes
+        return ShardWriter(
+            f"{escaped}/shard-%06d.tar",
+            maxcount=self._shard_clips,
+            verbose=0,
+            encoder=False,
+            mtime=0,
+            user="",
+            group="",
+        )
+
+    def files(self) -> Sequence[Path]:
+        """Return the shards."""
+        return sorted(self._root.glob("*/shard-*.tar"))
+
+
+LAYOUTS: Mapping[str, Callable[[Path, ExitStack, int], Layout]] = {
+    "folder": Folders,
+    "webdataset": Shards,
+}
+"""The first is the default."""
+
+
+def card(splits: Sequence[str], patterns: Sequence[str]) -> str:
+    """Return `README.md`, which names the files of each split to `datasets.load_dataset`.
+
+    Without it, the loader takes the label files of most kinds for the data.
+    """
+    lines = ["---", "configs:", "- config_name: default", "  data_files:"]
+    for split in splits:
+        lines += [f"  - split: {split}", "    path:"]
+        lines += [f"    - {split}/{pattern}" for pattern in patterns]
+    return "\n".join([*lines, "---", ""])
+
+
+def write_folder(root: Path, members: Members, about: About) -> None:
+    """Write the folder of a clip into the data set at `root`."""
+    home = root / about["split"] / about["key"]
+    for name, file in members.items():
+        place = home / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, place)
+    (home / ABOUT).write_bytes(json_line(about))
+
+
+def leave_files(members: Members, about: About) -> None:
+    """Copy nothing."""
+
+
+def json_line(data: Mapping[str, Any]) -> bytes:
+    """Return a line of JSON."""
+    return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()

@@ -1,0 +1,217 @@
+"""The measures of the paper under `evaluate` that judge motion, properties, frames and times."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physgen.cli.arguments import Parser, names, positive, whole
+from physgen.cli.clips import add_overlays
+from physgen.cli.output import Bar, print_error, print_problem
+from physgen.problems import InputError
+
+if TYPE_CHECKING:
+    from physgen.evaluate.measure import Findings
+
+QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps")
+"""What a motion can be asked."""
+
+
+def add_properties(parser: Parser) -> None:
+    """Add the flags of `evaluate properties`."""
+    about = "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
+    parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=about)
+    about = "what answers: physics=NAME"
+    parser.option("--backend", "ROLE=NAME", str, about, [], action="append")
+    about = "read this in place of ~/.config/physgen/physgen.toml"
+    parser.option("--config", "FILE", Path, about)
+    parser.flag("--hide-size", "give the name of each object without its size")
+
+
+def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
+    """Ask a backend of physics for the properties of objects."""
+    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, read_table
+    from physgen.registry import Backends, choices, load_plan
+
+    if others := set(choices(options.backend)) - {"physics"}:
+        role = f'"{", ".join(sorted(others))}"'
+        fix = "write physics=NAME"
+        raise InputError.of("--backend", role, "has no part in this", fix)
+    table = read_table(options.table or SHIPPED)
+    plan = load_plan(options.backend, config=options.config).of(("physics",))
+    backends = Backends(plan)
+    answers = ask(table, backends, not options.hide_size, bar.show)
+    backends.close()
+    asked = Asked(backends.name("physics"), not options.hide_size)
+    return findings(table, answers, asked)
+
+
+def add_controllability(parser: Parser) -> None:
+    """Add the flags of `evaluate controllability`."""
+    parser.add_argument("scene", metavar="SCENE")
+    about = "the object that is pushed; default: the one that the scene pushes, or that moves first"
+    parser.option("--object", "NAME", str, about)
+    about = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
+    parser.option("--angles", "N", whole(1, 360), about, 8)
+    about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
+    parser.option("--sizes", "LIST", speeds, about, [])
+    add_overlays(parser)
+
+
+def speeds(text: str) -> list[float]:
+    """`50,100,200` -> px/s above 0, each once, in order."""
+    found = sorted({positive(part.strip()) for part in text.split(",")})
+    if not 2 <= len(found) <= 100:
+        fault = f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200"
+        raise argparse.ArgumentTypeError(fault)
+    return found
+
+
+def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
+    """Push one object in many ways; `paths.svg` is beside the page if matplotlib is there."""
+    from physgen import pipeline
+    from physgen.evaluate.controllability import findings, plot, sweep
+
+    if options.variant == "all":
+        fix = "write one name"
+        raise InputError.of("--variant", "all", "names more than one", fix)
+    scene = pipeline.load(
+        options.scene, options.set, options.variant, options.allow_outside
+    )
+    swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
+    if options.output and find_spec("matplotlib"):
+        plot(swept, options.output / "paths.svg")
+    elif options.output:
+        print_error("without matplotlib there is no plot of the paths")
+    return findings(swept)
+
+
+def add_plausibility(parser: Parser) -> None:
+    """Add the flags of `evaluate plausibility`."""
+    about = "folders of clips, or tracks as CSV with frame, name, x, y (px) and, if known, radius"
+    parser.add_argument("clips", metavar="CLIP", nargs="+", type=Path, help=about)
+    parser.option("--fps", "N", positive, "of tracks without their own; default: 30")
+    about = "of tracks; default: side"
+    parser.add_argument("--view", choices=("side", "top"), default="side", help=about)
+    about = "a body on a rope or in a hand: only jumps and overlap are asked"
+    parser.option("--held", "NAME", str, about, [], action="append")
+    parser.add_argument(
+        "--skip", metavar="QUESTION", action="append", default=[], choices=QUESTIONS
+    )
+
+
+def find_plausibility(options: argparse.Namespace, bar: Bar) -> Findings:
+    """Judge the motion of clips without a truth."""
+    from physgen.evaluate.plausibility.judge import findings, judge
+    from physgen.evaluate.plausibility.tracks import Tracks, read
+    from physgen.scene.scene import View
+
+    clips: list[Tracks] = []
+    for path in options.clips:
+        clips += read(path, options.fps, View(options.view))
+    verdicts = [judge(tracks.holding(options.held), options.skip) for tracks in clips]
+    return findings(verdicts)
+
+
+def add_physics(parser: Parser) -> None:
+    """Add the flags of `evaluate physics`."""
+    about = "some rows, e.g. 1,5,12; default: all"
+    parser.option("--rows", "LIST", numbers, about, [])
+    about = "seeded draws of a row's parameters; default: 5"
+    parser.option("--draws", "N", whole(1, 1000), about)
+    parser.flag("--no-convergence", "only at default settings")
+    about = "draws run at a time; default: one a processor"
+    parser.option("--jobs", "N", whole(1, 1024), about)
+    about = "keep every scene file that is run in this folder"
+    parser.option("--scenes", "DIR", Path, about)
+
+
+def numbers(text: str) -> list[int]:
+    """`1,5,12` -> numbers."""
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers") from None
+
+
+def find_physics(options: argparse.Namespace, bar: Bar) -> Findings:
+    """Hold the engine to closed forms."""
+    from physgen.evaluate.physics import ROWS
+    from physgen.evaluate.physics.scorecard import (
+        DRAWS,
+        STEPS,
+        choose,
+        evaluate,
+        findings,
+    )
+
+    rows = choose(ROWS, options.rows)
+    steps: tuple[int, ...] = STEPS
+    if not options.convergence:
+        steps = ()
+    jobs = options.jobs or os.cpu_count() or 1
+    draws = options.draws or DRAWS
+    return findings(evaluate(rows, draws, steps, jobs, options.scenes))
+
+
+def add_fidelity(parser: Parser) -> None:
+    """Add the flags of `evaluate fidelity`."""
+    about = "path-traced truth of scenes, as studio/make.py of a checkout writes it; default: studio/truth"
+    parser.option("--truth", "DIR", Path, about)
+    parser.option("--scenes", "LIST", names, "some scenes, e.g. curling,shelf", [])
+
+
+def find_fidelity(options: argparse.Namespace, bar: Bar) -> Findings:
+    """Compare drawn frames with path-traced ones; strips are `SCENE.jpg` beside the page."""
+    from physgen.evaluate.fidelity import (
+        TRUTH,
+        evaluate,
+        findings,
+        truths,
+        write_strips,
+    )
+
+    folder = options.truth or TRUTH
+    found = findings(evaluate(folder, options.scenes, bar.show))
+    if options.output:
+        options.output.mkdir(parents=True, exist_ok=True)
+        for truth in truths(folder, options.scenes):
+            write_strips(truth, options.output / f"{truth.name}.jpg")
+    return found
+
+
+def add_runtime(parser: Parser) -> None:
+    """Add the flags of `evaluate runtime`."""
+    about = "folders of clips, whose manifests are read"
+    parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help=about)
+
+
+def find_runtime(options: argparse.Namespace, bar: Bar) -> Findings:
+    """Sum up the times of stages."""
+    from physgen.environment import this_machine
+    from physgen.evaluate.runtime import findings, gpu, read_runs
+
+    runs = read_runs(options.folders, print_problem)
+    return findings(runs, f"{this_machine()}, {gpu() or 'no GPU'}")
+
+
+FINDERS = {
+    "properties": find_properties,
+    "controllability": find_controllability,
+    "physics": find_physics,
+    "plausibility": find_plausibility,
+    "fidelity": find_fidelity,
+    "runtime": find_runtime,
+}
+
+
+def find(options: argparse.Namespace) -> Findings:
+    """Return the findings of the measure that was chosen."""
+    bar = Bar()
+    try:
+        return FINDERS[options.what](options, bar)
+    finally:
+        bar.clear()

@@ -1,0 +1,44 @@
+"""The closed forms that the engine is held to, by number: `physgen evaluate physics` runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from physgen.evaluate.physics import (
+    barriers,
+    conserved,
+    energy,
+    falling,
+    forces,
+    impacts,
+    joints,
+    rolling,
+    sliding,
+    stacks,
+    tabletop,
+)
+from physgen.evaluate.physics.scorecard import Row, scene_file, scene_of
+
+_GROUPS = (
+    falling,
+    sliding,
+    rolling,
+    impacts,
+    conserved,
+    barriers,
+    tabletop,
+    stacks,
+    forces,
+    joints,
+    energy,
+)
+ROWS: tuple[Row, ...] = tuple(
+    sorted((row for group in _GROUPS for row in group.ROWS), key=lambda row: row.number)
+)
+
+
+def examples() -> Iterator[tuple[str, str]]:
+    """File name and text of every scene of the first draws: the files of scenes/physics/."""
+    for row in ROWS:
+        for case in row.draw(0):
+            yield scene_file(row, case, 0), scene_of(row, case)
