@@ -72,9 +72,7 @@ much else to do it takes many times as long."""
 LONGEST = 2_000
 """Characters of one message."""
 MESSAGE = re.compile(r"^(?P<place>[^\n]*?): (?P<what>.+); (?P<fix>.+)$")
-NOT_MESSAGES = re.compile(
-    r"was there already and differed; kept as|^interrupted$|^\d+ clips?: "
-)
+NOT_MESSAGES = re.compile(r"^the previous .+ is kept as|^interrupted$|^\d+ clips?: ")
 NOISE = re.compile(
     r"Traceback|Warning:|Segmentation|^\s+File \"|fault of physgen's", re.MULTILINE
 )

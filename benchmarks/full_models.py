@@ -22,13 +22,14 @@ from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 
 from physgen.perceive.backends.models import device_of, dtype_of
 from physgen.refine.backends import animatediff
+from physgen.refine.backends.sampling import Sampler
 from physgen.registry import Setup
 
 diffusers.logging.set_verbosity_error()  # it warns of casts that change nothing
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
 
-def made(build: Callable[[], Any], folder: Path, setup: Setup) -> animatediff.Sampler:
+def made(build: Callable[[], Any], folder: Path, setup: Setup) -> Sampler:
     """AnimateDiff on the parts that `build` makes: configurations go through the folder, weights are made in place."""
     device = device_of(setup)
     dtype = dtype_of(setup, device)
@@ -54,10 +55,10 @@ def made(build: Callable[[], Any], folder: Path, setup: Setup) -> animatediff.Sa
     # as weights have it: the pipeline puts the adapter into it
     index["unet"] = ["diffusers", "UNet2DConditionModel"]
     (folder / "model_index.json").write_text(json.dumps(index))
-    animatediff.load = lambda *_: animatediff.AnimateDiff(pipe, device, dtype)
-    return animatediff.Sampler(
-        replace(setup, weights=f"{folder}/motion_adapter,{folder}", device=device)
-    )
+    network = animatediff.AnimateDiff(pipe, device, dtype)
+    kind = replace(animatediff.KIND, load=lambda *_: network)
+    weights = f"{folder}/motion_adapter,{folder}"
+    return Sampler(kind, replace(setup, weights=weights, device=device))
 
 
 @contextmanager
@@ -101,7 +102,7 @@ def _clip_text(folder: Path) -> dict[str, Any]:
     return {"text_encoder": CLIPTextModel(config), "tokenizer": tokens}
 
 
-def stable_diffusion(folder: Path, setup: Setup) -> animatediff.Sampler:
+def stable_diffusion(folder: Path, setup: Setup) -> Sampler:
     """Stable Diffusion 1.5 with a motion adapter v1-5-3."""
 
     def build() -> Any:
@@ -121,7 +122,7 @@ def stable_diffusion(folder: Path, setup: Setup) -> animatediff.Sampler:
     return made(build, folder, setup)
 
 
-FULL: Mapping[str, Callable[[Path, Setup], animatediff.Sampler]] = {
+FULL: Mapping[str, Callable[[Path, Setup], Sampler]] = {
     "animatediff": stable_diffusion,
 }  # fmt: skip
 """A folder for configurations and a setup -> the backend."""

@@ -88,7 +88,7 @@ class Idle:
     def noised(self, latents: F32, noise: F32, k: int) -> F32:
         return latents + np.float32(1 - k / self._count) * noise
 
-    def predict(self, latents: F32, k: int) -> F32:
+    def predict(self, latents: F32, k: int, first: int) -> F32:
         return latents
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:

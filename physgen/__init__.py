@@ -5,4 +5,4 @@ The stages as Python calls are in :mod:`physgen.pipeline`; nothing heavy is impo
 
 from __future__ import annotations
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

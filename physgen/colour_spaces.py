@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import F32, F64, U8
 from physgen.photometry import decode, encode_u8
 
-U8 = NDArray[np.uint8]
-F64 = NDArray[np.float64]
 Curve = Callable[[F64], F64]
 """Stored values 0..1 -> linear light 0..1."""
 Chromaticity = tuple[float, float]
@@ -145,7 +144,10 @@ class ColourSpace:
 
     @cached_property
     def _matrix(self) -> F64:
-        """(3, 3), linear RGB -> linear sRGB, white to white. Raises ColourError for impossible primaries."""
+        """Return the matrix (3, 3) from linear RGB to linear sRGB, white to white.
+
+        Raises ColourError for impossible primaries.
+        """
         try:
             white, target = _xyz(self.primaries.white), _xyz(D65)
             cones = np.diag((BRADFORD @ target) / (BRADFORD @ white))
@@ -163,13 +165,16 @@ class ColourSpace:
         _ = self._matrix
 
     def to_srgb(self, levels: NDArray[Any]) -> U8:
-        """Convert stored numbers (H, W, 1 or 3) of 8 or 16 bits to (H, W, 3) sRGB; other colours are clipped."""
+        """Convert stored numbers (H, W, 1 or 3) of 8 or 16 bits to (H, W, 3) sRGB.
+
+        Other colours are clipped.
+        """
         light = self._light_table(levels.dtype)[levels]
         if levels.shape[2] == 1:
             return np.repeat(encode_u8(light), 3, axis=2)
         return encode_u8(light @ self._matrix.T.astype(np.float32))
 
-    def _light_table(self, dtype: np.dtype[Any]) -> NDArray[np.float32]:
+    def _light_table(self, dtype: np.dtype[Any]) -> F32:
         """Return linear light by stored number."""
         most = np.iinfo(dtype).max
         values = np.arange(most + 1, dtype=np.float64)

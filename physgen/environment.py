@@ -25,7 +25,7 @@ class Machine:
     memory_gib: float | None
 
     def as_dict(self) -> dict[str, str | int | float | None]:
-        """As JSON."""
+        """Return the machine as JSON."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -48,11 +48,9 @@ def this_machine() -> Machine:
 
 def _processor() -> str:
     with suppress(OSError):
-        for line in (
-            Path("/proc/cpuinfo")
-            .read_text(encoding="utf-8", errors="replace")
-            .splitlines()
-        ):
+        path = Path("/proc/cpuinfo")
+        text = path.read_text(encoding="utf-8", errors="replace")
+        for line in text.splitlines():
             name, _, value = line.partition(":")
             if name.strip().lower() in ("model name", "hardware") and value.strip():
                 return " ".join(value.split())

@@ -27,7 +27,7 @@ _ROOTS = (_PACKAGE / "_data", _PACKAGE.parent)
 
 
 def resource(*parts: str) -> Path:
-    """Path of a file below `schemas/` or `templates/`.
+    """Return the path of a file below `schemas/` or `templates/`.
 
     >>> resource("schemas", "scene-1.schema.json").name
     'scene-1.schema.json'
@@ -42,20 +42,22 @@ def resource(*parts: str) -> Path:
 
 
 def install(extra: str) -> str:
-    """The command that brings an extra, of a clone or of an installed physgen."""
+    """Return the command that installs an extra, for a clone or for an installed physgen."""
     root = _PACKAGE.parent
-    what = (
-        f'-e "{os.path.relpath(root)}'
-        if (root / "pyproject.toml").is_file()
-        else '"physgen'
-    )
-    return f'pip install {what}[{extra}]"'
+    is_clone = (root / "pyproject.toml").is_file()
+    source = f'-e "{os.path.relpath(root)}' if is_clone else '"physgen'
+    return f'pip install {source}[{extra}]"'
 
 
 def cache_folder(environment: Mapping[str, str] = os.environ) -> Path:
-    """Where results that can be made again are kept. Raises RuntimeError where there is no home folder."""
-    home = environment.get("XDG_CACHE_HOME", "")
-    return (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "physgen"
+    """Return the folder of results that can be made again.
+
+    Raises RuntimeError if there is no home folder.
+    """
+    cache = environment.get("XDG_CACHE_HOME", "")
+    # A relative path is invalid there (XDG base directory specification).
+    folder = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
+    return folder / "physgen"
 
 
 _PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+(-[0-9a-f]+)?\.part$")
@@ -65,7 +67,10 @@ Stamp = tuple[int, int, int, int]
 
 
 def file_stamp(path: Path) -> Stamp:
-    """Times, size and inode of a file, which change when it is written; zeros where there is none."""
+    """Return times, size and inode of a file, which change when it is written.
+
+    Zeros if there is no file.
+    """
     try:
         status = os.stat(path)
     except (OSError, ValueError):
@@ -74,13 +79,13 @@ def file_stamp(path: Path) -> Stamp:
 
 
 def partial(path: Path, kind: str = "part") -> Path:
-    """A name of this process's own beside `path`, on the same file system, which machines may share."""
+    """Return this process's own name beside `path`, on the same file system, which machines may share."""
     return path.with_name(f".{path.name}.{os.getpid()}-{machine_id()}.{kind}")
 
 
 @cache
 def machine_id() -> str:
-    """An id of the machine or container: processes of two may have the same number."""
+    """Return an id of the machine or container: processes of two may have the same number."""
     parts = [platform.node()]
     with suppress(OSError):
         parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
@@ -117,7 +122,7 @@ def check_writable(folder: Path) -> None:
 
 
 def check_text_names(*paths: Path | None) -> None:
-    """Refuse names that a scene file cannot contain. Raises InputError.
+    """Check that a scene file can contain these names. Raises InputError.
 
     File systems accept any bytes as a name; scene files are UTF-8.
     """
@@ -131,7 +136,7 @@ def check_text_names(*paths: Path | None) -> None:
 
 
 def final_name(path: str) -> str:
-    """The final name of a partial file.
+    """Return the final name of a partial file.
 
     >>> final_name("out/.a.npz.123-0a1b2c3d.part")
     'out/a.npz'
@@ -181,13 +186,12 @@ def write_with_backup(
 
 
 def free_folder(path: Path) -> tuple[Path, Path | None]:
-    """The first of `NAME.assets`, `NAME-2.assets`, ... beside a scene that is not there, and the one before."""
-    before, number = None, 1
-    while (
-        free := path.with_name(f"{path.stem}{f'-{number}' * (number > 1)}.assets")
-    ).exists():
-        before, number = free, number + 1
-    return free, before
+    """Return the first free folder `NAME.assets`, `NAME-2.assets`, ... beside a scene, and the last existing one."""
+    existing, folder, number = None, path.with_name(f"{path.stem}.assets"), 1
+    while folder.exists():
+        number += 1
+        existing, folder = folder, path.with_name(f"{path.stem}-{number}.assets")
+    return folder, existing
 
 
 BACKUP = re.compile(r"(?P<name>.+)~\d*")
@@ -199,7 +203,7 @@ def back_up(
     keep: Callable[[Path], None] = lambda kept: None,
     is_replaceable: Callable[[Path], bool] = lambda backup: False,
 ) -> None:
-    """Rename an existing file to its `backup_path`, which `keep` gets."""
+    """Move an existing file to its `backup_path`, and call `keep` with that."""
     if path.is_file():
         backup = backup_path(path, is_replaceable)
         path.replace(backup)

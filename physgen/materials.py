@@ -21,10 +21,22 @@ COVERS = {
     "lump": 1.0,
 }
 """Share of its bounding form that an outline covers, where the row gives none."""
-COLOURS = frozenset([
-    "orange", "lime", "lemon", "peach", "plum", "rose", "cherry", "apricot", "mushroom", "chocolate", "eggplant",
-    "chestnut",
-])  # fmt: skip
+COLOURS = frozenset(
+    [
+        "orange",
+        "lime",
+        "lemon",
+        "peach",
+        "plum",
+        "rose",
+        "cherry",
+        "apricot",
+        "mushroom",
+        "chocolate",
+        "eggplant",
+        "chestnut",
+    ]
+)
 """Words that name an object at the end of a label, and a colour before another word."""
 OWN = ("friction", "elasticity", "rolling", "gloss")
 """Properties of the material that a noun may override."""
@@ -40,9 +52,23 @@ VEHICLES = frozenset(["toy car", "die-cast car", "skateboard"])
 """Nouns of what drives forwards on wheels."""
 TAIL = re.compile(r"\b(?:of|with|on|in|from|for|at|under|beside|made)\b|[,;:(/]")
 """Words and marks after which a label only describes the noun before them."""
-PLACES = frozenset([
-    "left", "right", "middle", "top", "bottom", "front", "back", "one", "two", "three", "a", "b", "c",
-])  # fmt: skip
+PLACES = frozenset(
+    [
+        "left",
+        "right",
+        "middle",
+        "top",
+        "bottom",
+        "front",
+        "back",
+        "one",
+        "two",
+        "three",
+        "a",
+        "b",
+        "c",
+    ]
+)
 """Words that distinguish objects with the same name."""
 
 
@@ -96,13 +122,19 @@ class Kind:
 
     @property
     def solid(self) -> str | None:
-        """The solid behind a round outline: `sphere`, `disc` or `hoop`; None where the form is unknown."""
+        """Return the solid behind a round outline: `sphere`, `disc` or `hoop`.
+
+        None if the form is unknown.
+        """
         round_outline = {"ball": "sphere", "lump": "sphere", "hoop": "hoop", "": None}
         return round_outline.get(self.form, "disc")
 
     @property
     def box(self) -> tuple[float, float, float] | None:
-        """mm, sides of the bounding box of a typical object; None where the size is unknown."""
+        """Return the sides of the bounding box of a typical object, mm.
+
+        None if the size is unknown.
+        """
         if not self.size:
             return None
         if self.form == "ball":
@@ -114,7 +146,7 @@ class Kind:
         return self.size[0], self.size[1], self.size[2]
 
     def hollowed(self, diameter: float) -> Kind:
-        """The kind with the filled share of a ball of `diameter` mm; other forms unchanged.
+        """Return the kind with the filled share of a ball of `diameter` mm; other forms unchanged.
 
         >>> round(kind("plastic ball").hollowed(70).filled, 3), kind("steel ball").hollowed(70).filled
         (0.083, 1.0)
@@ -129,44 +161,52 @@ class Kind:
 
     @property
     def density(self) -> float:
-        """g/cm³ over the whole volume: walls, gaps and content."""
+        """Return the density over the whole volume, g/cm³: walls, gaps and content."""
         return self.filled * self.material.density + self.holds
 
 
 def kind(label: str) -> Kind:
-    """The kind of object that a label names; unknown words give the material `unknown`.
+    """Return the kind of object that a label names; unknown words give the material `unknown`.
 
     >>> kind("yellow billiard balls").mass, kind("wooden block").material.name, kind("object").noun
     (170, 'wood', '')
     >>> kind("tin of tomatoes").noun, kind("steel ball").filled, kind("cork ball").material.name
     ('tin', 1.0, 'cork')
     """
-    text = label.lower()[:400]
+    text = label.lower()[:LONGEST_LABEL]
     head = _words(TAIL.split(text, maxsplit=1)[0])
     while len(head) > 1 and (head[-1] in PLACES or head[-1].isdigit()):
         head.pop()
     words = _words(text)
     span, noun = _noun(words, len(head))
-    whole = bool(noun)
-    if not noun:  # "a slice of melon": the material is melon, the size unknown
+    is_whole = bool(noun) and PART.search(text) is None
+    if not noun:
+        # In "a slice of melon", the material is melon and the size unknown.
         span, noun = _noun(words, len(words))
     row: Mapping[str, Any] = _table()[1].get(noun, {})
-    named = _material_named(words, span, len(head), row)
-    found = _row(noun, row, named)
-    if not whole or re.search(r"\b(?:half|slice|piece|broken)\b", text):
-        found = replace(found, mass=None, size=())
-    if re.search(r"\bempty\b", text) and found.holds:
-        found = replace(found, holds=0.0, mass=None)
-    if (
-        row.get("hollow")
-        and "holds" not in row
-        and re.search(
-            r"\b(?:full|filled)\b|\b(?:cup|mug|glass|bowl|jug|bucket|saucepan) of\b",
-            text,
-        )
-    ):
-        found = replace(found, holds=0.6, mass=None)
-    return found
+    material = _material_named(words, span, len(head), row)
+    result = _row(noun, row, material)
+    if not is_whole:
+        result = replace(result, mass=None, size=())
+    if result.holds and EMPTY.search(text):
+        result = replace(result, holds=0.0, mass=None)
+    is_container = row.get("hollow") and "holds" not in row
+    if is_container and FULL.search(text):
+        result = replace(result, holds=FULL_CONTENT, mass=None)
+    return result
+
+
+LONGEST_LABEL = 400
+"""Characters of a label that are read."""
+PART = re.compile(r"\b(?:half|slice|piece|broken)\b")
+"""Words for a part of an object, whose size is unknown."""
+EMPTY = re.compile(r"\bempty\b")
+FULL = re.compile(
+    r"\b(?:full|filled)\b|\b(?:cup|mug|glass|bowl|jug|bucket|saucepan) of\b"
+)
+"""Words for a container with a content."""
+FULL_CONTENT = 0.6
+"""g/cm³ of the content of a full container: water with air above it, over the whole volume."""
 
 
 PAINTED_BALLS = ("billiard ball", "snooker ball")
@@ -188,8 +228,8 @@ def is_living(label: str) -> bool:
     >>> is_living("dog"), is_living("old man"), is_living("toy dog"), is_living("teddy bear")
     (True, True, False, False)
     """
-    what = kind(label)
-    return what.noun in LIVING and what.material.name == "flesh"
+    result = kind(label)
+    return result.noun in LIVING and result.material.name == "flesh"
 
 
 def is_vehicle(label: str) -> bool:
@@ -202,155 +242,181 @@ def is_vehicle(label: str) -> bool:
 
 
 def materials() -> Iterator[Material]:
-    """Every material of the table."""
+    """Return every material of the table."""
     return (_material(name) for name in _table()[0])
 
 
 def nouns() -> Iterator[tuple[Kind, Sequence[str]]]:
-    """Every noun of the table, with the words that mean it."""
-    return ((_row(noun, row, None), row["words"]) for noun, row in _table()[1].items())
+    """Yield every noun of the table, with its words."""
+    for noun, row in _table()[1].items():
+        yield _row(noun, row, None), row["words"]
 
 
-def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
-    """The kind that a row describes, made of the material `named`; None: the row's own material."""
-    own = _material(row.get("material", "unknown"))
-    material = own if named is None else _material(named)
-    ratio = material.density / own.density
-    other = named is not None and (not noun or not 1 / ALIKE < ratio < ALIKE)
-    if not other:
-        overrides = {key: row[key] for key in OWN if key in row}
-        material = replace(
-            material, **overrides, surface=_surface(noun, material.surface, row)
-        )
-    form, size, mass, holds = (
-        row.get("form", ""),
-        tuple(row.get("size", ())),
-        row.get("mass"),
-        row.get("holds", 0.0),
-    )
-    share = float(row.get("share", COVERS.get(form, 1.0)))
-    filled = row.get("filled", 1.0)
-    plain = Kind(
-        noun,
-        material,
-        form,
-        filled,
-        holds,
-        size,
-        row.get("spread", 0.3),
-        mass,
-        None,
-        None,
-        share,
-        "",
-    )
-    if mass is not None and plain.box is not None and "filled" not in row:
-        # walls and gaps follow from the typical mass
-        filled = (
-            max(mass / (_volume(plain) / 1000) - holds, 0.0001 * own.density)
-            / own.density
-        )
-    if other and (row.get("solid_of") or form == "ball"):
+def _row(noun: str, row: Mapping[str, Any], name: str | None) -> Kind:
+    """Return the kind of a row, made of the material `name`; None: the row's own material."""
+    own_material = _material(row.get("material", "unknown"))
+    material = own_material if name is None else _material(name)
+    ratio = material.density / own_material.density
+    is_alike = bool(noun) and 1 / ALIKE < ratio < ALIKE
+    if name is None or is_alike:
+        return _kind_of_row(noun, row, material, ratio)
+    typical = _typical_kind(noun, row, material)
+    filled, holds = _typical_filled(typical, row, own_material), typical.holds
+    if row.get("solid_of") or typical.form == "ball":
         filled, holds = 1.0, 0.0
-    elif other and row.get("hollow"):
-        filled = min(filled * material.walls / own.walls, 1.0)
-    elif not other and mass is not None:
-        filled /= ratio
-    source = row["source"] if noun and not other else material.source
-    if other:
-        wall = _table()[0][material.name].get("copies") if own.name in GROWN else None
-        return replace(
-            plain, filled=filled, holds=holds, mass=None, wall=wall, source=source
-        )
-    core = tuple(row["core"]) if "core" in row else None
+    elif row.get("hollow"):
+        filled = min(filled * material.walls / own_material.walls, 1.0)
+    wall = None
+    if own_material.name in GROWN:
+        wall = _table()[0][material.name].get("copies")
     return replace(
-        plain,
+        typical,
         filled=filled,
         holds=holds,
-        wall=row.get("wall"),
-        core=core,
-        source=source,
+        mass=None,
+        wall=wall,
+        source=material.source,
     )
+
+
+def _kind_of_row(
+    noun: str, row: Mapping[str, Any], material: Material, ratio: float
+) -> Kind:
+    """Return the kind of a row whose material, or one of about the same density, it has.
+
+    `ratio`: density relative to that of the row's own material.
+    """
+    own_material = _material(row.get("material", "unknown"))
+    overrides = {key: row[key] for key in OWN if key in row}
+    surface = _surface(noun, material.surface, row)
+    material = replace(material, **overrides, surface=surface)
+    typical = _typical_kind(noun, row, material)
+    filled = _typical_filled(typical, row, own_material)
+    if typical.mass is not None:
+        filled /= ratio
+    core = tuple(row["core"]) if "core" in row else None
+    source = row["source"] if noun else material.source
+    return replace(
+        typical, filled=filled, wall=row.get("wall"), core=core, source=source
+    )
+
+
+def _typical_kind(noun: str, row: Mapping[str, Any], material: Material) -> Kind:
+    """Return the kind with the row's form, size, mass and content."""
+    form = row.get("form", "")
+    return Kind(
+        noun,
+        material,
+        form=form,
+        filled=row.get("filled", 1.0),
+        holds=row.get("holds", 0.0),
+        size=tuple(row.get("size", ())),
+        spread=row.get("spread", 0.3),
+        mass=row.get("mass"),
+        wall=None,
+        core=None,
+        share=float(row.get("share", COVERS.get(form, 1.0))),
+        source="",
+    )
+
+
+def _typical_filled(
+    typical: Kind, row: Mapping[str, Any], own_material: Material
+) -> float:
+    """Return the filled share of a typical object."""
+    if typical.mass is None or typical.box is None or "filled" in row:
+        return typical.filled
+    # Walls and gaps follow from the typical mass.
+    density = typical.mass / (_volume(typical) / 1000) - typical.holds
+    return max(density, 0.0001 * own_material.density) / own_material.density
 
 
 def _surface(noun: str, general: str, row: Mapping[str, Any]) -> str:
-    """The source of a material's surface values, with those that the noun overrides."""
-    own = [key for key in OWN if key in row and key != "gloss"]
-    if not own:
+    """Return the source of a material's surface values, and of those that the noun overrides."""
+    keys = [key for key in OWN if key in row and key != "gloss"]
+    if not keys:
         return general
-    rest = [
-        part for part in general.split("; ") if not part.startswith((*own, "estimate"))
+    own_source = f"{', '.join(keys)} of {noun}: estimate"
+    if "surface" in row:
+        own_source = f"elasticity of {noun}: {row['surface']}"
+    parts = [
+        part for part in general.split("; ") if not part.startswith((*keys, "estimate"))
     ]
-    ours = (
-        f"elasticity of {noun}: {row['surface']}"
-        if "surface" in row
-        else f"{', '.join(own)} of {noun}: estimate"
-    )
-    return "; ".join([*rest, ours])
+    return "; ".join([*parts, own_source])
 
 
-def _volume(what: Kind) -> float:
-    """mm³ of the typical object."""
-    assert what.box is not None
-    a, b, c = what.box
-    rounded = {"ball": pi / 6, "lump": pi / 6, "slab": 1.0}.get(what.form, pi / 4)
-    return a * b * c * rounded * what.share
+def _volume(typical: Kind) -> float:
+    """Return the volume of the typical object, mm³."""
+    assert typical.box is not None
+    a, b, c = typical.box
+    rounded = {"ball": pi / 6, "lump": pi / 6, "slab": 1.0}.get(typical.form, pi / 4)
+    return a * b * c * rounded * typical.share
 
 
 def _noun(words: Sequence[str], head: int) -> tuple[tuple[int, int], str]:
-    """Span and row of the noun in the first `head` words: the last one, and of those the longest."""
-    best, result = (-1, -1, -1), ((0, 0), "")
-    for i in range(head):
-        for j in range(i + 1, min(i + 5, len(words)) + 1):
-            for phrase in _variants(words[i:j]):
+    """Return span and row of the noun in the first `head` words: the last one, and of those the longest."""
+    best_rank, result = (-1, -1, -1), ((0, 0), "")
+    for start in range(head):
+        last_end = min(start + LONGEST_NOUN, len(words))
+        for end in range(start + 1, last_end + 1):
+            for phrase in _variants(words[start:end]):
                 noun = _phrases()[1].get(phrase)
-                if noun is None or (
-                    j < head and (phrase in COLOURS or phrase in _phrases()[0])
-                ):
-                    continue  # a word that names an object only at the end: a cork, but a cork ball
-                key = (min(j, head), j - i, len(phrase))
-                if key > best:
-                    best, result = key, ((i, j), noun)
+                if noun is None:
+                    continue
+                is_attribute = phrase in COLOURS or phrase in _phrases()[0]
+                if is_attribute and end < head:
+                    continue  # It names an object only at the end: a cork, but a cork ball.
+                rank = (min(end, head), end - start, len(phrase))
+                if rank > best_rank:
+                    best_rank, result = rank, ((start, end), noun)
     return result
+
+
+LONGEST_NOUN = 5
+"""Words of a noun of the table, at most."""
+LONGEST_MATERIAL = 3
+"""Words of a material of the table, at most."""
 
 
 def _material_named(
     words: Sequence[str], span: tuple[int, int], head: int, row: Mapping[str, Any]
 ) -> str | None:
-    """The material that a label names: the last before its noun, else after it unless that is the content."""
-    table, metal = (
-        _table()[0],
-        _material(row.get("material", "unknown")).density > METAL,
-    )
-    of = not row.get("hollow") and not row.get("holds")
-    for i in range(span[0], span[1] - 1):
-        for j in range(i + 1, span[1]):
-            inside = _phrases()[0].get(" ".join(words[i:j]))
-            if (
-                inside == row["material"]
-            ):  # "rubber ball", unless it is a foam rubber ball
-                before = _phrases()[0].get(" ".join(words[max(i - 1, 0) : j]))
-                return before if before != inside else None
-    spans = (
-        [(0, span[0]), (span[1], len(words) if of else head)]
-        if row
-        else [(0, len(words))]
-    )
-    for start, end in spans:
-        best, result = (-1, -1), None
-        for i in range(start, end):
-            for j in range(i + 1, min(i + 3, end) + 1):
-                for phrase in _variants(words[i:j]):
-                    name = _phrases()[0].get(phrase)
-                    if (
-                        name
-                        and (not row or metal or not table[name].get("tint"))
-                        and (j, j - i) > best
-                    ):
-                        best, result = (j, j - i), name
-        if result is not None:
-            return result
-    return None
+    """Return the material that a label names: the last before its noun, else after it unless that is the content."""
+    if not row:
+        return _last_material(words, 0, len(words), has_tints=True)
+    for start in range(span[0], span[1] - 1):
+        for end in range(start + 1, span[1]):
+            if _phrases()[0].get(" ".join(words[start:end])) == row["material"]:
+                # The noun names its material, as "rubber ball" does, unless it is a foam rubber ball.
+                phrase = " ".join(words[max(start - 1, 0) : end])
+                compound = _phrases()[0].get(phrase)
+                return compound if compound != row["material"] else None
+    is_metal = _material(row.get("material", "unknown")).density > METAL
+    is_container = row.get("hollow") or row.get("holds")
+    last_end = head if is_container else len(words)
+    material = _last_material(words, 0, span[0], has_tints=is_metal)
+    if material is None:
+        material = _last_material(words, span[1], last_end, has_tints=is_metal)
+    return material
+
+
+def _last_material(
+    words: Sequence[str], first: int, last: int, has_tints: bool
+) -> str | None:
+    """Return the last material that `words[first:last]` name, of those the longest.
+
+    `has_tints`: words that are also colours, such as silver, name the material.
+    """
+    best_rank, result = (-1, -1), None
+    for start in range(first, last):
+        for end in range(start + 1, min(start + LONGEST_MATERIAL, last) + 1):
+            for phrase in _variants(words[start:end]):
+                name = _phrases()[0].get(phrase)
+                if not name or (_table()[0][name].get("tint") and not has_tints):
+                    continue
+                if (end, end - start) > best_rank:
+                    best_rank, result = (end, end - start), name
+    return result
 
 
 def _material(name: str) -> Material:
@@ -373,35 +439,41 @@ def _words(text: str) -> list[str]:
 
 
 def _variants(words: Sequence[str]) -> Iterator[str]:
-    """A phrase as it stands, and with its last word in the singular.
+    """Yield a phrase as written, and with its last word in the singular.
 
     >>> sorted(_variants(["kitchen", "knives"]))
     ['kitchen knif', 'kitchen knife', 'kitchen kniv', 'kitchen knive', 'kitchen knives']
     """
-    yield (phrase := " ".join(words))
-    for plural, singular in (
-        ("ies", "y"),
-        ("ves", "f"),
-        ("ves", "fe"),
-        ("es", ""),
-        ("s", ""),
-    ):
+    phrase = " ".join(words)
+    yield phrase
+    for plural, singular in PLURALS:
         if phrase.endswith(plural) and len(words[-1]) > len(plural) + 1:
             yield phrase[: -len(plural)] + singular
 
 
+PLURALS = (("ies", "y"), ("ves", "f"), ("ves", "fe"), ("es", ""), ("s", ""))
+"""Endings of plurals and of their singulars."""
+
+
 @cache
 def _phrases() -> tuple[dict[str, str], dict[str, str]]:
-    """Phrase -> row of `materials:`, and of `nouns:`; a phrase of two words also written as one."""
-    both: tuple[dict[str, str], dict[str, str]] = ({}, {})
-    for found, rows in zip(both, _table(), strict=True):
-        for name, row in rows.items():
-            for phrase in row["words"]:
-                words = _words(phrase)
-                if len(words) == 2:
-                    found.setdefault("".join(words), name)
-                found[" ".join(words)] = name
-    return both
+    """Return the rows of `materials:` and of `nouns:` by phrase.
+
+    A phrase of two words also as one.
+    """
+    materials, nouns = _table()
+    return _rows_by_phrase(materials), _rows_by_phrase(nouns)
+
+
+def _rows_by_phrase(rows: Mapping[str, Any]) -> dict[str, str]:
+    names: dict[str, str] = {}
+    for name, row in rows.items():
+        for phrase in row["words"]:
+            words = _words(phrase)
+            if len(words) == 2:
+                names.setdefault("".join(words), name)
+            names[" ".join(words)] = name
+    return names
 
 
 @cache

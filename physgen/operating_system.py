@@ -68,7 +68,10 @@ def open_file_path(descriptor: int) -> Path | None:
 
 
 def lock_file(stream: IO[Any]) -> bool:
-    """Lock an open file of a POSIX system until it is closed. Return False if another process holds it."""
+    """Lock an open file of a POSIX system until it is closed.
+
+    Return False if another process holds it.
+    """
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -79,7 +82,10 @@ def lock_file(stream: IO[Any]) -> bool:
 
 
 def is_private(status: os.stat_result) -> bool:
-    """Return whether a file belongs to this user alone; elsewhere the folder's access list decides."""
+    """Return whether a file belongs to this user alone.
+
+    Elsewhere the folder's access list decides.
+    """
     if not IS_POSIX:
         return True
     return status.st_uid == os.getuid() and not status.st_mode & OTHER_USERS
@@ -165,7 +171,10 @@ def stop_process(process: subprocess.Popen[str]) -> None:
 
 
 def handle_termination(handler: Handler) -> None:
-    """Call `handler` for each signal that asks a process to end, apart from Ctrl-C. Only the main thread may."""
+    """Call `handler` for each signal that asks a process to end, apart from Ctrl-C.
+
+    Only the main thread may.
+    """
     for name in ("SIGTERM", "SIGBREAK"):  # the second one is what Windows has
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), handler)

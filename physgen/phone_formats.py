@@ -118,7 +118,10 @@ def first_box(data: bytes, kind: bytes) -> bytes | None:
 
 
 def avif_colour_codes(path: Path) -> tuple[int, int] | None:
-    """Return the code points of an AVIF file's primaries and curve (ITU-T H.273); None if it has none."""
+    """Return the code points of an AVIF file's primaries and curve (ITU-T H.273).
+
+    None if it has none.
+    """
     data = _header(path)
     for kind, skipped in ((b"meta", 4), (b"iprp", 0), (b"ipco", 0)):
         content = first_box(data, kind)

@@ -22,6 +22,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import U8 as U8
+from physgen.arrays import U16
 from physgen.colour_spaces import (
     CAMERA_CURVES,
     SRGB_CURVE_CODE,
@@ -47,8 +49,6 @@ from physgen.text import quoted
 if TYPE_CHECKING:
     from PIL import Image
 
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 ToSrgb = Callable[[NDArray[Any]], U8]
 """(H, W, 1, 3 or 4) stored numbers of 8 or 16 bits -> (H, W, 3) sRGB."""
 
@@ -56,7 +56,8 @@ logging.getLogger("PIL").addHandler(logging.NullHandler())
 """Pillow logs damages that it also raises; without a handler Python prints them."""
 STDERR = 2
 """File descriptor (POSIX)."""
-BAND = 512  # rows that are converted at a time, so that memory stays small
+BAND = 512
+"""Rows that are converted at a time, so that memory stays small."""
 GREYS = ("1", "L", "LA", "La")
 WITH_ALPHA = ("LA", "La", "PA", "RGBA", "RGBa")
 PLAIN = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")
@@ -98,12 +99,12 @@ class Photo:
 
 
 def read_image(path: Path) -> U8:
-    """A photo as (H, W, 3) uint8 sRGB, in the file's own axes; see `read_photo`."""
+    """Read a photo as (H, W, 3) uint8 sRGB, in the file's own axes; see `read_photo`."""
     return read_photo(path, upright=False).rgb
 
 
 def read_photo(path: Path, upright: bool = True) -> Photo:
-    """A photo as a viewer shows it, turned by its EXIF data if `upright`, over white where it is transparent.
+    """Read a photo as a viewer shows it, turned by its EXIF data if `upright`, over white where it is transparent.
 
     A colour profile is applied, or another description of the colours; photos without one are sRGB. 16 bits are
     rounded to 8 before a profile is applied. Raises InputError.
@@ -113,23 +114,19 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
         if image.mode.startswith("I") or _bits(image, path) > 8:
             decode_picture(image, path)
             numbers = read_16_bit(image, path)
-        has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
-        mode, to_srgb, readable = _meaning(image, path)
-        plain = (
-            numbers is None and image.mode in PLAIN and image.format in SCENE_FORMATS
-        )
         turn = orientation(image, path)
+        mode, to_srgb, readable = _meaning(image, path)
+        is_8_bit = numbers is None
+        is_scene_format = image.mode in PLAIN and image.format in SCENE_FORMATS
         if numbers is None:
-            numbers = _stored_numbers(image, path, mode + "A" * has_alpha)
+            has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
+            stored_mode = mode + "A" if has_alpha else mode
+            numbers = _stored_numbers(image, path, stored_mode)
         else:
             has_alpha = numbers.shape[2] in (2, 4)
-    rgb = np.empty((*numbers.shape[:2], 3), np.uint8)
-    opaque = True
-    for top in range(0, len(rgb), BAND):
-        rows = slice(top, top + BAND)
-        rgb[rows], whole = over_white(numbers[rows], has_alpha, to_srgb)
-        opaque &= whole
-    plain = plain and opaque and to_srgb is None and turn == 1
+    rgb, opaque = _convert_bands(numbers, has_alpha, to_srgb)
+    is_plain = is_8_bit and is_scene_format
+    plain = is_plain and opaque and to_srgb is None and turn == 1
     if upright and turn in TURNS:
         rgb = np.ascontiguousarray(TURNS[turn](rgb))
     return Photo(rgb, plain, readable)
@@ -156,10 +153,26 @@ def _stored_numbers(image: Image.Image, path: Path, mode: str) -> NDArray[Any]:
     return numbers[:, :, None] if numbers.ndim == 2 else numbers
 
 
+def _convert_bands(
+    numbers: NDArray[Any], has_alpha: bool, to_srgb: ToSrgb | None
+) -> tuple[U8, bool]:
+    """Convert stored numbers as `over_white`, in bands of rows, so that memory stays small."""
+    rgb = np.empty((*numbers.shape[:2], 3), np.uint8)
+    opaque = True
+    for top in range(0, len(rgb), BAND):
+        rows = slice(top, top + BAND)
+        rgb[rows], is_opaque = over_white(numbers[rows], has_alpha, to_srgb)
+        opaque &= is_opaque
+    return rgb, opaque
+
+
 def over_white(
     band: NDArray[Any], has_alpha: bool = True, to_srgb: ToSrgb | None = None
 ) -> tuple[U8, bool]:
-    """Stored numbers -> (h, w, 3) sRGB over white, composed in linear light; and whether all are opaque."""
+    """Convert stored numbers to (h, w, 3) sRGB over white, composed in linear light.
+
+    And report whether all are opaque.
+    """
     full = np.iinfo(band.dtype).max
     alpha = band[:, :, -1] if has_alpha else None
     colour = band[:, :, :-1] if has_alpha else band
@@ -176,13 +189,14 @@ def over_white(
 def _eight_bits(levels: NDArray[Any]) -> U8:
     if levels.dtype == np.uint8:
         return np.asarray(levels, np.uint8)
-    return np.asarray(
-        cv2.convertScaleAbs(levels, alpha=1 / 257).reshape(levels.shape), np.uint8
-    )
+    rounded = cv2.convertScaleAbs(levels, alpha=1 / 257)
+    return np.asarray(rounded.reshape(levels.shape), np.uint8)
 
 
 def orientation(image: Image.Image, path: Path | None = None) -> int:
-    """As EXIF counts, 1 to 8; 1 where that is damaged, and for formats whose readers turn the picture themselves.
+    """Return the orientation as EXIF counts it, 1 to 8.
+
+    1 if it is damaged, and for formats whose readers turn the picture themselves.
 
     A PNG may have it behind its pixels: it is looked for there if its `path` is given.
     """
@@ -197,7 +211,7 @@ def orientation(image: Image.Image, path: Path | None = None) -> int:
 
 
 def _is_turned_by_reader(image: Image.Image) -> bool:
-    """Whether the pixels are upright as they are read, whatever EXIF data says.
+    """Return whether the pixels are upright as they are read, whatever the EXIF data contain.
 
     HEIF and JPEG XL state the orientation apart from EXIF data, and their decoders apply it; a JPEG inside a JPEG XL
     file is decoded as a JPEG.
@@ -214,7 +228,10 @@ def _is_turned_by_reader(image: Image.Image) -> bool:
 def open_picture(
     path: Path, formats: tuple[str, ...] = FORMATS
 ) -> Iterator[Image.Image]:
-    """Pillow's view of a picture, its size checked before pixels are decoded. Raises InputError."""
+    """Open a picture with Pillow; its size is checked before pixels are decoded.
+
+    Raises InputError.
+    """
     from PIL import Image, UnidentifiedImageError
 
     def problem(expected: str, fix: str) -> InputError:
@@ -258,7 +275,7 @@ def open_picture(
 
 
 def _usable_formats(path: Path, formats: tuple[str, ...]) -> tuple[str, ...]:
-    """The formats that Pillow may try on a file. Raises InputError, OSError."""
+    """Return the formats that Pillow may try on a file. Raises InputError, OSError."""
     kind = recognise(path)
     if kind is None or kind.value not in formats:
         phone_formats = [one.value for one in PhoneFormat]
@@ -273,7 +290,7 @@ def _usable_formats(path: Path, formats: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _select_page(image: Image.Image, path: Path) -> None:
-    """Go to the first page of a TIFF that is no thumbnail. Raises InputError."""
+    """Select the first page of a TIFF that is not a thumbnail. Raises InputError."""
     try:
         if getattr(image, "n_frames", 1) > 1:
             pages = _full_pages(image)
@@ -283,7 +300,7 @@ def _select_page(image: Image.Image, path: Path) -> None:
 
 
 def _full_pages(image: Image.Image) -> list[int]:
-    """Pages of a TIFF that are no smaller copies of another, by number."""
+    """Return the numbers of a TIFF's pages that are no smaller copies of another page."""
     sides: dict[int, int] = {}
     for page in range(min(getattr(image, "n_frames", 1), MOST_PAGES)):
         image.seek(page)
@@ -294,7 +311,7 @@ def _full_pages(image: Image.Image) -> list[int]:
 
 
 def _is_reduced(image: Image.Image) -> bool:
-    """Whether a page of a TIFF is marked as a smaller copy of another, or as a mask."""
+    """Return whether a page of a TIFF is marked as a smaller copy of another, or as a mask."""
     tags = getattr(image, "tag_v2", {})
     is_old_copy = tags.get(OLD_SUBFILE) == OLD_REDUCED
     return bool(tags.get(SUBFILE, 0) & REDUCED) or is_old_copy
@@ -318,7 +335,7 @@ def _similar_picture(path: Path) -> str:
 
 
 def decode_picture(image: Image.Image, path: Path) -> None:
-    """Decodes the pixels. Raises InputError, one line, for a damaged picture."""
+    """Decode the pixels. Raises InputError, one line, for a damaged picture."""
     # libtiff itself writes about a damaged file to stderr
     quiet = discard_native_errors() if image.format == "TIFF" else nullcontext()
     try:
@@ -331,7 +348,7 @@ def decode_picture(image: Image.Image, path: Path) -> None:
 
 @contextmanager
 def discard_native_errors() -> Iterator[None]:
-    """Discard what C libraries of this process write to stderr."""
+    """Drop the output of this process's C libraries to stderr."""
     try:
         stderr = os.dup(STDERR)
     except OSError:  # it is closed
@@ -349,29 +366,30 @@ def discard_native_errors() -> Iterator[None]:
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """Width and height, px, by the file's header. Raises InputError."""
+    """Read width and height, px, from the file's header. Raises InputError."""
     with open_picture(path) as image:
         return image.size
 
 
 def read_channels(path: Path) -> U8 | U16:
-    """(H, W) or (H, W, 2 to 4), 8 or 16 bits: grey or red, green, blue, then opacity where the picture has any; of a
-    palette without transparency, its indices. Raises InputError.
+    """Read (H, W) or (H, W, 2 to 4), 8 or 16 bits: grey or red, green, blue, then the opacity if there is one.
+
+    Of a palette without transparency, the indices. Raises InputError.
     """
     with open_picture(path) as image:
         decode_picture(image, path)
-        raw = read_16_bit(image, path)
-        if raw is not None:
-            return raw[:, :, 0] if raw.shape[2] == 1 else raw
+        deep = read_16_bit(image, path)
+        if deep is not None:
+            return deep[:, :, 0] if deep.shape[2] == 1 else deep
         has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
-        is_grey = image.mode in GREYS
         if image.mode == "P" and not has_alpha:
             return np.asarray(image)
-        return np.asarray(image.convert(("L" if is_grey else "RGB") + "A" * has_alpha))
+        mode = "L" if image.mode in GREYS else "RGB"
+        return np.asarray(image.convert(mode + "A" if has_alpha else mode))
 
 
 def page_count(image: Image.Image) -> int:
-    """Pictures in a file, without the smaller copies in a TIFF."""
+    """Count the pictures in a file, without the smaller copies in a TIFF."""
     count = int(getattr(image, "n_frames", 1))
     if image.format != "TIFF" or count == 1:
         return count
@@ -382,7 +400,7 @@ def page_count(image: Image.Image) -> int:
 
 
 def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
-    """(H, W, 1 to 4), a loaded picture of 16 bits, with opacity last where it has any; None for one of 8 bits.
+    """Read a loaded picture of 16 bits as (H, W, 1 to 4), opacity last; None for a picture of 8 bits.
 
     Pillow cuts colours of 16 bits to 8, so OpenCV reads those.
     """
@@ -403,7 +421,7 @@ def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
 
 
 def _decode_page(path: Path, page: int, flags: int) -> NDArray[Any] | None:
-    """OpenCV's reading of a page; None for a file that it does not read."""
+    """Read a page with OpenCV; None for a file that it does not read."""
     stored = np.frombuffer(path.read_bytes(), np.uint8)
     if page == 0:
         return cv2.imdecode(stored, flags)
@@ -412,7 +430,7 @@ def _decode_page(path: Path, page: int, flags: int) -> NDArray[Any] | None:
 
 
 def _bits(image: Image.Image, path: Path) -> int:
-    """Of a channel, by the file's header: Pillow's modes do not have them."""
+    """Return the bits of a channel by the file's header: Pillow's modes do not state them."""
     if image.format == "TIFF":
         return int(max(getattr(image, "tag_v2", {}).get(BITS, (1,))))
     if image.format != "PNG":
@@ -422,7 +440,10 @@ def _bits(image: Image.Image, path: Path) -> int:
 
 
 def _unusual(image: Image.Image, path: Path) -> str | None:
-    """What a picture is that Pillow opens and that is no photo of 8 or 16 bits."""
+    """Name the kind of a picture that Pillow opens and that is no photo of 8 or 16 bits.
+
+    None for a photo.
+    """
     if image.mode in ("F", "LAB"):
         return f"a {image.format} of an unusual kind"
     if image.format != "TIFF":
@@ -449,8 +470,10 @@ def _damaged(path: Path, error: Exception) -> InputError:
 
 
 def _meaning(image: Image.Image, path: Path) -> tuple[str, ToSrgb | None, bool]:
-    """How to read a loaded file's numbers: Pillow's mode without alpha, their colours, and whether the description of
-    the colours could be used; None for sRGB. Raises InputError for a high dynamic range.
+    """Return how to read a loaded file's numbers.
+
+    Pillow's mode without alpha; the conversion of its colours, None for sRGB; whether the description of the colours
+    could be used. Raises InputError for a high dynamic range.
     """
     is_grey = image.mode in GREYS or image.mode.startswith("I")
     mode = "L" if is_grey else "RGB"
@@ -469,12 +492,17 @@ def _meaning(image: Image.Image, path: Path) -> tuple[str, ToSrgb | None, bool]:
             continue
         if describe is _by_profile and image.mode == "CMYK":
             return "CMYK", to_srgb, is_readable
-        return mode, None if _is_srgb(to_srgb, is_grey) else to_srgb, is_readable
+        if _is_srgb(to_srgb, is_grey):
+            to_srgb = None
+        return mode, to_srgb, is_readable
     return mode, None, is_readable
 
 
 def _by_cicp(image: Image.Image, path: Path) -> ToSrgb | None:
-    """Colours by the chunk cICP of a PNG, which goes before any other description. Raises ColourError."""
+    """Read the colours by the chunk cICP of a PNG, which goes before any other description.
+
+    Raises ColourError.
+    """
     if image.format != "PNG":
         return None
     body = _png_chunk(path, b"cICP")
@@ -502,7 +530,7 @@ def _png_chunk(path: Path, kind: bytes, *, is_late: bool = False) -> bytes | Non
 
 
 def _by_profile(image: Image.Image, path: Path) -> ToSrgb | None:
-    """Colours by an ICC profile. Raises ColourError."""
+    """Read the colours by an ICC profile. Raises ColourError."""
     profile = image.info.get("icc_profile")
     if not profile:
         return None
@@ -518,7 +546,7 @@ def _by_profile(image: Image.Image, path: Path) -> ToSrgb | None:
 
 
 def _by_nclx(image: Image.Image, path: Path) -> ToSrgb | None:
-    """Colours by the code points of a HEIF or AVIF file. Raises ColourError."""
+    """Read the colours by the code points of a HEIF or AVIF file. Raises ColourError."""
     codes = None
     if image.format == "AVIF":
         codes = avif_colour_codes(path)
@@ -536,7 +564,7 @@ def _by_nclx(image: Image.Image, path: Path) -> ToSrgb | None:
 
 
 def _by_srgb_chunk(image: Image.Image, path: Path) -> ToSrgb | None:
-    """Colours of a PNG with the chunk sRGB, which goes before gAMA and cHRM."""
+    """Return the colours of a PNG with the chunk sRGB, which goes before gAMA and cHRM."""
     return _keep_srgb if "srgb" in image.info else None
 
 
@@ -545,7 +573,7 @@ def _keep_srgb(levels: NDArray[Any]) -> U8:
 
 
 def _by_gamma(image: Image.Image, path: Path) -> ToSrgb | None:
-    """Colours by the chunks gAMA and cHRM of a PNG. Raises ColourError."""
+    """Read the colours by the chunks gAMA and cHRM of a PNG. Raises ColourError."""
     gamma = image.info.get("gamma")
     chromaticities = image.info.get("chromaticity")
     if image.format != "PNG" or not (gamma or chromaticities):
@@ -554,7 +582,7 @@ def _by_gamma(image: Image.Image, path: Path) -> ToSrgb | None:
 
 
 def _is_srgb(to_srgb: ToSrgb, is_grey: bool) -> bool:
-    """Whether no colour moves by more than one level."""
+    """Return whether no colour moves by more than one level."""
     step = np.arange(0, 256, 15).astype(np.uint8)
     colours = np.stack(np.meshgrid(step, step, step), -1).reshape(-1, 1, 3)
     if is_grey:
@@ -563,7 +591,10 @@ def _is_srgb(to_srgb: ToSrgb, is_grey: bool) -> bool:
 
 
 def _by_littlecms(profile: bytes, mode: str) -> ToSrgb:
-    """LittleCMS: 8 bits a channel, relative colorimetric with black point compensation. Raises ColourError."""
+    """Convert with LittleCMS: 8 bits a channel, relative colorimetric, black point compensation.
+
+    Raises ColourError.
+    """
     from PIL import Image, ImageCms
 
     try:

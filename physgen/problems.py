@@ -27,7 +27,10 @@ UNKNOWN_PLACE = Place("scene")
 
 
 class Severity(Enum):
-    """An error stops the command with exit code 2; a warning does not, unless `--strict` is given."""
+    """An error stops the command with exit code 2.
+
+    A warning does not, unless `--strict` is given.
+    """
 
     ERROR = "error"
     WARNING = "warning"
@@ -57,26 +60,25 @@ class Problem:
     """Where the wrong value was written, if an overlay at `place` made it wrong."""
 
     def __str__(self) -> str:
-        where = f"{self.place}: "
-        where += f"variant {self.variant}: " if self.variant else ""
-        where += f"{self.path}: " if self.path else ""
-        origin = f"({self.origin})" if self.origin is not None else ""
-        parts = (self.found, self.expected, origin)
-        what = " ".join(part for part in parts if part)
-        text = where + what + (f"; {self.fix}" if self.fix else "")
-        text = (
-            text
-            if self.severity is Severity.ERROR
-            else text.replace(where, where + "warning: ", 1)
-        )
-        return (
-            text
-            if text.isprintable()
-            else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
-        )
+        parts = [str(self.place)]
+        if self.variant:
+            parts.append(f"variant {self.variant}")
+        if self.path:
+            parts.append(self.path)
+        if self.severity is Severity.WARNING:
+            parts.append("warning")
+        words = [self.found, self.expected]
+        if self.origin is not None:
+            words.append(f"({self.origin})")
+        parts.append(" ".join(filter(None, words)))
+        text = ": ".join(parts)
+        if self.fix:
+            text += f"; {self.fix}"
+        # A file may contain control characters, which could drive a terminal.
+        return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
     def as_dict(self) -> dict[str, object]:
-        """The same as JSON, for `--json`."""
+        """Return the problem as JSON, for `--json`."""
         return {
             "file": self.place.file,
             "line": self.place.line,
@@ -101,16 +103,19 @@ Warn = Callable[[Problem], None]
 
 
 def ignore_warning(problem: Problem) -> None:
-    """Drops a warning."""
+    """Do nothing with a warning."""
 
 
 def by_place(problems: Iterable[Problem]) -> list[Problem]:
-    """Sorted by file, line, column and path."""
+    """Return the problems sorted by file, line, column and path."""
     return sorted(problems, key=lambda p: (p.place, p.path, p.expected))
 
 
 class InputError(Exception):
-    """An input cannot be used; carries every problem found, sorted. The command line prints them and exits 2."""
+    """An input cannot be used; carries every problem found, sorted.
+
+    The command line prints them and exits 2.
+    """
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = by_place(problems)
@@ -118,7 +123,7 @@ class InputError(Exception):
 
     @classmethod
     def of(cls, file: str, found: str, expected: str, fix: str) -> InputError:
-        """One problem with a whole file or a flag."""
+        """Return the error of one problem with a whole file or a flag."""
         return cls([Problem(Place(file), "", found, expected, fix)])
 
 
@@ -141,8 +146,9 @@ class OutputError(InputError):
 
 
 def collect(calls: Iterable[Callable[[], T]]) -> list[T]:
-    """Their results. Raises InputError with the problems of all, each once."""
-    results, problems = list[T](), list[Problem]()
+    """Return the results of all calls. Raises InputError with the problems of all, each once."""
+    results: list[T] = []
+    problems: list[Problem] = []
     for call in calls:
         try:
             results.append(call())
@@ -154,7 +160,10 @@ def collect(calls: Iterable[Callable[[], T]]) -> list[T]:
 
 
 class RefusedError(ValueError):
-    """One value that cannot be used; `expected` and `fix` become those of a Problem where its place is known."""
+    """One value that cannot be used.
+
+    `expected` and `fix` become those of a Problem where its place is known.
+    """
 
     def __init__(self, expected: str, fix: str) -> None:
         super().__init__(expected)
@@ -229,7 +238,7 @@ class Limit(Enum):
         self.expected, self.fix = expected.format(self.amount), fix.format(self.amount)
 
     def error(self, place: Place, path: str = "", found: str = "") -> InputError:
-        """The error that it was exceeded."""
+        """Return the error of an input that exceeds the limit."""
         return InputError([Problem(place, path, found, self.expected, self.fix)])
 
 
@@ -253,7 +262,10 @@ class Why(Enum):
 
 
 class EditError(Exception):
-    """Raised wherever an edit, or a request, is refused; `more` goes beside `error` in the answer."""
+    """Raised wherever an edit, or a request, is refused.
+
+    `more` goes beside `error` in the answer.
+    """
 
     def __init__(
         self, why: Why, message: str, fix: str, more: Mapping[str, Any] | None = None
@@ -263,18 +275,18 @@ class EditError(Exception):
         self.more: Mapping[str, Any] = more or {}
 
     def body(self) -> dict[str, Any]:
-        """The answer as JSON has it."""
+        """Return the answer as JSON."""
         error = {"message": self.message, "fix": self.fix}
         return {"error": error, "problems": [], **self.more}
 
 
 def impossible(message: str, fix: str) -> EditError:
-    """An operation that cannot be made on this scene."""
+    """Return the error of an operation that cannot be made on this scene."""
     return EditError(Why.IMPOSSIBLE, message, fix)
 
 
 def overtaken() -> EditError:
-    """The error of a request about something that a newer one replaced."""
+    """Return the error of a request that a newer one replaced."""
     return EditError(
         Why.STALE,
         "a newer request overtook this one",

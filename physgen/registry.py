@@ -40,6 +40,8 @@ class Weights:
     """Approximate, e.g. `1.1 GB`."""
     licence: str
     """According to its model card."""
+    get: str = ""
+    """How to get them; empty: by `hf download`."""
 
 
 @dataclass(frozen=True)
@@ -61,30 +63,36 @@ Options = Mapping[str, tuple[Any, Mapping[str, Any]]]
 
 
 def read_options(setup: Setup, table: str, known: Options) -> dict[str, Any]:
-    """Every option of the section `[table]`, missing ones with their defaults. Raises InputError with every wrong one.
+    """Read every option of the section `[table]`, missing ones with their defaults.
+
+    Raises InputError with every wrong one.
 
     >>> read_options(Setup(options={"steps": 4}), "marigold", {"steps": (1, {"type": "integer"}), "seed": (0, {})})
     {'steps': 4, 'seed': 0}
     """
-    from jsonschema import Draft202012Validator  # here, since only models have options
-
-    problems = []
+    problems: list[Problem] = []
     for key, value in setup.options.items():
-        default, schema = known.get(key, (None, {}))
-        found = "" if key in known else f'"{key}"'
-        faults = [
-            error.message for error in Draft202012Validator(schema).iter_errors(value)
-        ]
-        fix = "leave it out" if default is None else f"the default is {default!r}"
-        if key not in known:
-            faults, fix = ["means nothing here"], suggestion(key, known)
-        place = Place("physgen.toml")
-        problems += [
-            Problem(place, f"{table}.{key}", found, fault, fix) for fault in faults
-        ]
+        problems += _option_problems(f"{table}.{key}", key, value, known)
     if problems:
         raise InputError(problems)
     return {key: setup.options.get(key, default) for key, (default, _) in known.items()}
+
+
+def _option_problems(
+    path: str, key: str, value: Any, known: Options
+) -> Iterator[Problem]:
+    # Imported here, since only models have options and the import takes 60 ms.
+    from jsonschema import Draft202012Validator
+
+    place = Place("physgen.toml")
+    if key not in known:
+        fix = suggestion(key, known)
+        yield Problem(place, path, f'"{key}"', "means nothing here", fix)
+        return
+    default, schema = known[key]
+    fix = "leave it out" if default is None else f"the default is {default!r}"
+    for error in Draft202012Validator(schema).iter_errors(value):
+        yield Problem(place, path, "", error.message, fix)
 
 
 @dataclass(frozen=True)
@@ -108,22 +116,25 @@ class Backend:
     settings: tuple[str, ...] = ()
     """Environment variables that it needs unless weights are named after a colon."""
     uses: tuple[str, ...] = ()
-    """Keyword arguments that its callable takes beyond the Protocol's: `categories`; `depth`, `normals`, `scenery`."""
+    """Keyword arguments that its callable takes beyond the Protocol's: `categories`.
+
+    `depth`, `normals`, `scenery`.
+    """
 
     @property
     def extra(self) -> str | None:
-        """The extra that installs its imports; None: part of the core."""
+        """Return the extra that installs its imports; None: part of the core."""
         return "models" if self.needs else None
 
     def missing(self) -> tuple[str, ...]:
-        """Needed modules that are not installed; none is imported to find out."""
+        """Return the needed modules that are not installed, without an import of any."""
         return tuple(
             name for name in self.needs if importlib.util.find_spec(name) is None
         )
 
 
 def _read_row(entry: Mapping[str, Any]) -> Backend:
-    """From an entry of `backends.json`, which leaves defaults out."""
+    """Read an entry of `backends.json`, which leaves defaults out."""
     weights = tuple(Weights(**one) for one in entry.get("weights", ()))
     lists = {key: tuple(entry.get(key, ())) for key in ("needs", "settings", "uses")}
     return Backend(**{**entry, **lists, "weights": weights})
@@ -135,17 +146,17 @@ BACKENDS = tuple(map(_read_row, json.loads(_TABLE.read_text(encoding="utf-8"))))
 
 
 def roles() -> tuple[str, ...]:
-    """Every role, in the table's order."""
+    """Return every role, in the table's order."""
     return tuple(dict.fromkeys(row.role for row in BACKENDS))
 
 
 def names(role: str) -> tuple[str, ...]:
-    """Names of one role's backends, the default first."""
+    """Return the names of one role's backends, the default first."""
     return tuple(row.name for row in BACKENDS if row.role == role)
 
 
 def find(role: str, name: str | None = None) -> Backend:
-    """The row of `role` called `name` (None: the role's default).
+    """Return the row of `role` called `name` (None: the role's default).
 
     Raises InputError for a role or a name that is not in the table.
 
@@ -166,7 +177,7 @@ def find(role: str, name: str | None = None) -> Backend:
 
 
 def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
-    """A new backend, imported now: a callable of the role's Protocol.
+    """Make a new backend, imported now: a callable of the role's Protocol.
 
     Raises InputError for an unknown role or name, or when a needed library is not installed.
     """
@@ -182,13 +193,12 @@ def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
     return build(setup or Setup()) if row.weights or row.takes_setup else build()
 
 
-def suggestion(found: str, known: Iterable[str]) -> str:
-    """The fix for an unknown name: the nearest of the `known` names, then all."""
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return the fix for an unknown name: the nearest of the `known` names, then all."""
     known = list(known)
-    near = difflib.get_close_matches(found, known, 1)
-    return (
-        f"did you mean {near[0]}? " if near else ""
-    ) + f"choose from {', '.join(known)}"
+    matches = difflib.get_close_matches(name, known, 1)
+    question = f"did you mean {matches[0]}? " if matches else ""
+    return f"{question}choose from {', '.join(known)}"
 
 
 # --- choice: flags and physgen.toml ---
@@ -222,27 +232,27 @@ class Plan:
     """Tables of the configuration, by backend."""
 
     def row(self, role: str) -> Backend:
-        """The row chosen for `role`."""
+        """Return the row chosen for `role`."""
         choice = self.choices.get(role)
         return find(role, choice.name if choice else None)
 
     def setup(self, role: str) -> Setup:
-        """The argument of its factory."""
+        """Return the argument of the factory of a role's backend."""
         choice = self.choices.get(role)
         options = self.options.get(self.row(role).name, {})
         return Setup(choice.weights if choice else "", self.device, self.dtype, options)
 
     def of(self, roles: Iterable[str]) -> Plan:
-        """The plan without the choices for other roles: `Backends` makes and checks every choice."""
-        kept = set(roles)
-        return replace(
-            self,
-            choices={role: one for role, one in self.choices.items() if role in kept},
-        )
+        """Return the plan without the choices for other roles: `Backends` makes and checks every choice."""
+        roles = set(roles)
+        choices = {role: one for role, one in self.choices.items() if role in roles}
+        return replace(self, choices=choices)
 
 
 def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
-    """`["segment=grounding-dino+sam:models/dino", ...]` as choices by role. Raises InputError with every wrong one.
+    """Read `["segment=grounding-dino+sam:models/dino", ...]` as choices by role.
+
+    Raises InputError with every wrong one.
 
     >>> str(choices(["inpaint=fill"])["inpaint"])
     'fill'
@@ -261,7 +271,7 @@ def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
 
 
 def choice(role: str, text: str, place: Place = FLAG) -> Choice:
-    """The choice that `NAME` or `NAME:WEIGHTS` makes.
+    """Read the choice `NAME` or `NAME:WEIGHTS`.
 
     Raises InputError for an unknown role or name, and for weights that it does not take.
     """
@@ -285,19 +295,38 @@ def choice(role: str, text: str, place: Place = FLAG) -> Choice:
 
 
 CONFIGURATION = "physgen.toml"
-_MODELS = {
-    "categories": "vlm",
-    "segment": "grounding-dino+sam",
-    "label": "vlm",
-    "physics": "vlm",
-    "depth": "marigold",
+_SURFACES = {
     "normals": "marigold",
     "intrinsic": "marigold",
-    "inpaint": "diffusion",
     "boundary": "depth-normals",
 }
-PROFILES: Mapping[str, Mapping[str, str]] = {"offline": {}, "models": _MODELS}
-"""Role to backend; other roles have their defaults."""
+_WORDS = {"categories": "vlm", "label": "vlm", "physics": "vlm"}
+PROFILES: Mapping[str, Mapping[str, str]] = {
+    "offline": {},
+    "models": {
+        **_WORDS,
+        **_SURFACES,
+        "segment": "sam3",
+        "depth": "depth-anything",
+        "inpaint": "diffusion",
+    },
+    "paper": {
+        **_WORDS,
+        **_SURFACES,
+        "segment": "grounding-dino+sam",
+        "depth": "marigold",
+        "inpaint": "lama",
+    },
+    "small": {
+        **_SURFACES,
+        "segment": "sam2",
+        "depth": "depth-anything",
+        "inpaint": "diffusion",
+    },
+}
+"""Role to backend; other roles have their defaults. `paper` has the backends of section
+3.1 of the paper, or their nearest kin: Marigold for GeoWizard and for the intrinsic
+decomposition of Careaga and Aksoy. `small` needs 8 GB of GPU memory and no server."""
 SWITCHES = ("device", "dtype", "profile")
 DTYPES = ("auto", "float32", "float16", "bfloat16")
 DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
@@ -315,26 +344,32 @@ def load_plan(
     profile: str | None = None,
     config: Path | None = None,
 ) -> Plan:
-    """The plan from flags, then from `config` or the user's own file; `settings` are `ROLE=NAME[:WEIGHTS]`.
+    """Load the plan from flags, then from `config` or the user's own file; `settings` are `ROLE=NAME[:WEIGHTS]`.
 
     A `profile`, one of PROFILES, stands in place of the file's choices. Raises InputError with everything wrong.
     """
-    home = os.environ.get("XDG_CONFIG_HOME")
-    users = (
-        (Path(home) if home else Path.home() / ".config") / "physgen" / CONFIGURATION
-    )
-    path = config or users
-    found: Configuration = (
-        read_configuration(path) if config or path.is_file() else ({}, {}, {})
-    )
-    switches, file_choices, tables = found
-    given = choices(settings)
-    named = PROFILES[profile or switches.get("profile", "offline")]
-    chosen = {role: Choice(backend) for role, backend in named.items()}
+    path = config or _user_configuration()
+    content: Configuration = ({}, {}, {})
+    if config or path.is_file():
+        content = read_configuration(path)
+    switches, file_choices, tables = content
+    flag_choices = choices(settings)
+    backends = PROFILES[profile or switches.get("profile", "offline")]
+    plan_choices = {role: Choice(backend) for role, backend in backends.items()}
     if profile is None:
-        chosen |= file_choices
-    device, dtype = (switches.get(key, "auto") for key in ("device", "dtype"))
-    return Plan(chosen | given, device, dtype, options=tables)
+        plan_choices |= file_choices
+    return Plan(
+        plan_choices | flag_choices,
+        switches.get("device", "auto"),
+        switches.get("dtype", "auto"),
+        options=tables,
+    )
+
+
+def _user_configuration() -> Path:
+    home = os.environ.get("XDG_CONFIG_HOME")
+    folder = Path(home) if home else Path.home() / ".config"
+    return folder / "physgen" / CONFIGURATION
 
 
 def _switch_problems(switches: Mapping[str, Any], place: Place) -> Iterator[Problem]:
@@ -359,50 +394,57 @@ def _switch_problems(switches: Mapping[str, Any], place: Place) -> Iterator[Prob
 
 
 def read_configuration(path: Path) -> Configuration:
-    """One configuration file. Raises InputError with everything wrong in it."""
-    import tomllib  # here, since reading a scene imports this module
-
+    """Read one configuration file. Raises InputError with everything wrong in it."""
     place = Place(str(path))
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError.of(
-            str(path), "", f"cannot be read ({error.strerror})", "see --config"
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        fix = "see docs/models.md for an example"
-        raise InputError.of(str(path), "", f"is not TOML: {error}", fix) from None
+    data = _read_toml(path)
     switches = {key: data.pop(key) for key in SWITCHES if key in data}
     problems = list(_switch_problems(switches, place))
-    chosen: dict[str, Choice] = {}
-    table = data.pop("backend", {})
-    for role, value in table.items() if isinstance(table, dict) else [("", table)]:
-        if not role or not isinstance(value, str):
-            fix = 'write e.g. depth = "marigold" below [backend]'
-            problems.append(
-                Problem(place, f"backend.{role}", repr(value), "is not text", fix)
-            )
-            continue
-        name, colon, weights = value.partition(":")
-        weights = ",".join(_relative_to(path, part) for part in weights.split(","))
+    file_choices: dict[str, Choice] = {}
+    section = data.pop("backend", {})
+    entries = section.items() if isinstance(section, dict) else [("", section)]
+    for role, value in entries:
         try:
-            chosen[role] = choice(role, f"{name}{colon}{weights}", place)
+            file_choices[role] = _file_choice(role, value, path)
         except InputError as error:
             problems += error.problems
     known = sorted({row.name for row in BACKENDS})
     for name, table in data.items():
         if name not in known or not isinstance(table, dict):
             fix = suggestion(name, [*SWITCHES, "backend", *known])
-            problems.append(
-                Problem(place, name, f'"{name}"', "means nothing here", fix)
-            )
+            expected = "means nothing here"
+            problems.append(Problem(place, name, f'"{name}"', expected, fix))
     if problems:
         raise InputError(problems)
-    return switches, chosen, data
+    return switches, file_choices, data
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    # Imported here, since every scene that is read imports this module.
+    import tomllib
+
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        expected, fix = f"cannot be read ({error.strerror})", "see --config"
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        expected, fix = f"is not TOML: {error}", "see docs/models.md for an example"
+    raise InputError.of(str(path), "", expected, fix) from None
+
+
+def _file_choice(role: str, value: Any, path: Path) -> Choice:
+    """Read a line of the section `[backend]`. Raises InputError."""
+    place = Place(str(path))
+    if not role or not isinstance(value, str):
+        fix = 'write e.g. depth = "marigold" below [backend]'
+        key = f"backend.{role}"
+        raise InputError([Problem(place, key, repr(value), "is not text", fix)])
+    name, colon, weights = value.partition(":")
+    parts = [_relative_to(path, part) for part in weights.split(",")]
+    return choice(role, f"{name}{colon}{','.join(parts)}", place)
 
 
 def _relative_to(path: Path, weights: str) -> str:
-    """Weights named in the file `path`: a path where it exists beside that file, else unchanged."""
+    """Return weights named in the file `path`: a path if it exists beside that file, else unchanged."""
     try:
         beside = path.parent / Path(weights).expanduser()
         return str(beside) if weights and beside.exists() else weights
@@ -432,66 +474,68 @@ class Backends:
     """
 
     def __init__(self, plan: Plan | None = None) -> None:
-        """Raises InputError with everything that the plan needs and that is missing."""
+        """Raise InputError with everything that the plan needs and that is missing."""
         self.plan = plan or Plan()
         self.steps: list[Step] = []
         self._made: dict[str, Any] = {}
         problems: list[Problem] = []
-        for role, chosen in self.plan.choices.items():
+        for role, choice in self.plan.choices.items():
             try:
                 self.get(role)  # no weights are loaded yet
             except InputError as error:
-                problems += [
-                    p if p.place != FLAG else replace(p, place=chosen.place)
-                    for p in error.problems
-                ]
-        if (
-            "depth" in self.plan.row("boundary").uses
-            and self.plan.row("depth").name == "none"
-        ):
-            boundary = self.plan.choices["boundary"]
-            fix = "choose one for depth, too: depth=marigold, or depth=file:PATH"
-            problems.append(
-                Problem(
-                    boundary.place, "", f'"boundary={boundary}"', "needs depth", fix
-                )
-            )
+                for problem in error.problems:
+                    if problem.place == FLAG:
+                        problem = replace(problem, place=choice.place)
+                    problems.append(problem)
+        problems += self._depth_problems()
         if problems:
             raise InputError(problems)
 
+    def _depth_problems(self) -> Iterator[Problem]:
+        """Yield the problem of a boundary that needs depth in a plan without depth."""
+        needs_depth = "depth" in self.plan.row("boundary").uses
+        if needs_depth and self.plan.row("depth").name == "none":
+            boundary = self.plan.choices["boundary"]
+            fix = "choose one for depth, too: depth=marigold, or depth=file:PATH"
+            name = f'"boundary={boundary}"'
+            yield Problem(boundary.place, "", name, "needs depth", fix)
+
     def begin(self) -> None:
-        """Start another photo: the record is emptied."""
+        """Start another photo with an empty record."""
         self.steps = []
 
     def row(self, role: str) -> Backend:
-        """The row in use for `role`."""
+        """Return the row in use for `role`."""
         return self.plan.row(role)
 
     def name(self, role: str) -> str:
-        """The row's name, for `from`."""
+        """Return the row's name, for `from`."""
         return self.row(role).name
 
     def get(self, role: str) -> Any:
-        """The backend itself."""
+        """Return the backend itself."""
         if role not in self._made:
             self._made[role] = make(role, self.name(role), self.plan.setup(role))
         return self._made[role]
 
     def call(self, role: str, *arguments: Any, **extra: Any) -> Any:
-        """The result of the role's backend for `arguments`, and for those of `extra` that its row uses. See `run`."""
+        """Return the result of the role's backend for `arguments`, and for those of `extra` that its row uses.
+
+        See `run` for the errors.
+        """
         used = {key: extra[key] for key in self.row(role).uses if key in extra}
         return self.run(role, lambda backend: backend(*arguments, **used))
 
     def run(self, role: str, use: Callable[[Any], Any]) -> Any:
-        """`use(backend)` of the role's backend, as a step of the record.
+        """Return `use(backend)` of the role's backend, as a step of the record.
 
-        Raises InputError where a chosen backend fails.
+        Raises InputError if a chosen backend fails.
         """
-        started = time.perf_counter()
+        start = time.perf_counter()
         row = self.row(role)
-        weights = self.plan.setup(role).weights or next(
-            (one.id for one in row.weights), ""
-        )
+        weights = self.plan.setup(role).weights
+        if not weights and row.weights:
+            weights = row.weights[0].id
         try:
             result = use(self.get(role))
         except InputError:
@@ -499,27 +543,24 @@ class Backends:
         except Exception as error:
             if row is find(role):
                 raise  # a defect of the default, not of a choice
-            found, expected = (
-                f"{role}={self.plan.choices[role]}",
-                f"failed ({describe_error(error)})",
-            )
+            name = f"{role}={self.plan.choices[role]}"
+            expected = f"failed ({describe_error(error)})"
             fix = "see what failed, or choose another"
-            raise InputError([Problem(FLAG, "", found, expected, fix)]) from error
-        note = getattr(self._made[role], "note", None)
-        seconds = time.perf_counter() - started
-        self.steps.append(
-            Step(role, row.name, weights, seconds, note() if note else {})
-        )
+            raise InputError([Problem(FLAG, "", name, expected, fix)]) from error
+        take_note = getattr(self._made[role], "note", None)
+        seconds = time.perf_counter() - start
+        note = take_note() if take_note else {}
+        self.steps.append(Step(role, row.name, weights, seconds, note))
         return result
 
     def release(self, *roles: str) -> None:
-        """Free the models of roles that are done for this photo, unless the plan keeps them."""
+        """Close the models of roles that are done for this photo, unless the plan keeps them."""
         if not self.plan.keep:
             for role in roles:
                 self.close(role)
 
     def close(self, *roles: str) -> None:
-        """Free the backends of `roles`, or of all roles."""
+        """Close the backends of `roles`, or of all roles."""
         for role in roles or tuple(self._made):
             close = getattr(self._made.pop(role, None), "close", None)
             if close is not None:
@@ -527,11 +568,11 @@ class Backends:
                     close()
 
     def all_default(self) -> bool:
-        """Whether every step was done by the default of its role."""
+        """Return whether every step was done by the default of its role."""
         return all(step.backend == find(step.role).name for step in self.steps)
 
     def record(self) -> list[dict[str, Any]]:
-        """Every step as JSON."""
+        """Return every step as JSON."""
         return [
             {**asdict(step), "seconds": round(step.seconds, 3), "note": dict(step.note)}
             for step in self.steps
@@ -539,28 +580,26 @@ class Backends:
 
 
 def describe_error(error: Exception) -> str:
-    """One line about an error.
+    """Return one line about an error.
 
     >>> describe_error(ValueError("a\\nb"))
     'ValueError: a'
     """
     if isinstance(error, InputError):
-        text = "; ".join(
-            " ".join(part for part in (p.found, p.expected) if part)
-            for p in error.problems
-        )
-        return " ".join(text.split())
+        texts = []
+        for problem in error.problems:
+            texts.append(" ".join(filter(None, (problem.found, problem.expected))))
+        return " ".join("; ".join(texts).split())
+    name = type(error).__name__
     lines = [line for line in str(error).splitlines() if line.strip()]
-    return (
-        f"{type(error).__name__}: {lines[0][:200]}" if lines else type(error).__name__
-    )
+    return f"{name}: {lines[0][:200]}" if lines else name
 
 
 # --- listing: what is ready, what is missing ---
 
 
 def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
-    """One mapping a row: role, name, default, chosen, ready, missing, about.
+    """List the rows as mappings: role, name, default, chosen, ready, missing, about.
 
     `chosen` rows are those of `plan`, `ready` ones would run now: nothing is in their list `missing`, which names
     libraries, weights and settings with the way to get each. No model is imported, and nothing is fetched.
@@ -568,19 +607,17 @@ def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
     plan = plan or Plan()
     rows: list[Mapping[str, Any]] = []
     for row in BACKENDS:
-        chosen = plan.row(row.role) is row
-        named = (
-            plan.choices[row.role].weights
-            if chosen and row.role in plan.choices
-            else ""
-        )
-        missing = list(_missing(row, named, plan.options.get(row.name, {})))
+        is_chosen = plan.row(row.role) is row
+        weights = ""
+        if is_chosen and row.role in plan.choices:
+            weights = plan.choices[row.role].weights
+        missing = list(_missing(row, weights, plan.options.get(row.name, {})))
         rows.append(
             {
                 "role": row.role,
                 "name": row.name,
                 "default": row is find(row.role),
-                "chosen": chosen,
+                "chosen": is_chosen,
                 "ready": not missing,
                 "missing": missing,
                 "about": row.about,
@@ -589,48 +626,62 @@ def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
     return rows
 
 
-def _missing(row: Backend, named: str, options: Mapping[str, Any]) -> Iterator[str]:
-    """What a row lacks here, with the fix; `named` are the weights, or the map, of its choice."""
-    if modules := row.missing():
+def _missing(row: Backend, choice: str, options: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the fix of each missing part of a row.
+
+    `choice` are the weights, or the map, of its choice.
+    """
+    modules = row.missing()
+    if modules:
         yield f"needs {', '.join(modules)}: {install('models')}"
-    if row.name == MAP_FILE and not named:
-        yield f"write {row.role}={row.name}:PATH"
-    elif row.name == MAP_FILE and not Path(named).expanduser().is_file():
-        yield f"lacks {named}"
-    several = len(row.weights) > 1  # a single path may contain a comma
-    parts = [part.strip() for part in named.split(",")] if several else [named]
+    if row.name == MAP_FILE:
+        if not choice:
+            yield f"write {row.role}={row.name}:PATH"
+        elif not Path(choice).expanduser().is_file():
+            yield f"lacks {choice}"
+    yield from _missing_weights(row, choice)
+    unset = []
+    for name in row.settings:
+        # `url` of [vlm] stands for PHYSGEN_VLM_URL; a model after the colon stands for both.
+        option = options.get(name.rsplit("_", 1)[-1].lower())
+        if not (os.environ.get(name) or option or choice):
+            unset.append(name)
+    if unset:
+        yield f"set {' and '.join(unset)}"
+
+
+def _missing_weights(row: Backend, choice: str) -> Iterator[str]:
+    """Yield the fix of each of the row's weights that is not on this machine."""
+    parts = [choice]
+    if len(row.weights) > 1:  # a single path may contain a comma
+        parts = [part.strip() for part in choice.split(",")]
     for k, default in enumerate(row.weights):
         part = parts[k] if k < len(parts) else ""
         if part and not weights_present(part):
             yield f"lacks {part}"
         elif not part and not weights_present(default.id):
-            yield f"lacks {default.id} ({default.size}, {default.licence}): hf download {default.id}"
-    # `url` of [vlm] stands for PHYSGEN_VLM_URL; a model named after the colon stands for both
-    configured = {
-        name for name in row.settings if options.get(name.rsplit("_", 1)[-1].lower())
-    }
-    if unset := [
-        name
-        for name in row.settings
-        if not (os.environ.get(name) or name in configured or named)
-    ]:
-        yield f"set {' and '.join(unset)}"
+            terms = f"{default.size}, {default.licence}"
+            command = default.get or f"hf download {default.id}"
+            yield f"lacks {default.id} ({terms}): {command}"
 
 
 def weights_present(weights: str) -> bool:
-    """Whether weights are on this machine: at a path, or in the hub's cache."""
+    """Return whether weights are on this machine: at a path, or in the hub's cache."""
     return bool(weights) and (
         Path(weights).expanduser().exists() or in_hub_cache(weights)
     )
 
 
 def in_hub_cache(weights: str) -> bool:
-    """Whether any file of a hub id has been fetched before."""
+    """Return whether any file of a hub id has been fetched before."""
     return any((hub_folder(weights) / "snapshots").glob("*/*"))
 
 
 def hub_folder(weights: str) -> Path:
-    """The folder of a hub id in the cache of the hub's library; where that is not installed, one that is not there."""
+    """Return the folder of a hub id in the hub library's cache.
+
+    A missing folder if the library is not installed.
+    """
     try:
         from huggingface_hub.constants import HF_HUB_CACHE
     except ModuleNotFoundError:

@@ -12,8 +12,10 @@ from types import FrameType
 
 from physgen.operating_system import start_alarm
 
-DELAY = 0.001  # s after which a lost interrupt is raised again
-INTERVAL = 0.01  # s after which that is tried again, until it is raised
+DELAY = 0.001
+"""s after which a lost interrupt is raised again."""
+INTERVAL = 0.01
+"""s after which that is tried again, until it is raised."""
 
 
 def install_handler() -> None:

@@ -16,10 +16,13 @@ Cell = str | int | float | bool | None
 
 
 class Table:
-    """Takes rows; `publish` gives the file its name, and leaving the block without it removes the file."""
+    """Takes rows.
+
+    `publish` gives the file its name, and leaving the block without it removes the file.
+    """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        """`path` ends in `.csv`; `columns` are their names."""
+        """Open no file yet; `path` ends in `.csv`, `columns` are names."""
         self.count = 0
         self.path = path
         self._names = columns
@@ -32,7 +35,7 @@ class Table:
         return self
 
     def add(self, row: Mapping[str, Cell]) -> None:
-        """Adds a row, by the names of columns; missing cells are empty."""
+        """Add a row, by the names of columns; missing cells are empty."""
         with self._named_errors():
             cells = map(row.get, self._names)  # floats are written to the last bit
             self._rows.writerow(
@@ -42,7 +45,7 @@ class Table:
         self.count += 1
 
     def publish(self) -> None:
-        """Completes the file."""
+        """Close the complete file and give it its name."""
         with self._named_errors():
             self._file.close()
             self.part.replace(self.path)
@@ -54,7 +57,7 @@ class Table:
 
     @contextmanager
     def _named_errors(self) -> Iterator[None]:
-        """Errors of the disk name the table's file."""
+        """Name the table's file in errors of the disk."""
         try:
             yield
         except OSError as error:
@@ -64,7 +67,10 @@ class Table:
 
 
 def _open_part(path: Path) -> TextIO:
-    """`NAME.part.csv`, which users may look at; where another run writes that, a file of this process."""
+    """Open `NAME.part.csv`, which users may look at.
+
+    A file of this process if another run writes that.
+    """
     part = path.with_name(f"{path.stem}.part{path.suffix}")
     if IS_POSIX:  # elsewhere, an open file cannot be locked
         file = part.open("a", encoding="utf-8", newline="")

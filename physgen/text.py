@@ -18,24 +18,55 @@ UNITS = {
 }
 """Units that read better spelt out; the others are shown as they are."""
 
-# name -> size in m, s, g and degrees, and exponents of px, m, s, g and degrees
+_LENGTH = (0, 1, 0, 0, 0)
+_TIME = (0, 0, 1, 0, 0)
+_MASS = (0, 0, 0, 1, 0)
+_ANGLE = (0, 0, 0, 0, 1)
+_FORCE = (0, 1, -2, 1, 0)
 _MEASURES: dict[str, tuple[float, tuple[int, int, int, int, int]]] = {
-    **{name: (size, (0, 1, 0, 0, 0)) for name, size in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("km", 1e3))},
-    **{name: (size, (0, 0, 1, 0, 0)) for name, size in (("s", 1.0), ("ms", 1e-3), ("min", 60.0))},
-    **{name: (size, (0, 0, 0, 1, 0)) for name, size in (("g", 1.0), ("kg", 1e3), ("mg", 1e-3))},
-    **dict.fromkeys(("deg", "degree", "degrees", "°"), (1.0, (0, 0, 0, 0, 1))),
-    "rad": (57.29577951308232, (0, 0, 0, 0, 1)), "turn": (360.0, (0, 0, 0, 0, 1)),
-    "px": (1.0, (1, 0, 0, 0, 0)), "Hz": (1.0, (0, 0, -1, 0, 0)), "rpm": (6.0, (0, 0, -1, 0, 1)), "1": (1.0, (0,) * 5),
-    "N": (1e3, (0, 1, -2, 1, 0)), "mN": (1.0, (0, 1, -2, 1, 0)), "J": (1e3, (0, 2, -2, 1, 0)),
-}  # fmt: skip
+    "m": (1.0, _LENGTH),
+    "cm": (1e-2, _LENGTH),
+    "mm": (1e-3, _LENGTH),
+    "km": (1e3, _LENGTH),
+    "s": (1.0, _TIME),
+    "ms": (1e-3, _TIME),
+    "min": (60.0, _TIME),
+    "g": (1.0, _MASS),
+    "kg": (1e3, _MASS),
+    "mg": (1e-3, _MASS),
+    "deg": (1.0, _ANGLE),
+    "degree": (1.0, _ANGLE),
+    "degrees": (1.0, _ANGLE),
+    "°": (1.0, _ANGLE),
+    "rad": (57.29577951308232, _ANGLE),
+    "turn": (360.0, _ANGLE),
+    "px": (1.0, (1, 0, 0, 0, 0)),
+    "Hz": (1.0, (0, 0, -1, 0, 0)),
+    "rpm": (6.0, (0, 0, -1, 0, 1)),
+    "1": (1.0, (0, 0, 0, 0, 0)),
+    "N": (1e3, _FORCE),
+    "mN": (1.0, _FORCE),
+    "J": (1e3, (0, 2, -2, 1, 0)),
+}
+"""Size of each unit in m, s, g and degrees, and exponents of px, m, s, g and degrees."""
 ALLOWED = {
-    "px": "px, mm, cm or m", "s": "ms, s or min", "g": "mg, g or kg", "degrees": "deg, rad or turn",
-    "px/s": "px/s, cm/s or m/s", "px/s²": "px/s² or m/s²", "degrees/s": "deg/s, rad/s or rpm",
+    "px": "px, mm, cm or m",
+    "s": "ms, s or min",
+    "g": "mg, g or kg",
+    "degrees": "deg, rad or turn",
+    "px/s": "px/s, cm/s or m/s",
+    "px/s²": "px/s² or m/s²",
+    "degrees/s": "deg/s, rad/s or rpm",
     "px/m": "px/m, px/cm or px/mm",
-    "g·px/s": "N s, g m/s or g px/s", "g·px/s²": "N, mN or g px/s²", "g·px²/s²": "N m, J or g px²/s²",
-    "g/px²": "kg/m², g/cm² or g/px²", "g/s²": "N/m, kg/s² or g/s²", "g/s": "N s/m, kg/s or g/s", "1/s": "Hz",
+    "g·px/s": "N s, g m/s or g px/s",
+    "g·px/s²": "N, mN or g px/s²",
+    "g·px²/s²": "N m, J or g px²/s²",
+    "g/px²": "kg/m², g/cm² or g/px²",
+    "g/s²": "N/m, kg/s² or g/s²",
+    "g/s": "N s/m, kg/s or g/s",
+    "1/s": "Hz",
     "px³/s²": "m³/s² or px³/s²",
-}  # fmt: skip
+}
 """Unit of a key -> units that a text may have there."""
 _QUANTITY = re.compile(
     r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.+-].{0,30})", re.DOTALL
@@ -46,44 +77,56 @@ _FACTOR = re.compile(r"([/·*]?)\s*([A-Za-z°]+|1)(?:\^?(-?\d)|([²³]))?\s*").m
 
 
 def _measure(unit: str) -> tuple[float, list[int]] | None:
-    """Size and exponents of a unit such as `kg m/s²`; None where it is none."""
+    """Return size and exponents of a unit such as `kg m/s²`; None for text that is no unit."""
     size, powers, place = 1.0, [0] * 5, 0
     while place < len(unit):
         factor = _FACTOR(unit, place)
         if factor is None or factor[2] not in _MEASURES:
             return None
-        power = int(factor[3] or {"²": 2, "³": 3, None: 1}[factor[4]]) * (
-            -1 if factor[1] == "/" else 1
-        )
-        one, parts = _MEASURES[factor[2]]
-        size *= one**power
-        powers = [old + power * part for old, part in zip(powers, parts, strict=True)]
+        power = int(factor[3] or {"²": 2, "³": 3, None: 1}[factor[4]])
+        if factor[1] == "/":
+            power = -power
+        factor_size, exponents = _MEASURES[factor[2]]
+        size *= factor_size**power
+        for k, exponent in enumerate(exponents):
+            powers[k] += power * exponent
         place = factor.end()
     return size, powers
 
 
 def quantity(text: str, unit: str, pixels_per_meter: float) -> float | None:
-    """A number with its unit as a number of `unit`; None where it has no such unit.
+    """Return a number with its unit as a number of `unit`; None if it has no such unit.
 
     >>> quantity("170 g", "g", 100), quantity("1.2 m/s", "px/s", 500), quantity("5 N", "g·px/s²", 100)
     (170.0, 600.0, 500000.0)
     >>> quantity("90 deg/s", "degrees/s", 1), quantity("7 px/cm", "px/m", 1), quantity("3 kg", "px", 1)
     (90.0, 700.0, None)
     """
-    match = _QUANTITY(text.strip()) if len(text) <= LONGEST_QUANTITY else None
-    own, wanted = (_measure(match[2].strip()) if match else None), _measure(unit)
-    if match is None or own is None or wanted is None:
+    match = _match_quantity(text)
+    if match is None:
         return None
-    off = [a - b for a, b in zip(own[1], wanted[1], strict=True)]
-    if (
-        off[0] + off[1] or any(off[2:]) or (unit == "px/m" and any(off))
-    ):  # 0.3 mm/px is no 0.0003 px/m
+    written_unit, target_unit = _measure(match[2].strip()), _measure(unit)
+    if written_unit is None or target_unit is None:
+        return None
+    pairs = zip(written_unit[1], target_unit[1], strict=True)
+    pixels, meters, *others = [a - b for a, b in pairs]
+    # Only px and m may differ, as the scale converts them; 0.3 mm/px is no 0.0003 px/m.
+    is_other_kind = pixels + meters != 0 or any(others)
+    if is_other_kind or (unit == "px/m" and (pixels or meters)):
         return None
     try:
-        number = float(match[1]) * own[0] / wanted[0] * pixels_per_meter ** off[1]
+        number = float(match[1]) * written_unit[0] / target_unit[0]
+        number *= pixels_per_meter**meters
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
+
+
+def _match_quantity(text: str) -> re.Match[str] | None:
+    """Return the number and the unit of a text as groups 1 and 2; None for other text."""
+    if len(text) > LONGEST_QUANTITY:
+        return None
+    return _QUANTITY(text.strip())
 
 
 def pixel_power(unit: str) -> int:
@@ -102,11 +145,14 @@ def rescaled_quantity(text: str, factor: float) -> str:
     >>> rescaled_quantity("120 px/s", 0.5), rescaled_quantity("2 m/s", 0.5)
     ('60 px/s', '2 m/s')
     """
-    match = _QUANTITY(text.strip()) if len(text) <= LONGEST_QUANTITY else None
-    power = pixel_power(match[2].strip()) if match else 0
-    if match is None or power == 0:
+    match = _match_quantity(text)
+    if match is None:
         return text
-    return f"{float(match[1]) * factor**power:.9g} {match[2].strip()}"
+    unit = match[2].strip()
+    power = pixel_power(unit)
+    if power == 0:
+        return text
+    return f"{float(match[1]) * factor**power:.9g} {unit}"
 
 
 KeyPath = tuple[str | int, ...]
@@ -117,7 +163,7 @@ _PLAIN_KEY = re.compile(r"[\w*<.-]{1,64}").fullmatch
 
 
 def quoted(text: str, mark: str = '"', width: int = 40) -> str:
-    """Text on one line, cut to a readable length, with nothing in it that could drive a terminal.
+    """Return text on one line, cut to a readable length, without control characters of a terminal.
 
     >>> quoted("a\\nb"), quoted("x" * 50, width=10)
     ('"a\\\\nb"', '"xxxxxxx..."')
@@ -125,12 +171,18 @@ def quoted(text: str, mark: str = '"', width: int = 40) -> str:
     if len(text) > width:
         text = text[: width - 3] + "..."
     if not text.isprintable():
-        text = "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)
+        text = "".join(map(_printable, text))
     return f"{mark}{text}{mark}"
 
 
+def _printable(character: str) -> str:
+    if character.isprintable():
+        return character
+    return json.dumps(character)[1:-1]
+
+
 def shown(value: Any) -> str:
-    """A value as a message shows it: scalars as written, collections by kind.
+    """Return a value as a message shows it: scalars as written, collections by kind.
 
     >>> [shown(v) for v in ("heavy", 3, None, True, [1], {})]
     ['"heavy"', '3', 'an empty value', 'true', 'a list', 'a mapping']
@@ -147,7 +199,7 @@ def shown(value: Any) -> str:
 
 
 def number(value: int | float) -> str:
-    """Short text that our resolver reads back as exactly the same number, of the same kind.
+    """Return short text that our resolver reads as exactly the same number, of the same kind.
 
     >>> [number(v) for v in (2.0, 3, 0.1, -1e6, 123456.0, 1e22, 1e-7, -0.0)]
     ['2.0', '3', '0.1', '-1.0e6', '123456.0', '1.0e22', '1.0e-7', '-0.0']
@@ -160,11 +212,13 @@ def number(value: int | float) -> str:
     mantissa, _, exponent = text.partition("e")
     if not exponent:
         return text
-    return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{int(exponent)}"
+    if "." not in mantissa:
+        mantissa += ".0"
+    return f"{mantissa}e{int(exponent)}"
 
 
 def rounded(value: float, digits: int = 3) -> str:
-    """A number as people write it: so many digits, thousands set apart.
+    """Return a number as people write it: with so many digits, thousands set apart.
 
     >>> [rounded(v) for v in (568.2, 0.0301, 9.81, 4.0, -0.0)], rounded(-27251.3, 4)
     (['568', '0.0301', '9.81', '4', '0'], '−27,250')
@@ -177,11 +231,13 @@ def rounded(value: float, digits: int = 3) -> str:
 
 
 def value_text(value: object) -> str:
-    """A value as people write it; empty for None.
+    """Return a value as people write it; empty for None.
 
     >>> [value_text(v) for v in (None, True, "side", 1234567.0, [4200.0, -356.5], {"steps": 25, "strength": 0.3})]
     ['', 'yes', 'side', '1,234,570', '(4,200, −356.5)', 'steps 25, strength 0.3']
     """
+    if value is None:
+        return ""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -189,47 +245,51 @@ def value_text(value: object) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {value_text(part)}" for name, part in value.items())
     if isinstance(value, Iterable) and not isinstance(value, str):
-        parts = [*value]
-        text = ", ".join(
-            rounded(part, 4) if isinstance(part, float) else value_text(part)
-            for part in parts
-        )
-        return f"({text})" if any(isinstance(part, float) for part in parts) else text
-    return "" if value is None else str(value)
+        return _list_text([*value])
+    return str(value)
+
+
+def _list_text(parts: Sequence[object]) -> str:
+    """Return the parts of a list with commas, in parentheses if it is a vector."""
+    texts = []
+    for part in parts:
+        text = rounded(part, 4) if isinstance(part, float) else value_text(part)
+        texts.append(text)
+    joined = ", ".join(texts)
+    is_vector = any(isinstance(part, float) for part in parts)
+    return f"({joined})" if is_vector else joined
 
 
 def name_ranges(names: Sequence[str]) -> str:
-    """Names with numbers that follow each other, as ranges.
+    """Return names, consecutive numbers as ranges.
 
     >>> name_ranges(["ball-1", "ball-2", "ball-3", "ball-7", "cup"])
     'ball-1 to ball-3, ball-7, cup'
     """
-    runs: list[tuple[str, str]] = []
+    ranges: list[tuple[str, str]] = []
     for name in names:
         stem, number = re.fullmatch(r"(.*?)(\d*)", name).groups()  # type: ignore[union-attr]
-        if runs and number and runs[-1][1] == f"{stem}{int(number) - 1}":
-            runs[-1] = (runs[-1][0], name)
+        if ranges and number and ranges[-1][1] == f"{stem}{int(number) - 1}":
+            ranges[-1] = (ranges[-1][0], name)
         else:
-            runs.append((name, name))
-    return ", ".join(
-        first if first == last else f"{first} to {last}" for first, last in runs
-    )
+            ranges.append((name, name))
+    texts = []
+    for first, last in ranges:
+        texts.append(first if first == last else f"{first} to {last}")
+    return ", ".join(texts)
 
 
 def example(value: Any) -> str:
-    """A value from the schema as YAML on one line, as a person writes it.
+    """Return a value from the schema as YAML on one line, as a person writes it.
 
     >>> example({"impulse": [-1.0e6, 0], "label": ""})
     '{impulse: [-1.0e6, 0], label: ""}'
     """
     if isinstance(value, dict):
-        return (
-            "{"
-            + ", ".join(f"{key}: {example(item)}" for key, item in value.items())
-            + "}"
-        )
+        pairs = [f"{key}: {example(item)}" for key, item in value.items()]
+        return f"{{{', '.join(pairs)}}}"
     if isinstance(value, list):
-        return "[" + ", ".join(example(item) for item in value) + "]"
+        return f"[{', '.join(map(example, value))}]"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
@@ -238,7 +298,7 @@ def example(value: Any) -> str:
 
 
 def dotted(path: KeyPath) -> str:
-    """A path as a person writes it.
+    """Return a path as a person writes it.
 
     >>> dotted(("forces", 0, "impulse", 1))
     'forces[0].impulse[1]'
@@ -247,33 +307,32 @@ def dotted(path: KeyPath) -> str:
     for part in path:
         if isinstance(part, int):
             text += f"[{part}]"
-        else:
-            key = part if _PLAIN_KEY(part) else quoted(part)
-            text = f"{text}.{key}" if text else key
+            continue
+        key = part if _PLAIN_KEY(part) else quoted(part)
+        text = f"{text}.{key}" if text else key
     return text
 
 
 def listed(words: Iterable[str], last: str = "or") -> str:
-    """Words as a list in a sentence.
+    """Return words as a list in a sentence.
 
     >>> listed(["a", "b", "c"])
     'a, b or c'
     """
     words = list(words)
-    return (
-        f"{', '.join(words[:-1])} {last} {words[-1]}"
-        if len(words) > 1
-        else "".join(words)
-    )
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
 def counted(number: int, noun: str) -> str:
-    """A number of objects of one kind: 1 shape, 2 shapes."""
-    return f"{number:,} {noun}{'s' * (number != 1)}"
+    """Return a number of objects of one kind: 1 shape, 2 shapes."""
+    plural = "" if number == 1 else "s"
+    return f"{number:,} {noun}{plural}"
 
 
 def natural(name: str) -> tuple[tuple[str | int, ...], str]:
-    """A key that sorts names as people do.
+    """Return a key that sorts names as people do.
 
     >>> sorted(["ball-10", "ball", "ball-2"], key=natural)
     ['ball', 'ball-2', 'ball-10']
@@ -305,9 +364,9 @@ def similarity(word: str, other: str) -> float:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """The known word that was probably meant."""
+    """Return the known word that was probably meant."""
     if len(word) > 64:
         return None
-    choices: Sequence[str] = list(known)[:300]
-    found = difflib.get_close_matches(word, choices, n=1, cutoff=0.6)
-    return found[0] if found else None
+    choices = list(known)[:300]
+    matches = difflib.get_close_matches(word, choices, n=1, cutoff=0.6)
+    return matches[0] if matches else None

@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from physgen.arrays import U8 as U8
 from physgen.phone_formats import recognise
 from physgen.photos import open_picture, over_white, read_photo
 from physgen.problems import InputError, Limit, Place
 from physgen.text import natural
-
-U8 = NDArray[np.uint8]
 
 SUFFIXES = (
     ".png",
@@ -70,39 +68,38 @@ class VideoFrame(NamedTuple):
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Container and stream of moving pictures. Raises InputError."""
+    """Open the container and the stream of moving pictures. Raises InputError."""
     import av
     from av.error import FFmpegError
 
     with path.open("rb") as file:
+        # A playlist must not name other files or addresses.
+        options = {"protocol_whitelist": "none"}
         try:
-            # a playlist cannot name other files or addresses
-            container = av.open(
-                file, options={"protocol_whitelist": "none"}, metadata_errors="replace"
-            )
+            container = av.open(file, options=options, metadata_errors="replace")
         except FFmpegError as error:
-            what = f"is not a video that can be read ({(error.strerror or str(error)).lower()})"
-            raise InputError.of(str(path), "", what, CONVERT) from None
+            reason = (error.strerror or str(error)).lower()
+            expected = f"is not a video that can be read ({reason})"
+            raise InputError.of(str(path), "", expected, CONVERT) from None
         with container:
-            streams = [
-                s
-                for s in container.streams.video
-                if not s.disposition & s.disposition.attached_pic
-            ]
-            if not streams:
-                raise InputError.of(
-                    str(path), "", "has no moving picture", "name a video"
-                )
-            stream = streams[0]
+            stream = _moving_stream(container, path)
             if stream.width * stream.height > Limit.PIXELS.most:
-                raise Limit.PIXELS.error(
-                    Place(str(path)), found=f"{stream.width} x {stream.height} px"
-                )
+                size = f"{stream.width} x {stream.height} px"
+                raise Limit.PIXELS.error(Place(str(path)), found=size)
             yield container, stream
 
 
+def _moving_stream(container: Any, path: Path) -> Any:
+    """Return the first stream that is not a cover picture. Raises InputError."""
+    for stream in container.streams.video:
+        disposition = stream.disposition
+        if not disposition & disposition.attached_pic:
+            return stream
+    raise InputError.of(str(path), "", "has no moving picture", "name a video")
+
+
 def _decoded_frames(path: Path) -> Iterator[VideoFrame]:
-    """Raises InputError where a frame cannot be decoded."""
+    """Yield the frames of a video. Raises InputError if a frame cannot be decoded."""
     from av.error import FFmpegError
 
     count = 0
@@ -110,49 +107,54 @@ def _decoded_frames(path: Path) -> Iterator[VideoFrame]:
         stream.thread_type = "AUTO"
         try:
             for frame in container.decode(stream):
-                if frame.color_trc in HDR_TRANSFERS:
-                    fix = "tone-map it to standard range first"
-                    raise InputError.of(
-                        str(path), "", "is a video of high dynamic range", fix
-                    )
-                seconds = (
-                    float(frame.duration * frame.time_base) if frame.duration else None
-                )
-                yield VideoFrame(
-                    _upright(_rgb(frame), frame), seconds, f"{path}: frame {count}"
-                )
+                yield _video_frame(frame, path, count)
                 count += 1
         except FFmpegError as error:
             reason = (error.strerror or str(error)).lower()
             place = f"{path}: frame {count}"
-            raise InputError.of(
-                place, "", f"cannot be decoded ({reason})", CONVERT
-            ) from None
+            expected = f"cannot be decoded ({reason})"
+            raise InputError.of(place, "", expected, CONVERT) from None
+
+
+def _video_frame(frame: Any, path: Path, number: int) -> VideoFrame:
+    """Convert a decoded frame. Raises InputError for a high dynamic range."""
+    if frame.color_trc in HDR_TRANSFERS:
+        fix = "tone-map it to standard range first"
+        raise InputError.of(str(path), "", "is a video of high dynamic range", fix)
+    seconds = None
+    if frame.duration:
+        seconds = float(frame.duration * frame.time_base)
+    rgb = _upright(_rgb(frame), frame)
+    return VideoFrame(rgb, seconds, f"{path}: frame {number}")
 
 
 def _rgb(frame: Any) -> U8:
-    """(H, W, 3) sRGB, as stored; libswscale's default rounding is a code or two too dark."""
+    """Convert a frame to (H, W, 3) sRGB, as stored.
+
+    libswscale's default rounding is a code or two too dark.
+    """
     from av.video.reformatter import Colorspace, Interpolation
 
-    clear = any(part.is_alpha for part in frame.format.components)
-    exact = (
-        Interpolation.ACCURATE_RND
+    interpolation = (
+        Interpolation.BILINEAR
+        | Interpolation.ACCURATE_RND
         | Interpolation.FULL_CHR_H_INT
         | Interpolation.BITEXACT
     )
     matrix = None
     if frame.colorspace == UNNAMED_MATRIX:
         matrix = Colorspace.ITU709 if frame.height >= HD_LINES else Colorspace.ITU601
+    has_alpha = any(part.is_alpha for part in frame.format.components)
     picture = frame.reformat(
-        format="rgba" if clear else "rgb24",
+        format="rgba" if has_alpha else "rgb24",
         src_colorspace=matrix,
-        interpolation=Interpolation.BILINEAR | exact,
+        interpolation=interpolation,
     ).to_ndarray()
-    return over_white(picture)[0] if clear else np.asarray(picture, np.uint8)
+    return over_white(picture)[0] if has_alpha else np.asarray(picture, np.uint8)
 
 
 def _upright(rgb: U8, frame: Any) -> U8:
-    """Applies the file's display matrix: (x, y) goes to (a x + c y, b x + d y)."""
+    """Apply the file's display matrix: (x, y) goes to (a x + c y, b x + d y)."""
     data = frame.side_data.get("DISPLAYMATRIX")
     if data is None:
         return rgb
@@ -173,17 +175,20 @@ class Video:
     size: tuple[int, int]
     """Width and height, px."""
     fps: float | None
-    """1/s, the mean where frames are shown for different times; None: pictures, which have no time."""
+    """1/s, the mean where frames are shown for different times.
+
+    None: pictures, which have no time.
+    """
     count: int
     """Of its frames."""
 
     def frames(self) -> Iterator[U8]:
-        """(H, W, 3) sRGB each, decoded as they are read."""
+        """Return an iterator of (H, W, 3) sRGB, decoded as they are read."""
         return (frame.rgb for frame in video_frames(self.path))
 
 
 def read_video(path: Path) -> Video:
-    """Decodes all frames once, to count and to check them. Raises InputError."""
+    """Read all frames once, to count and to check them. Raises InputError."""
     start, fps = _source(path)
     size = None
     seconds = []
@@ -206,40 +211,46 @@ def read_video(path: Path) -> Video:
 
 
 def video_frames(path: Path) -> Iterator[VideoFrame]:
-    """Frames of a video or a picture, unchecked. Raises InputError."""
+    """Return the frames of a video or a picture, unchecked. Raises InputError."""
     return _source(path)[0]()
 
 
 def _source(path: Path) -> tuple[Callable[[], Iterator[VideoFrame]], float | None]:
-    """A function that decodes from the first frame on; and frames per second, if known."""
+    """Return a function that decodes from the first frame on; and frames per second, if known."""
     if path.is_dir():
         pictures = in_folder(path)
         return lambda: map(_still, pictures), None
     if is_picture(path):
-        return (lambda: _pages(path)) if plays(path) else (
-            lambda: iter([_still(path)])
-        ), None
+        if plays(path):
+            return lambda: _pages(path), None
+        return lambda: iter([_still(path)]), None
     with _opened(path) as (_, stream):
         rate = stream.average_rate or stream.guessed_rate
     return lambda: _decoded_frames(path), float(rate) if rate else None
 
 
 def in_folder(folder: Path) -> list[Path]:
-    """The pictures of a folder in the natural order of their names. Raises InputError where there are none."""
-    found = [
-        p
-        for p in folder.iterdir()
-        if p.suffix.lower() in SUFFIXES and p.name[0] != "." and p.is_file()
-    ]
-    if not found:
-        raise InputError.of(
-            str(folder), "", "holds no pictures", "name a folder of one picture a frame"
-        )
-    return sorted(found, key=lambda p: natural(p.name))
+    """Return the pictures of a folder in the natural order of their names.
+
+    Raises InputError if there are none.
+    """
+    pictures = [path for path in folder.iterdir() if _is_frame_file(path)]
+    if not pictures:
+        fix = "name a folder of one picture a frame"
+        raise InputError.of(str(folder), "", "holds no pictures", fix)
+    return sorted(pictures, key=lambda path: natural(path.name))
+
+
+def _is_frame_file(path: Path) -> bool:
+    is_hidden = path.name.startswith(".")
+    return path.suffix.lower() in SUFFIXES and not is_hidden and path.is_file()
 
 
 def is_picture(path: Path) -> bool:
-    """Whether a file is a picture, by its first bytes; it may be animated. Raises InputError where there is no file."""
+    """Return whether a file is a picture, by its first bytes; it may be animated.
+
+    Raises InputError if there is no file.
+    """
     if not path.is_file():
         raise InputError.of(str(path), "", "no such file", "check the path")
     with path.open("rb") as file:
@@ -251,7 +262,7 @@ def is_picture(path: Path) -> bool:
 
 
 def plays(picture: Path) -> bool:
-    """Whether a picture is animated. Raises InputError."""
+    """Return whether a picture is animated. Raises InputError."""
     with open_picture(picture) as image:
         return image.format in ANIMATED and getattr(image, "n_frames", 1) > 1
 

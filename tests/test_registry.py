@@ -117,20 +117,34 @@ def test_a_profile_of_a_flag_replaces_the_choices_of_the_file(tmp_path: Path):
         'profile = "models"\n[backend]\nphysics = "table"\n',
     )
     plan = load_plan()
-    assert (plan.row("segment").name, plan.row("physics").name) == (
-        "grounding-dino+sam",
-        "table",
-    )
+    assert (plan.row("segment").name, plan.row("physics").name) == ("sam3", "table")
     assert load_plan(profile="models").row("physics").name == "vlm"
     assert chosen(load_plan(["segment=learned"], profile="offline")) == {
         "segment": "learned"
     }
 
 
+@pytest.mark.parametrize("name", registry.PROFILES)
+def test_profiles_choose_known_backends(name: str):
+    plan = load_plan(profile=name)
+    for role, backend in registry.PROFILES[name].items():
+        assert plan.row(role) is registry.find(role, backend)
+
+
+def test_small_profile_needs_no_server_and_8_gigabytes():
+    """One model is in memory at a time: its weights leave half of 8 GB to the rest."""
+    plan = load_plan(profile="small")
+    for role in registry.PROFILES["small"]:
+        row = plan.row(role)
+        gigabytes = [float(weights.size.removesuffix(" GB")) for weights in row.weights]
+        assert sum(gigabytes) < 4.5
+        assert not row.settings
+
+
 def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
     file = write(
         tmp_path / "physgen.toml",
-        'device = "gpu"\ndtype = "float8"\nprofile = "offlne"\n[backend]\nsegmnt = "learned"\nsegment = "sam3"\n'
+        'device = "gpu"\ndtype = "float8"\nprofile = "offlne"\n[backend]\nsegmnt = "learned"\nsegment = "sam4"\n'
         'inpaint = "fill:x"\ndepth = 3\n[vln]\nurl = "x"\n',
     )
     with pytest.raises(InputError) as error:
@@ -141,7 +155,7 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
         '"float8" is no number format; did you mean float',
         '"offlne" is no profile; did you mean offline?',
         '"segmnt" is not a role; did you mean segment?',
-        'segment="sam3" is not a backend; choose from learned, grounding-dino+sam',
+        'segment="sam4" is not a backend; did you mean sam3? choose from learned, grounding-dino+sam',
         '"inpaint=fill:x" names weights for what has none; write inpaint=fill',
         'backend.depth: 3 is not text; write e.g. depth = "marigold"',
         'vln: "vln" means nothing here; did you mean vlm?',

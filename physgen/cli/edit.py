@@ -139,12 +139,16 @@ def edit_file(options: argparse.Namespace) -> int:
     save_scene(
         path.resolve(),
         made.text.encode("utf-8"),
-        lambda kept: print_error(
-            f"{path}: {made.what}; {kept.name} is as it was before"
-        ),
+        lambda kept: print_error(f"{_past_tense(made.what)}; backup: {kept.name}"),
     )
     print_line(str(path))
     return OK
+
+
+def _past_tense(edit: str) -> str:
+    """Return the name of an edit as a report: `rename a to b` as `renamed a to b`."""
+    verb, _, rest = edit.partition(" ")
+    return f"{verb.removesuffix('e')}ed {rest}"
 
 
 def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None:

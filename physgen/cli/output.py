@@ -41,9 +41,7 @@ def print_problem(problem: Problem) -> None:
 
 def print_backup(kept: Path) -> None:
     """One line to stderr for a file that stood in the way."""
-    print_error(
-        f"{str(kept).rpartition('~')[0]}: was there already and differed; kept as {kept.name}"
-    )
+    print_error(f"the previous {str(kept).rpartition('~')[0]} is kept as {kept.name}")
 
 
 def print_json(data: Any) -> None:

@@ -410,7 +410,7 @@ def add_backend_choices(parser: Parser) -> None:
 
     about = "the backend of a step, and the hub id or path of its weights; see physgen backends"
     parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
-    about = "a set of backends: offline or models"
+    about = f"a set of backends: {', '.join(PROFILES)}"
     parser.add_argument("--profile", metavar="NAME", choices=list(PROFILES), help=about)
 
 

@@ -16,6 +16,7 @@ from physgen.compile.shapes import (
     snapped_to_boundaries,
     walls_of,
 )
+from physgen.compile.starts import swing_about_pins
 from physgen.compile.vehicles import with_wheels
 from physgen.compile.world import (
     Body,
@@ -239,6 +240,7 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
     problems = problems or list(mass_problems(scene, bodies))
     if problems:
         raise InputError(problems)
+    joints = joints_of(scene, bodies)
     world = World(
         size=scene.size,
         view=scene.world.view,
@@ -252,10 +254,10 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
         duration=scene.world.duration,
         steps_per_second=scene.world.steps_per_second,
         times=frame_times(scene, scene.world.duration),
-        bodies=tuple(bodies),
+        bodies=swing_about_pins(bodies, joints),
         walls=walls_of(scene, shapes.fits.walls),
         pushes=pushes_of(scene, bodies),
-        joints=joints_of(scene, bodies),
+        joints=joints,
         fields=fields_of(scene, bodies),
     )
     return Compiled(world, outlines, shapes)

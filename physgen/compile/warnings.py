@@ -13,6 +13,7 @@ from shapely.affinity import translate
 
 from physgen.compile.compile import Compiled
 from physgen.compile.shapes import U16
+from physgen.compile.starts import velocities_that_joints_allow
 from physgen.geometry.convex import outline_shape, overlap_depth
 from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
@@ -56,6 +57,9 @@ class WarningLimits:
     The photo also shows a top, an inside or a rim nearer the lens."""
     thin: int = 5  # px: threads and wires narrower than this need no shape
     frames: int = 1800  # a minute of video at 30 a second: more is seldom meant
+    excluded: float = (
+        0.01  # part of a velocity at t = 0 that joints may change unnoticed
+    )
     weak: float = 0.1
     """Of the Earth's gravity: the Moon's is 0.17 of it; a weaker one is m/s² without the unit."""
     visible: float = 0.5  # px from the centre: a smaller object fills no pixel
@@ -81,6 +85,7 @@ def lint(
         _overlaps,
         _unsupported,
         _without_effect,
+        _excluded_starts,
         _weak_gravity,
         _invisible,
         _missed_masks,
@@ -156,6 +161,28 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
             why = "has no effect: no object of it is dynamic"
             yield warning(scene, f"fields.{field.name}", field.name, why, let_go)
+
+
+def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Velocities at t = 0 that joints exclude, with those that they allow."""
+    world = compiled.world
+    if not world.joints:
+        return
+    allowed = velocities_that_joints_allow(world)
+    for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
+        if body.motion is not Motion.DYNAMIC or not (any(item.velocity) or item.spin):
+            continue
+        change = allowed[k] - (*body.velocity, body.spin)
+        speed = float(np.hypot(*body.velocity)) + abs(body.spin) * body.reach
+        off = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
+        if off <= LIMITS.excluded * speed:
+            continue
+        x, y, spin = allowed[k, 0], allowed[k, 1], np.degrees(allowed[k, 2])
+        key = "velocity" if any(item.velocity) else "spin"
+        fix = f"write velocity: [{x:.4g}, {y:.4g}] and spin: {spin:.4g}, with which it starts"
+        path = f"objects.{item.name}.{key}"
+        expected = "is not what its joints allow"
+        yield warning(scene, path, key, expected, fix)
 
 
 def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

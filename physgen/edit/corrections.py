@@ -112,9 +112,7 @@ def correct(
         bodies = live.state(new).compiled.world.bodies
         if work.gone:
             what += "".join(
-                f"; it weighs {one.mass:.4g} g now"
-                for one in bodies
-                if one.name in work.masks
+                f" ({one.mass:,.4g} g)" for one in bodies if one.name in work.masks
             )
     except BaseException as error:
         if out is not None:

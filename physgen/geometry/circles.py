@@ -16,64 +16,78 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import Mask
 from physgen.geometry.polygon import Array, Disc, Region, cross
 
 _GRID = 160
 """Larger masks are searched on a grid of about this many samples a side; the score is always taken at full size."""
 
 
-def fit_circle(mask: NDArray[np.bool_], border: Array) -> tuple[Disc, float]:
-    """The disc of highest IoU with a mask `(H, W)`, and that IoU; `border` `(n, 2)` px is the mask's contour.
+def fit_circle(mask: Mask, border: Array) -> tuple[Disc, float]:
+    """Fit the disc of highest IoU to a mask `(H, W)`; return it and that IoU.
 
-    Starts from the circle of the mask's own area, and from a robust least-squares circle that a neighbour hiding a part
-    of the mask does not pull; the better is refined by a pattern search.
+    `border` `(n, 2)` px is the mask's contour. Starts from the circle of the mask's own area, and from a robust
+    least-squares circle that a neighbour hiding a part of the mask does not pull; the better is refined by a pattern
+    search.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     low = np.array([columns[0], rows[0]], dtype=np.float64)
     box = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     stride = max(1, max(box.shape) // _GRID)
     score = _Score(mask, stride)
-
-    area = float(box.sum())
     j, i = np.nonzero(box)
     center = low + np.array([i.mean(), j.mean()])
-    starts = [np.array([*center, sqrt(area / pi)]), robust_circle(border)]
-    best = max(starts, key=score.iou)
-    value = score.iou(best)
-    if value > 0.7:
-        step = max(0.04 * best[2], 0.5)
-        while step > 0.02 * stride:
-            trials = [best + step * move for move in _MOVES]
-            values = [score.iou(trial) for trial in trials]
-            k = int(np.argmax(values))
-            if values[k] > value + 1e-9:
-                best, value = trials[k], values[k]
-            else:
-                step /= 2
+    radius = sqrt(float(box.sum()) / pi)
+    starts = [np.array([*center, radius]), robust_circle(border)]
+    best = _pattern_search(score, max(starts, key=score.iou), stride)
     if stride > 1:
-        # the grid knows the circle to a share of its spacing only; a start may be better at full size
-        full = _Score(mask, 1)
-        best = max((best, *starts), key=full.iou)
-        value = full.iou(best)
-    return Disc(best[:2].copy(), float(best[2])), value
+        # The grid knows the circle to a share of its spacing only; a start may be better at full size.
+        score = _Score(mask, 1)
+        best = max((best, *starts), key=score.iou)
+    return Disc(best[:2].copy(), float(best[2])), score.iou(best)
+
+
+HOPELESS = 0.7
+"""IoU up to which a circle is not refined: the mask is no circle."""
+
+
+def _pattern_search(score: _Score, circle: Array, stride: int) -> Array:
+    """Return the best circle near a start, by steps along x, y and the radius that get smaller."""
+    value = score.iou(circle)
+    if value <= HOPELESS:
+        return circle
+    step = max(0.04 * circle[2], 0.5)
+    while step > 0.02 * stride:
+        trials = [circle + step * move for move in _MOVES]
+        values = [score.iou(trial) for trial in trials]
+        best = int(np.argmax(values))
+        if values[best] > value + 1e-9:
+            circle, value = trials[best], values[best]
+        else:
+            step /= 2
+    return circle
 
 
 def robust_circle(points: Array) -> Array:
-    """`(3,)` px: x, y, radius of the circle through most of the points: least squares (Kasa 1976), Tukey weights."""
+    """Fit `(3,)` px: x, y, radius of the circle through most of the points.
+
+    By least squares (Kasa 1976) with Tukey weights.
+    """
     weight: Array = np.ones(len(points))
-    circle = np.array([*points.mean(axis=0), 1.0])
     middle = points.mean(axis=0)
-    p = points - middle
+    circle = np.array([*middle, 1.0])
+    local = points - middle
+    squares = (local * local).sum(axis=1)
     for _ in range(12):
-        design = np.column_stack([2 * p, np.ones(len(p))]) * weight[:, None]
-        (x, y, c), *_rest = np.linalg.lstsq(
-            design, (p * p).sum(axis=1) * weight, rcond=None
-        )
+        design = np.column_stack([2 * local, np.ones(len(local))]) * weight[:, None]
+        solution, *_ = np.linalg.lstsq(design, squares * weight, rcond=None)
+        x, y, c = solution
         radius = sqrt(max(c + x * x + y * y, 1e-6))
         circle = np.array([x + middle[0], y + middle[1], radius])
-        off = np.hypot(p[:, 0] - x, p[:, 1] - y) - radius
-        scale = max(1.4826 * float(np.median(np.abs(off))), 0.25)
-        weight = np.sqrt(np.clip(1 - (off / (4.7 * scale)) ** 2, 0, None)) + 1e-6
+        error = np.hypot(local[:, 0] - x, local[:, 1] - y) - radius
+        scale = max(1.4826 * float(np.median(np.abs(error))), 0.25)
+        share = 1 - (error / (4.7 * scale)) ** 2
+        weight = np.sqrt(np.clip(share, 0, None)) + 1e-6
     return circle
 
 
@@ -88,7 +102,7 @@ _MOVES = np.array(
 class _Score:
     """IoU of circles with one mask, on every `stride`-th pixel of the mask's surroundings within the photo."""
 
-    def __init__(self, mask: NDArray[np.bool_], stride: int) -> None:
+    def __init__(self, mask: Mask, stride: int) -> None:
         height, width = mask.shape
         rows, columns = (
             np.flatnonzero(mask.any(axis=1)),
@@ -121,10 +135,12 @@ class _Score:
         x, y, radius = circle
         if radius <= 0:
             return 0.0
-        off = np.sqrt((self._x[None, :] - x) ** 2 + (self._y[:, None] - y) ** 2)
-        inside = np.clip((radius - off) / max(self._dx, self._dy) + 0.5, 0.0, 1.0)
+        squares = (self._x[None, :] - x) ** 2 + (self._y[:, None] - y) ** 2
+        depth = (radius - np.sqrt(squares)) / max(self._dx, self._dy)
+        inside = np.clip(depth + 0.5, 0.0, 1.0)
         shared = float(np.minimum(inside, self._mask).sum())
-        return shared / max(self._area + float(inside.sum()) - shared, 1e-9)
+        union = self._area + float(inside.sum()) - shared
+        return shared / max(union, 1e-9)
 
 
 EQUAL = 0.06
@@ -148,7 +164,7 @@ def fit_discs(
     contacts: Sequence[tuple[int, int]],
     obstacles: Mapping[int, Sequence[tuple[Region, bool]]],
 ) -> list[Disc]:
-    """Discs without overlap, close to the rough ones.
+    """Fit discs without overlap, close to the rough ones.
 
     `contacts`: pairs of discs that touch. `obstacles`: for a disc, the regions near it, and whether it touches them.
     """
@@ -209,88 +225,111 @@ class _Problem:
         return state
 
     def equations(self, state: Array, stiffness: float) -> tuple[Array, Array]:
-        """Normal matrix and gradient of half the sum of squares."""
-        size, first_radius = len(state), 2 * self.count
-        normal, gradient = np.zeros((size, size)), np.zeros(size)
+        """Return normal matrix and gradient of half the sum of squares."""
+        size = len(state)
+        system = _NormalEquations(np.zeros((size, size)), np.zeros(size))
         centers, radii = self.split(state)
-
-        def add(
-            columns: list[int], jacobian: Array, residual: Array, weight: Array
-        ) -> None:
-            weighted = jacobian * weight[:, None]
-            normal[np.ix_(columns, columns)] += weighted.T @ jacobian
-            gradient[columns] += weighted.T @ residual
-
         for i, rough in enumerate(self.rough):
-            away = rough.border - centers[i]
-            length = np.maximum(np.hypot(*away.T), 1e-9)
-            residual = length - radii[i]
-            jacobian = np.column_stack([-away / length[:, None], -np.ones(len(away))])
-            robust = 1.0 / np.maximum(np.abs(residual), 1.0)  # Huber, 1 px
-            weight = rough.weight * robust / max(float(rough.weight.sum()), 1e-9)
-            add(
-                [2 * i, 2 * i + 1, first_radius + int(self.group[i])],
-                jacobian,
-                residual,
-                weight,
-            )
+            self._add_border(system, i, rough, centers[i], float(radii[i]))
+        contact_weight = np.array([stiffness])
         for (i, j), touches in zip(self.pairs.tolist(), self.touching, strict=True):
-            away = centers[j] - centers[i]
-            length = max(float(np.hypot(*away)), 1e-9)
+            offset = centers[j] - centers[i]
+            length = max(float(np.hypot(*offset)), 1e-9)
             gap = length - radii[i] - radii[j]
             if touches or gap < 0:
-                u = away / length
-                row = np.zeros(size)
-                row[[2 * i, 2 * i + 1, 2 * j, 2 * j + 1]] = [-u[0], -u[1], u[0], u[1]]
-                row[first_radius + int(self.group[i])] -= 1
-                row[first_radius + int(self.group[j])] -= 1
+                row = self._contact_row(size, i, j, offset / length)
                 columns = np.flatnonzero(row).tolist()
-                add(columns, row[None, columns], np.array([gap]), np.array([stiffness]))
+                residual = np.array([gap])
+                system.add(columns, row[None, columns], residual, contact_weight)
         for i, edges, touches in self.obstacles:
-            distance, u = _clearance(edges, centers[i])
+            distance, direction = _clearance(edges, centers[i])
             gap = distance - radii[i]
             if touches or gap < 0:
-                columns = [2 * i, 2 * i + 1, first_radius + int(self.group[i])]
-                add(
-                    columns,
-                    np.array([[u[0], u[1], -1.0]]),
-                    np.array([gap]),
-                    np.array([stiffness]),
-                )
-        return normal, gradient
+                jacobian = np.array([[direction[0], direction[1], -1.0]])
+                residual = np.array([gap])
+                system.add(self._columns(i), jacobian, residual, contact_weight)
+        return system.matrix, system.gradient
+
+    def _columns(self, i: int) -> list[int]:
+        """Return the columns of a disc's x, y and radius in the state."""
+        return [2 * i, 2 * i + 1, 2 * self.count + int(self.group[i])]
+
+    def _add_border(
+        self,
+        system: _NormalEquations,
+        i: int,
+        rough: RoughDisc,
+        center: Array,
+        radius: float,
+    ) -> None:
+        """Add the distances of a mask's border from its circle."""
+        offset = rough.border - center
+        length = np.maximum(np.hypot(*offset.T), 1e-9)
+        residual = length - radius
+        jacobian = np.column_stack([-offset / length[:, None], -np.ones(len(offset))])
+        huber = 1.0 / np.maximum(np.abs(residual), 1.0)  # 1 px
+        weight = rough.weight * huber / max(float(rough.weight.sum()), 1e-9)
+        system.add(self._columns(i), jacobian, residual, weight)
+
+    def _contact_row(self, size: int, i: int, j: int, direction: Array) -> Array:
+        """Return the derivatives of the gap between two discs."""
+        x, y = direction
+        row = np.zeros(size)
+        row[[2 * i, 2 * i + 1, 2 * j, 2 * j + 1]] = [-x, -y, x, y]
+        row[2 * self.count + int(self.group[i])] -= 1
+        row[2 * self.count + int(self.group[j])] -= 1
+        return row
 
     def apart(self, state: Array) -> list[Disc]:
-        """Take back the radii until nothing overlaps."""
+        """Reduce the radii until nothing overlaps."""
         centers, radii = self.split(state)
         radii = radii.copy()
         for i, edges, _ in self.obstacles:
             radii[i] = min(radii[i], _clearance(edges, centers[i])[0])
         if len(self.pairs):
-            i, j = self.pairs.T
-            length = np.hypot(*(centers[j] - centers[i]).T)
-            for _ in range(200):
-                excess = radii[i] + radii[j] - length
-                worst = np.zeros(self.count)
-                np.maximum.at(worst, i, excess / 2)
-                np.maximum.at(worst, j, excess / 2)
-                if float(worst.max()) <= _SLACK / 10:
-                    break
-                radii -= np.maximum(worst, 0)
+            self._separate_pairs(centers, radii)
         for group in range(int(self.group.max()) + 1):
             members = self.group == group
             if float(np.ptp(radii[members])) < 0.25:
                 radii[members] = radii[members].min()
         radii = np.maximum(radii - _SLACK, 1e-3)
-        return [
-            Disc(center.copy(), float(radius))
-            for center, radius in zip(centers, radii, strict=True)
-        ]
+        pairs = zip(centers, radii, strict=True)
+        return [Disc(center.copy(), float(radius)) for center, radius in pairs]
+
+    def _separate_pairs(self, centers: Array, radii: Array) -> None:
+        """Reduce `radii` (n,) in place until no two discs overlap."""
+        i, j = self.pairs.T
+        length = np.hypot(*(centers[j] - centers[i]).T)
+        for _ in range(200):
+            excess = radii[i] + radii[j] - length
+            largest = np.zeros(self.count)
+            np.maximum.at(largest, i, excess / 2)
+            np.maximum.at(largest, j, excess / 2)
+            if float(largest.max()) <= _SLACK / 10:
+                break
+            radii -= np.maximum(largest, 0)
+
+
+@dataclass(frozen=True)
+class _NormalEquations:
+    """Normal matrix (n, n) and gradient (n,), to which residuals are added."""
+
+    matrix: Array
+    gradient: Array
+
+    def add(
+        self, columns: list[int], jacobian: Array, residual: Array, weight: Array
+    ) -> None:
+        """Add residuals (k,) with their derivatives (k, columns) and weights (k,)."""
+        weighted = jacobian * weight[:, None]
+        self.matrix[np.ix_(columns, columns)] += weighted.T @ jacobian
+        self.gradient[columns] += weighted.T @ residual
 
 
 def _groups(
     radii: list[float], contacts: Sequence[tuple[int, int]]
 ) -> NDArray[np.intp]:
-    """The group of each disc: those that touch, directly or through others, and are of about one size."""
+    """Return the group of each disc: discs that touch, also through others, and are of about one size."""
     root = list(range(len(radii)))
 
     def find(i: int) -> int:
@@ -301,47 +340,47 @@ def _groups(
     for i, j in contacts:
         root[find(j)] = find(i)
     group = np.arange(len(radii))
-    for top in {find(i) for i in range(len(radii))}:
-        members = [i for i in range(len(radii)) if find(i) == top]
+    tops = [find(i) for i in range(len(radii))]
+    for top in set(tops):
+        members = [i for i, own_top in enumerate(tops) if own_top == top]
         median = float(np.median([radii[i] for i in members]))
-        alike = [i for i in members if abs(radii[i] - median) <= EQUAL * median]
-        group[alike] = alike[0] if alike else group[alike]
+        equal = [i for i in members if abs(radii[i] - median) <= EQUAL * median]
+        if equal:
+            group[equal] = equal[0]
     return np.unique(group, return_inverse=True)[1].astype(np.intp)
 
 
 def _near(discs: Sequence[Disc]) -> NDArray[np.intp]:
-    """Pairs `(m, 2)` of discs that could come to overlap while they are moved by a few px."""
-    centers, radii = (
-        np.array([d.center for d in discs]),
-        np.array([d.radius for d in discs]),
-    )
-    length = np.hypot(*(centers[:, None] - centers[None]).transpose(2, 0, 1))
-    near = length < 1.3 * (radii[:, None] + radii[None]) + 8
-    i, j = np.nonzero(np.triu(near, 1))
+    """Return pairs `(m, 2)` of discs that could come to overlap while they are moved by a few px."""
+    centers = np.array([disc.center for disc in discs])
+    radii = np.array([disc.radius for disc in discs])
+    x, y = (centers[:, None] - centers[None]).transpose(2, 0, 1)
+    is_near = np.hypot(x, y) < 1.3 * (radii[:, None] + radii[None]) + 8
+    i, j = np.nonzero(np.triu(is_near, 1))
     return np.column_stack([i, j]).astype(np.intp)
 
 
 def _edges(region: Region) -> tuple[Array, Array]:
+    """Return the starts and the ends of a region's edges, (n, 2) px each."""
     rings = [points for points, _ in region.borders]
-    return np.concatenate(rings), np.concatenate(
-        [np.roll(points, -1, axis=0) for points in rings]
-    )
+    ends = [np.roll(points, -1, axis=0) for points in rings]
+    return np.concatenate(rings), np.concatenate(ends)
 
 
 def _clearance(edges: tuple[Array, Array], point: Array) -> tuple[float, Array]:
-    """Distance px from a region to a point (negative inside) and its gradient `(2,)`."""
+    """Return the distance px from a region to a point (negative inside) and its gradient `(2,)`."""
     start, end = edges
     along = end - start
-    share = np.clip(
-        ((point - start) * along).sum(1) / np.maximum((along * along).sum(1), 1e-300),
-        0,
-        1,
-    )
-    away = point - start - share[:, None] * along
-    length = np.hypot(*away.T)
-    k = int(np.argmin(length))
-    below = (start[:, 1] <= point[1]) != (end[:, 1] <= point[1])
-    side = cross(along, point - start) * np.where(end[:, 1] > start[:, 1], 1.0, -1.0)
-    inside = int((below & (side > 0)).sum()) % 2 == 1
-    sign = -1.0 if inside else 1.0
-    return sign * float(length[k]), sign * away[k] / max(float(length[k]), 1e-12)
+    length_squared = np.maximum((along * along).sum(1), 1e-300)
+    share = np.clip(((point - start) * along).sum(1) / length_squared, 0, 1)
+    offset = point - start - share[:, None] * along
+    length = np.hypot(*offset.T)
+    nearest = int(np.argmin(length))
+    # A point is inside if its row crosses an odd number of edges on one side.
+    crosses_row = (start[:, 1] <= point[1]) != (end[:, 1] <= point[1])
+    downwards = np.where(end[:, 1] > start[:, 1], 1.0, -1.0)
+    side = cross(along, point - start) * downwards
+    is_inside = int((crosses_row & (side > 0)).sum()) % 2 == 1
+    sign = -1.0 if is_inside else 1.0
+    direction = offset[nearest] / max(float(length[nearest]), 1e-12)
+    return sign * float(length[nearest]), sign * direction

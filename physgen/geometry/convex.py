@@ -24,24 +24,28 @@ from physgen.geometry.polygon import (
     polygon_moments,
 )
 
-SLIVER = 1e-3  # px²: smaller pieces are left out; an engine makes nothing of them
+SLIVER = 1e-3
+"""px²: smaller pieces are left out; an engine makes nothing of them."""
 
 
 @dataclass(frozen=True)
 class PieceTuning:
     """Limits of convex pieces."""
 
-    seam: float = (
-        0.5  # px between two pieces of one object that is meant to be whole there
-    )
-    flush: float = (
-        0.02  # px by which corners may lie within the hull of pieces that become one
-    )
-    many: int = 200  # pieces of a body above which seams stay as they are: every two are looked at
-    remembered: int = 1000  # regions
-    flat: float = 1e-9  # px²: a corner this flat is straight
-    rounding: float = 1e-9  # px²: a smaller overlap is none
-    corners: int = 64  # of a quarter of a circle as a polygon
+    seam: float = 0.5
+    """px between two pieces of one object that is meant to be whole there."""
+    flush: float = 0.02
+    """px by which corners may lie within the hull of pieces that become one."""
+    many: int = 200
+    """Pieces of a body above which seams stay as they are: every two are looked at."""
+    remembered: int = 1000
+    """Regions."""
+    flat: float = 1e-9
+    """px²: a corner this flat is straight."""
+    rounding: float = 1e-9
+    """px²: a smaller overlap is none."""
+    corners: int = 64
+    """Of a quarter of a circle as a polygon."""
 
 
 PIECES = PieceTuning()
@@ -49,92 +53,97 @@ PIECES = PieceTuning()
 
 @lru_cache(PIECES.remembered)
 def convex_pieces(outline: Region) -> tuple[Array, ...]:
-    """Convex polygons `(K, 2)` float64 px that make up the region, each turning +x towards +y, slivers left out.
+    """Return convex polygons `(K, 2)` float64 px that make up the region, each turning +x towards +y, without slivers.
 
     At most four times as many as the fewest possible (Hertel and Mehlhorn); usually near the fewest. Pieces of
     different rings that lie within a hair of each other and are convex together become one: nothing trips over a seam.
     Those of the last regions are remembered, and read-only.
     """
-    pieces = [
-        (k, piece)
-        for k, ring in enumerate(outline.rings)
-        for piece in _ring_pieces(ring)
-    ]
-    found = tuple(piece for _, piece in _joined(pieces))
-    for piece in found:
+    numbered = []
+    for number, ring in enumerate(outline.rings):
+        numbered += [(number, piece) for piece in _ring_pieces(ring)]
+    pieces = tuple(piece for _, piece in _joined(numbered))
+    for piece in pieces:
         piece.flags.writeable = False
-    return found
-
-
-def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
-    """Hulls instead of neighbours of different rings, wherever the hull adds no more than the seam between them."""
-    done = len({ring for ring, _ in pieces}) < 2 or len(pieces) > PIECES.many
-    while not done:
-        done = True
-        for i, j in combinations(range(len(pieces)), 2):
-            (one, a), (other, b) = pieces[i], pieces[j]
-            hull = _as_one(a, b) if one != other else None
-            if hull is not None:
-                pieces = [
-                    *pieces[:i],
-                    (-1 - i, hull),
-                    *pieces[i + 1 : j],
-                    *pieces[j + 1 :],
-                ]
-                done = False
-                break
     return pieces
 
 
+def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
+    """Replace neighbours of different rings by their hull if it adds no more than the seam between them."""
+    if len({ring for ring, _ in pieces}) < 2 or len(pieces) > PIECES.many:
+        return pieces
+    while True:
+        joint = _first_joint(pieces)
+        if joint is None:
+            return pieces
+        i, j, hull = joint
+        # A number of its own: the hull may join further pieces of both rings.
+        pieces = [*pieces[:i], (-1 - i, hull), *pieces[i + 1 : j], *pieces[j + 1 :]]
+
+
+def _first_joint(pieces: list[tuple[int, Array]]) -> tuple[int, int, Array] | None:
+    """Return the first two pieces of different rings that become one, and their hull.
+
+    None if there are none.
+    """
+    for i, j in combinations(range(len(pieces)), 2):
+        (ring, piece), (other_ring, other_piece) = pieces[i], pieces[j]
+        if ring == other_ring:
+            continue
+        hull = _as_one(piece, other_piece)
+        if hull is not None:
+            return i, j, hull
+    return None
+
+
 def _as_one(a: Array, b: Array) -> Array | None:
-    """Convex hull of two convex polygons that are a seam apart and, but for it, convex together."""
-    if (a.min(axis=0) > b.max(axis=0) + PIECES.seam).any() or (
-        b.min(axis=0) > a.max(axis=0) + PIECES.seam
-    ).any():
+    """Return the hull of two convex polygons that are a seam apart and, but for it, convex together; else None."""
+    is_left_or_above = (a.min(axis=0) > b.max(axis=0) + PIECES.seam).any()
+    if is_left_or_above or (b.min(axis=0) > a.max(axis=0) + PIECES.seam).any():
         return None
     points = np.concatenate([a, b])
-    whole: Array = shapely.get_coordinates(
-        shapely.convex_hull(shapely.multipoints(points))
-    )[-2::-1]
-    whole = np.roll(whole, -int(np.lexsort((whole[:, 1], whole[:, 0]))[0]), axis=0)
-    start, along = whole, np.roll(whole, -1, axis=0) - whole
-    inside = (
-        cross(along[:, None], points[None] - start[:, None])
-        / np.hypot(*along.T)[:, None]
-    )
-    gap = shapely.Polygon(a).distance(shapely.Polygon(b))
-    longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
-    added = _area(whole) - _area(a) - _area(b)
-    if (
-        (inside.min(axis=0) > PIECES.flush).any()
-        or gap > PIECES.seam
-        or added > (gap + PIECES.flush) * longest
-    ):
+    hull = _hull(points)
+    edges = np.roll(hull, -1, axis=0) - hull
+    depth = cross(edges[:, None], points[None] - hull[:, None])
+    depth = depth / np.hypot(*edges.T)[:, None]
+    if (depth.min(axis=0) > PIECES.flush).any():
         return None
-    return whole
+    gap = shapely.Polygon(a).distance(shapely.Polygon(b))
+    if gap > PIECES.seam:
+        return None
+    longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
+    added = _area(hull) - _area(a) - _area(b)
+    return hull if added <= (gap + PIECES.flush) * longest else None
+
+
+def _hull(points: Array) -> Array:
+    """Return the convex hull `(K, 2)` of points, turning +x towards +y, from its leftmost corner on."""
+    shape = shapely.convex_hull(shapely.multipoints(points))
+    corners: Array = shapely.get_coordinates(shape)[-2::-1]
+    first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
+    return np.roll(corners, -first, axis=0)
 
 
 def _ring_pieces(ring: Ring) -> list[Array]:
-    borders = [
-        _without_straight_corners(points) for points in (ring.outer, *ring.holes)
-    ]
-    borders = [points for points in borders if len(points) >= 3]
+    borders = []
+    for points in (ring.outer, *ring.holes):
+        corners = _without_straight_corners(points)
+        if len(corners) >= 3:
+            borders.append(corners)
     if not borders:
         return []
     points = np.concatenate(borders)
     ends = np.cumsum([len(border) for border in borders]).astype(np.uint32)
-    # about the middle: ear cutting compares products of coordinates
+    # About the middle: ear cutting compares products of coordinates.
     local = np.ascontiguousarray(points - points.mean(axis=0))
-    triangles = (
-        mapbox_earcut.triangulate_float64(local, ends).reshape(-1, 3).astype(np.int64)
-    )
-    faces = _merge(local, _oriented(local, triangles))
-    pieces = [points[face] for face in faces]
-    return [
-        piece
-        for piece in map(_without_straight_corners, pieces)
-        if _area(piece) >= SLIVER
-    ]
+    indices = mapbox_earcut.triangulate_float64(local, ends)
+    triangles = indices.reshape(-1, 3).astype(np.int64)
+    pieces = []
+    for face in _merge(local, _oriented(local, triangles)):
+        piece = _without_straight_corners(points[face])
+        if _area(piece) >= SLIVER:
+            pieces.append(piece)
+    return pieces
 
 
 def _area(points: Array) -> float:
@@ -142,7 +151,7 @@ def _area(points: Array) -> float:
 
 
 def _without_straight_corners(points: Array) -> Array:
-    """Drop repeated points and corners within a straight line."""
+    """Remove repeated points and corners within a straight line."""
     while len(points) >= 3:
         before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
         straight = np.abs(cross(points - before, after - points)) <= PIECES.flat
@@ -169,60 +178,63 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     xy = points.tolist()
     edges: dict[tuple[int, int], int] = {}
     for index, face in enumerate(faces):
-        for k, here in enumerate(face):
-            edges[here, face[(k + 1) % len(face)]] = index
-    inner = [
-        edge for edge in edges if edge[0] < edge[1] and (edge[1], edge[0]) in edges
-    ]
+        for k, corner in enumerate(face):
+            edges[corner, face[(k + 1) % len(face)]] = index
+    inner = []
+    for start, end in edges:
+        if start < end and (end, start) in edges:
+            inner.append((start, end))
 
     def length(edge: tuple[int, int]) -> float:
         (ax, ay), (bx, by) = xy[edge[0]], xy[edge[1]]
         return float((ax - bx) ** 2 + (ay - by) ** 2)
 
-    def turns_in(before: int, here: int, after: int) -> bool:
-        (ax, ay), (bx, by), (cx, cy) = xy[before], xy[here], xy[after]
-        return bool((bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -PIECES.flat)
+    def is_convex(before: int, corner: int, after: int) -> bool:
+        (ax, ay), (bx, by), (cx, cy) = xy[before], xy[corner], xy[after]
+        turn = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
+        return bool(turn >= -PIECES.flat)
 
-    for edge in sorted(inner, key=length, reverse=True):
-        one, other = edges[edge], edges[edge[1], edge[0]]
-        if one == other:
+    for start, end in sorted(inner, key=length, reverse=True):
+        left, right = edges[start, end], edges[end, start]
+        if left == right:
             continue
-        start, end = edge
-        face, back = faces[one], faces[other]
-        i, j = face.index(end), back.index(start)
-        face = face[i:] + face[:i]  # end ... start
-        back = back[j:] + back[:j]  # start ... end
-        if len(set(face) & set(back)) > 2:
+        face = _rotated(faces[left], end)  # end ... start
+        other = _rotated(faces[right], start)  # start ... end
+        if len(set(face) & set(other)) > 2:
             continue
-        if turns_in(face[-2], start, back[1]) and turns_in(back[-2], end, face[1]):
-            faces[one] = face + back[1:-1]
-            faces[other] = []
-            for k, here in enumerate(back[:-1]):
-                edges[here, back[k + 1]] = one
-            del edges[edge], edges[edge[1], edge[0]]
+        meets = is_convex(face[-2], start, other[1])
+        if meets and is_convex(other[-2], end, face[1]):
+            faces[left] = face + other[1:-1]
+            faces[right] = []
+            for k, corner in enumerate(other[:-1]):
+                edges[corner, other[k + 1]] = left
+            del edges[start, end], edges[end, start]
     return [face for face in faces if face]
 
 
+def _rotated(face: list[int], first: int) -> list[int]:
+    """Return the same face from the corner `first` on."""
+    place = face.index(first)
+    return face[place:] + face[:place]
+
+
 def outline_shape(outline: Outline) -> shapely.Geometry:
-    """The outline as shapely's polygons; a circle as one of many corners."""
+    """Return the outline as shapely's polygons; a circle as one of many corners."""
     if isinstance(outline, Disc):
-        return shapely.Point(outline.center).buffer(
-            outline.radius, quad_segs=PIECES.corners
-        )
-    return shapely.union_all(
-        [shapely.Polygon(ring.outer, ring.holes).buffer(0) for ring in outline.rings]
-    )
+        center = shapely.Point(outline.center)
+        return center.buffer(outline.radius, quad_segs=PIECES.corners)
+    shapes = [shapely.Polygon(ring.outer, ring.holes) for ring in outline.rings]
+    return shapely.union_all([shape.buffer(0) for shape in shapes])
 
 
 def overlap_depth(a: Outline, b: Outline) -> float:
-    """Overlap px of two outlines: the diameter of the largest circle in what they share; 0 where they only touch.
+    """Return the overlap px of two outlines: the diameter of the largest circle in their common area; 0 if they touch.
 
     Of circles, and of sides that are longer than they overlap, it is the penetration depth.
     """
-    shared = shapely.get_parts(outline_shape(a).intersection(outline_shape(b)))
-    circles = [
-        shapely.maximum_inscribed_circle(part)
-        for part in shared
-        if part.area > PIECES.rounding
-    ]
-    return 2 * max((circle.length for circle in circles), default=0.0)
+    depths = [0.0]
+    common = outline_shape(a).intersection(outline_shape(b))
+    for part in shapely.get_parts(common):
+        if part.area > PIECES.rounding:
+            depths.append(2 * shapely.maximum_inscribed_circle(part).length)
+    return max(depths)

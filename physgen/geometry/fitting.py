@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import Mask
 from physgen.geometry.circles import RoughDisc, fit_circle, fit_discs
 from physgen.geometry.polygon import Array, Disc, Outline, Region, polygon_moments
 from physgen.geometry.raster import coverage
@@ -32,53 +33,59 @@ class FitTuning:
     foot_depth: float = 0.065
     """px, and share of its radius, by which a circle sinks below what stands on a flat foot. Masks of balls in tuning
     photos lack 0.05 at most."""
-    foot_width: float = 1.5  # times as wide as a circle is 1.5 px above its lowest point, at its second row
+    foot_width: float = 1.5
+    """Times as wide as a circle is 1.5 px above its lowest point, at its second row."""
     foot_iou: float = 0.97
     """A circle that covers a mask so well stands for it, whatever is hidden of its foot: grass, a rug."""
-    touch: int = 2  # px between two masks that still count as touching
+    touch: int = 2
+    """px between two masks that still count as touching."""
     keep_iou: float = 0.7
     """A disc that had to leave its mask further than this to make room becomes a region after all. In a rack of balls
     of 20 px, from a photo of low quality, 0.78 is left of discs that lie right and of masks that do not."""
-    hidden: float = 0.1  # weight of a border point that faces another object: it may be the other's border
+    hidden: float = 0.1
+    """Weight of a border point that faces another object: it may be the other's border."""
 
 
 FIT = FitTuning()
 
 
-def disc_of(mask: NDArray[np.bool_], whole: bool) -> Disc | None:
-    """The circle of a clean mask, where it covers the mask well enough and better than a rectangle does.
+def disc_of(mask: Mask, whole: bool) -> Disc | None:
+    """Fit the circle of a clean mask; None if it covers the mask too little, or less well than a rectangle does.
 
     `whole`: nothing may hide a part of it.
     """
     border = long_border(mask)
     disc, iou = fit_circle(mask, border)
-    least = max(CIRCLE_IOU, FIT.round - 1 / disc.radius) if whole else CIRCLE_IOU
+    least = CIRCLE_IOU
+    if whole:
+        least = max(CIRCLE_IOU, FIT.round - 1 / disc.radius)
     return disc if iou >= least and iou > box_iou(border) else None
 
 
 def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
-    """Whether object i of a label map `(H, W)` stands on a flat foot, as bowls do, not on the round that `disc` has.
+    """Return whether object i of a label map `(H, W)` stands on a flat foot, as bowls do, not on the round of `disc`.
 
     A foot that other objects or the photo's border hide does not count.
     """
     mask = part == i
     rows, columns = np.nonzero(mask)
-    low = rows >= rows.max() - 1
-    sunk = float(disc.center[1]) + disc.radius - (float(rows.max()) + 0.5)
-    wide = float(np.ptp(columns[low])) + 1
-    if sunk < max(
-        FIT.foot, FIT.foot_depth * disc.radius
-    ) or wide < FIT.foot_width * 2 * np.sqrt(3 * disc.radius):
+    last = rows.max()
+    foot = columns[rows >= last - 1]
+    depth = float(disc.center[1]) + disc.radius - (float(last) + 0.5)
+    if depth < max(FIT.foot, FIT.foot_depth * disc.radius):
         return False
-    if rows.max() + 1 >= len(part) or part[rows.max() + 1, columns[low]].any():
+    width = float(np.ptp(foot)) + 1
+    if width < FIT.foot_width * 2 * np.sqrt(3 * disc.radius):
+        return False
+    if last + 1 >= len(part) or part[last + 1, foot].any():
         return False
     y, x = np.mgrid[: part.shape[0], : part.shape[1]]
-    round_ = np.hypot(x - disc.center[0], y - disc.center[1]) <= disc.radius
-    return float((mask & round_).sum()) < FIT.foot_iou * float((mask | round_).sum())
+    circle = np.hypot(x - disc.center[0], y - disc.center[1]) <= disc.radius
+    return float((mask & circle).sum()) < FIT.foot_iou * float((mask | circle).sum())
 
 
-def long_border(mask: NDArray[np.bool_]) -> Array:
-    """The half-level line `(n, 2)` px around the mask's longest border."""
+def long_border(mask: Mask) -> Array:
+    """Return the half-level line `(n, 2)` px around the mask's longest border."""
     top, bottom, left, right = _box(mask)
     traced = trace_borders(mask[top:bottom, left:right].astype(np.uint8))
     longest = max(traced.borders, key=lambda border: len(border.corners))
@@ -87,7 +94,7 @@ def long_border(mask: NDArray[np.bool_]) -> Array:
 
 
 def box_iou(border: Array) -> float:
-    """How well the smallest turned rectangle around a contour `(n, 2)` covers what lies within the contour.
+    """Return how well the smallest turned rectangle around a contour `(n, 2)` covers its inside.
 
     A circle's best IoU with a square is 0.834, and 0.85 with rounded corners: the paper's rule alone would make wheels
     of toy blocks. The paper takes "the primitive type with the maximum coverage", so the circle has to beat this too.
@@ -96,32 +103,36 @@ def box_iou(border: Array) -> float:
     return abs(polygon_moments(border).area) / max(width * height, 1e-9)
 
 
-def without_specks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Without specks: pieces and holes under 0.5 % of the area (4 to 16 px²); the largest piece stays."""
+def without_specks(mask: Mask) -> Mask:
+    """Remove specks: pieces and holes under 0.5 % of the area (4 to 16 px²).
+
+    The largest piece stays.
+    """
     top, bottom, left, right = _box(mask)
     part = mask[top:bottom, left:right]
-    speck = float(np.clip(part.sum() / 200, 4, 16))
+    least = float(np.clip(part.sum() / 200, 4, 16))
     _, pieces, stats, _ = cv2.connectedComponentsWithStats(
         part.astype(np.uint8), connectivity=4
     )
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0
-    keep = areas >= speck
-    keep[int(np.argmax(areas))] = True
-    kept = np.asarray(keep[pieces])
-    outside = np.pad(~kept, 1, constant_values=True)
+    is_large = areas >= least
+    is_large[int(np.argmax(areas))] = True
+    object_part = np.asarray(is_large[pieces])
+    outside = np.pad(~object_part, 1, constant_values=True)
     _, gaps, stats, _ = cv2.connectedComponentsWithStats(
         outside.astype(np.uint8), connectivity=8
     )
-    fill = stats[:, cv2.CC_STAT_AREA] < speck
-    fill[[0, gaps[0, 0]]] = False
-    found = np.zeros_like(mask, dtype=bool)
-    found[top:bottom, left:right] = kept | fill[gaps[1:-1, 1:-1]]
-    return found
+    is_speck = stats[:, cv2.CC_STAT_AREA] < least
+    # Neither the object itself nor its surroundings are a hole.
+    is_speck[[0, gaps[0, 0]]] = False
+    result = np.zeros_like(mask, dtype=bool)
+    result[top:bottom, left:right] = object_part | is_speck[gaps[1:-1, 1:-1]]
+    return result
 
 
-def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """First and one past the last row, then column, of the mask."""
+def _box(mask: Mask) -> tuple[int, int, int, int]:
+    """Return first and one past the last row, then column, of the mask."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
@@ -129,7 +140,7 @@ def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
 def fit_outlines(
     labels: NDArray[np.integer], ids: Sequence[int], never_discs: Collection[int] = ()
 ) -> dict[int, Outline]:
-    """Outlines of the objects `ids` of a label map `(H, W)`; ValueError where an id has no pixels.
+    """Fit outlines to the objects `ids` of a label map `(H, W)`; ValueError if an id has no pixels.
 
     Discs where circles fit, moved together; the other objects share their borders, which stand off the half-level
     lines of their masks by at most 0.5 px (Hausdorff distance). Those of `never_discs` are regions, however round, and
@@ -139,26 +150,17 @@ def fit_outlines(
     views = _views(owned, ids)
     rough = {}
     for i, view in views.items():
-        mask = owned[view] == i
-        beside = (
-            cv2.dilate(np.pad(mask, 1).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        )
-        whole = not (
-            beside & np.pad((owned[view] > 0) & ~mask, 1, constant_values=True)
-        ).any()
-        disc = None if i in never_discs else disc_of(mask, whole)
-        if disc is not None and not stands_flat(owned[view], i, disc):
+        disc = None if i in never_discs else _disc_in_view(owned[view], i)
+        if disc is not None:
             rough[i] = Disc(disc.center + _corner(view), disc.radius)
     while True:
-        regions = fit_regions(
-            close_gaps(np.where(np.isin(owned, list(rough)), 0, owned))
-        )
+        others = np.where(np.isin(owned, list(rough)), 0, owned)
+        regions = fit_regions(close_gaps(others))
         discs = _together(owned, views, rough, regions)
-        lost = [
-            i
-            for i, disc in discs.items()
-            if _iou(disc, owned[views[i]] == i, views[i]) < FIT.keep_iou
-        ]
+        lost = []
+        for i, disc in discs.items():
+            if _iou(disc, owned[views[i]] == i, views[i]) < FIT.keep_iou:
+                lost.append(i)
         if not lost:
             break
         for i in lost:
@@ -166,22 +168,33 @@ def fit_outlines(
     return {i: discs[i] if i in discs else regions[i] for i in ids}
 
 
+def _disc_in_view(part: NDArray[np.int64], i: int) -> Disc | None:
+    """Return the disc of object i in a part of a label map; None for an object that is no disc."""
+    mask = part == i
+    # Beyond the photo, something may hide a part of the object.
+    others = np.pad((part > 0) & ~mask, 1, constant_values=True)
+    padded = np.pad(mask, 1).astype(np.uint8)
+    beside = cv2.dilate(padded, np.ones((5, 5), np.uint8)) > 0
+    disc = disc_of(mask, whole=not (beside & others).any())
+    if disc is None or stands_flat(part, i, disc):
+        return None
+    return disc
+
+
 def touching_masks(
     labels: NDArray[np.integer], ids: Sequence[int]
 ) -> list[tuple[int, int]]:
-    """Pairs of objects whose masks are at most `FIT.touch` px apart."""
+    """Return pairs of objects whose masks are at most `FIT.touch` px apart."""
     pairs = set()
     known = set(ids)
-    kernel = cv2.getStructuringElement(
-        cv2.MORPH_RECT, (2 * FIT.touch + 1, 2 * FIT.touch + 1)
-    )
+    side = 2 * FIT.touch + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (side, side))
     for i, view in _views(labels, ids).items():
-        near = cv2.dilate((labels[view] == i).astype(np.uint8), kernel) > 0
-        pairs |= {
-            (min(i, j), max(i, j))
-            for j in np.unique(labels[view][near]).tolist()
-            if j != i and j in known
-        }
+        part = labels[view]
+        is_near = cv2.dilate((part == i).astype(np.uint8), kernel) > 0
+        for j in np.unique(part[is_near]).tolist():
+            if j != i and j in known:
+                pairs.add((min(i, j), max(i, j)))
     return sorted(pairs)
 
 
@@ -189,35 +202,38 @@ View = tuple[slice, slice]
 
 
 def _views(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, View]:
-    """For each id the rows and columns of its surroundings, half its size to each side, within the photo."""
-    at = np.flatnonzero(labels)
-    owner = labels.reshape(-1)[at]
-    if not len(at) or int(owner.max()) < 2**16:
-        owner = owner.astype(np.uint16)  # which NumPy sorts in one pass
-    order = np.argsort(owner, kind="stable")
-    at, owner = at[order], owner[order]
-    begin = (
-        np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1]]))
-        if len(at)
-        else at
-    )
-    known, places = owner[begin], np.stack(np.divmod(at, labels.shape[1]), axis=1)
-    low, high = (
-        way.reduceat(places, begin) if len(begin) else places
-        for way in (np.minimum, np.maximum)
-    )
+    """Return for each id the rows and columns of its surroundings, half its size to each side, within the photo."""
+    boxes = _label_boxes(labels)
     views = {}
     for i in ids:
-        k = int(np.searchsorted(known, i))
-        if i == 0 or k == len(known) or known[k] != i:
+        if i == 0 or i not in boxes:
             raise ValueError(f"no pixel of the label map has id {i}")
-        (y0, x0), (y1, x1) = low[k].tolist(), high[k].tolist()
+        y0, x0, y1, x1 = boxes[i]
         margin = max(y1 - y0, x1 - x0) // 2 + FIT.touch + 2
-        views[i] = (
-            slice(max(y0 - margin, 0), y1 + margin + 1),
-            slice(max(x0 - margin, 0), x1 + margin + 1),
-        )
+        rows = slice(max(y0 - margin, 0), y1 + margin + 1)
+        views[i] = (rows, slice(max(x0 - margin, 0), x1 + margin + 1))
     return views
+
+
+def _label_boxes(labels: NDArray[np.integer]) -> dict[int, tuple[int, int, int, int]]:
+    """Return first row and column, last row and column of each id but 0, in one pass over the map."""
+    pixels = np.flatnonzero(labels)
+    if not len(pixels):
+        return {}
+    owner = labels.reshape(-1)[pixels]
+    if int(owner.max()) < 2**16:
+        owner = owner.astype(np.uint16)  # which NumPy sorts in one pass
+    order = np.argsort(owner, kind="stable")
+    pixels, owner = pixels[order], owner[order]
+    is_first = np.concatenate([[True], owner[1:] != owner[:-1]])
+    first = np.flatnonzero(is_first)
+    places = np.stack(np.divmod(pixels, labels.shape[1]), axis=1)
+    low = np.minimum.reduceat(places, first).tolist()
+    high = np.maximum.reduceat(places, first).tolist()
+    boxes = {}
+    for id_, start, end in zip(owner[first].tolist(), low, high, strict=True):
+        boxes[id_] = (*start, *end)
+    return boxes
 
 
 def _corner(view: View) -> Array:
@@ -225,13 +241,14 @@ def _corner(view: View) -> Array:
 
 
 def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]:
-    """The map of the ids alone, without specks."""
+    """Return the map of the ids alone, without specks."""
     known = np.where(np.isin(labels, list(ids)), labels, 0).astype(np.int64)
     owned = np.zeros_like(known)
     for i, view in _views(known, ids).items():
         part = known[view]
-        # a hole is filled only where no other object is
-        owned[view][without_specks(part == i) & ((part == i) | (part == 0))] = i
+        # A hole is filled only where no other object is.
+        is_free = (part == i) | (part == 0)
+        owned[view][without_specks(part == i) & is_free] = i
     return owned
 
 
@@ -245,62 +262,60 @@ def _together(
     ids = list(rough)
     place = {i: k for k, i in enumerate(ids)}
     pairs = touching_masks(owned, [*ids, *regions])
-    contacts = [
-        (place[i], place[j])
-        for i, j in pairs
-        if i in place and j in place and _could_touch(rough[i], rough[j])
-    ]
+    contacts = []
+    for i, j in pairs:
+        if i in place and j in place and _could_touch(rough[i], rough[j]):
+            contacts.append((place[i], place[j]))
     obstacles: dict[int, list[tuple[Region, bool]]] = {}
     for i in ids:
-        low, high = (
-            rough[i].center - rough[i].radius - 8,
-            rough[i].center + rough[i].radius + 8,
-        )
         for j, region in regions.items():
-            points = np.concatenate([ring.outer for ring in region.rings])
-            if (points.max(axis=0) > low).all() and (points.min(axis=0) < high).all():
+            if _is_near(rough[i], region):
                 touches = (min(i, j), max(i, j)) in pairs
                 obstacles.setdefault(place[i], []).append((region, touches))
-    fitted = fit_discs(
-        [_rough(owned, i, views[i], rough[i]) for i in ids], contacts, obstacles
-    )
-    return dict(zip(ids, fitted, strict=True))
+    rough_discs = [_rough(owned, i, views[i], rough[i]) for i in ids]
+    return dict(zip(ids, fit_discs(rough_discs, contacts, obstacles), strict=True))
+
+
+def _is_near(disc: Disc, region: Region) -> bool:
+    """Return whether the boxes of a disc and a region are at most 8 px apart."""
+    low = disc.center - disc.radius - 8
+    high = disc.center + disc.radius + 8
+    points = np.concatenate([ring.outer for ring in region.rings])
+    ends_beyond = (points.max(axis=0) > low).all()
+    return bool(ends_beyond and (points.min(axis=0) < high).all())
 
 
 def _could_touch(a: Disc, b: Disc) -> bool:
-    """Near enough as circles too: ragged masks may meet where their circles do not."""
+    """Return whether two discs are near enough as circles, too: ragged masks may meet and their circles not."""
     gap = float(np.hypot(*(a.center - b.center))) - a.radius - b.radius
     return gap <= max(2.0 * FIT.touch, 0.1 * min(a.radius, b.radius))
 
 
 def _rough(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDisc:
+    """Return a disc with its mask's border, of which hidden and cut parts have little weight."""
     part = owned[view]
     local = long_border(part == i)
     local = local[:: max(1, len(local) // 128)]
     others = ((part != 0) & (part != i)).astype(np.uint8)
-    near = (
-        cv2.dilate(others, np.ones((2 * FIT.touch + 1, 2 * FIT.touch + 1), np.uint8))
-        > 0
-    )
-    place = np.clip(
-        np.round(local).astype(np.intp), 0, (part.shape[1] - 1, part.shape[0] - 1)
-    )
+    side = 2 * FIT.touch + 1
+    is_near_other = cv2.dilate(others, np.ones((side, side), np.uint8)) > 0
+    last_local = (part.shape[1] - 1, part.shape[0] - 1)
+    pixels = np.clip(np.round(local).astype(np.intp), 0, last_local)
+    is_hidden = is_near_other[pixels[:, 1], pixels[:, 0]]
     border = local + _corner(view)
     last = np.array([owned.shape[1] - 1, owned.shape[0] - 1])
-    cut = ((border < 0) | (border > last)).any(axis=1)
-    weight = np.where(
-        cut, 1e-3, np.where(near[place[:, 1], place[:, 0]], FIT.hidden, 1.0)
-    )
+    is_cut = ((border < 0) | (border > last)).any(axis=1)
+    weight = np.where(is_cut, 1e-3, np.where(is_hidden, FIT.hidden, 1.0))
     return RoughDisc(disc, border, weight)
 
 
-def disc_iou(disc: Disc, mask: NDArray[np.bool_]) -> float:
+def disc_iou(disc: Disc, mask: Mask) -> float:
     """Return how well a disc covers a mask `(H, W)` of the photo."""
     return _iou(disc, mask, (slice(0, None), slice(0, None)))
 
 
-def _iou(disc: Disc, mask: NDArray[np.bool_], view: View) -> float:
-    covered = coverage(
-        Disc(disc.center - _corner(view), disc.radius), (mask.shape[1], mask.shape[0])
-    )
+def _iou(disc: Disc, mask: Mask, view: View) -> float:
+    height, width = mask.shape
+    local = Disc(disc.center - _corner(view), disc.radius)
+    covered = coverage(local, (width, height))
     return float(np.minimum(covered, mask).sum() / np.maximum(covered, mask).sum())

@@ -11,9 +11,10 @@ from math import hypot, pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from physgen.arrays import F64
+
+Array = F64
 
 
 class Pose(NamedTuple):
@@ -24,12 +25,12 @@ class Pose(NamedTuple):
     angle: float
 
     def apply(self, points: Array) -> Array:
-        """Body frame (about the centre of mass) -> photo, `(..., 2)` px."""
+        """Convert points of the body frame (about the centre of mass) to the photo, `(..., 2)` px."""
         return points @ rotation(self.angle).T + (self.x, self.y)
 
 
 def rotation(angle: float) -> Array:
-    """(2, 2) matrix that turns +x towards +y by `angle` rad.
+    """Return the (2, 2) matrix that turns +x towards +y by `angle` rad.
 
     >>> (rotation(np.pi / 2) @ [1.0, 0.0]).round(12).tolist()
     [0.0, 1.0]
@@ -39,7 +40,7 @@ def rotation(angle: float) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Scalar cross product of `(..., 2)` vectors, positive when `b` is turned from `a` towards +y.
+    """Return the scalar cross product of `(..., 2)` vectors, positive when `b` is turned from `a` towards +y.
 
     >>> float(cross(np.array([1.0, 0.0]), np.array([0.0, 1.0])))
     1.0
@@ -56,7 +57,7 @@ class MassProperties(NamedTuple):
 
 
 def polygon_moments(points: Array) -> MassProperties:
-    """Signed moments of a simple polygon `(K, 2)`; area and second moment are positive when it turns +x towards +y.
+    """Return signed moments of a simple polygon `(K, 2)`; positive when it turns +x towards +y.
 
     Green's theorem; any mechanics text.
 
@@ -67,17 +68,15 @@ def polygon_moments(points: Array) -> MassProperties:
     origin = points.mean(axis=0)
     a = points - origin
     b = np.roll(a, -1, axis=0)
-    c = cross(a, b)
-    area = float(c.sum() / 2)
+    twice_areas = cross(a, b)
+    area = float(twice_areas.sum() / 2)
     if area == 0.0:
         return MassProperties(0.0, origin, 0.0)
-    centroid = ((a + b) * c[:, None]).sum(axis=0) / (6 * area)
-    about_origin = float(
-        (c * ((a * a).sum(1) + (a * b).sum(1) + (b * b).sum(1))).sum() / 12
-    )
-    return MassProperties(
-        area, centroid + origin, about_origin - area * float(centroid @ centroid)
-    )
+    centroid = ((a + b) * twice_areas[:, None]).sum(axis=0) / (6 * area)
+    squares = (a * a).sum(1) + (a * b).sum(1) + (b * b).sum(1)
+    about_origin = float((twice_areas * squares).sum() / 12)
+    second = about_origin - area * float(centroid @ centroid)
+    return MassProperties(area, centroid + origin, second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,53 +106,49 @@ class Region:
 
     @property
     def borders(self) -> list[tuple[Array, float]]:
-        """Of every piece its border and 1, then each hole's and -1: signs with which areas add up."""
-        return [
-            (points, sign)
-            for ring in self.rings
-            for points, sign in (
-                (ring.outer, 1.0),
-                *((hole, -1.0) for hole in ring.holes),
-            )
-        ]
+        """Return every border and its sign, with which areas add up: 1 for pieces, -1 for holes."""
+        borders = []
+        for ring in self.rings:
+            borders.append((ring.outer, 1.0))
+            borders += [(hole, -1.0) for hole in ring.holes]
+        return borders
 
 
 Outline = Disc | Region
 
 
 def mass_properties(outline: Outline) -> MassProperties:
-    """Exact area, centre of mass and second moment; holes subtract, pieces add (parallel axis theorem).
+    """Return exact area, centre of mass and second moment; holes subtract, pieces add (parallel axis theorem).
 
     >>> round(mass_properties(Disc(np.zeros(2), 2.0)).second, 6)
     25.132741
     """
     if isinstance(outline, Disc):
         radius = float(outline.radius)
-        return MassProperties(
-            pi * radius**2,
-            np.array(outline.center, dtype=np.float64),
-            pi * radius**4 / 2,
-        )
+        center = np.array(outline.center, dtype=np.float64)
+        return MassProperties(pi * radius**2, center, pi * radius**4 / 2)
     parts = []
     for points, sign in outline.borders:
         moments = polygon_moments(points)
         turn = sign if moments.area >= 0 else -sign
-        parts.append((turn * moments.area, moments.center, turn * moments.second))
-    area = sum(part[0] for part in parts)
+        area, second = turn * moments.area, turn * moments.second
+        parts.append(MassProperties(area, moments.center, second))
+    area = sum(part.area for part in parts)
     if not area > 0:
         raise ValueError("the outline has no area")
-    # about the first centroid: far from the origin, sums about (0, 0) would lose digits
-    origin = parts[0][1]
-    center = (
-        origin
-        + sum((part[0] * (part[1] - origin) for part in parts), np.zeros(2)) / area
-    )
-    second = sum(part[2] + part[0] * hypot(*(part[1] - center)) ** 2 for part in parts)
+    # About the first centroid: far from the origin, sums about (0, 0) would lose digits.
+    origin = parts[0].center
+    shift = sum((part.area * (part.center - origin) for part in parts), np.zeros(2))
+    center = origin + shift / area
+    second = 0.0
+    for part in parts:
+        distance = hypot(*(part.center - center))
+        second += part.second + part.area * distance**2
     return MassProperties(float(area), center, float(second))
 
 
 def mean_distance(outline: Outline, center: Array) -> float:
-    """Mean distance of the outline's area from a point, px: what a table's friction takes hold of when it spins.
+    """Return the mean distance of the outline's area from a point, px: the arm of a table's friction as it spins.
 
     Each edge adds the integral of r² dr dphi over the triangle that it makes with the point; signs subtract holes.
 
@@ -164,30 +159,31 @@ def mean_distance(outline: Outline, center: Array) -> float:
         return 2 * outline.radius / 3
     total = area = 0.0
     for points, sign in outline.borders:
-        a = points - center
-        b = np.roll(a, -1, axis=0)
-        along = b - a
-        length = np.maximum(np.hypot(*along.T), 1e-12)
-        twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        height = np.maximum(np.abs(twice) / length, 1e-12)
-        start, end = ((p * along).sum(axis=1) / length / height for p in (a, b))
-        part = np.abs(height**3 / 6 * (_sec_cubed(end) - _sec_cubed(start))) * np.sign(
-            twice
-        )
-        turn = sign * np.sign(twice.sum())
+        start = points - center
+        end = np.roll(start, -1, axis=0)
+        edge = end - start
+        length = np.maximum(np.hypot(*edge.T), 1e-12)
+        twice_areas = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
+        height = np.maximum(np.abs(twice_areas) / length, 1e-12)
+        # tangents of the angles of both ends, from the foot of the height
+        from_start = (start * edge).sum(axis=1) / length / height
+        from_end = (end * edge).sum(axis=1) / length / height
+        integral = height**3 / 6 * (_sec_cubed(from_end) - _sec_cubed(from_start))
+        part = np.abs(integral) * np.sign(twice_areas)
+        turn = sign * np.sign(twice_areas.sum())
         total += turn * float(part.sum())
-        area += turn * float(twice.sum()) / 2
+        area += turn * float(twice_areas.sum()) / 2
     return total / area
 
 
 def _sec_cubed(tangent: Array) -> Array:
-    """Twice the integral of 1/cos³ up to the angle of that tangent."""
+    """Return twice the integral of 1/cos³ up to the angle of that tangent."""
     secant = np.hypot(1, tangent)
     return np.asarray(secant * tangent + np.arcsinh(tangent))
 
 
 def bounds(outline: Outline) -> tuple[float, float, float, float]:
-    """Smallest box `(x0, y0, x1, y1)` px that holds the outline."""
+    """Return the smallest box `(x0, y0, x1, y1)` px around the outline."""
     if isinstance(outline, Disc):
         low, high = outline.center - outline.radius, outline.center + outline.radius
     else:
@@ -197,9 +193,11 @@ def bounds(outline: Outline) -> tuple[float, float, float, float]:
 
 
 def translated_outline(outline: Outline, by: Array) -> Outline:
-    """The outline at another place."""
+    """Return the outline at another place."""
     if isinstance(outline, Disc):
         return Disc(outline.center + by, outline.radius)
-    return Region(
-        tuple(Ring(r.outer + by, tuple(h + by for h in r.holes)) for r in outline.rings)
-    )
+    rings = []
+    for ring in outline.rings:
+        holes = tuple(hole + by for hole in ring.holes)
+        rings.append(Ring(ring.outer + by, holes))
+    return Region(tuple(rings))

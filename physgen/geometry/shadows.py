@@ -17,33 +17,35 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import F32 as F32
 from physgen.photometry import DistantLight
 
-F32 = NDArray[np.float32]
 PixelBox = tuple[
     int, int, int, int
 ]  # first and last + 1 column and row: x0, y0, x1, y1
 
 LEAST_LIGHT_HEIGHT = 0.2
 """Least sine of the light's height over a surface: lower lights throw shadows without end."""
-MOST_BLOCKED = 0.98  # of the direct or the ambient light, no more is taken away
+MOST_BLOCKED = 0.98
+"""Of the direct or the ambient light, no more is taken away."""
 
 
 @dataclass(frozen=True)
 class ShadowModel:
     """Resolution and limits of cast shadows."""
 
-    sky: float = (
-        0.5  # by how much more ambient light falls on what faces up: skies are brighter
-    )
-    levels: int = 10  # heights at which an object's silhouette is looked at
-    finer: int = (
-        2  # lines of the floor in a row of pixels: seen from the side, a row is deep
-    )
-    wall: int = 4  # columns of a wall beside in a column of pixels: it goes back, and is foreshortened
+    sky: float = 0.5
+    """By how much more ambient light falls on what faces up: skies are brighter."""
+    levels: int = 10
+    """Heights at which an object's silhouette is looked at."""
+    finer: int = 2
+    """Lines of the floor in a row of pixels: seen from the side, a row is deep."""
+    wall: int = 4
+    """Columns of a wall beside in a column of pixels: it goes back, and is foreshortened."""
     sunk: float = 3.0
     """px by which an object's picture may reach farther below its floor than its thickness implies."""
-    far: float = 1e4  # px: a sky without anything in it
+    far: float = 1e4
+    """px: a sky without anything in it."""
     under: float = 0.9
     beside: float = 0.4
     """Of the sky that an object hides, what it does not give back by its own light: from under it, and beside it."""
@@ -57,32 +59,46 @@ class ShadowSetting:
     """What light falls on, beside the objects."""
 
     light: DistantLight
-    softness: float  # degrees: half the width of the light as the objects see it
-    top: bool  # seen from above: a table behind everything
-    tilt: float  # side view: px by which a floor's point appears higher for each px that it lies farther back
-    backdrop: float  # side view: px from the plane of motion back to an upright wall; infinite without
-    size: tuple[int, int]  # width and height of the photo, px
-    lacking: float = 1.0  # share of the direct light that shadows lack: some comes back from other surfaces
+    softness: float
+    """degrees: half the width of the light as the objects see it."""
+    top: bool
+    """Seen from above: a table behind everything."""
+    tilt: float
+    """Side view: px by which a floor's point appears higher for each px that it lies farther back."""
+    backdrop: float
+    """Side view: px from the plane of motion back to an upright wall; infinite without."""
+    size: tuple[int, int]
+    """Width and height of the photo, px."""
+    lacking: float = 1.0
+    """Share of the direct light that shadows lack: some comes back from other surfaces."""
 
     def direct(self, normal: tuple[float, float, float]) -> float:
-        """Share of a surface's light that is direct."""
-        facing = sum(a * b for a, b in zip(self.light.direction, normal, strict=True))
+        """Return the share of a surface's light that is direct."""
+        pairs = zip(self.light.direction, normal, strict=True)
+        facing = sum(a * b for a, b in pairs)
         straight = self.light.intensity * max(facing, 0.0)
-        around = self.light.ambient * (
-            1 if self.top else 1 + MODEL.sky * max(-normal[1], 0.0)
-        )
-        return min(self.lacking * straight / max(straight + around, 1e-9), 1.0)
+        brightening = 1.0
+        if not self.top:
+            # Skies are brighter than their surroundings.
+            brightening = 1 + MODEL.sky * max(-normal[1], 0.0)
+        ambient = self.light.ambient * brightening
+        return min(self.lacking * straight / max(straight + ambient, 1e-9), 1.0)
 
     def distance(self, row: float) -> float:
-        """px of a camera, which is taken to look level at the picture's middle, over a floor whose line is at `row`.
+        """Return px from a camera, which looks level at the picture's middle, to a floor whose line is at `row`.
 
         No camera sees more than as wide as it is far.
         """
         return float(max((row - self.size[1] / 2) / max(self.tilt, 1e-3), self.size[0]))
 
+    @property
+    def light_radius(self) -> float:
+        """Return the light's radius relative to its distance."""
+        return tan(radians(min(self.softness, 60.0)))
+
     @cached_property
     def shade(self) -> np.float32:
-        """-log of the light left where none comes straight, at most."""
+        """Return -log of the light left in the darkest shadow."""
         faces = ((0.0, 0.0, 1.0),) if self.top else ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
         return np.float32(-np.log(1 - MOST_BLOCKED * max(map(self.direct, faces))))
 
@@ -91,11 +107,16 @@ class ShadowSetting:
 class Silhouette:
     """An object as it stands now."""
 
-    coverage: F32  # (h, w) in 0..1.
-    corner: tuple[int, int]  # photo column and row of its first pixel
-    center: tuple[float, float]  # px
-    radius: float | None  # px, of a sphere; None for all others
-    thick: float  # px that it reaches through the plane of motion (side view), or above the table (top view)
+    coverage: F32
+    """(h, w) in 0..1."""
+    corner: tuple[int, int]
+    """Photo column and row of its first pixel."""
+    center: tuple[float, float]
+    """px."""
+    radius: float | None
+    """px, of a sphere; None for all others."""
+    thick: float
+    """px that it reaches through the plane of motion (side view), or above the table (top view)."""
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
     ends: tuple[float, float] = (
@@ -106,16 +127,17 @@ class Silhouette:
         False,
         False,
     )  # whether one stands at either end of that floor, and goes back
-    id: int = 0  # of the object in the label map; 0 where it is not needed, or where it is several
+    id: int = 0
+    """Of the object in the label map; 0 where it is not needed, or where it is several."""
 
     @cached_property
     def rows(self) -> NDArray[np.intp]:
-        """Rows of `coverage` that show it."""
+        """Return the rows of `coverage` that show the object."""
         return np.flatnonzero(self.coverage.max(axis=1) > 0.5)
 
     @cached_property
     def lowest(self) -> tuple[int, NDArray[np.intp]]:
-        """The first column of `coverage` that shows it, and of each to the last the row below its lowest pixel.
+        """Return the first column that shows the object, and the row below its lowest pixel in each column.
 
         0 in a column between that shows nothing; no columns at all where none shows anything.
         """
@@ -129,59 +151,60 @@ class Silhouette:
 
     @cached_property
     def area(self) -> float:
-        """px²."""
+        """Return the area, px²."""
         return float(self.coverage.sum())
 
 
 def penumbra_width(
     setting: ShadowSetting, height: float, rise: float, slope: float = 0.66
 ) -> float:
-    """px, standard deviation of a shadow's edge that is thrown from so far away; `slope` px sideways for each px."""
-    far = tan(radians(min(setting.softness, 60.0))) * max(height, 0.0) / rise
-    return float(0.35 + 0.5 * far * (1 + slope * slope) ** 0.5)
+    """Return the standard deviation, px, of a shadow's edge at this distance from its caster.
+
+    `slope`: px sideways for each px of height.
+    """
+    radius = setting.light_radius * max(height, 0.0) / rise
+    return float(0.35 + 0.5 * radius * (1 + slope * slope) ** 0.5)
 
 
 def clipped_box(
     box: tuple[float, float, float, float], size: tuple[int, int]
 ) -> PixelBox | None:
-    """Whole pixels of a photo of `size` (w, h) that a box touches; None where it lies outside."""
+    """Return the whole pixels of a photo of `size` (w, h) that a box touches.
+
+    None if it lies outside.
+    """
     x0, y0 = max(floor(box[0]), 0), max(floor(box[1]), 0)
     x1, y1 = min(ceil(box[2]) + 1, size[0]), min(ceil(box[3]) + 1, size[1])
     return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
 
 
-def attenuation(direct: float, blocked: F32, hidden: F32) -> F32:
-    """-log of the light that is left where so much of direct and ambient light is taken away."""
-    left = 1 - np.float32(MOST_BLOCKED) * (
-        np.float32(direct) * blocked + np.float32(1 - direct) * hidden
-    )
-    return np.asarray(-np.log(left), np.float32)
+def attenuation(direct: float, blocked_share: F32, hidden_share: F32) -> F32:
+    """Return -log of the remaining light if such shares of direct and ambient light are taken away."""
+    lost = np.float32(direct) * blocked_share + np.float32(1 - direct) * hidden_share
+    return np.asarray(-np.log(1 - np.float32(MOST_BLOCKED) * lost), np.float32)
 
 
 def faded_out(x: F32, y: F32, reach: float) -> F32:
-    """1 near the origin, 0 from `reach` on: an end to what thins out for ever."""
-    return np.asarray(
-        np.clip(1.5 - 1.5 * np.sqrt(x * x + y * y) / np.float32(reach), 0, 1),
-        np.float32,
-    )
+    """Return 1 near the origin and 0 from `reach` on: an end to a shadow that thins out for ever."""
+    distance = np.sqrt(x * x + y * y) / np.float32(reach)
+    return np.asarray(np.clip(1.5 - 1.5 * distance, 0, 1), np.float32)
 
 
 def moved_silhouette(
-    what: Silhouette, box: PixelBox, dx: float, dy: float, blur: float
+    silhouette: Silhouette, box: PixelBox, dx: float, dy: float, blur: float
 ) -> F32:
-    """The silhouette, moved and blurred, in a box of the photo."""
+    """Return the silhouette, moved and blurred, in a box of the photo."""
     size = (box[2] - box[0], box[3] - box[1])
-    shift = np.array(
-        [[1.0, 0, what.corner[0] + dx - box[0]], [0, 1, what.corner[1] + dy - box[1]]]
-    )
-    there = cv2.warpAffine(
-        what.coverage,
-        shift,
+    shift_x = silhouette.corner[0] + dx - box[0]
+    shift_y = silhouette.corner[1] + dy - box[1]
+    picture = cv2.warpAffine(
+        silhouette.coverage,
+        np.array([[1.0, 0, shift_x], [0, 1, shift_y]]),
         size,
         flags=cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT,
     )
-    return blurred(np.asarray(there, np.float32), blur)
+    return blurred(np.asarray(picture, np.float32), blur)
 
 
 def blurred(picture: F32, sigma: float) -> F32:
@@ -190,20 +213,18 @@ def blurred(picture: F32, sigma: float) -> F32:
         return picture
     step = min(int(sigma / 3), min(picture.shape) // 4)
     if step < 2:
-        return np.asarray(
-            cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT),
-            np.float32,
-        )
-    h, w = picture.shape
-    small = cv2.resize(
-        picture, (ceil(w / step), ceil(h / step)), interpolation=cv2.INTER_AREA
-    )
-    small = cv2.GaussianBlur(
-        small, (0, 0), sigma / step, borderType=cv2.BORDER_CONSTANT
-    )
-    return np.asarray(
-        cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.float32
-    )
+        return _gaussian(picture, sigma)
+    height, width = picture.shape
+    grid = (ceil(width / step), ceil(height / step))
+    small = cv2.resize(picture, grid, interpolation=cv2.INTER_AREA)
+    small = _gaussian(np.asarray(small, np.float32), sigma / step)
+    large = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(large, np.float32)
+
+
+def _gaussian(picture: F32, sigma: float) -> F32:
+    result = cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(result, np.float32)
 
 
 def blocked_by_ball(
@@ -213,460 +234,599 @@ def blocked_by_ball(
     y: F32 | float,
     z: F32 | float,
 ) -> F32:
-    """How much of the light a ball hides from points that lie so far (px) right of, below and before its centre."""
+    """Return the share of light that a ball hides from points so far (px) right of, below and before its centre."""
     lx, ly, lz = setting.light.direction
-    along = np.asarray(
-        -(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz)), np.float32
-    )
-    apart = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
-    # of two discs, the ball's and the light's as it shines past there
-    disc = np.maximum(
-        np.float32(tan(radians(min(setting.softness, 60.0)))) * along, np.float32(0.35)
-    )
-    small = np.minimum(np.float32(radius), disc)
-    away = (apart - np.maximum(np.float32(radius), disc)) / (0.28 * small)
-    return np.asarray(
-        (small / disc) ** 2 / (1 + np.exp(np.clip(away, -30, 30))) * (along > 0),
-        np.float32,
-    )
+    along = -(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz))
+    along = np.asarray(along, np.float32)
+    distance = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
+    # A point sees two discs: the ball, and the light at the ball's distance.
+    light = np.maximum(np.float32(setting.light_radius) * along, np.float32(0.35))
+    smaller = np.minimum(np.float32(radius), light)
+    larger = np.maximum(np.float32(radius), light)
+    gap = (distance - larger) / (0.28 * smaller)
+    share = (smaller / light) ** 2 / (1 + np.exp(np.clip(gap, -30, 30)))
+    return np.asarray(share * (along > 0), np.float32)
 
 
 @dataclass(frozen=True)
 class FloorContact:
     """The floor below an object, px."""
 
-    row: float  # of the photo, where the plane of motion meets the floor
-    foot: float  # row at which an object that stands there ends: its near edge, lower than `row`
-    half: float  # how far the object reaches to either side of the plane of motion
-    low: float  # height of its lowest point over the floor
-    high: float  # and of its highest
+    row: float
+    """Of the photo, where the plane of motion meets the floor."""
+    foot: float
+    """Row at which an object that stands there ends: its near edge, lower than `row`."""
+    half: float
+    """How far the object reaches to either side of the plane of motion."""
+    low: float
+    """Height of its lowest point over the floor."""
+    high: float
+    """And of its highest."""
 
 
-def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:
-    """None where there is no floor, or nothing to be seen of the object."""
-    if what.floor is None:
+def floor_contact(silhouette: Silhouette, tilt: float) -> FloorContact | None:
+    """Return the floor below an object.
+
+    None if there is no floor, or no visible pixel of the object.
+    """
+    floor = silhouette.floor
+    if floor is None:
         return None
-    if what.radius is not None:
-        low = max(what.floor - what.center[1] - what.radius, 0.0)
-        return FloorContact(
-            what.floor, what.floor, what.radius, low, low + 2 * what.radius
-        )
-    rows = what.rows
+    radius = silhouette.radius
+    if radius is not None:
+        low = max(floor - silhouette.center[1] - radius, 0.0)
+        return FloorContact(floor, floor, radius, low, low + 2 * radius)
+    rows = silhouette.rows
     if not len(rows):
         return None
-    top, bottom = what.corner[1] + rows[0] - 0.5, what.corner[1] + rows[-1] + 0.5
-    thick = min(what.thick, 1.13 * what.area**0.5)  # no deeper than a disc of its area
-    # a floor may be drawn where the plane of motion meets it, or where objects are seen to end
-    sunk = min(max(bottom - what.floor, 0.0), tilt * thick / 2 + MODEL.sunk)
-    half = max(thick / 2, sunk / tilt)
-    foot = what.floor + sunk
-    row = min(
-        what.floor, foot - (tilt * half if bottom > foot - 1 else tilt * half / 2)
-    )
-    return FloorContact(row, foot, half, max(foot - bottom, 0.0), max(foot - top, 1.0))
+    top = silhouette.corner[1] + rows[0] - 0.5
+    bottom = silhouette.corner[1] + rows[-1] + 0.5
+    # An object is no deeper than a disc of its area.
+    thickness = min(silhouette.thick, 1.13 * silhouette.area**0.5)
+    # A floor may be drawn where the plane of motion meets it, or at the visible ends of objects.
+    sunk = min(max(bottom - floor, 0.0), tilt * thickness / 2 + MODEL.sunk)
+    half = max(thickness / 2, sunk / tilt)
+    foot = floor + sunk
+    rise = tilt * half if bottom > foot - 1 else tilt * half / 2
+    low, high = max(foot - bottom, 0.0), max(foot - top, 1.0)
+    return FloorContact(min(floor, foot - rise), foot, half, low, high)
 
 
 def shadow_on_floor(
-    what: Silhouette, setting: ShadowSetting
+    silhouette: Silhouette, setting: ShadowSetting
 ) -> tuple[PixelBox, F32] | None:
-    """Box of the photo and (h, w) -log of the light that is left; None where there is no floor below."""
+    """Return a box of the photo and (h, w) -log of the remaining light.
+
+    None if there is no floor below.
+    """
     tilt = max(setting.tilt, 1e-3)
-    at = floor_contact(what, tilt)
-    if at is None or at.low > 4 * setting.size[1]:
+    contact = floor_contact(silhouette, tilt)
+    if contact is None or contact.low > 4 * setting.size[1]:
         return None
-    ax, az, rise = _slopes(setting)
-    x0, w = what.corner[0], what.coverage.shape[1]
-    near = 0.45 * min(max(at.high - at.low, w), 4 * what.thick) + at.low
-    wide = 2 * penumbra_width(setting, at.high, rise, ax)
-    deep = 2 * penumbra_width(setting, at.high, rise, az)
-    box = clipped_box(
-        (
-            x0 + min(ax * at.high - wide, -near),
-            at.row
-            - tilt * min(at.half + max(deep - az * at.high, near), setting.backdrop)
-            - 1,
-            x0 + w + max(ax * at.high + wide, near),
-            at.row + tilt * (at.half + max(deep + az * at.high, near)) + 2,
-        ),
-        setting.size,
-    )
+    box = _floor_shadow_box(silhouette, setting, contact, tilt)
     if box is None:
         return None
-    xs = np.arange(box[0], box[2], dtype=np.float32)
-    # px towards the viewer, of each row and of the lines of the floor that it holds
-    z = (
-        np.arange(box[1], box[3], dtype=np.float32)[:, None] - np.float32(at.row)
-    ) / np.float32(tilt)
-    within = (
-        np.arange(MODEL.finer, dtype=np.float32) - (MODEL.finer - 1) / 2
-    ) / np.float32(MODEL.finer * tilt)
-    lines = np.asarray((z + within).reshape(-1, 1), np.float32)
-    if what.radius is not None:
-        right = (xs - np.float32(what.center[0]))[None]
-        blocked = blocked_by_ball(
-            what.radius, setting, right, at.row - what.center[1], lines
-        )
-    else:
-        blocked = _behind(what, setting, at, xs, lines)
-    blocked = np.asarray(
-        blocked.reshape(len(z), MODEL.finer, len(xs)).mean(axis=1), np.float32
-    )
-    upon = floor_share(what.ends, setting, box, at.row)
+    columns = np.arange(box[0], box[2], dtype=np.float32)
+    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    # px towards the viewer, of each row
+    depths = (rows - np.float32(contact.row)) / np.float32(tilt)
+    blocked_share = _blocked_on_floor(silhouette, setting, contact, columns, depths)
+    upon = floor_share(silhouette.ends, setting, box, contact.row)
     if np.isfinite(setting.backdrop):
-        upon = upon * np.clip(
-            (z + np.float32(setting.backdrop)) * np.float32(tilt) + np.float32(0.5),
-            0,
-            1,
+        before_wall = (depths + np.float32(setting.backdrop)) * np.float32(tilt)
+        upon = upon * np.clip(before_wall + np.float32(0.5), 0, 1)
+    hidden_share = _hidden_sky(silhouette, contact, columns, depths) * upon
+    direct = setting.direct((0.0, -1.0, 0.0))
+    return box, attenuation(direct, blocked_share * upon, hidden_share)
+
+
+def _floor_shadow_box(
+    silhouette: Silhouette, setting: ShadowSetting, contact: FloorContact, tilt: float
+) -> PixelBox | None:
+    """Return the box that a shadow on the floor and the hidden sky beside it can reach."""
+    ax, az, rise = _slopes(setting)
+    left, width = silhouette.corner[0], silhouette.coverage.shape[1]
+    height = contact.high - contact.low
+    sky = 0.45 * min(max(height, width), 4 * silhouette.thick) + contact.low
+    soft_x = 2 * penumbra_width(setting, contact.high, rise, ax)
+    soft_z = 2 * penumbra_width(setting, contact.high, rise, az)
+    back = contact.half + max(soft_z - az * contact.high, sky)
+    front = contact.half + max(soft_z + az * contact.high, sky)
+    box = (
+        left + min(ax * contact.high - soft_x, -sky),
+        contact.row - tilt * min(back, setting.backdrop) - 1,
+        left + width + max(ax * contact.high + soft_x, sky),
+        contact.row + tilt * front + 2,
+    )
+    return clipped_box(box, setting.size)
+
+
+def _blocked_on_floor(
+    silhouette: Silhouette,
+    setting: ShadowSetting,
+    contact: FloorContact,
+    columns: F32,
+    depths: F32,
+) -> F32:
+    """Return (h, w) the share of direct light that an object hides from the floor, with `depths` (h, 1) px."""
+    # Seen from the side, a row of pixels is deep: it is the mean of several lines of the floor.
+    tilt = max(setting.tilt, 1e-3)
+    offsets = np.arange(MODEL.finer, dtype=np.float32) - (MODEL.finer - 1) / 2
+    within = offsets / np.float32(MODEL.finer * tilt)
+    lines = np.asarray((depths + within).reshape(-1, 1), np.float32)
+    if silhouette.radius is not None:
+        right = (columns - np.float32(silhouette.center[0]))[None]
+        below = contact.row - silhouette.center[1]
+        blocked_share = blocked_by_ball(silhouette.radius, setting, right, below, lines)
+    else:
+        blocked_share = _blocked_by_silhouette(
+            silhouette, setting, contact, columns, lines
         )
-    hidden = _sky(what, at, xs, z) * upon
-    return box, attenuation(setting.direct((0.0, -1.0, 0.0)), blocked * upon, hidden)
+    fine = blocked_share.reshape(len(depths), MODEL.finer, len(columns))
+    return np.asarray(fine.mean(axis=1), np.float32)
 
 
 def floor_share(
     ends: tuple[float, float], setting: ShadowSetting, box: PixelBox, row: float
 ) -> F32:
-    """(h, w) 0..1: how much of a box's pixels is a floor, whose line at `row` px goes on between the columns `ends`.
+    """Return (h, w) 0..1: the share of a box's pixels that is a floor, whose line at `row` px spans the columns `ends`.
 
     What lies farther back is seen nearer to the middle of the picture.
     """
-    middle, tilt, distance = (
-        setting.size[0] / 2,
-        max(setting.tilt, 1e-3),
-        setting.distance(row),
-    )
+    middle, tilt = setting.size[0] / 2, max(setting.tilt, 1e-3)
+    distance = setting.distance(row)
     x = np.arange(box[0], box[2], dtype=np.float32)
-    back = (
-        np.float32(row) - np.arange(box[1], box[3], dtype=np.float32)[:, None]
-    ) / np.float32(tilt)
+    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    back = (np.float32(row) - rows) / np.float32(tilt)
     scale = np.float32(distance) / np.maximum(distance + back, 1)
-    left, right = (
-        np.float32(middle) + np.float32(end - middle) * scale for end in ends
-    )
-    return np.asarray(np.clip(np.minimum(x - left, right - x) + 0.5, 0, 1), np.float32)
+    left = np.float32(middle) + np.float32(ends[0] - middle) * scale
+    right = np.float32(middle) + np.float32(ends[1] - middle) * scale
+    inside = np.minimum(x - left, right - x) + 0.5
+    return np.asarray(np.clip(inside, 0, 1), np.float32)
 
 
 def _slopes(setting: ShadowSetting) -> tuple[float, float, float]:
-    """px sideways and towards the viewer by which a shadow moves for each px of height; sine of the light's height."""
+    """Return px sideways and towards the viewer that a shadow moves for each px of height, and the sine of the
+    light's height.
+    """
     lx, ly, lz = setting.light.direction
     rise = max(-ly, LEAST_LIGHT_HEIGHT)
     return -lx / rise, -lz / rise, rise
 
 
-def _behind(
-    what: Silhouette, setting: ShadowSetting, at: FloorContact, xs: F32, z: F32
+@dataclass(frozen=True)
+class _Bands:
+    """Bands of a silhouette's rows, px; each casts a shadow from its own height."""
+
+    first: NDArray[np.intp]
+    """First row of each band."""
+    upper: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    """Heights over the floor of a band's two ends."""
+
+    @property
+    def height(self) -> NDArray[np.float64]:
+        return (self.upper + self.lower) / 2
+
+
+def _split_rows(silhouette: Silhouette, contact: FloorContact) -> _Bands:
+    """Split the rows of a silhouette into `MODEL.levels` bands, or fewer if it is small."""
+    rows = silhouette.rows
+    heights = np.maximum(contact.foot - (silhouette.corner[1] + rows), 0.0)
+    count = min(MODEL.levels, len(rows))
+    sizes = len(rows) // count + (np.arange(count) < len(rows) % count)
+    ends = np.cumsum(sizes)
+    first, last = np.append(0, ends[:-1]), ends - 1
+    lower = np.maximum(heights[last] - 0.5, 0.0)
+    return _Bands(rows[first], heights[first] + 0.5, lower)
+
+
+def _blocked_by_silhouette(
+    silhouette: Silhouette,
+    setting: ShadowSetting,
+    contact: FloorContact,
+    columns: F32,
+    depths: F32,
 ) -> F32:
-    """(h, w) how much of the light the object hides from columns `xs` and depths `z` (h, 1) of the floor."""
+    """Return (h, w) the share of light that an object hides from `columns` and `depths` (h, 1) of the floor."""
     ax, az, rise = _slopes(setting)
-    x0, y0 = what.corner
-    rows = what.rows
-    heights = np.maximum(at.foot - (y0 + rows), 0.0)
-    # every row moves as far as its height throws it
-    shear = np.array([[1.0, -ax, x0 + ax * (at.foot - y0) - float(xs[0])], [0, 1, 0]])
-    there = cv2.warpAffine(
-        what.coverage, shear, (len(xs), what.coverage.shape[0]), flags=cv2.INTER_LINEAR
-    )
-    # bands of rows, each with the heights that it spans, its shadow's softness and its place on the floor
-    parts = min(MODEL.levels, len(rows))
-    ends = np.cumsum(len(rows) // parts + (np.arange(parts) < len(rows) % parts))
-    firsts, lasts = np.append(0, ends[:-1]), ends - 1
-    upper, lower = heights[firsts] + 0.5, np.maximum(heights[lasts] - 0.5, 0.0)
-    height = (upper + lower) / 2
-    near = penumbra_width(setting, 0.0, rise)  # it grows evenly with the height
-    soft, edge = (
-        near + (penumbra_width(setting, 1.0, rise, slope) - near) * height
-        for slope in (ax, az)
-    )
-    profiles = np.maximum.reduceat(there[: rows[-1] + 1], rows[firsts], axis=0)
-    lines = _softened(profiles, soft)
-    away = np.abs(z.T - (az * height)[:, None].astype(np.float32))
-    away -= (at.half + abs(az) * (upper - lower) / 2)[:, None].astype(np.float32)
-    away /= 0.55 * edge[:, None].astype(np.float32)
-    across = np.where(away < 5, 1 / (1 + np.exp(np.clip(away, -30, 30))), 0).astype(
-        np.float32
-    )
-    return np.asarray(
-        (across[:, :, None] * lines[:, None]).max(axis=0, initial=0), np.float32
-    )
+    x0, y0 = silhouette.corner
+    bands = _split_rows(silhouette, contact)
+    # Every row moves as far as its height throws it.
+    shift = x0 + ax * (contact.foot - y0) - float(columns[0])
+    shear = np.array([[1.0, -ax, shift], [0, 1, 0]])
+    size = (len(columns), silhouette.coverage.shape[0])
+    sheared = cv2.warpAffine(silhouette.coverage, shear, size, flags=cv2.INTER_LINEAR)
+    last_row = silhouette.rows[-1]
+    profiles = np.maximum.reduceat(sheared[: last_row + 1], bands.first, axis=0)
+    # The softness grows evenly with the height.
+    height = bands.height
+    least = penumbra_width(setting, 0.0, rise)
+    soft_x = least + (penumbra_width(setting, 1.0, rise, ax) - least) * height
+    soft_z = least + (penumbra_width(setting, 1.0, rise, az) - least) * height
+    lines = _softened(profiles, soft_x)
+    # Distance in depth from a band's shadow, in widths of its soft edge.
+    gap = np.abs(depths.T - (az * height)[:, None].astype(np.float32))
+    reach = contact.half + abs(az) * (bands.upper - bands.lower) / 2
+    gap -= reach[:, None].astype(np.float32)
+    gap /= 0.55 * soft_z[:, None].astype(np.float32)
+    fade = 1 / (1 + np.exp(np.clip(gap, -30, 30)))
+    across = np.where(gap < 5, fade, 0).astype(np.float32)
+    shares = across[:, :, None] * lines[:, None]
+    return np.asarray(shares.max(axis=0, initial=0), np.float32)
 
 
 def _softened(profiles: F32, sigma: NDArray[np.float64]) -> F32:
-    """(n, w) rows, each blurred by its own Gaussian of `sigma` (n,) px; beyond their ends is nothing."""
-    w = profiles.shape[1]
-    size = cv2.getOptimalDFTSize(w + 2 * ceil(3 * float(sigma.max(initial=0.0))))
+    """Return rows (n, w), each blurred by its own Gaussian of `sigma` (n,) px.
+
+    Beyond their ends is nothing.
+    """
+    width = profiles.shape[1]
+    margin = ceil(3 * float(sigma.max(initial=0.0)))
+    size = cv2.getOptimalDFTSize(width + 2 * margin)
     waves = 2 * np.pi * np.fft.rfftfreq(size)
-    there = np.fft.rfft(profiles, size, axis=1) * np.exp(
-        -((waves * sigma[:, None]) ** 2) / 2
-    )
-    return np.asarray(
-        np.maximum(np.fft.irfft(there, size, axis=1)[:, :w], 0), np.float32
-    )
+    damping = np.exp(-((waves * sigma[:, None]) ** 2) / 2)
+    spectrum = np.fft.rfft(profiles, size, axis=1) * damping
+    rows = np.fft.irfft(spectrum, size, axis=1)[:, :width]
+    return np.asarray(np.maximum(rows, 0), np.float32)
 
 
-def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
-    """(h, w) how much of the floor's sky the object hides."""
-    if what.radius is not None:
-        r, height = np.float32(what.radius), np.float32(at.low + what.radius)
-        x = (xs - np.float32(what.center[0]))[None]
-        apart = np.sqrt(x * x + z * z + height * height)
-        return np.asarray(
-            (r / apart) ** 2 * height / apart * faded_out(x, z, 2.2 * float(height)),
-            np.float32,
-        )
-    left, lowest = what.lowest
+def _hidden_sky(
+    silhouette: Silhouette, contact: FloorContact, columns: F32, depths: F32
+) -> F32:
+    """Return (h, w) the share of the floor's sky that an object hides."""
+    if silhouette.radius is not None:
+        return _sky_behind_ball(silhouette, contact, columns, depths)
+    left, lowest = silhouette.lowest
     if not len(lowest):
-        return np.zeros((len(z), len(xs)), np.float32)
-    right = left + len(lowest)
-    gap = np.maximum(at.foot - (what.corner[1] + lowest - 0.5), 0.5).astype(np.float32)
-    gap[lowest == 0] = MODEL.far
-    # beside its feet an upright side hides half the sky
-    feet = (
-        what.corner[0]
-        + left
-        + np.flatnonzero(gap < gap.min() + 1 + 0.1 * (at.high - at.low))
-    ).astype(np.float32)
-    after = np.searchsorted(feet, xs)
-    to_left = np.abs(xs - feet[np.maximum(after - 1, 0)])
-    to_right = np.abs(feet[np.minimum(after, len(feet) - 1)] - xs)
-    beside = np.maximum(np.minimum(to_left, to_right) - np.float32(0.5), 0)[None]
-    before = np.maximum(np.abs(z) - np.float32(at.half), 0)
-    reach = np.float32(0.22 * min(max(at.high - at.low, right - left), 8 * at.half) + 1)
-    away = np.sqrt(beside * beside + before * before + np.float32(at.low**2))
-    hidden = np.float32(MODEL.beside) * np.exp(-away / reach)
-    # under it a rectangle, so high over the floor, hides as much as its four sides say
-    x0, x1 = (
-        np.float32(what.corner[0] + left - 0.5),
-        np.float32(what.corner[0] + right - 0.5),
-    )
-    gap = np.asarray(cv2.blur(gap[None], (5, 1))[0], np.float32)
-    high = np.interp(xs, np.arange(right - left) + float(x0) + 0.5, gap).astype(
-        np.float32
-    )
-    a, b = np.searchsorted(xs, (x0 - 2 * high[0], x1 + 2 * high[-1]))
-    if b > a:
-        x, c = xs[a:b], high[a:b]
-        along = (x - x0) / np.hypot(x - x0, c) + (x1 - x) / np.hypot(x1 - x, c)
-        front, back, c = np.float32(at.half) - z, np.float32(at.half) + z, c * c
-        across = front / np.sqrt(front * front + c) + back / np.sqrt(back * back + c)
-        np.maximum(
-            hidden[:, a:b],
-            np.float32(MODEL.under / 4) * along * across,
-            out=hidden[:, a:b],
-        )
-    return np.asarray(hidden, np.float32)
+        return np.zeros((len(depths), len(columns)), np.float32)
+    # px between the object and the floor in each of its columns
+    gaps = contact.foot - (silhouette.corner[1] + lowest - 0.5)
+    gaps = np.maximum(gaps, 0.5).astype(np.float32)
+    gaps[lowest == 0] = MODEL.far
+    first_column = silhouette.corner[0] + left
+    hidden_share = _sky_beside_feet(gaps, first_column, contact, columns, depths)
+    _add_sky_below(hidden_share, gaps, first_column, contact.half, columns, depths)
+    return np.asarray(hidden_share, np.float32)
+
+
+def _sky_behind_ball(
+    ball: Silhouette, contact: FloorContact, columns: F32, depths: F32
+) -> F32:
+    """Return the cosine-weighted share of the sky that a ball hides."""
+    assert ball.radius is not None
+    radius, height = np.float32(ball.radius), np.float32(contact.low + ball.radius)
+    x = (columns - np.float32(ball.center[0]))[None]
+    distance = np.sqrt(x * x + depths * depths + height * height)
+    fade = faded_out(x, depths, 2.2 * float(height))
+    share = (radius / distance) ** 2 * height / distance * fade
+    return np.asarray(share, np.float32)
+
+
+def _sky_beside_feet(
+    gaps: F32, first_column: int, contact: FloorContact, columns: F32, depths: F32
+) -> F32:
+    """Return the share of sky that an object hides beside its feet, where an upright side hides half the sky."""
+    height = contact.high - contact.low
+    is_foot = gaps < gaps.min() + 1 + 0.1 * height
+    feet = (first_column + np.flatnonzero(is_foot)).astype(np.float32)
+    following = np.searchsorted(feet, columns)
+    to_left = np.abs(columns - feet[np.maximum(following - 1, 0)])
+    to_right = np.abs(feet[np.minimum(following, len(feet) - 1)] - columns)
+    nearest = np.minimum(to_left, to_right) - np.float32(0.5)
+    beside = np.maximum(nearest, 0)[None]
+    before = np.maximum(np.abs(depths) - np.float32(contact.half), 0)
+    low = np.float32(contact.low**2)
+    distance = np.sqrt(beside * beside + before * before + low)
+    size = min(max(height, len(gaps)), 8 * contact.half)
+    reach = np.float32(0.22 * size + 1)
+    return np.asarray(np.float32(MODEL.beside) * np.exp(-distance / reach), np.float32)
+
+
+def _add_sky_below(
+    hidden_share: F32,
+    gaps: F32,
+    first_column: int,
+    half: float,
+    columns: F32,
+    depths: F32,
+) -> None:
+    """Raise `hidden_share` below the object to the share of sky that a rectangle so high over the floor hides."""
+    x0 = np.float32(first_column - 0.5)
+    x1 = np.float32(first_column + len(gaps) - 0.5)
+    smooth_gaps = np.asarray(cv2.blur(gaps[None], (5, 1))[0], np.float32)
+    places = np.arange(len(gaps)) + float(x0) + 0.5
+    heights = np.interp(columns, places, smooth_gaps).astype(np.float32)
+    span = (x0 - 2 * heights[0], x1 + 2 * heights[-1])
+    start, end = np.searchsorted(columns, span)
+    if end <= start:
+        return
+    # The four sides of the rectangle add up, each by the sine of its angle.
+    x, height = columns[start:end], heights[start:end]
+    along = (x - x0) / np.hypot(x - x0, height) + (x1 - x) / np.hypot(x1 - x, height)
+    front, back = np.float32(half) - depths, np.float32(half) + depths
+    square = height * height
+    to_front = front / np.sqrt(front * front + square)
+    across = to_front + back / np.sqrt(back * back + square)
+    part = hidden_share[:, start:end]
+    np.maximum(part, np.float32(MODEL.under / 4) * along * across, out=part)
 
 
 def shadow_on_table(
-    what: Silhouette, setting: ShadowSetting
+    silhouette: Silhouette, setting: ShadowSetting
 ) -> tuple[PixelBox, F32] | None:
-    """Box of the photo and (h, w) -log of the light that is left; None where it lies outside the photo.
+    """Return a box of the photo and (h, w) -log of the remaining light; None if it lies outside the photo.
 
     Of the sky that an object hides beside its shadow, less is missed in the shadow: table and object light each other.
     """
+    if silhouette.radius is not None:
+        parts = _ball_on_table(silhouette, silhouette.radius, setting)
+    else:
+        parts = _silhouette_on_table(silhouette, setting)
+    if parts is None:
+        return None
+    box, blocked_share, hidden_share = parts
+    direct = setting.direct((0.0, 0.0, 1.0))
+    hidden_share = hidden_share * (1 - np.float32(direct) * blocked_share)
+    return box, attenuation(direct, blocked_share, hidden_share)
+
+
+def _slopes_before(setting: ShadowSetting) -> tuple[float, float, float]:
+    """Return px right and down that a shadow moves for each px before a table or a wall, and the light's z."""
     lx, ly, lz = setting.light.direction
     rise = max(lz, LEAST_LIGHT_HEIGHT)
-    ax, ay = -lx / rise, -ly / rise  # px of shadow for each px of height
-    direct = setting.direct((0.0, 0.0, 1.0))
-    if what.radius is not None:
-        r, (cx, cy) = what.radius, what.center
-        soft = penumbra_width(setting, r, rise)
-        reach = r / rise + 2.5 * soft + r
-        box = clipped_box(
-            (
-                cx + min(0, ax * r) - reach,
-                cy + min(0, ay * r) - reach,
-                cx + max(0, ax * r) + reach,
-                cy + max(0, ay * r) + reach,
-            ),
-            setting.size,
-        )
-        if box is None:
-            return None
-        x = (np.arange(box[0], box[2], dtype=np.float32) - np.float32(cx))[None, :]
-        y = (np.arange(box[1], box[3], dtype=np.float32) - np.float32(cy))[:, None]
-        blocked = blocked_by_ball(r, setting, x, y, -r)
-        # cosine-weighted solid angle of a sphere that lies on the table
-        near = np.float32(r * r) / (x * x + y * y + np.float32(r * r))
-        hidden = near * np.sqrt(near) * faded_out(x, y, 2.2 * r)
-        return box, attenuation(
-            direct, blocked, hidden * (1 - np.float32(direct) * blocked)
-        )
-    h, w = what.coverage.shape
-    t = what.thick
-    most = penumbra_width(setting, t, rise)
-    pad = ceil(2.5 * most + 0.8 * t) + 1
-    x0, y0 = what.corner
-    box = clipped_box(
-        (
-            x0 - pad + min(0, ax * t),
-            y0 - pad + min(0, ay * t),
-            x0 + w + pad + max(0, ax * t),
-            y0 + h + pad + max(0, ay * t),
-        ),
-        setting.size,
+    return -lx / rise, -ly / rise, rise
+
+
+def _ball_on_table(
+    ball: Silhouette, radius: float, setting: ShadowSetting
+) -> tuple[PixelBox, F32, F32] | None:
+    """Return a box, and the shares of direct light and of sky that a ball hides in it."""
+    ax, ay, rise = _slopes_before(setting)
+    cx, cy = ball.center
+    soft = penumbra_width(setting, radius, rise)
+    reach = radius / rise + 2.5 * soft + radius
+    surroundings = (
+        cx + min(0, ax * radius) - reach,
+        cy + min(0, ay * radius) - reach,
+        cx + max(0, ax * radius) + reach,
+        cy + max(0, ay * radius) + reach,
     )
+    box = clipped_box(surroundings, setting.size)
     if box is None:
         return None
-    blocked = np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
-    for part in (0.0, 0.33, 0.67, 1.0):
-        cast = moved_silhouette(
-            what,
-            box,
-            ax * t * part,
-            ay * t * part,
-            penumbra_width(setting, t * part, rise),
-        )
-        np.maximum(blocked, cast, out=blocked)
-    hidden = 0.9 * moved_silhouette(what, box, 0, 0, max(0.4, 0.35 * t))
-    return box, attenuation(
-        direct, blocked, hidden * (1 - np.float32(direct) * blocked)
+    x = (np.arange(box[0], box[2], dtype=np.float32) - np.float32(cx))[None, :]
+    y = (np.arange(box[1], box[3], dtype=np.float32) - np.float32(cy))[:, None]
+    blocked_share = blocked_by_ball(radius, setting, x, y, -radius)
+    # cosine-weighted solid angle of a sphere that lies on the table
+    square = np.float32(radius * radius)
+    near = square / (x * x + y * y + square)
+    hidden_share = near * np.sqrt(near) * faded_out(x, y, 2.2 * radius)
+    return box, blocked_share, hidden_share
+
+
+LEVELS_ON_TABLE = (0.0, 0.33, 0.67, 1.0)
+"""Shares of an object's height at which its silhouette casts a shadow on a table."""
+
+
+def _silhouette_on_table(
+    silhouette: Silhouette, setting: ShadowSetting
+) -> tuple[PixelBox, F32, F32] | None:
+    """Return a box, and the shares of direct light and of sky that an object hides in it."""
+    ax, ay, rise = _slopes_before(setting)
+    height, width = silhouette.coverage.shape
+    thickness = silhouette.thick
+    widest = penumbra_width(setting, thickness, rise)
+    margin = ceil(2.5 * widest + 0.8 * thickness) + 1
+    x0, y0 = silhouette.corner
+    surroundings = (
+        x0 - margin + min(0, ax * thickness),
+        y0 - margin + min(0, ay * thickness),
+        x0 + width + margin + max(0, ax * thickness),
+        y0 + height + margin + max(0, ay * thickness),
     )
+    box = clipped_box(surroundings, setting.size)
+    if box is None:
+        return None
+    blocked_share = np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
+    for level in LEVELS_ON_TABLE:
+        soft = penumbra_width(setting, thickness * level, rise)
+        dx, dy = ax * thickness * level, ay * thickness * level
+        shadow = moved_silhouette(silhouette, box, dx, dy, soft)
+        np.maximum(blocked_share, shadow, out=blocked_share)
+    blur = max(0.4, 0.35 * thickness)
+    hidden_share = 0.9 * moved_silhouette(silhouette, box, 0, 0, blur)
+    return box, blocked_share, hidden_share
 
 
 def shadow_on_wall(
-    what: Silhouette, setting: ShadowSetting
+    silhouette: Silhouette, setting: ShadowSetting
 ) -> tuple[PixelBox, F32] | None:
-    """Box of the photo and (h, w) -log of the light that is left; None where there is no wall, or no shadow on it."""
-    lx, ly, lz = setting.light.direction
-    if not np.isfinite(setting.backdrop) or lz < 0.05:
+    """Return a box of the photo and (h, w) -log of the remaining light.
+
+    None if there is no wall, or no shadow on it.
+    """
+    if not np.isfinite(setting.backdrop) or setting.light.direction[2] < 0.05:
         return None
-    away, rise = setting.backdrop, max(lz, LEAST_LIGHT_HEIGHT)
-    ax, ay = -lx / rise, -ly / rise  # px sideways and down for each px back
-    lean = setting.tilt * away  # what lies farther back appears higher
-    soft = penumbra_width(setting, away, rise, hypot(ax, ay))
-    if what.radius is not None:
-        x, y, reach = (
-            what.center[0] + ax * away,
-            what.center[1] + ay * away - lean,
-            what.radius / rise + 2 * soft,
-        )
-        box = clipped_box((x - reach, y - reach, x + reach, y + reach), setting.size)
-        if box is None:
-            return None
-        right = np.arange(box[0], box[2], dtype=np.float32)[None] - np.float32(
-            what.center[0]
-        )
-        below = np.arange(box[1], box[3], dtype=np.float32)[:, None] - np.float32(
-            what.center[1] - lean
-        )
-        blocked = blocked_by_ball(what.radius, setting, right, below, -away)
+    lean = setting.tilt * setting.backdrop  # what lies farther back appears higher
+    if silhouette.radius is not None:
+        shadow = _ball_on_wall(silhouette, silhouette.radius, setting, lean)
     else:
-        (x0, y0), (h, w) = what.corner, what.coverage.shape
-        half = min(what.thick / 2, away)
-        pad = ceil(2.5 * soft + half * hypot(ax, ay)) + 1
-        dx, dy = ax * away, ay * away - lean
-        box = clipped_box(
-            (x0 + dx - pad, y0 + dy - pad, x0 + w + dx + pad, y0 + h + dy + pad),
-            setting.size,
-        )
-        if box is None:
-            return None
-        blocked = moved_silhouette(what, box, dx, dy, 0.0)
-        for back in (-half, half) if half * hypot(ax, ay) > 1 else ():
-            np.maximum(
-                blocked,
-                moved_silhouette(what, box, dx + ax * back, dy + ay * back, 0.0),
-                out=blocked,
-            )
-        blocked = blurred(blocked, soft)
-    if what.floor is not None:  # the wall ends where the floor begins
+        shadow = _silhouette_on_wall(silhouette, setting, lean)
+    if shadow is None:
+        return None
+    box, blocked_share = shadow
+    if silhouette.floor is not None:
+        # The wall ends where the floor begins.
         rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
-        blocked = blocked * np.clip(np.float32(what.floor - lean + 0.5) - rows, 0, 1)
-    return box, attenuation(
-        setting.direct((0.0, 0.0, 1.0)),
-        np.asarray(blocked, np.float32),
-        np.zeros_like(blocked),
+        end = np.float32(silhouette.floor - lean + 0.5)
+        blocked_share = blocked_share * np.clip(end - rows, 0, 1)
+    direct = setting.direct((0.0, 0.0, 1.0))
+    nothing = np.zeros_like(blocked_share)
+    return box, attenuation(direct, np.asarray(blocked_share, np.float32), nothing)
+
+
+def _ball_on_wall(
+    ball: Silhouette, radius: float, setting: ShadowSetting, lean: float
+) -> tuple[PixelBox, F32] | None:
+    """Return a box, and the share of direct light that a ball hides in it."""
+    ax, ay, rise = _slopes_before(setting)
+    distance = setting.backdrop
+    soft = penumbra_width(setting, distance, rise, hypot(ax, ay))
+    x = ball.center[0] + ax * distance
+    y = ball.center[1] + ay * distance - lean
+    reach = radius / rise + 2 * soft
+    surroundings = (x - reach, y - reach, x + reach, y + reach)
+    box = clipped_box(surroundings, setting.size)
+    if box is None:
+        return None
+    columns = np.arange(box[0], box[2], dtype=np.float32)[None]
+    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    right = columns - np.float32(ball.center[0])
+    below = rows - np.float32(ball.center[1] - lean)
+    return box, blocked_by_ball(radius, setting, right, below, -distance)
+
+
+def _silhouette_on_wall(
+    silhouette: Silhouette, setting: ShadowSetting, lean: float
+) -> tuple[PixelBox, F32] | None:
+    """Return a box, and the share of direct light that an object hides in it."""
+    ax, ay, rise = _slopes_before(setting)
+    distance, slope = setting.backdrop, hypot(ax, ay)
+    soft = penumbra_width(setting, distance, rise, slope)
+    (x0, y0), (height, width) = silhouette.corner, silhouette.coverage.shape
+    half = min(silhouette.thick / 2, distance)
+    margin = ceil(2.5 * soft + half * slope) + 1
+    dx, dy = ax * distance, ay * distance - lean
+    surroundings = (
+        x0 + dx - margin,
+        y0 + dy - margin,
+        x0 + width + dx + margin,
+        y0 + height + dy + margin,
     )
+    box = clipped_box(surroundings, setting.size)
+    if box is None:
+        return None
+    blocked_share = moved_silhouette(silhouette, box, dx, dy, 0.0)
+    if half * slope > 1:
+        # The near and the far side of a thick object throw their shadows apart.
+        for back in (-half, half):
+            side = moved_silhouette(
+                silhouette, box, dx + ax * back, dy + ay * back, 0.0
+            )
+            np.maximum(blocked_share, side, out=blocked_share)
+    return box, blurred(blocked_share, soft)
 
 
 def shadows_on_sides(
-    what: Silhouette, setting: ShadowSetting
+    silhouette: Silhouette, setting: ShadowSetting
 ) -> Iterator[tuple[PixelBox, F32]]:
-    """Box of the photo and (h, w) -log of the light that is left on each wall beside, which goes straight back."""
-    (lx, ly, lz), (x0, y0), (h, w) = (
-        setting.light.direction,
-        what.corner,
-        what.coverage.shape,
-    )
-    if what.floor is None or lz < LEAST_LIGHT_HEIGHT:
+    """Yield a box of the photo and (h, w) -log of the remaining light for each wall beside.
+
+    Such a wall goes straight back.
+    """
+    lx, _, lz = setting.light.direction
+    if silhouette.floor is None or lz < LEAST_LIGHT_HEIGHT:
         return
-    far, mx, my = setting.distance(what.floor), setting.size[0] / 2, setting.size[1] / 2
-    for end, stands, facing in zip(what.ends, what.walls, (1.0, -1.0), strict=True):
-        if not stands or (end - mx) * facing >= 0 or lx * facing < LEAST_LIGHT_HEIGHT:
-            continue  # not there, not seen, or not in the light
-        way = np.maximum((np.array([x0, x0 + w]) - end) / lx, 0.0)[
-            :, None
-        ]  # px along the light
-        small = far / (far + way * lz)
-        across, down = (
-            mx + (end - mx) * small,
-            my + (np.array([y0, y0 + h]) - way * ly - my) * small,
-        )
-        box = clipped_box(
-            (across.min() - 2, down.min() - 2, across.max() + 2, down.max() + 2),
-            setting.size,
-        )
+    middle = setting.size[0] / 2
+    sides = zip(silhouette.ends, silhouette.walls, (1.0, -1.0), strict=True)
+    for end, has_wall, facing in sides:
+        is_visible = has_wall and (end - middle) * facing < 0
+        is_lit = lx * facing >= LEAST_LIGHT_HEIGHT
+        if not (is_visible and is_lit):
+            continue
+        box = _side_wall_box(silhouette, setting, silhouette.floor, end)
         if box is None:
             continue
-        columns = (
-            box[0]
-            - 0.5
-            + (np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5) / MODEL.wall
+        blocked_share = _blocked_on_side(
+            silhouette, setting, silhouette.floor, end, box
         )
-        size = np.maximum((columns - mx) / (end - mx), 1e-3).astype(np.float32)
-        back = np.asarray(far * (1 / size - 1), np.float32)
-        rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
-        y = np.float32(my) + (rows - np.float32(my)) / size
-        if what.radius is not None:
-            right, below = (
-                np.float32(end - what.center[0]),
-                y - np.float32(what.center[1]),
-            )
-            blocked = blocked_by_ball(what.radius, setting, right, below, -back)
-        else:
-            soft = blurred(
-                what.coverage, penumbra_width(setting, float(np.median(back)) / lz, 1.0)
-            )
-            x = (np.float32(end - x0) + back * np.float32(lx / lz)).repeat(
-                len(y), axis=0
-            )
-            down = y + back * np.float32(ly / lz) - np.float32(y0)
-            blocked = np.asarray(cv2.remap(soft, x, down, cv2.INTER_LINEAR), np.float32)
-        upon = ((back >= 0) & (back <= setting.backdrop)) * np.clip(
-            np.float32(what.floor + 0.5) - y, 0, 1
-        )
-        mean = (
-            (blocked * upon)
-            .reshape(len(y), -1, MODEL.wall)
-            .mean(axis=2, dtype=np.float32)
-        )
-        yield (
-            box,
-            attenuation(setting.direct((facing, 0.0, 0.0)), mean, np.zeros_like(mean)),
-        )
+        direct = setting.direct((facing, 0.0, 0.0))
+        yield box, attenuation(direct, blocked_share, np.zeros_like(blocked_share))
+
+
+def _side_wall_box(
+    silhouette: Silhouette, setting: ShadowSetting, floor: float, end: float
+) -> PixelBox | None:
+    """Return the box of the shadow on a wall that goes back from column `end`."""
+    lx, ly, lz = setting.light.direction
+    (x0, y0), (height, width) = silhouette.corner, silhouette.coverage.shape
+    far, mx, my = setting.distance(floor), setting.size[0] / 2, setting.size[1] / 2
+    columns, rows = np.array([x0, x0 + width]), np.array([y0, y0 + height])
+    path = np.maximum((columns - end) / lx, 0.0)[:, None]  # px along the light
+    shrink = far / (far + path * lz)
+    x = mx + (end - mx) * shrink
+    y = my + (rows - path * ly - my) * shrink
+    surroundings = (x.min() - 2, y.min() - 2, x.max() + 2, y.max() + 2)
+    return clipped_box(surroundings, setting.size)
+
+
+def _blocked_on_side(
+    silhouette: Silhouette,
+    setting: ShadowSetting,
+    floor: float,
+    end: float,
+    box: PixelBox,
+) -> F32:
+    """Return (h, w) the share of direct light that an object hides from a wall that goes back from column `end`."""
+    far, mx, my = setting.distance(floor), setting.size[0] / 2, setting.size[1] / 2
+    # The wall is foreshortened: a column of pixels is the mean of several columns of it.
+    steps = np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5
+    columns = box[0] - 0.5 + steps / MODEL.wall
+    shrink = np.maximum((columns - mx) / (end - mx), 1e-3).astype(np.float32)
+    back = np.asarray(far * (1 / shrink - 1), np.float32)
+    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    y = np.float32(my) + (rows - np.float32(my)) / shrink
+    if silhouette.radius is not None:
+        right = np.float32(end - silhouette.center[0])
+        below = y - np.float32(silhouette.center[1])
+        blocked_share = blocked_by_ball(silhouette.radius, setting, right, below, -back)
+    else:
+        blocked_share = _cast_sideways(silhouette, setting, end, back, y)
+    is_wall = (back >= 0) & (back <= setting.backdrop)
+    upon = is_wall * np.clip(np.float32(floor + 0.5) - y, 0, 1)
+    fine = (blocked_share * upon).reshape(len(y), -1, MODEL.wall)
+    return np.asarray(fine.mean(axis=2, dtype=np.float32), np.float32)
+
+
+def _cast_sideways(
+    silhouette: Silhouette, setting: ShadowSetting, end: float, back: F32, y: F32
+) -> F32:
+    """Return the silhouette as the light throws it on points `back` (1, w) and `y` (h, w) of a wall beside."""
+    lx, ly, lz = setting.light.direction
+    x0, y0 = silhouette.corner
+    distance = float(np.median(back)) / lz
+    soft = blurred(silhouette.coverage, penumbra_width(setting, distance, 1.0))
+    across = np.float32(end - x0) + back * np.float32(lx / lz)
+    down = y + back * np.float32(ly / lz) - np.float32(y0)
+    picture = cv2.remap(soft, across.repeat(len(y), axis=0), down, cv2.INTER_LINEAR)
+    return np.asarray(picture, np.float32)
 
 
 def shadow_darkness(
-    what: Silhouette, setting: ShadowSetting
-) -> tuple[PixelBox, NDArray[np.float32]] | None:
-    """Box of the photo and (h, w) -log of the light that is left there; None where it throws no shadow."""
-    parts = (
-        [shadow_on_table(what, setting)]
-        if setting.top
-        else [
-            shadow_on_floor(what, setting),
-            shadow_on_wall(what, setting),
-            *shadows_on_sides(what, setting),
-        ]
-    )
-    found = [part for part in parts if part is not None]
-    return joined_pictures(found) if found else None
+    silhouette: Silhouette, setting: ShadowSetting
+) -> tuple[PixelBox, F32] | None:
+    """Return a box of the photo and (h, w) -log of the remaining light.
+
+    None if it throws no shadow.
+    """
+    if setting.top:
+        return shadow_on_table(silhouette, setting)
+    parts = [
+        shadow_on_floor(silhouette, setting),
+        shadow_on_wall(silhouette, setting),
+        *shadows_on_sides(silhouette, setting),
+    ]
+    shadows = [part for part in parts if part is not None]
+    return joined_pictures(shadows) if shadows else None
 
 
 def joined_pictures(parts: Sequence[tuple[PixelBox, F32]]) -> tuple[PixelBox, F32]:
-    """The sum of pictures, each with its box."""
-    x0, y0 = (min(box[k] for box, _ in parts) for k in (0, 1))
-    x1, y1 = (max(box[k] for box, _ in parts) for k in (2, 3))
-    total = np.zeros((y1 - y0, x1 - x0), np.float32)
-    for (a, b, c, d), dark in parts:
-        total[b - y0 : d - y0, a - x0 : c - x0] += dark
-    return (x0, y0, x1, y1), total
+    """Return the sum of pictures, each with its box."""
+    boxes = np.array([box for box, _ in parts])
+    left, top = boxes[:, :2].min(axis=0).tolist()
+    right, bottom = boxes[:, 2:].max(axis=0).tolist()
+    total = np.zeros((bottom - top, right - left), np.float32)
+    for (x0, y0, x1, y1), picture in parts:
+        total[y0 - top : y1 - top, x0 - left : x1 - left] += picture
+    return (left, top, right, bottom), total

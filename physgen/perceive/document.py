@@ -498,9 +498,11 @@ def summary(perceived: PerceivedScene) -> list[str]:
     sure = {name: mask_confidence(item) for name, item in objects.items()}
     ends = sorted({min(sure.values(), default=0.0), max(sure.values(), default=0.0)})
     confidence = (
-        f", confidence {' to '.join(f'{end:g}' for end in ends)}" if sure else ""
+        f", confidence {' to '.join(f'{end:.2f}' for end in ends)}" if sure else ""
     )
-    unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.unsure]
+    unsure = [
+        f"{name} ({one:.2f})" for name, one in sure.items() if one < DOUBTS.unsure
+    ]
     check = f", but look at {listed([name.split()[0] for name in unsure], 'and')}"
     suits = f"{perceived.suitability}{check if unsure and str(perceived.suitability) == 'good' else ''}"
     first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
@@ -544,8 +546,8 @@ def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
     document, comments = perceived.document, perceived.comments
     doubts: list[str] = []
     if unsure:
-        fix = "what is no object goes under doubtful, as {mask: N}"
-        doubts.append(f"{', '.join(unsure)}: {fix}")
+        fix = "not an object? move it to doubtful, as {mask: N}"
+        doubts.append(f"unsure {', '.join(unsure)}: {fix}")
     # a user's regions have no confidence
     regions = [
         name
@@ -558,7 +560,7 @@ def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
         if len(regions) > 1:
             count = f"{len(regions)} regions may be objects"
             names += " ..."
-        doubts.append(f"{count}, too: move {names} to objects to have one")
+        doubts.append(f"{count}, too: to use one, move {names} to objects")
     reasons: dict[str, list[str]] = {}
     for name in regions:
         if reason := comments.get(f"doubtful.{name}"):
@@ -567,7 +569,7 @@ def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
         doubts.append(f"{listed(names_of_reason, 'and')}: {reason}")
     if not doubts:
         return ""
-    return "; ".join([*doubts, "--box and --point mark what is missing"])
+    return "; ".join([*doubts, "--box and --point add missing objects"])
 
 
 def mask_confidence(item: Mapping[str, Any]) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -53,7 +54,20 @@ class OcclusionOrder:
 
 
 def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]:
-    """Pairs where one object hides a part of the other, the surest first."""
+    """Pairs where one object hides a part of the other, the surest first.
+
+    Those of the last labels are kept, since outlines and layers need them.
+    """
+    return list(
+        _find_orders(labels.tobytes(), labels.shape, labels.dtype.str, tuple(ids))
+    )
+
+
+@lru_cache(maxsize=1)
+def _find_orders(
+    numbers: bytes, shape: tuple[int, ...], kind: str, ids: tuple[int, ...]
+) -> list[OcclusionOrder]:
+    labels: Labels = np.frombuffer(numbers, kind).reshape(shape)
     found = []
     touching = touching_masks(labels, ids)
     free = {i: _free_circle(labels, i) for i in {i for pair in touching for i in pair}}

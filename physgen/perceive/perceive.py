@@ -1,6 +1,6 @@
 """Photo to percepts and scene document: the stages of perception in order.
 
-    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> inpaint -> shadow
+    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> shadow -> inpaint
 
 Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.registry`). `write_scene` in
 `physgen.perceive.document` writes the result: a scene file and its assets.
@@ -35,7 +35,6 @@ from physgen.maps import F32, Percepts
 from physgen.materials import kind
 from physgen.perceive import document
 from physgen.perceive.hidden_parts import continue_outlines
-from physgen.perceive.inpaint.poisson import fill_behind
 from physgen.perceive.remains import Remain, attach_remains, find_remains
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -44,6 +43,7 @@ from physgen.perceive.roles import (
     Intrinsics,
     Labels,
     LightGuess,
+    Mask,
     Matter,
     Name,
     PerceivedScene,
@@ -54,8 +54,15 @@ from physgen.perceive.roles import (
     Suitability,
 )
 from physgen.perceive.segment.prompts import Segmenter
+from physgen.perceive.shadow.backgrounds import (
+    Backgrounds,
+    Surroundings,
+    fill_backgrounds,
+    fill_before_scenery,
+    find_surroundings,
+)
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
-from physgen.perceive.shadow.shadow_removal import refill_background
+from physgen.perceive.shadow.shadow_removal import remove_reflections
 from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.perceive.wheels import find_vehicles
@@ -77,11 +84,12 @@ Of COCO's photos a clock reaches 0.90, a pizza 0.93, a cup 0.96."""
 NEARLY_ROUND = (
     0.93  # IoU with its circle from which a mask becomes that circle; balls have 0.96
 )
+ANOTHER_COLOUR = 60  # 8-bit codes between an object and what is beside it, in sight
 SMALLEST_SIDE = 8  # px; the shadow search takes slopes at a coarse scale
 LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
-    "inpaint", "shadow",
+    "shadow", "inpaint",
 )  # fmt: skip
 """In the order in which they run."""
 KEPT = ("inpaint", "normals", "label")
@@ -115,7 +123,7 @@ def perceive(
 
     `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
     (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `known`
-    is not guessed. `meanwhile` completes the scene while the background without shadows is made, which the scene does
+    is not guessed. `meanwhile` completes the scene while its backgrounds are made, which the scene does
     not hold yet. Raises InputError where no scene can be made.
     """
     check_size(rgb)
@@ -142,11 +150,9 @@ def perceive(
         if found.gone is None
         else np.where(found.labels > 0, found.labels, found.gone)
     )
-    # the fill needs the photo and the masks alone, and takes as long as all that does not need it
     with ThreadPoolExecutor(1) as beside:
-        filling = (
-            beside.submit(run.fill, filled) if run.core("matte", "inpaint") else None
-        )
+        is_core = run.core("matte")
+        cutting = beside.submit(run.cut_out, filled) if is_core else None
         names = run.name(found, objects, renames)
         outlined = outline_as_named(rgb, found.labels, names.objects)
         outlined, wholes = continue_outlines(found.labels, outlined)
@@ -168,11 +174,11 @@ def perceive(
         light: LightGuess = run.role(
             "light", rgb, found.labels, objects, normals, intrinsics
         )
-        run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
-        coverage, background = filling.result() if filling else run.fill(filled)
+        around = cutting.result() if cutting else run.cut_out(filled)
+        coverage = around.coverage
         shadows: Shadows = run.role(
             "shadow",
-            background,
+            around.guess,
             coverage,
             found.labels,
             objects,
@@ -181,17 +187,12 @@ def perceive(
             light,
         )
         standing = found.labels if boundaries.view is View.SIDE else None
-        again = partial(
-            refill_background,
-            inpaint=partial(run.crew.call, "inpaint"),
-            standing=standing,
-        )
-        refilled = shadows.clean is not None and not shadows.faint
-        cleaning = (
-            beside.submit(again, shadows.clean, background, coverage)
-            if refilled
-            else None
-        )
+        run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
+        # the fill takes as long as all that does not need it
+        # what the border cuts off stays where it is, as scenery for all others
+        fixed = [item.id for item in objects if item.cut]
+        scenery_mask = nearest_labels(filled, fixed) & (coverage > 0)
+        filling = beside.submit(run.fill, around, shadows, standing, scenery_mask)
         labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
         kept = {
             i: n
@@ -235,11 +236,11 @@ def perceive(
         if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:
             scene["render"]["relight"] = False
             comments["render.relight"] = (
-                "the light seems to come from below, which it hardly does: unsure"
+                "unsure: the light seems to come from below, which is unlikely"
             )
         if slow > 1:
             comments["render"] = (
-                "in slow motion: what moves in so small a place is over at once"
+                f"slowed down {slow:g}x: at real speed the motion would soon be over"
             )
         comments |= document.scene_comments(found, objects, specks, boundaries)
         comments |= reasons
@@ -271,7 +272,7 @@ def perceive(
             )
         suits = judge_suitability(rgb, found, objects, boundaries)
         percepts = Percepts(
-            rgb=rgb, labels=labels, coverage=coverage, background=background, shadows=shadows.owners,
+            rgb=rgb, labels=labels, coverage=coverage, shadows=shadows.owners,
             depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
         )  # fmt: skip
         reason = document.provenance(boundaries.reason, boundaries.confidence)
@@ -280,16 +281,18 @@ def perceive(
                 percepts, scene, comments, warnings, (), suits, reason, wholes=wholes
             )
         )
-        clean = cleaning.result() if cleaning else shadows.clean
+        backgrounds = filling.result()
+        clean = backgrounds.clean
         if boundaries.view is View.SIDE:
             standing_ids = [t.id for t in objects if t.id not in boundaries.held]
-            seen = background if clean is None else clean
+            seen = backgrounds.shaded if clean is None else clean
             mirrorless = run.without_mirror_images(
                 seen, found.labels, coverage, standing_ids
             )
             clean = clean if mirrorless is None else mirrorless
         run.crew.release("inpaint")
-        return run.signed(replace(made, percepts=replace(made.percepts, clean=clean)))
+        percepts = replace(made.percepts, background=backgrounds.shaded, clean=clean)
+        return run.signed(replace(made, percepts=percepts))
 
 
 def check_size(rgb: Rgb, file: str = "the photo") -> None:
@@ -320,13 +323,35 @@ class _Run:
         """Whether no role is filled by a model of the extras, which may want all memory for itself."""
         return all(self.crew.row(role).extra is None for role in roles)
 
-    def fill(self, labels: Labels) -> tuple[F32, Rgb]:
-        """Coverage of the objects (H, W), and the photo with what lies behind them filled."""
+    def cut_out(self, labels: Labels) -> Surroundings:
+        """Return the photo with the objects cut out and a guess behind them."""
         coverage: F32 = self.crew.call("matte", self.rgb, labels)
         self.crew.release("matte")
-        return coverage, fill_behind(
-            self.rgb, coverage > 0, partial(self.crew.call, "inpaint")
+        return find_surroundings(self.rgb, coverage)
+
+    def fill(
+        self,
+        around: Surroundings,
+        shadows: Shadows,
+        standing: Labels | None,
+        scenery_mask: Mask,
+    ) -> Backgrounds:
+        """Fill what lies behind the objects, last behind those of `scenery_mask`.
+
+        Without shadows, what a floor mirrors of objects `standing` on it goes, too.
+        """
+        inpaint = partial(self.crew.call, "inpaint")
+        has_movable = ((around.coverage > 0) & ~scenery_mask).any()
+        if has_movable and scenery_mask.any():
+            backgrounds = fill_before_scenery(around, scenery_mask, shadows, inpaint)
+        else:
+            backgrounds = fill_backgrounds(around, shadows, inpaint)
+        if backgrounds.clean is None or shadows.faint or standing is None:
+            return backgrounds
+        clean = remove_reflections(
+            backgrounds.clean, standing, around.coverage, inpaint
         )
+        return replace(backgrounds, clean=clean)
 
     def without_mirror_images(
         self, clean: Rgb, labels: Labels, coverage: F32, ids: Sequence[int]
@@ -445,6 +470,21 @@ class _Run:
         )
 
 
+def nearest_labels(labels: Labels, ids: Sequence[int]) -> Mask:
+    """Return the pixels (H, W) whose nearest object has one of the ids."""
+    own = np.isin(labels, ids)
+    if not own.any():
+        return np.zeros(labels.shape, bool)
+    others = (labels > 0) & ~own
+    if not others.any():
+        return np.ones(labels.shape, bool)
+    to_own, to_others = (
+        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+        for mask in (own, others)
+    )
+    return np.asarray(to_own < to_others)
+
+
 def judged_scale(
     objects: Sequence[PhotoObject], matter: Mapping[int, Matter], source: str
 ) -> Scale | None:
@@ -516,11 +556,29 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
         exact = i in found.prompts or (
             found.mask_sources.get(i) or found.source
         ).startswith(by_hand)
-        ends = not exact and not isinstance(outlines[i], Disc) and i in beside
+        is_region = not exact and not isinstance(outlines[i], Disc)
+        ends = is_region and i in beside and not ends_in_sight(rgb, labels, i, near)
         objects.append(
             PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
         )
     return objects, len(every) - len(ids)
+
+
+def ends_in_sight(rgb: Rgb, labels: Labels, number: int, depth: int) -> bool:
+    """Return whether the photo's border shows something else beside an object.
+
+    The object is `depth` px from a border; one that the border cuts off goes on to it in
+    its own colours, though its mask ends before.
+    """
+    for turn in range(4):
+        turned, own = np.rot90(rgb, turn), np.rot90(labels, turn) == number
+        is_near = own[depth] & ~own[0]
+        if not is_near.any():
+            continue
+        step = turned[0][is_near].astype(np.int16) - turned[depth][is_near]
+        if np.median(np.abs(step).max(axis=1)) < ANOTHER_COLOUR:
+            return False
+    return True
 
 
 def remain_problem(remain: Remain, name: str) -> Problem:

@@ -38,6 +38,8 @@ class RemainConstants:
     alike: float = 30.0  # 8-bit codes between two colours that look alike
     rare: float = 0.02  # share of the surroundings that may look like a part
     report: float = 0.8  # of both limits, from which an unsure part is reported
+    levels: tuple[float, ...] = (0.8, 1.0, 1.5)
+    """Of the limit: at a low one a part is joined to lines behind it, at a high one torn."""
     longest: float = 0.95  # of the reach: what goes on farther is a line behind
     shortest: float = 0.1  # of its size
     slender: float = 2.5  # length over mean width, at least
@@ -125,10 +127,11 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     for response in _narrow(rgb[window], mine, size):
         usual = float(np.percentile(response[free], 95))
         limit = max(REMAINS.contrast, REMAINS.clutter * usual)
-        for part in _parts(response, free, away, limit * REMAINS.report, size):
-            if not (part & beside).any():
-                strength = float(np.median(response[part])) / limit
-                candidates.append((strength, part))
+        for level in REMAINS.levels:
+            for part in _parts(response, free, away, limit * level, size):
+                if not (part & beside).any():
+                    strength = float(np.median(response[part])) / limit
+                    candidates.append((strength, part))
     found = []
     taken = np.zeros_like(mine)
     for part in _unlike_plain(rgb[window], free, away, area):

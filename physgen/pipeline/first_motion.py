@@ -30,6 +30,8 @@ REST_SAMPLES = 81
 """Samples of that time."""
 REST_BLOCK = 9
 """Samples after which the simulation is looked at; they divide all samples evenly."""
+REST_RATE = 240.0
+"""Steps in a second of that time; 120 are too few for objects on each other."""
 REST_PX = 1.0
 """px from which an object has moved."""
 
@@ -116,7 +118,8 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     from physgen.simulate.engine import Running
 
     times = np.linspace(0, REST_SECONDS, REST_SAMPLES)
-    running = Running(world, times)
+    rate = min(world.steps_per_second, REST_RATE)
+    running = Running(replace(world, steps_per_second=rate), times)
     for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
         running.on(float(times[stop - 1]))
         places = running.trajectory().poses[:stop, :, :2]

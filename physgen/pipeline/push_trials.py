@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from itertools import chain, islice
 from math import hypot, inf, log, radians, sqrt
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -45,11 +44,15 @@ class TrialLimits:
     """Least confidence of an object that is pushed; below, its mask is to be checked."""
     pairs: int = 6
     """Objects with a direction that are tried."""
+    more: int = 16
+    """The same while no push makes a story, as in a heap whose objects block another."""
     most: int = 28
-    """Trials."""
-    work: float = 8000.0
-    """Work of all trials together, in steps of the engine: 1 to 6 s."""
-    one: float = 4500.0
+    """Trials; twice as many while no push makes a story."""
+    poor: float = 0.4
+    """Score up to which a push is no story, whatever its grade."""
+    work: float = 2500.0
+    """Work of all trials together, in steps of the engine: about half a second."""
+    one: float = 1500.0
     """Work of one trial, after which it ends: objects that are jammed take long."""
     longest: float = 6.0
     """s of a trial; a scale that is wrong by powers of ten would take minutes."""
@@ -57,14 +60,18 @@ class TrialLimits:
     """Units of time of a trial: 4.5 s in a photo that shows 0.5 m."""
     samples: int = 16
     """Samples in a unit of time."""
-    rate: float = 240.0
+    rate: float = 120.0
     """Steps in a second of a trial; the chosen push is tried again at the scene's own."""
     gentlest: float = 0.12
     """Of the ordinary speed: 0.15 m/s in a photo that shows 0.5 m."""
     hardest: float = 1.5
     """Of the ordinary speed."""
-    steps: tuple[float, float] = (1.4, 2.5)
+    steps: tuple[float, float] = (1.25, 2.5)
     """Factors of the speed from one trial to the next: at least, and at most."""
+    doubling: float = 2.0
+    """The factor after one by which what rolls is seen to move: it goes far, and long."""
+    slides: float = 0.8
+    """Share of the speed at which friction lets an object slide visibly; the first."""
     halvings: int = 3
     """Speeds between one at which all stays and one at which something leaves."""
     verified: int = 3
@@ -78,9 +85,13 @@ class TrialLimits:
     fallen: float = 50.0
     """Degrees of a turn from which an object has fallen over."""
     travel: float = 0.05
-    """Least motion that is visible."""
+    """Least motion that tells a story."""
+    least: float = 0.03
+    """Least motion that is visible: in a heap, nothing goes farther."""
     far: float = 0.15
     """Motion that counts in full: a hand's breadth in a photo that shows 0.5 m."""
+    slide: float = 0.08
+    """The same of an object that slides: what it uncovers is filled, and may show."""
     beside: float = 0.005
     """Share of an object beyond the border that is still counted as in the picture."""
     unrest: float = 0.004
@@ -107,6 +118,8 @@ class TrialLimits:
     """Degrees of a turn from which a low object tumbles, where its kind slides."""
     tumbling: float = 0.3
     """Weight of a push by which a low object tumbles."""
+    rise: float = 0.25
+    """Of an object's height, by which it climbs something in its way or is thrown up."""
     edge: float = 0.02
     """Share of the longer side between an edge and what stands on it."""
     thrown: float = 0.25
@@ -126,7 +139,7 @@ class Grade(IntEnum):
     LEAVES = 1
     """Something leaves the picture, or rebounds from a wall that it does not show."""
     RESTLESS = 2
-    """Something still moves at the end of the trial."""
+    """Something still moves at the end of the trial, or climbs what is in its way."""
     SHORT = 3
     """All stays and rests, but moves for less than a second of video."""
     STORY = 4
@@ -293,14 +306,32 @@ def _candidates(
 ) -> Iterator[Candidate]:
     """Yield pushes and their outcomes in coarse steps, as far as the work allows."""
     world = replace(trials.world, steps_per_second=TRIAL.rate)
-    ranked = rank_pushes(trials, confidence)[: TRIAL.pairs]
-    searches = (_search(trials, *pair, facing, world) for pair in ranked)
-    work = 0.0
-    for candidate in islice(chain.from_iterable(searches), TRIAL.most):
-        yield candidate
-        work += candidate.outcome.work
-        if work > TRIAL.work:
+    ranked = rank_pushes(trials, confidence)[: TRIAL.more]
+    highest = _highest_score(trials)
+    work, count, has_story = 0.0, 0, False
+    for order, pair in enumerate(ranked):
+        if has_story and order >= TRIAL.pairs:
             return
+        for candidate in _search(trials, *pair, facing, world):
+            yield candidate
+            outcome = candidate.outcome
+            work += outcome.work
+            count += 1
+            has_story |= outcome.is_calm and outcome.score > TRIAL.poor
+            score = outcome.score * confidence.get(candidate.item.name, 1.0)
+            is_best = outcome.grade is Grade.STORY and score >= TRIAL.enough * highest
+            most = TRIAL.most if has_story else 2 * TRIAL.most
+            if is_best or work > TRIAL.work or count >= most:
+                return
+
+
+def _highest_score(trials: TrialScene) -> float:
+    """Return the score of a push after which all move far, and what is tall falls."""
+    total = 0.0
+    for body in trials.world.bodies:
+        if body.motion is Motion.DYNAMIC:
+            total += 1 + (TRIAL.falls if _is_tall(body) else 0)
+    return total
 
 
 def _search(
@@ -315,33 +346,41 @@ def _search(
     The search ends when a harder push does not tell more, or, between one by which all
     stays in the picture and one by which something leaves, after a few halvings.
     """
+
+    def tried(speed: float) -> Candidate:
+        start = Candidate(item, direction, float(f"{speed:.2g}"), NO_MOTION)
+        return _try(trials, start, facing, world)
+
     speeds = _speed_limits(trials, item)
     speed, hardest = speeds
     calm, leaving = 0.0, inf
     best, halvings = 0.0, 0
     while speed <= hardest and halvings <= TRIAL.halvings:
-        start = Candidate(item, direction, float(f"{speed:.2g}"), NO_MOTION)
-        candidate = _try(trials, start, facing, world)
+        candidate = tried(speed)
         yield candidate
         outcome = candidate.outcome
+        if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best:
+            if calm and outcome.travel > TRIAL.slide:
+                yield tried(sqrt(calm * speed))
+            return
         if outcome.grade is Grade.LEAVES:
             leaving = speed
         else:
             calm = speed
-        if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best:
-            return
         if outcome.grade is not Grade.LEAVES:
             best = max(best, outcome.score)
         if leaving < inf:
             halvings += 1
             speed = sqrt(calm * leaving) if calm else leaving / 2
         else:
-            speed = calm * _next_step(outcome)
+            speed = calm * _next_step(trials, outcome)
 
 
-def _next_step(outcome: Outcome) -> float:
+def _next_step(trials: TrialScene, outcome: Outcome) -> float:
     """Return the factor to the next speed: motion grows with the speed squared."""
-    lacking = sqrt(1.3 * TRIAL.travel / max(outcome.travel, 1e-6))
+    if trials.scene.world.view is View.TOP and outcome.grade is Grade.STORY:
+        return TRIAL.doubling
+    lacking = sqrt(1.6 * TRIAL.slide / max(outcome.travel, 1e-6))
     return min(max(lacking, TRIAL.steps[0]), TRIAL.steps[1])
 
 
@@ -367,9 +406,27 @@ def _speed_limits(trials: TrialScene, item: Object) -> tuple[float, float]:
     body = next(body for body in trials.world.bodies if body.name == item.name)
     tips = _tipping_speed(body, hypot(*trials.world.gravity))
     width, height = _extent(body)
-    if tips is None or height < TRIAL.thin * width:
+    if tips is None:
         return gentlest, hardest
+    if height < TRIAL.thin * width:
+        first = min(tips, TRIAL.slides * _sliding_speed(trials, item.name))
+        return min(max(gentlest, first), hardest), hardest
     return TRIAL.tips[0] * tips, max(TRIAL.tips[1] * tips, gentlest)
+
+
+def _sliding_speed(trials: TrialScene, name: str) -> float:
+    """Return the speed, px/s, from which an object slides visibly on what is smoothest."""
+    surfaces = dict(trials.world.surfaces)
+    own = surfaces.pop(name).friction
+    least = min((one.friction for one in surfaces.values()), default=0.0)
+    gravity = hypot(*trials.world.gravity)
+    return sqrt(2 * own * least * gravity * TRIAL.travel * trials.side)
+
+
+def _is_tall(body: Body) -> bool:
+    """Return whether a body may fall over."""
+    width, height = _extent(body)
+    return body.radius is None and height >= TRIAL.tall * width
 
 
 def _extent(body: Body) -> tuple[float, float]:
@@ -412,19 +469,21 @@ def simulate_push(
     motion, has_left, work = _run(trials, world)
     travel = _travel(world, motion) / trials.side
     speed = max(hypot(*velocity) for velocity in velocities.values())
-    if travel.max(initial=0.0) < TRIAL.travel or _explodes(trials, motion, speed):
+    if travel.max(initial=0.0) < TRIAL.least or _explodes(trials, motion, speed):
         farthest = float(travel.max(initial=0.0))
         return replace(NO_MOTION, travel=farthest, work=work)
     names = [body.name for body in world.bodies]
-    moved = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.travel))
+    moved = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.least))
     gone = tuple(names[k] for k in np.flatnonzero(has_left))
     seconds = _moving_time(world, motion, TRIAL.unrest * trials.side)
     is_resting = seconds <= float(motion.times[-1]) - trials.unit
     slow = playback_of(trials, seconds)
     shown = _moving_time(world, motion, TRIAL.visible * trials.side)
     film = min(shown * slow / PLAYBACK.least_motion, 1.0)
-    score = float(np.minimum(travel / TRIAL.far, 1.0).sum())
-    score += TRIAL.falls * len(_fallen(world, motion))
+    film = min(film, float(travel.max()) / TRIAL.travel)
+    fallen = _fallen(world, motion)
+    score = float(np.minimum(travel / _full_travel(world, fallen), 1.0).sum())
+    score += TRIAL.falls * len(fallen)
     if any(_returns(motion, *push) for push in velocities.items()):
         score *= TRIAL.rebound
     is_thrown = any(_is_thrown(trials, motion, *push) for push in velocities.items())
@@ -433,13 +492,14 @@ def simulate_push(
         film = min(film, TRIAL.overhang)
     if _crowds_border(trials, world, motion):
         score *= TRIAL.crowded
-    if any(_tumbles(world, motion, name) for name in velocities):
+    climbs = _climbs(trials, world, motion)
+    if climbs or any(_tumbles(world, motion, name) for name in velocities):
         score *= TRIAL.tumbling
         film = min(film, TRIAL.tumbling)
     grade = Grade.STORY
     if gone or is_thrown:
         grade = Grade.LEAVES
-    elif not is_resting:
+    elif climbs or not is_resting:
         grade = Grade.RESTLESS
     elif film < 1:
         grade = Grade.SHORT
@@ -597,10 +657,8 @@ def _fallen(world: World, motion: Trajectory) -> list[str]:
     """Return the names of tall objects that have fallen over at the end."""
     names = []
     for k, body in enumerate(world.bodies):
-        width, height = _extent(body)
         turn = abs(float(motion.poses[-1, k, 2] - motion.poses[0, k, 2]))
-        is_tall = body.radius is None and height >= TRIAL.tall * width
-        if is_tall and turn >= radians(TRIAL.fallen):
+        if _is_tall(body) and turn >= radians(TRIAL.fallen):
             names.append(body.name)
     return names
 
@@ -609,11 +667,28 @@ def _tumbles(world: World, motion: Trajectory, name: str) -> bool:
     """Return whether a low object turns over: bowls, cars and bags slide instead."""
     index = motion.names.index(name)
     body = world.bodies[index]
-    width, height = _extent(body)
-    if body.radius is not None or height >= TRIAL.tall * width:
+    if body.radius is not None or _is_tall(body):
         return False
     turns = motion.poses[:, index, 2] - motion.poses[0, index, 2]
     return bool(np.abs(turns).max() > radians(TRIAL.tumble))
+
+
+def _full_travel(world: World, fallen: Collection[str]) -> Array:
+    """Return the motion (N,) of each body that counts in full."""
+    is_free = [body.radius is not None or body.name in fallen for body in world.bodies]
+    return np.where(np.array(is_free, bool), TRIAL.far, TRIAL.slide)
+
+
+def _climbs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
+    """Return whether a body that moves rises by much: objects stay on what bears them."""
+    if trials.scene.world.view is not View.SIDE:
+        return False
+    for k, body in enumerate(world.bodies):
+        lows = _placed(_corners(body), motion.poses[:, k])[..., 1].max(axis=1)
+        _, height = _extent(body)
+        if lows[0] - lows.min() > TRIAL.rise * height:
+            return True
+    return False
 
 
 def _overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-UNSUITABLE = "it looks like photos without loose objects at rest"
+UNSUITABLE = "it looks like a photo without loose objects at rest"
 """The reason that `judge_suitability` gives as well, from a higher chance on."""
 PERSON = 0
 """COCO's class among those of the detector."""

@@ -61,7 +61,7 @@ def outcome_doubts(
         left = listed(list(outcome.left), "and")
         doubts.append(f"{left} leaves the picture, also at the gentlest push")
     if outcome.grade is Grade.RESTLESS:
-        doubts.append("something still moves after the longest trial")
+        doubts.append("something moves for too long, or climbs what is in its way")
     slow = round(perceived.document.get("render", {}).get("slow", 1))
     seconds = outcome.seconds * slow
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:
@@ -85,7 +85,7 @@ def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:
     is_busy = area > OUTCOME.busy_filled and busy > OUTCOME.busy
     if not (is_large or is_busy):
         return []
-    text = f"{100 * area:.0f} % of it must be filled in behind what moves"
+    text = f"{100 * area:.0f} % of the photo must be filled in behind moving objects"
     return [f"{text}, beside fine detail" if is_busy else text]
 
 
@@ -130,14 +130,19 @@ def with_toys_named(photo_scene: PerceivedScene) -> PerceivedScene:
 def living_doubts(perceived: PerceivedScene) -> list[str]:
     """Return a reason that names the people and animals, which are never pushed."""
     objects = perceived.document["objects"].items()
-    names = [name for name, item in objects if is_living(item.get("label", ""))]
-    if not names:
+    labels = {name: item.get("label", "") for name, item in objects}
+    living = {name: label for name, label in labels.items() if is_living(label)}
+    if not living:
         return []
-    kinds = {kind(item["label"]).noun for name, item in objects if name in names}
+    kinds = {kind(label).noun for label in living.values()}
     what = "people and animals" if len(kinds) > 1 else f"a {min(kinds)}"
     if kinds == {"animal"}:
         what = "an animal"
-    return [f"{listed(names, 'and')}: {what}, never pushed"]
+    reason = f"{listed(list(living), 'and')}: {what}, never pushed"
+    for label in living.values():
+        if kind(label).noun == "animal":
+            return [f'{reason}; if it is a toy, label it "toy {label.split()[-1]}"']
+    return [reason]
 
 
 def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> list[str]:

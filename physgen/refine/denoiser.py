@@ -20,7 +20,9 @@ class Grid:
     cell: int  # px: a side of a latent's cells
     side: int  # px: sides of frames are multiples of it
     area: int  # px of the frames that the model was trained on; larger ones are refined at that size
-    window: int  # frames that the model sees at a time, at most
+    window: int  # latent frames that the model sees at a time, at most
+    stride: int = 1
+    """Frames of a latent frame; over 1, the first latent frame still has one frame alone."""
 
 
 @dataclass(frozen=True)
@@ -28,17 +30,21 @@ class PromptSettings:
     """The texts that guide the model."""
 
     prompt: str
-    negative: str  # what shall not be seen
+    negative: str
+    """What shall not be seen."""
     guidance: float | None
-    """How much it listens (classifier-free guidance, Ho and Salimans 2022); None: as its authors advise."""
+    """How much it listens (classifier-free guidance, Ho and Salimans 2022).
+
+    None: as its authors advise.
+    """
 
 
 @runtime_checkable
 class Denoiser(Protocol):
     """A latent video diffusion model with its schedule of noise, and nothing of how it is used.
 
-    Latents are (F, C, h, w) float32, one of each frame, scaled as the model wants them. MemoryError is raised where
-    the device holds too little.
+    Latents are (F', C, h, w) float32, scaled as the model wants them. MemoryError is raised where the device holds too
+    little.
     """
 
     grid: Grid
@@ -46,32 +52,35 @@ class Denoiser(Protocol):
     def begin(
         self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int
     ) -> F32:
-        """Latents of `frames` (F of (H, W, 3) sRGB), sizes as the grid wants them: the mean, not a draw.
+        """Latents of `frames` (F of (H, W, 3) sRGB), F and sizes as the grid wants them: the mean, not a draw.
 
-        Of a schedule of `steps`, the last `count` run.
+        Of a schedule of `steps`, the last `count` run. Models of image to video keep the frames, for windows.
         """
         ...
 
     def noised(self, latents: F32, noise: F32, k: int) -> F32:
-        """Latents at the level of noise that step `k` of those that run starts from; themselves at k = count."""
+        """Return latents at the level of noise at which step `k` starts.
+
+        Themselves at k = count.
+        """
         ...
 
-    def predict(self, latents: F32, k: int) -> F32:
-        """What the model says in step `k` of a window of latents."""
+    def predict(self, latents: F32, k: int, first: int) -> F32:
+        """What the model says in step `k` of a window of latents that begins with latent frame `first`."""
         ...
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
-        """Latents after step `k`."""
+        """Return latents after step `k`."""
         ...
 
     def decode(self, latents: F32) -> Iterator[F32]:
-        """Frames, some at a time: (f, H, W, 3) sRGB, 0..1 but for over- and undershoots."""
+        """Decode frames, some at a time: (f, H, W, 3) sRGB, 0..1 but for over- and undershoots."""
         ...
 
     def note(self) -> Mapping[str, Any]:
-        """For the record: weights, revision, device, dtype, scheduler ..."""
+        """Return entries of the record: weights, revision, device, dtype, scheduler ..."""
         ...
 
     def close(self) -> None:
-        """The model goes."""
+        """Remove the model from memory."""
         ...

@@ -28,6 +28,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from math import floor
 from typing import Any, TypeVar
 
@@ -41,7 +42,11 @@ from physgen.refine.latents import (
     blend_predictions,
     cell_coverage,
     fit_to_grid,
+    frames_held,
     hold_weights,
+    latent_frames,
+    over_time,
+    pad_frames,
     window_spans,
 )
 from physgen.registry import describe_error
@@ -54,7 +59,7 @@ Weight = Callable[[int, int], float]
 
 
 def steps_run(steps: int, strength: float) -> int:
-    """Line 1: how many of a schedule's steps run, nint(T s), halves upwards.
+    """Return how many of a schedule's steps run, nint(T s), halves upwards (line 1).
 
     >>> steps_run(50, 0.5), steps_run(50, 0.009)
     (25, 0)
@@ -63,7 +68,7 @@ def steps_run(steps: int, strength: float) -> int:
 
 
 def steps_fused(count: int, stop: int) -> int:
-    """Line 4: how many of `count` steps are fused with the guidance.
+    """Return how many of `count` steps are fused with the guidance (line 4).
 
     >>> steps_fused(25, 5)
     20
@@ -72,7 +77,7 @@ def steps_fused(count: int, stop: int) -> int:
 
 
 def rising(k: int, count: int) -> float:
-    """Line 7: the fusion weight w of step k.
+    """Return the fusion weight w of step k (line 7).
 
     >>> rising(0, 25), rising(19, 25)
     (0.0, 0.76)
@@ -81,7 +86,7 @@ def rising(k: int, count: int) -> float:
 
 
 def each_step(held: Any, count: int) -> Any:
-    """What of the guidance each of `count` steps puts back so that `held` of it is there after all of them.
+    """Return the share of the guidance that each of `count` steps restores so that `held` remains in the end.
 
     Blends multiply: putting 0.15 back in 25 steps would leave 0.85^25 = 0.02 of what the model changed.
 
@@ -102,7 +107,7 @@ def fused(
     weight: Weight = rising,
     held: Any = 0.0,
 ) -> Latent:
-    """Refined latents of the guidance's shape.
+    """Return refined latents of the guidance's shape.
 
     `mask` 0..1 broadcasts against latents. `noised(z0, k)` is z0 at the noise that step k starts from, z0 itself at
     k = count; `denoised(z, k)` is step k. `held` 0..1, broadcasting too, is how much of the guidance stays in every
@@ -124,7 +129,7 @@ EMPTY_LABELS = frozenset({"", "object", "thing"})
 
 
 def prompt_of(labels: Iterable[str]) -> str:
-    """The labels, the most frequent first, each once.
+    """Join the labels, the most frequent first, each once.
 
     >>> prompt_of(["billiard ball", "billiard ball", "cue", "object"])
     'billiard ball, cue'
@@ -149,7 +154,7 @@ def restore_detail(
     lock: float,
     held: float,
 ) -> U8:
-    """(H, W, 3) sRGB.
+    """Restore detail in (H, W, 3) sRGB.
 
     `refined` and `guided`: what the decoder makes of the refined latents and of the guidance's, (H, W, 3) sRGB 0..1;
     `coverage` (H, W) of objects. `detail` 0..1: how much of what the decoder loses of the guidance is put back;
@@ -170,7 +175,7 @@ def restore_detail(
 
 
 def _around(values: F32) -> tuple[slice, slice]:
-    """The box of all that is not 0."""
+    """Return the box of all pixels that are not 0."""
     rows, columns = (
         np.flatnonzero(values.any(axis=1)),
         np.flatnonzero(values.any(axis=0)),
@@ -195,16 +200,17 @@ class RefineSettings:
     prompt: PromptSettings
     lock: float
     detail: float
-    hold: int  # frames over which the first gives way; 0: it is refined like all others
+    hold: int
+    """Frames over which the first gives way; 0: it is refined like all others."""
 
     @property
     def count(self) -> int:
-        """Steps that run."""
+        """Return the number of steps that run."""
         return steps_run(self.steps, self.strength)
 
 
 def hold_frames(fps: float) -> int:
-    """Frames over which a first frame that is the photo gives way to the refined video."""
+    """Return the frames over which a first frame that is the photo gives way to the refined video."""
     return max(LEAST_HELD, round(HOLD * fps))
 
 
@@ -220,7 +226,10 @@ class Refinement:
         progress: Progress = silent,
         weight: Weight = rising,
     ) -> None:
-        """`size` (W, H) px and `count` of the frames to come. `weight` is the algorithm's own unless a test asks."""
+        """Prepare for `count` frames of `size` (W, H) px.
+
+        `weight` is the algorithm's own unless a test sets it.
+        """
         self._model, self._how, self._count, self._progress, self._weight = (
             model,
             how,
@@ -229,11 +238,12 @@ class Refinement:
             weight,
         )
         self._fit = fit_to_grid(size, model.grid)
+        self._latents = latent_frames(count, model.grid)
         window = model.grid.window
-        self._windows = window_spans(count, window, window // 2)
+        self._windows = window_spans(self._latents, window, window // 2)
 
     def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
-        """(H, W, 3) sRGB each. `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
+        """Yield (H, W, 3) sRGB; `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
 
         Raises InputError where the device holds too little.
         """
@@ -244,17 +254,18 @@ class Refinement:
 
     def _frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
         model, how, fit, grid = self._model, self._how, self._fit, self._model.grid
-        shown = [fit.shown(rgb) for rgb in guidance]
+        whole = frames_held(self._latents, grid)
+        shown = pad_frames([fit.shown(rgb) for rgb in guidance], whole)
         self._progress("refine", 0, how.count)
         z0 = model.begin(shown, how.prompt, how.steps, how.count)
         del shown
-        mask = cell_coverage(map(fit.mask, coverage), grid)
-        stay = hold_weights(self._count, how.hold)
+        mask = cell_coverage(map(fit.mask, coverage), self._latents, grid)
+        stay = hold_weights(whole, how.hold)
         noise = np.random.default_rng(how.seed).standard_normal(z0.shape, np.float32)
 
         def denoised(z: F32, k: int) -> F32:
             predicted = blend_predictions(
-                lambda part: model.predict(part, k), z, self._windows
+                lambda part, first: model.predict(part, k, first), z, self._windows
             )
             self._progress("refine", k + 1, how.count)
             return model.stepped(predicted, z, k)
@@ -267,7 +278,7 @@ class Refinement:
             count=how.count,
             stop=how.stop,
             weight=self._weight,
-            held=each_step(stay, how.count)[:, None, None, None],
+            held=each_step(over_time(stay, grid), how.count)[:, None, None, None],
         )
         if not np.isfinite(z).all():
             fix = 'write dtype = "float32" in physgen.toml'
@@ -279,7 +290,8 @@ class Refinement:
             )
         parts = zip(model.decode(z), model.decode(z0), strict=True)
         pairs = (pair for part in parts for pair in zip(*part, strict=True))
-        for index, (refined, guided) in enumerate(pairs):
+        # the frames that fill up the last latent frame are left out
+        for index, (refined, guided) in enumerate(islice(pairs, self._count)):
             yield restore_detail(
                 guidance[index],
                 fit.back(refined),
@@ -299,7 +311,7 @@ class Refinement:
         )
 
     def note(self) -> Mapping[str, Any]:
-        """For the record: what was asked, what ran, what the model says of itself."""
+        """Return entries of the record: settings, steps that ran, the model's own note."""
         how = self._how
         return {
             "strength": how.strength,
@@ -320,7 +332,7 @@ class Refinement:
 
 @contextmanager
 def backend_errors(flag: str, name: str) -> Iterator[None]:
-    """Whatever the libraries of backend `name` raise is one message on the `flag` that chose it."""
+    """Report any error of the libraries of backend `name` as one message on the `flag` that chose it."""
     try:
         yield
     except InputError:

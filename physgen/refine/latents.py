@@ -27,13 +27,15 @@ MOST = 1.5
 class Fit:
     """How frames of one size are shown to a model."""
 
-    size: Size  # of the video
+    size: Size
+    """Of the video."""
     scaled: Size
     """What the model is shown of it: the same, unless it has more pixels than the model was trained on."""
-    padded: Size  # with the border mirrored up to the grid's multiples
+    padded: Size
+    """With the border mirrored up to the grid's multiples."""
 
     def shown(self, rgb: U8) -> U8:
-        """(H, W, 3) of `size` -> of `padded`; made smaller in linear light."""
+        """Resize (H, W, 3) of `size` to `padded`; made smaller in linear light."""
         if self.scaled != self.size:
             rgb = encode_u8(
                 cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA)
@@ -41,7 +43,7 @@ class Fit:
         return np.asarray(self._padded(rgb), np.uint8)
 
     def mask(self, coverage: F32) -> F32:
-        """(H, W) of `size` -> of `padded`."""
+        """Resize (H, W) of `size` to `padded`."""
         if self.scaled != self.size:
             coverage = np.asarray(
                 cv2.resize(coverage, self.scaled, interpolation=cv2.INTER_AREA),
@@ -50,7 +52,7 @@ class Fit:
         return np.asarray(self._padded(coverage), np.float32)
 
     def back(self, picture: F32) -> F32:
-        """(H, W, 3) of `padded` -> of `size`."""
+        """Resize (H, W, 3) of `padded` to `size`."""
         width, height = self.scaled
         picture = picture[:height, :width]
         if self.scaled != self.size:
@@ -71,7 +73,7 @@ class Fit:
 
 
 def fit_to_grid(size: Size, grid: Grid) -> Fit:
-    """How frames of `size` are shown to a model with this grid."""
+    """Return how frames of `size` are shown to a model with this grid."""
     scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
     width, height = (max(1, round(side * scale)) for side in size)
     most = max(MOST * grid.area, grid.side**2)
@@ -86,21 +88,50 @@ def _padded(width: int, height: int, grid: Grid) -> Size:
     return ceil(width / grid.side) * grid.side, ceil(height / grid.side) * grid.side
 
 
-def cell_coverage(coverage: Iterable[F32], grid: Grid) -> F32:
-    """(F, 1, h, w) in 0..1: the mean coverage of every latent cell over its pixels.
+def latent_frames(frames: int, grid: Grid) -> int:
+    """Latent frames that hold so many frames.
 
-    `coverage`: (H, W) of each frame, sizes as the grid wants them.
+    >>> latent_frames(16, Grid(8, 16, 480 * 832, 4, 21))
+    5
+    """
+    return frames if grid.stride == 1 else 1 + ceil((frames - 1) / grid.stride)
+
+
+def frames_held(latents: int, grid: Grid) -> int:
+    """Frames that so many latent frames stand for."""
+    return latents if grid.stride == 1 else 1 + (latents - 1) * grid.stride
+
+
+def pad_frames(frames: Sequence[U8], count: int) -> list[U8]:
+    """`count` frames: the last is repeated."""
+    return [*frames, *[frames[-1]] * (count - len(frames))]
+
+
+def cell_coverage(coverage: Iterable[F32], latents: int, grid: Grid) -> F32:
+    """(F', 1, h, w) in 0..1: the mean coverage of every latent cell, over its pixels and its frames.
+
+    `coverage`: (H, W) of each frame, sizes as the grid wants them; where frames are short, the last goes on.
     """
     smaller = []
     for mask in coverage:
         height, width = mask.shape[0] // grid.cell, mask.shape[1] // grid.cell
         blocks = mask.reshape(height, grid.cell, width, grid.cell)
         smaller.append(blocks.mean(axis=(1, 3), dtype=np.float32))
-    return np.stack(smaller)[:, None]
+    smaller += [smaller[-1]] * (frames_held(latents, grid) - len(smaller))
+    return over_time(np.stack(smaller)[:, None], grid)
+
+
+def over_time(values: F32, grid: Grid) -> F32:
+    """(F, ...) of frames -> (F', ...) of latent frames: means over the frames that each stands for."""
+    if grid.stride == 1:
+        return values
+    rest = values[1:].reshape(-1, grid.stride, *values.shape[1:])
+    means: F32 = np.concatenate([values[:1], rest.mean(axis=1, dtype=np.float32)])
+    return means
 
 
 def hold_weights(frames: int, over: int) -> F32:
-    """(F,) how much of the guidance stays in each frame: 1 in the first, falling smoothly to 0 over so many.
+    """Return (F,) the share of the guidance in each frame: 1 in the first, falling smoothly to 0 over so many.
 
     >>> hold_weights(6, 4).tolist()
     [1.0, 0.84375, 0.5, 0.15625, 0.0, 0.0]
@@ -112,11 +143,11 @@ def hold_weights(frames: int, over: int) -> F32:
 
 
 Span = tuple[int, int]
-"""First frame, and the one behind the last."""
+"""First latent frame, and the one behind the last."""
 
 
 def window_spans(total: int, window: int, overlap: int) -> list[Span]:
-    """Windows of `window` frames that cover `total`, `overlap` of them shared by neighbours at least.
+    """Windows of `window` latent frames that cover `total`, `overlap` of them shared by neighbours at least.
 
     >>> window_spans(30, 16, 8)
     [(0, 16), (7, 23), (14, 30)]
@@ -129,7 +160,7 @@ def window_spans(total: int, window: int, overlap: int) -> list[Span]:
 
 
 def weights(span: Span, total: int) -> F32:
-    """(last - first,): how much of a window's say counts: less towards an end that another window goes beyond.
+    """Return (last - first,): the weight of a window's prediction: less towards an end that another window goes beyond.
 
     Not towards the clip's own ends: there a neighbour's first frame would count for a large share, all at once.
 
@@ -144,14 +175,14 @@ def weights(span: Span, total: int) -> F32:
 
 
 def blend_predictions(
-    predict: Callable[[F32], F32], z: F32, windows: Sequence[Span]
+    predict: Callable[[F32, int], F32], z: F32, windows: Sequence[Span]
 ) -> F32:
-    """(F, C, h, w): the mean of what `predict(z[first:last])` says in each window, by `weights`."""
+    """(F', C, h, w): the mean of `predict(z[first:last], first)` over the windows, by `weights`."""
     if len(windows) == 1:
-        return predict(z)
+        return predict(z, 0)
     total, sums = np.zeros_like(z), np.zeros((len(z), 1, 1, 1), np.float32)
     for first, last in windows:
         weight = weights((first, last), len(z))[:, None, None, None]
-        total[first:last] += weight * predict(z[first:last])
+        total[first:last] += weight * predict(z[first:last], first)
         sums[first:last] += weight
     return total / sums

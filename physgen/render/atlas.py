@@ -11,49 +11,55 @@ from math import ceil, log
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from physgen.arrays import F32, F64
 from physgen.geometry.raster import double_resolution
-from physgen.render.ball import F32, RIM, Array, Ball, Pattern
+from physgen.render.ball import RIM, Ball, Pattern
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sphere_texture import continue_skin
 from physgen.render.sprites import Sprite
 from physgen.render.stage import Placement, Slices, SpritePose
 
-GAP = 3  # px of an atlas on each side of a picture, as far as Lanczos' kernel looks
-PIXELS = 60_000  # of the pictures of an atlas; a single one may have more
-WIDEST = 4_000  # half pixels along an atlas: the farther along, the coarser is a float of 32 bits
-ALIKE = 1.3  # sizes that share an atlas are within this ratio
+GAP = 3
+"""px of an atlas on each side of a picture, as far as Lanczos' kernel looks."""
+PIXELS = 60_000
+"""Of the pictures of an atlas; a single one may have more."""
+WIDEST = 4_000
+"""Half pixels along an atlas: the farther along, the coarser is a float of 32 bits."""
+ALIKE = 1.3
+"""Sizes that share an atlas are within this ratio."""
 
 
 def atlas_groups(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """Which of some pictures, of so many columns and rows, go into each atlas."""
-    alike: dict[int, list[int]] = {}
+    """Return the pictures, of so many columns and rows, that go into each atlas."""
+    by_size: dict[int, list[int]] = {}
     for k, size in enumerate(sizes):
-        alike.setdefault(ceil(log(max(*size, 1)) / log(ALIKE)), []).append(k)
-    found = []
-    for members in alike.values():
+        size_class = ceil(log(max(*size, 1)) / log(ALIKE))
+        by_size.setdefault(size_class, []).append(k)
+    groups = []
+    for members in by_size.values():
         side = max(max(sizes[k]) for k in members)
-        most = max(1, min(PIXELS // side**2, WIDEST // (2 * side + 4 * GAP)))
-        found += [
-            members[first : first + most] for first in range(0, len(members), most)
-        ]
-    return found
+        count = max(1, min(PIXELS // side**2, WIDEST // (2 * side + 4 * GAP)))
+        for first in range(0, len(members), count):
+            groups.append(members[first : first + count])
+    return groups
 
 
-def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, Array]:
-    """(H, W, ...) pictures in a row, and (n,) px of the first column of each; its row is GAP.
+def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, F64]:
+    """Lay pictures (H, W, ...) in a row; return it and (n,) px of the first column of each. The first row is GAP.
 
-    Between them is what OpenCV's `border` says.
+    OpenCV's `border` fills the gaps between them.
     """
     height = max(len(picture) for picture in pictures) + 2 * GAP
-    row = [
-        cv2.copyMakeBorder(picture, GAP, height - GAP - len(picture), GAP, GAP, border)
-        for picture in pictures
-    ]
-    starts = np.cumsum([0] + [picture.shape[1] for picture in row[:-1]]) + GAP
-    return np.ascontiguousarray(np.concatenate(row, axis=1), np.float32), starts.astype(
-        np.float64
-    )
+    parts = []
+    for picture in pictures:
+        below = height - GAP - len(picture)
+        parts.append(cv2.copyMakeBorder(picture, GAP, below, GAP, GAP, border))
+    widths = [part.shape[1] for part in parts[:-1]]
+    starts = np.cumsum([0, *widths]) + GAP
+    row = np.ascontiguousarray(np.concatenate(parts, axis=1), np.float32)
+    return row, starts.astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -64,70 +70,70 @@ class Strip:
     size: tuple[int, int]
     fine: int = 1
 
-    def along(self, values: Array) -> F32:
-        """(n,) -> one value for each column of the strip."""
+    def along(self, values: F64) -> F32:
+        """Return (n,) values as one value for each column of the strip."""
         return np.repeat(values.astype(np.float32), self.size[1] * self.fine)
 
     @property
     def columns(self) -> F32:
-        """(W,) px from the left of each cell."""
+        """Return (W,) px from the left of each cell."""
         return np.tile(self._steps(1), self.n)
 
     @property
     def rows(self) -> F32:
-        """(H, 1) px from the top."""
+        """Return (H, 1) px from the top."""
         return self._steps(0)[:, None]
 
     def _steps(self, axis: int) -> F32:
-        steps = np.arange(self.size[axis] * self.fine, dtype=np.float32) + np.float32(
-            0.5 - self.fine / 2
-        )
-        return steps / np.float32(self.fine)
+        steps = np.arange(self.size[axis] * self.fine, dtype=np.float32)
+        return (steps + np.float32(0.5 - self.fine / 2)) / np.float32(self.fine)
 
     def empty(self) -> F32:
-        """(H, W) to be filled."""
-        return np.empty(
-            (self.size[0] * self.fine, self.n * self.size[1] * self.fine), np.float32
-        )
+        """Return (H, W) to be filled."""
+        height, width = self.size
+        return np.empty((height * self.fine, self.n * width * self.fine), np.float32)
 
 
 def warp_picture(picture: F32, x: F32, y: F32) -> F32:
-    """(h, w[, 4]) of a picture (H, W[, 4]) at px `x`, `y` (h, w)."""
+    """Return (h, w[, 4]) of a picture (H, W[, 4]) at px `x`, `y` (h, w)."""
     found = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(found, np.float32)
 
 
 def equal_area(
-    skin: F32, center: Array, radius: float, pattern: Pattern | None
+    skin: F32, center: F64, radius: float, pattern: Pattern | None
 ) -> list[F32]:
-    """(h, w, 3) near and far side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection, each as seen from
-    the photo's side.
+    """Project near and far side of a `skin` (h, w, 3) by Lambert's azimuthal equal-area projection.
 
-    There the rim, which the photo hardly shows, is wide.
+    Each as seen from the photo's side. There the rim, which the photo hardly shows, is wide.
     """
-    x, y = (
-        (np.arange(size) - c) / radius
-        for size, c in zip(skin.shape[1::-1], center, strict=True)
-    )
+    height, width = skin.shape[:2]
+    x = (np.arange(width) - center[0]) / radius
+    y = (np.arange(height) - center[1]) / radius
     u, v = np.meshgrid(x, y)
     z = np.maximum(1 - u * u - v * v, -1)
-    out = np.sqrt(1 + z)
-    found = []
+    factor = np.sqrt(1 + z)
+    sides = []
     for side in (1, -1):
-        points = np.dstack([out * u, out * v, side * z])
-        share, there = np.ones((1, 1, 1), np.float32), side * points
-        if pattern is not None:
-            share, there = pattern.written(points, 1 / radius)
-        px, py = (
-            np.asarray(c + radius * there[..., k], np.float32)
-            for k, c in enumerate(center)
-        )
-        seen = cv2.remap(
-            skin, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        plain = seen if pattern is None else pattern.painted(points, 2 / radius)
-        found.append(np.asarray(plain + share * (seen - plain), np.float32))
-    return found
+        points = np.dstack([factor * u, factor * v, side * z])
+        if pattern is None:
+            # Without a pattern, a point of the far side has the colour of its antipode.
+            sides.append(_skin_at(skin, side * points, center, radius))
+            continue
+        share, places = pattern.written(points, 1 / radius)
+        writing = _skin_at(skin, places, center, radius)
+        plain = pattern.painted(points, 2 / radius)
+        sides.append(np.asarray(plain + share * (writing - plain), np.float32))
+    return sides
+
+
+def _skin_at(skin: F32, places: F64, center: F64, radius: float) -> F32:
+    """Return (h, w, 3) the skin at points (h, w, 3) of a sphere."""
+    x = np.asarray(center[0] + radius * places[..., 0], np.float32)
+    y = np.asarray(center[1] + radius * places[..., 1], np.float32)
+    border = cv2.BORDER_REPLICATE
+    picture = cv2.remap(skin, x, y, cv2.INTER_LINEAR, borderMode=border)
+    return np.asarray(picture, np.float32)
 
 
 class BallSprites:
@@ -135,227 +141,265 @@ class BallSprites:
 
     def __init__(self, sprites: Sequence[Sprite]) -> None:
         balls = [(k, s, s.ball) for k, s in enumerate(sprites) if s.ball is not None]
+        sizes = []
+        for _, sprite, _ in balls:
+            x0, y0, x1, y1 = sprite.within
+            sizes.append((x1 - x0, y1 - y0))
         self._homes: dict[int, tuple[_Atlas, int]] = {}
-        for members in atlas_groups(
-            [
-                (s.within[2] - s.within[0], s.within[3] - s.within[1])
-                for _, s, _ in balls
-            ]
-        ):
+        for members in atlas_groups(sizes):
             atlas = _Atlas([balls[i][1:] for i in members])
-            self._homes |= {
-                balls[i][0]: (atlas, place) for place, i in enumerate(members)
-            }
+            for place, i in enumerate(members):
+                self._homes[balls[i][0]] = (atlas, place)
 
     def drawn(
-        self, there: Iterable[tuple[int, Placement]], fine: int = 1
+        self, placements: Iterable[tuple[int, Placement]], fine: int = 1
     ) -> dict[int, tuple[F32, F32]]:
-        """As `draw_sprite`: the balls among `there`, indices of sprites and where they moved to, no others.
+        """Draw the balls among `placements`, indices of sprites and where they moved to, as `draw_sprite`.
 
         Each pixel is the mean of `fine` x `fine` samples.
         """
-        together: dict[int, tuple[_Atlas, list[tuple[int, int, Placement]]]] = {}
-        for k, where in there:
-            if k in self._homes and where.own is None:
+        groups: dict[int, tuple[_Atlas, list[tuple[int, int, Placement]]]] = {}
+        for k, placement in placements:
+            if k in self._homes and placement.own is None:
                 atlas, place = self._homes[k]
-                together.setdefault(id(atlas), (atlas, []))[1].append((k, place, where))
-        found: dict[int, tuple[F32, F32]] = {}
-        for atlas, some in together.values():
-            names, places, wheres = zip(*some, strict=True)
-            found.update(zip(names, atlas.drawn(places, wheres, fine), strict=True))
-        return found
+                group = groups.setdefault(id(atlas), (atlas, []))
+                group[1].append((k, place, placement))
+        pictures: dict[int, tuple[F32, F32]] = {}
+        for atlas, members in groups.values():
+            places = [place for _, place, _ in members]
+            wheres = [placement for _, _, placement in members]
+            drawn = atlas.drawn(places, wheres, fine)
+            for (k, _, _), picture in zip(members, drawn, strict=True):
+                pictures[k] = picture
+        return pictures
 
 
 class _Atlas:
-    """Balls of about one size; where they turn, and how large they are, in arrays of one row each."""
+    """Balls of about one size.
+
+    Where they turn, and how large they are, in arrays of one row each.
+    """
 
     def __init__(self, members: Sequence[tuple[Sprite, Ball]]) -> None:
         within = np.array([sprite.within for sprite, _ in members], np.float64)
+        corners = [sprite.corner for sprite, _ in members]
+        self.corner = within[:, :2] + corners
+        self.center = np.array([ball.center for _, ball in members], np.float64)
+        self.radius = np.array([ball.radius for _, ball in members], np.float64)
+        self.last = 2 * (within[:, 2:] - within[:, :2]) - 2
+        """Half pixels to the end of each picture."""
+        self._lay_pictures(members)
+        for k, (_, ball) in enumerate(members):
+            self._project_skin(k, ball)
+
+    def _lay_pictures(self, members: Sequence[tuple[Sprite, Ball]]) -> None:
+        """Lay gloss, shading and skin of the balls side by side, each with a fourth channel."""
         still, lit, skin = [], [], []
         for sprite, ball in members:
             x0, y0, x1, y1 = sprite.within
-            own = np.s_[y0:y1, x0:x1]
-            coverage = sprite.coverage[own]
-            still.append(np.dstack([ball.gloss[own] * coverage[..., None], coverage]))
-            lit.append(
-                np.dstack(
-                    [ball.lit[own] * coverage[..., None], np.zeros_like(coverage)]
-                )
-            )
-            skin.append(
-                np.dstack([np.maximum(ball.skin[own], 0), np.zeros_like(coverage)])
-            )
+            box = np.s_[y0:y1, x0:x1]
+            coverage = sprite.coverage[box]
+            alpha, nothing = coverage[..., None], np.zeros_like(coverage)
+            still.append(np.dstack([ball.gloss[box] * alpha, coverage]))
+            lit.append(np.dstack([ball.lit[box] * alpha, nothing]))
+            skin.append(np.dstack([np.maximum(ball.skin[box], 0), nothing]))
         row, starts = lay_side_by_side(still, cv2.BORDER_CONSTANT)
         self.still, self.left = double_resolution(row), 2 * starts
         self.lit = double_resolution(lay_side_by_side(lit, cv2.BORDER_CONSTANT)[0])
         near = double_resolution(lay_side_by_side(skin, cv2.BORDER_REPLICATE)[0])
-        self.skin = np.concatenate([near, near])  # the far side stands below
-        self.corner = within[:, :2] + [sprite.corner for sprite, _ in members]
-        self.center = np.array([ball.center for _, ball in members], np.float64)
-        self.radius = np.array([ball.radius for _, ball in members], np.float64)
-        self.last = (
-            2 * (within[:, 2:] - within[:, :2]) - 2
-        )  # half pixels, of each picture's own end
-        for k, (_, ball) in enumerate(members):
-            (right, low), first = self.last[k].astype(int) + 1, int(self.left[k])
-            place = np.s_[2 * GAP : 2 * GAP + low, first : first + right]
-            middle = 2 * (self.center[k] - self.corner[k])
-            own_skin, radius = near[place][..., :3], 2 * ball.radius
-            sides = (
-                continue_skin(np.ascontiguousarray(own_skin), middle, radius)
-                if ball.is_continued
-                else equal_area(own_skin, middle, radius, ball.pattern)
-            )
-            self.skin[place][..., :3], self.skin[len(near) :][place][..., :3] = sides
+        # The far side is below the near side.
+        self.skin = np.concatenate([near, near])
+
+    def _project_skin(self, k: int, ball: Ball) -> None:
+        """Replace a ball's skin by its near and far side in the equal-area projection."""
+        height = len(self.skin) // 2
+        right, bottom = self.last[k].astype(int) + 1
+        first = int(self.left[k])
+        place = np.s_[2 * GAP : 2 * GAP + bottom, first : first + right]
+        middle, radius = 2 * (self.center[k] - self.corner[k]), 2 * ball.radius
+        near, far = self.skin[:height], self.skin[height:]
+        skin = near[place][..., :3].copy()
+        if ball.is_continued:
+            sides = continue_skin(np.ascontiguousarray(skin), middle, radius)
+        else:
+            sides = equal_area(skin, middle, radius, ball.pattern)
+        near[place][..., :3], far[place][..., :3] = sides
 
     def drawn(
-        self, which: Sequence[int], wheres: Sequence[Placement], fine: int
+        self, places: Sequence[int], wheres: Sequence[Placement], fine: int
     ) -> list[tuple[F32, F32]]:
-        """See `Balls.drawn`; of the atlas' balls `which`."""
-        some = np.array(which)
-        h, w = (
-            max(where.box[k].stop - where.box[k].start for where in wheres)
-            for k in (0, 1)
+        """Draw the atlas' balls at `places`; see `BallSprites.drawn`."""
+        height = max(
+            placement.box[0].stop - placement.box[0].start for placement in wheres
         )
-        strip = Strip(len(wheres), (h, w), fine)
-        along, columns, rows = strip.along, strip.columns, strip.rows
-        at = np.array(
-            [(where.box[1].start, where.box[0].start) for where in wheres], np.float64
+        width = max(
+            placement.box[1].stop - placement.box[1].start for placement in wheres
         )
-        shift = np.array([where.shift for where in wheres])
-        turn = np.array([where.space for where in wheres]).transpose(
-            0, 2, 1
-        )  # back to where points were
-        radius, center, corner, left = (
-            part[some] for part in (self.radius, self.center, self.corner, self.left)
-        )
+        strip = Strip(len(wheres), (height, width), fine)
+        picture = self._warp(np.array(places), wheres, strip)
+        if fine > 1:
+            size = (strip.n * width, height)
+            small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+            picture = np.asarray(small, np.float32)
+        # The conversion keeps the first three channels.
+        light = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), np.float32)
+        coverage = np.asarray(cv2.extractChannel(picture, 3), np.float32)
+        pictures = []
+        for j, placement in enumerate(wheres):
+            rows, columns = (part.stop - part.start for part in placement.box)
+            cell = np.s_[:rows, j * width : j * width + columns]
+            pictures.append((light[cell], coverage[cell]))
+        return pictures
+
+    def _warp(
+        self, places: NDArray[np.int64], wheres: Sequence[Placement], strip: Strip
+    ) -> F32:
+        """Return light and coverage (H, W, 4) of balls on the cells of a strip."""
+        corners = [
+            (placement.box[1].start, placement.box[0].start) for placement in wheres
+        ]
+        # px from the ball's box at t = 0, moved along, to the cell
+        shifts = np.array([placement.shift for placement in wheres])
+        start = np.array(corners, np.float64) - self.corner[places] - shifts
+        middle = np.array(corners, np.float64) - self.center[places] - shifts
+        left = self.left[places]
         x, y = strip.empty(), strip.empty()
-        # what does not turn moves along
-        moved = 2 * (at - corner - shift)
-        x[:] = 2 * columns + along(moved[:, 0] + left)
-        np.add(2 * rows, along(moved[:, 1] + 2 * GAP), out=y)
+        # Gloss and shading move without turning.
+        moved = 2 * start
+        x[:] = 2 * strip.columns + strip.along(moved[:, 0] + left)
+        np.add(2 * strip.rows, strip.along(moved[:, 1] + 2 * GAP), out=y)
         picture, lit = warp_picture(self.still, x, y), warp_picture(self.lit, x, y)
-        # points of the sphere in radii from its middle; beyond the rim the skin goes on as it is there
-        inverse, middle = along(1 / radius), at - center - shift
-        u = (columns + along(middle[:, 0])) * inverse
-        v = rows * inverse
+        # back to where points were
+        turns = np.array([placement.space for placement in wheres]).transpose(0, 2, 1)
+        self._skin_places(x, y, places, middle, turns, strip)
+        cv2.multiply(warp_picture(self.skin, x, y), lit, dst=lit)
+        cv2.add(picture, lit, dst=picture)
+        return picture
+
+    def _skin_places(
+        self,
+        x: F32,
+        y: F32,
+        places: NDArray[np.int64],
+        middle: F64,
+        turns: F64,
+        strip: Strip,
+    ) -> None:
+        """Set `x` and `y` (H, W) to the places of each sample on the skins.
+
+        In place, as this is most of the time.
+        """
+        along, radius = strip.along, self.radius[places]
+        center, corner = self.center[places], self.corner[places]
+        # Points of the sphere in radii from its middle; beyond the rim the skin goes on as it is there.
+        inverse = along(1 / radius)
+        u = (strip.columns + along(middle[:, 0])) * inverse
+        v = strip.rows * inverse
         v += along(middle[:, 1] / radius)
         z = v * v
         z += u * u
         np.subtract(1, z, out=z)
         np.maximum(z, np.float32(1 - RIM * RIM), out=z)
-        np.sqrt(z, out=z)  # towards the viewer
+        np.sqrt(z, out=z)
+        # towards the viewer at t = 0
         depth = (
-            v * along(turn[:, 2, 1])
-            + u * along(turn[:, 2, 0])
-            - z * along(turn[:, 2, 2])
-        )  # at t = 0
-        side = 1 / np.sqrt(1 + np.abs(depth))  # skins are in the equal-area projection
-        for k, place in enumerate((x, y)):
-            back = 2 * radius[:, None] * turn[:, k]
+            v * along(turns[:, 2, 1])
+            + u * along(turns[:, 2, 0])
+            - z * along(turns[:, 2, 2])
+        )
+        # Skins are in the equal-area projection.
+        shrink = 1 / np.sqrt(1 + np.abs(depth))
+        for axis, place in enumerate((x, y)):
+            back = 2 * radius[:, None] * turns[:, axis]
             np.multiply(v, along(back[:, 1]), out=place)
             place += u * along(back[:, 0])
             place -= z * along(back[:, 2])
-            place *= side
-            place += along(2 * (center - corner)[:, k])
+            place *= shrink
+            place += along(2 * (center - corner)[:, axis])
             np.maximum(place, 0, out=place)
-            np.minimum(place, along(self.last[some, k]), out=place)
-            place += along(left) if k == 0 else np.float32(2 * GAP)
+            np.minimum(place, along(self.last[places, axis]), out=place)
+        x += along(self.left[places])
+        y += np.float32(2 * GAP)
         y += (depth > 0) * np.float32(len(self.skin) // 2)  # the far side
-        cv2.multiply(warp_picture(self.skin, x, y), lit, dst=lit)
-        cv2.add(picture, lit, dst=picture)
-        if fine > 1:
-            picture = np.asarray(
-                cv2.resize(picture, (strip.n * w, h), interpolation=cv2.INTER_AREA),
-                np.float32,
-            )
-        light = np.asarray(
-            cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), np.float32
-        )  # the first three channels
-        coverage = np.asarray(cv2.extractChannel(picture, 3), np.float32)
-        found = []
-        for j, where in enumerate(wheres):
-            tall, wide = (part.stop - part.start for part in where.box)
-            own = np.s_[:tall, j * w : j * w + wide]
-            found.append((light[own], coverage[own]))
-        return found
 
 
 class ShadowSprites:
     """The sliding shadows of a background taken apart."""
 
     def __init__(self, casts: Sequence[CastShadow]) -> None:
-        sliding = [
-            (k, *cast.sliding, cast.lean)
-            for k, cast in enumerate(casts)
-            if cast.sliding is not None
-        ]
+        sliding = []
+        for k, cast in enumerate(casts):
+            if cast.sliding is not None:
+                sliding.append((k, *cast.sliding, cast.lean))
+        sizes = [(picture.shape[1], picture.shape[0]) for _, _, picture, _ in sliding]
         self._homes: dict[int, tuple[_Row, int]] = {}
-        for members in atlas_groups(
-            [picture.shape[::-1] for _, _, picture, _ in sliding]
-        ):
+        for members in atlas_groups(sizes):
             row = _Row([sliding[i][1:] for i in members])
-            self._homes |= {
-                sliding[i][0]: (row, place) for place, i in enumerate(members)
-            }
+            for place, i in enumerate(members):
+                self._homes[sliding[i][0]] = (row, place)
 
     def thrown(
-        self, dark: F32, stands: Iterable[tuple[SpritePose, float]]
+        self, darkness: F32, stands: Iterable[tuple[SpritePose, float]]
     ) -> list[Slices]:
-        """Put the shadows of those of `stands` that slide, times weights, into `dark` (H, W); returns where that is."""
-        together: dict[int, tuple[_Row, list[tuple[int, SpritePose, float]]]] = {}
+        """Add the shadows of those of `stands` that slide, times weights, to `darkness` (H, W).
+
+        Return their boxes.
+        """
+        groups: dict[int, tuple[_Row, list[tuple[int, SpritePose, float]]]] = {}
         for stand, weight in stands:
             if stand.k in self._homes:
                 row, place = self._homes[stand.k]
-                together.setdefault(id(row), (row, []))[1].append(
-                    (place, stand, weight)
-                )
-        return [
-            box for row, some in together.values() for box in row.thrown(dark, some)
-        ]
+                group = groups.setdefault(id(row), (row, []))
+                group[1].append((place, stand, weight))
+        boxes = []
+        for row, members in groups.values():
+            boxes += row.thrown(darkness, members)
+        return boxes
 
 
 class _Row:
+    """Sliding shadows of about one size, side by side."""
+
     def __init__(self, members: Sequence[tuple[tuple[int, int], F32, float]]) -> None:
         corners, pictures, leans = zip(*members, strict=True)
         self.picture, self.left = lay_side_by_side(pictures, cv2.BORDER_CONSTANT)
         self.corner = np.array(corners, np.float64)
         self.size = np.array([picture.shape[::-1] for picture in pictures])
-        self.way = 1 + np.array(leans)[:, None]
+        self.speed = 1 + np.array(leans)[:, None]
 
     def thrown(
-        self, dark: F32, some: Sequence[tuple[int, SpritePose, float]]
+        self, darkness: F32, members: Sequence[tuple[int, SpritePose, float]]
     ) -> list[Slices]:
-        which = np.array([place for place, _, _ in some])
-        shift = np.array(
-            [(s.pose.x - s.start.x, s.pose.y - s.start.y) for _, s, _ in some]
-        )
-        at = self.corner[which] + self.way[which] * shift
-        first = np.floor(at)
+        """Add shadows, times weights, to `darkness` (H, W); return their boxes."""
+        places = np.array([place for place, _, _ in members])
+        shifts = []
+        for _, stand, _ in members:
+            shifts.append((stand.pose.x - stand.start.x, stand.pose.y - stand.start.y))
+        corner = self.corner[places] + self.speed[places] * np.array(shifts)
+        first = np.floor(corner)
         low = np.maximum(first, 0)
-        high = np.minimum(first + self.size[which] + 1, dark.shape[::-1])
-        seen = ((high > low).all(axis=1) & np.isfinite(at).all(axis=1)).nonzero()[0]
-        if not len(seen):
+        high = np.minimum(first + self.size[places] + 1, darkness.shape[::-1])
+        is_visible = (high > low).all(axis=1) & np.isfinite(corner).all(axis=1)
+        visible = np.flatnonzero(is_visible)
+        if not len(visible):
             return []
-        which, at, low, high = (
-            which[seen],
-            at[seen],
-            low[seen].astype(int),
-            high[seen].astype(int),
-        )
-        w, h = (high - low).max(axis=0).tolist()
-        strip = Strip(len(seen), (h, w))
+        low, high = low[visible].astype(int), high[visible].astype(int)
+        offset = low - corner[visible]
+        width, height = (high - low).max(axis=0).tolist()
+        strip = Strip(len(visible), (height, width))
         x, y = strip.empty(), strip.empty()
-        x[:] = strip.columns + strip.along(low[:, 0] - at[:, 0] + self.left[which])
-        np.add(strip.rows, strip.along(low[:, 1] - at[:, 1] + GAP), out=y)
+        columns = offset[:, 0] + self.left[places[visible]]
+        x[:] = strip.columns + strip.along(columns)
+        np.add(strip.rows, strip.along(offset[:, 1] + GAP), out=y)
         picture = warp_picture(self.picture, x, y)
         boxes: list[Slices] = []
         for j, (left, top, right, bottom) in enumerate(np.hstack([low, high]).tolist()):
             box = np.s_[top:bottom, left:right]
-            one, weight = (
-                picture[: bottom - top, j * w : j * w + right - left],
-                some[seen[j]][2],
-            )
-            dark[box] += one if weight == 1 else np.float32(weight) * one
+            start = j * width
+            shadow = picture[: bottom - top, start : start + right - left]
+            weight = members[visible[j]][2]
+            if weight != 1:
+                shadow = np.float32(weight) * shadow
+            darkness[box] += shadow
             boxes.append(box)
         return boxes

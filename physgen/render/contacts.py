@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import Indices
 from physgen.compile.world import World
 from physgen.geometry.polygon import Array, rotation
 from physgen.scene.scene import Motion
@@ -21,15 +24,18 @@ class ImpactTuning:
     flat: float = 0.75
     """px by which points of one contact may be farther apart than its nearest: of circles, and of faces, whose corners
     may be a little rounded or tilted."""
-    apart: float = 3.0  # px between two points of a contact; nearer ones are one
+    apart: float = 3.0
+    """px between two points of a contact; nearer ones are one."""
     faint: float = 0.7
     loud: float = 3.0
     """Times what gravity gives the lighter partner meanwhile: rise of a push in an impact that changes the motion of
     either, and in one that they pass on."""
     uneven: float = 1.5
     """Times what has pressed before or goes on pressing: an impact is more, as a solver shares pushes out unevenly."""
-    after: int = 3  # spans of time that it must go on
-    steps: int = 4  # of the engine, at least, in which pushes are taken together
+    after: int = 3
+    """Spans of time that it must go on."""
+    steps: int = 4
+    """Of the engine, at least, in which pushes are taken together."""
 
 
 IMPACT = ImpactTuning()
@@ -39,197 +45,258 @@ IMPACT = ImpactTuning()
 class Impact:
     """A sudden push between two objects."""
 
-    time: float  # s
-    at: Array  # (2,) px of the photo
-    impulse: float  # g·px/s
-    way: Array  # (2,) unit: where the second of the pair pushes the first
-    pair: tuple[int, int]  # the two surfaces, counted as in `World.surfaces`
+    time: float
+    """s."""
+    at: Array
+    """(2,) px of the photo."""
+    impulse: float
+    """g·px/s."""
+    way: Array
+    """(2,) unit: where the second of the pair pushes the first."""
+    pair: tuple[int, int]
+    """The two surfaces, counted as in `World.surfaces`."""
 
 
 def sample_times(trajectory: Trajectory, finer: int, most: int) -> Array:
-    """(K,) s: the trajectory's times, `finer` times as many if that is at most `most`, and when touches begin."""
+    """Return (K,) s: the trajectory's times, `finer` times as many if that is at most `most`, and starts of touches."""
     times = np.unique(trajectory.times)
     parts = max(1, min(finer, most // len(times)))
-    between = times[:-1, None] + np.diff(times)[:, None] * (np.arange(parts) / parts)
-    begins = trajectory.contacts.touch_times[:most, 0]
-    return np.unique(
-        np.concatenate([times, between.ravel(), begins[begins <= times[-1]]])
-    )
+    shares = np.arange(parts) / parts
+    between = times[:-1, None] + np.diff(times)[:, None] * shares
+    starts = trajectory.contacts.touch_times[:most, 0]
+    starts = starts[starts <= times[-1]]
+    return np.unique(np.concatenate([times, between.ravel(), starts]))
 
 
-def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
-    """All impacts, by time; pushes are taken together over about `span` s. `seen` has samples when touches begin.
+@dataclass(frozen=True)
+class _Pushes:
+    """Impulses of a clip, summed for each pair of surfaces and each span of time."""
 
-    What goes on pressing, before or after, is no impact.
+    keys: NDArray[np.int64]
+    """(K,) rising; keys of one pair in spans that follow each other are consecutive."""
+    group: Indices
+    """(I,) the index in `keys` of each impulse."""
+    pairs: NDArray[np.int64]
+    """(K, 2) surfaces."""
+    spans: NDArray[np.int64]
+    """(K,) number of the span."""
+    impulses: Array
+    """(K, 2) g·px/s."""
+
+    impulse_sizes: Array
+    """(I,) g·px/s of each impulse alone."""
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Return (K,) the sizes of the impulses, g·px/s."""
+        return np.asarray(np.hypot(*self.impulses.T))
+
+    def sizes_later(self, count: int) -> Array:
+        """Return (K,) the size between the same surfaces so many spans later, g·px/s.
+
+        0 if they do not touch.
+        """
+        places = np.searchsorted(self.keys, self.keys + count)
+        places = np.minimum(places, len(self.keys) - 1)
+        is_same_pair = self.keys[places] == self.keys + count
+        return np.where(is_same_pair, self.sizes[places], 0.0)
+
+
+def find_impacts(world: World, motion: Trajectory, span: float) -> list[Impact]:
+    """Find all impacts, by time; pushes are taken together over about `span` s.
+
+    `motion` has samples when touches begin. A lasting push, before or after, is no impact.
     """
-    contacts, span = seen.contacts, max(span, IMPACT.steps / world.steps_per_second)
-    rows, S = contacts.impulse_rows.astype(np.int64), len(contacts.surfaces)
-    if not len(rows):
+    if not len(motion.contacts.impulse_rows):
         return []
-    place = np.maximum(
-        np.ceil(seen.times[rows[:, 0]] / span - 1e-9).astype(np.int64) - 1, 0
-    )
-    B = int(place.max()) + IMPACT.after + 2
-    keys, group = np.unique(
-        (rows[:, 1] * S + rows[:, 2]) * B + place, return_inverse=True
-    )
-    pushes = np.stack(
-        [np.bincount(group, part, len(keys)) for part in contacts.impulses.T], axis=1
-    )
-    given = np.hypot(*pushes.T)
-    lasting = np.maximum(
-        _given(keys, given, -1),
-        np.min([_given(keys, given, k + 1) for k in range(IMPACT.after)], axis=0),
-    )
-    pairs = np.stack([keys // B // S, keys // B % S], axis=1)
-    dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
-    mass = np.full(S, np.inf)
-    mass[: len(dynamic)] = np.where(
-        dynamic, [body.mass for body in world.bodies], np.inf
-    )
-    light = mass[pairs].min(axis=1)
-    weight = light * max(float(np.hypot(*world.gravity)), world.press) * span
-    rise = given - IMPACT.uneven * lasting
-    stirs = light * _stir(world, seen, pairs, keys % B * span, span) > given / 2
-    sudden = np.isfinite(light) & (
-        rise > np.where(stirs, IMPACT.faint, IMPACT.loud) * weight + 1e-9 * light
-    )
-    found: list[Impact] = []
-    size = np.hypot(*contacts.impulses.T)
-    last = -2
-    for k in np.flatnonzero(sudden).tolist():
-        push = float(given[k] - lasting[k])
-        if keys[k] == last + 1:  # one impact, on the border of two spans
-            found[-1] = replace(found[-1], impulse=found[-1].impulse + push)
+    span = max(span, IMPACT.steps / world.steps_per_second)
+    pushes = _sum_pushes(motion, span)
+    later = [pushes.sizes_later(k + 1) for k in range(IMPACT.after)]
+    lasting = np.maximum(pushes.sizes_later(-1), np.min(later, axis=0))
+    impacts: list[Impact] = []
+    last_key = -2
+    for k in _sudden_pushes(world, motion, pushes, lasting, span):
+        size = float(pushes.sizes[k] - lasting[k])
+        key = int(pushes.keys[k])
+        if key == last_key + 1:
+            # One impact, on the border of two spans.
+            total = impacts[-1].impulse + size
+            impacts[-1] = replace(impacts[-1], impulse=total)
         else:
-            mine = np.flatnonzero(group == k)
-            sample, first, second = rows[mine[np.argmax(size[mine])]].tolist()
-            points, gap = contact_points_between(
-                world, seen.poses[sample], first, second
-            )
-            before = max(
-                sample - 1, 0
-            )  # what meets and parts again has met at the sample before
-            points_before, gap_before = contact_points_between(
-                world, seen.poses[before], first, second
-            )
-            if gap_before < gap - IMPACT.slack:
-                sample, points = before, points_before
-            way = pushes[k] / given[k]
-            found.append(
-                Impact(
-                    float(seen.times[sample]),
-                    points.mean(axis=0),
-                    push,
-                    way,
-                    (first, second),
-                )
-            )
-        last = int(keys[k])
-    return sorted(found, key=lambda impact: impact.time)
+            impacts.append(_impact(world, motion, pushes, k, size))
+        last_key = key
+    return sorted(impacts, key=lambda impact: impact.time)
+
+
+def _sum_pushes(motion: Trajectory, span: float) -> _Pushes:
+    """Sum the impulses of a clip by pairs of surfaces and spans of time."""
+    contacts = motion.contacts
+    rows, surfaces = contacts.impulse_rows.astype(np.int64), len(contacts.surfaces)
+    ends = np.ceil(motion.times[rows[:, 0]] / span - 1e-9).astype(np.int64)
+    spans = np.maximum(ends - 1, 0)
+    # More spans than there are, so that keys of two pairs are never consecutive.
+    count = int(spans.max()) + IMPACT.after + 2
+    codes = (rows[:, 1] * surfaces + rows[:, 2]) * count + spans
+    keys, group = np.unique(codes, return_inverse=True)
+    sums = [np.bincount(group, part, len(keys)) for part in contacts.impulses.T]
+    pairs = np.stack([keys // count // surfaces, keys // count % surfaces], axis=1)
+    sizes = np.asarray(np.hypot(*contacts.impulses.T))
+    impulses = np.asarray(np.stack(sums, axis=1), np.float64)
+    return _Pushes(keys, group, pairs, keys % count, impulses, sizes)
+
+
+def _sudden_pushes(
+    world: World, motion: Trajectory, pushes: _Pushes, lasting: Array, span: float
+) -> list[int]:
+    """Return the indices of pushes that rise far above the `lasting` ones (K,) g·px/s."""
+    mass = np.full(len(motion.contacts.surfaces), np.inf)
+    for k, body in enumerate(world.bodies):
+        if body.motion is Motion.DYNAMIC:
+            mass[k] = body.mass
+    lighter = mass[pushes.pairs].min(axis=1)
+    acceleration = max(float(np.hypot(*world.gravity)), world.press)
+    weight = lighter * acceleration * span
+    sizes = pushes.sizes
+    starts = np.asarray(pushes.spans * span, np.float64)
+    change = _stir(world, motion, pushes.pairs, starts, span)
+    changes_motion = lighter * change > sizes / 2
+    threshold = np.where(changes_motion, IMPACT.faint, IMPACT.loud) * weight
+    rise = sizes - IMPACT.uneven * lasting
+    is_sudden = np.isfinite(lighter) & (rise > threshold + 1e-9 * lighter)
+    indices: list[int] = np.flatnonzero(is_sudden).tolist()
+    return indices
+
+
+def _impact(
+    world: World, motion: Trajectory, pushes: _Pushes, k: int, size: float
+) -> Impact:
+    """Build the impact of a sudden push of `size` g·px/s, at the sample of its largest impulse."""
+    contacts = motion.contacts
+    members = np.flatnonzero(pushes.group == k)
+    largest = members[np.argmax(pushes.impulse_sizes[members])]
+    sample, first, second = contacts.impulse_rows[largest].tolist()
+    points, gap = contact_points_between(world, motion.poses[sample], first, second)
+    # Surfaces that meet and part again have met at the sample before.
+    before = max(sample - 1, 0)
+    points_before, gap_before = contact_points_between(
+        world, motion.poses[before], first, second
+    )
+    if gap_before < gap - IMPACT.slack:
+        sample, points = before, points_before
+    direction = pushes.impulses[k] / pushes.sizes[k]
+    time, place = float(motion.times[sample]), points.mean(axis=0)
+    return Impact(time, place, size, direction, (first, second))
 
 
 def _stir(
-    world: World, seen: Trajectory, pairs: NDArray[np.int64], begins: Array, span: float
+    world: World,
+    motion: Trajectory,
+    pairs: NDArray[np.int64],
+    starts: Array,
+    span: float,
 ) -> Array:
-    """(K,) px/s: by how much the velocity of either of two surfaces (K, 2) changes, its rim's as it turns included."""
-    N, T = len(world.bodies), len(seen.times)
-    before = np.maximum(np.searchsorted(seen.times, begins + 1e-9) - 1, 0)
-    after = np.minimum(np.searchsorted(seen.times, begins + span - 1e-9), T - 1)
+    """Return (K,) px/s: the change of velocity of either of two surfaces (K, 2), its rim's as it turns included."""
+    bodies, samples = len(world.bodies), len(motion.times)
+    before = np.searchsorted(motion.times, starts + 1e-9) - 1
+    before = np.maximum(before, 0)
+    after = np.searchsorted(motion.times, starts + span - 1e-9)
+    after = np.minimum(after, samples - 1)
     reach = np.array([body.reach for body in world.bodies])
     change = np.zeros(pairs.shape)
     for side in (0, 1):
-        bodies = np.minimum(pairs[:, side], N - 1)
-        x, y, spin = (
-            seen.velocities[after, bodies] - seen.velocities[before, bodies]
-        ).T
-        change[:, side] = np.where(
-            pairs[:, side] < N, np.hypot(x, y) + np.abs(spin) * reach[bodies], 0.0
-        )
+        body = np.minimum(pairs[:, side], bodies - 1)
+        difference = motion.velocities[after, body] - motion.velocities[before, body]
+        x, y, spin = difference.T
+        speed = np.hypot(x, y) + np.abs(spin) * reach[body]
+        change[:, side] = np.where(pairs[:, side] < bodies, speed, 0.0)
     return np.asarray(change.max(axis=1))
-
-
-def _given(keys: NDArray[np.int64], given: Array, later: int) -> Array:
-    """(K,) g·px/s: what the same two gave each other so many spans later; `keys` rise, and end each pair with gaps."""
-    at = np.searchsorted(keys, keys + later)
-    there = keys[np.minimum(at, len(keys) - 1)] == keys + later
-    return np.where(there, given[np.minimum(at, len(keys) - 1)], 0.0)
 
 
 def contact_points_between(
     world: World, poses: Array, first: int, second: int
 ) -> tuple[Array, float]:
-    """Where two surfaces are nearest at poses (N, 3): one or two points (K, 2) px, and how far apart, px.
+    """Return where two surfaces are nearest at poses (N, 3): one or two points (K, 2) px, and their distance, px.
 
     Surfaces are counted as in `World.surfaces`. Two points are the ends of faces that lie on each other.
     """
-    one, other = _round(world, poses, first), _round(world, poses, second)
-    if one is not None and other is not None:
-        way = other[0] - one[0]
-        far = float(np.hypot(*way))
-        gap = far - one[1] - other[1]
-        return (one[0] + way / max(far, 1e-9) * (one[1] + gap / 2))[None], gap
-    if one is not None:
-        return _disc(*one, _edges(world, poses, second))
-    if other is not None:
-        return _disc(*other, _edges(world, poses, first))
-    edges, others = _edges(world, poses, first), _edges(world, poses, second)
-    ways = [
-        _nearest(edges[:, 0], others),
-        _nearest(edges[:, 1], others),
-        _nearest(others[:, 0], edges),
+    circle, other_circle = _circle(world, poses, first), _circle(world, poses, second)
+    if circle is not None and other_circle is not None:
+        return _between_circles(*circle, *other_circle)
+    if circle is not None:
+        return _below_circle(*circle, _edges(world, poses, second))
+    if other_circle is not None:
+        return _below_circle(*other_circle, _edges(world, poses, first))
+    edges, other_edges = _edges(world, poses, first), _edges(world, poses, second)
+    candidates = [
+        _nearest(edges[:, 0], other_edges),
+        _nearest(edges[:, 1], other_edges),
+        _nearest(other_edges[:, 0], edges),
+        _nearest(other_edges[:, 1], edges),
     ]
-    ways.append(_nearest(others[:, 1], edges))
-    points, gaps = (np.concatenate(part) for part in zip(*ways, strict=True))
+    points = np.concatenate([places for places, _ in candidates])
+    gaps = np.concatenate([distances for _, distances in candidates])
     return _ends(points, gaps, IMPACT.flat)
 
 
-def _disc(center: Array, radius: float, edges: Array) -> tuple[Array, float]:
-    near, away = _nearest(center[None], edges)
-    return _ends(near, away - radius, IMPACT.slack)
+def _between_circles(
+    center: Array, radius: float, other_center: Array, other_radius: float
+) -> tuple[Array, float]:
+    """Return the middle of the gap between two circles, (1, 2) px, and the gap, px."""
+    offset = other_center - center
+    distance = float(np.hypot(*offset))
+    gap = distance - radius - other_radius
+    direction = offset / max(distance, 1e-9)
+    return (center + direction * (radius + gap / 2))[None], gap
 
 
-def _round(world: World, poses: Array, surface: int) -> tuple[Array, float] | None:
-    """Centre (2,) px and radius px of a circle."""
-    radius = world.bodies[surface].radius if surface < len(world.bodies) else None
+def _below_circle(center: Array, radius: float, edges: Array) -> tuple[Array, float]:
+    places, distances = _nearest(center[None], edges)
+    return _ends(places, distances - radius, IMPACT.slack)
+
+
+def _circle(world: World, poses: Array, surface: int) -> tuple[Array, float] | None:
+    """Return centre (2,) px and radius px of a circle; None for other surfaces."""
+    if surface >= len(world.bodies):
+        return None
+    radius = world.bodies[surface].radius
     return None if radius is None else (poses[surface, :2], radius)
 
 
 def _edges(world: World, poses: Array, surface: int) -> Array:
-    """(E, 2, 2) px: the two ends of each edge."""
-    N = len(world.bodies)
-    if surface >= N:
-        chains = world.walls[surface - N].chains
+    """Return (E, 2, 2) px: the two ends of each edge."""
+    count = len(world.bodies)
+    chains: Sequence[Array]
+    if surface >= count:
+        chains = world.walls[surface - count].chains
     else:
         x, y, angle = poses[surface]
         turn = rotation(float(angle))
-        rings = world.bodies[surface].rings
-        chains = tuple(
-            np.concatenate([ring, ring[:1]]) @ turn.T + (x, y) for ring in rings
-        )
-    return np.concatenate(
-        [np.stack([chain[:-1], chain[1:]], axis=1) for chain in chains]
-    )
+        chains = []
+        for ring in world.bodies[surface].rings:
+            closed = np.concatenate([ring, ring[:1]])
+            chains.append(closed @ turn.T + (x, y))
+    edges = [np.stack([chain[:-1], chain[1:]], axis=1) for chain in chains]
+    return np.concatenate(edges)
 
 
 def _nearest(points: Array, edges: Array) -> tuple[Array, Array]:
-    """For each point and edge, the edge's nearest place (P E, 2) px and its distance (P E,) px."""
-    begin, way = edges[:, 0], edges[:, 1] - edges[:, 0]
-    away = points[:, None] - begin
-    along = (away * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-12)
-    near = begin + np.clip(along, 0.0, 1.0)[..., None] * way
-    return near.reshape(-1, 2), np.hypot(
-        *np.moveaxis(points[:, None] - near, -1, 0)
-    ).ravel()
+    """Return for each point and edge the edge's nearest place (P E, 2) px and its distance (P E,) px."""
+    start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
+    offset = points[:, None] - start
+    length_squared = np.maximum((along**2).sum(axis=-1), 1e-12)
+    share = np.clip((offset * along).sum(axis=-1) / length_squared, 0.0, 1.0)
+    places = start + share[..., None] * along
+    x, y = np.moveaxis(points[:, None] - places, -1, 0)
+    return places.reshape(-1, 2), np.hypot(x, y).ravel()
 
 
 def _ends(points: Array, gaps: Array, slack: float) -> tuple[Array, float]:
-    """Of candidates (C, 2) px with their gaps (C,) px, those at the ends of the contact, and the least gap."""
+    """Return the candidates (C, 2) px at the ends of a contact, by their gaps (C,) px, and the least gap."""
     least = float(gaps.min())
     points = points[gaps <= least + slack]
     middle = points.mean(axis=0)
     end = points[np.argmax(((points - middle) ** 2).sum(axis=1))]
-    other = points[np.argmax(((points - end) ** 2).sum(axis=1))]
-    if np.hypot(*(other - end)) < IMPACT.apart:
+    other_end = points[np.argmax(((points - end) ** 2).sum(axis=1))]
+    if np.hypot(*(other_end - end)) < IMPACT.apart:
         return middle[None], least
-    return np.stack([end, other]), least
+    return np.stack([end, other_end]), least

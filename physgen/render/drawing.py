@@ -14,20 +14,28 @@ from physgen.geometry.polygon import Array
 from physgen.maps import F32, U8
 from physgen.photometry import decode, encode_u8
 
-Colour = tuple[int, int, int]  # sRGB
+Colour = tuple[int, int, int]
+"""SRGB."""
 
-FINE = 3  # sub-pixels a side: widths are kept to a third of a pixel
-BITS = 4  # of a sub-pixel, that OpenCV keeps of a place, so that nothing trembles as it moves
-FARTHEST = 1e6  # px: what lies farther out is not drawn
+FINE = 3
+"""Sub-pixels a side: widths are kept to a third of a pixel."""
+BITS = 4
+"""Of a sub-pixel, that OpenCV keeps of a place, so that nothing trembles as it moves."""
+FARTHEST = 1e6
+"""px: what lies farther out is not drawn."""
 CASING: Colour = (18, 20, 26)
-OPAQUE = 0.78  # of the casing
+OPAQUE = 0.78
+"""Of the casing."""
 
 
 class Layer:
-    """Ink of one colour, and its casing, on a canvas of `size` (W, H) px. What crosses in a layer merges."""
+    """Ink of one colour, and its casing, on a canvas of `size` (W, H) px.
+
+    What crosses in a layer merges.
+    """
 
     def __init__(self, size: tuple[int, int], casing: float) -> None:
-        """`casing` px of dark around each mark."""
+        """Create an empty layer; `casing` px of dark around each mark."""
         self._casing, self._size = casing, size
         self._ink = np.zeros((size[1] * FINE, size[0] * FINE), np.uint8)
         self._dark = np.zeros_like(self._ink)
@@ -35,117 +43,108 @@ class Layer:
     def line(
         self, points: Array, width: float, strength: float = 1.0, closed: bool = False
     ) -> None:
-        """A chain of segments through (K, 2) px."""
+        """Draw a chain of segments through (K, 2) px."""
         self._lines(points[None], width, 255 * strength, closed)
 
     def segments(
         self, begins: Array, ends: Array, width: float, strengths: Array
     ) -> None:
-        """(K, 2) px to (K, 2) px, each of a strength (K,) in 0..1; later ones lie on top."""
+        """Draw segments from (K, 2) px to (K, 2) px, each of a strength (K,) in 0..1.
+
+        Later ones lie on top.
+        """
         chains = np.stack([begins, ends], axis=1)
         levels = np.ceil(strengths * 16) * (255 / 16)
         for level in np.unique(levels).tolist():
             self._lines(chains[levels == level], width, level, False)
 
     def _lines(self, chains: Array, width: float, level: float, closed: bool) -> None:
-        """(K, N, 2) px."""
-        placed = list(_fixed(chains[np.abs(chains).max(axis=(1, 2)) < FARTHEST]))
+        """Draw chains (K, N, 2) px."""
+        is_near = np.abs(chains).max(axis=(1, 2)) < FARTHEST
+        corners = list(_fixed(chains[is_near]))
+        grey = round(level)
         for mask, more in ((self._dark, 2 * self._casing), (self._ink, 0.0)):
-            cv2.polylines(
-                mask,
-                placed,
-                closed,
-                round(level),
-                _thick(width + more),
-                cv2.LINE_AA,
-                BITS,
-            )
+            thickness = _thick(width + more)
+            kind = cv2.LINE_AA
+            cv2.polylines(mask, corners, closed, grey, thickness, kind, BITS)
 
     def area(self, points: Array, strength: float = 1.0) -> None:
-        """A filled outline (K, 2) px."""
-        if np.abs(points).max() < FARTHEST:
-            placed, level = [_fixed(points)], round(255 * strength)
-            cv2.fillPoly(self._ink, placed, level, cv2.LINE_AA, BITS)
-            cv2.fillPoly(self._dark, placed, level, cv2.LINE_AA, BITS)
-            if self._casing:
-                cv2.polylines(
-                    self._dark,
-                    placed,
-                    True,
-                    level,
-                    _thick(2 * self._casing),
-                    cv2.LINE_AA,
-                    BITS,
-                )
+        """Draw a filled outline (K, 2) px."""
+        if np.abs(points).max() >= FARTHEST:
+            return
+        corners, level, kind = [_fixed(points)], round(255 * strength), cv2.LINE_AA
+        cv2.fillPoly(self._ink, corners, level, kind, BITS)
+        cv2.fillPoly(self._dark, corners, level, kind, BITS)
+        if self._casing:
+            thickness = _thick(2 * self._casing)
+            cv2.polylines(self._dark, corners, True, level, thickness, kind, BITS)
 
     def words(self, text: str, at: tuple[float, float], size: float) -> None:
-        """Text of `size` px whose middle is `at` x, y px; the middle of its small letters, not of its tails."""
-        ink, dark, (x, y) = text_masks(
-            text, round(size * FINE), round(1.4 * self._casing * FINE)
-        )
-        left, top = round((at[0] + 0.5) * FINE - x), round((at[1] + 0.5) * FINE - y)
-        for mask, letters in ((self._dark, dark), (self._ink, ink)):
-            x0, y0 = max(left, 0), max(top, 0)
-            there = mask[
-                y0 : max(top + letters.shape[0], 0),
-                x0 : max(left + letters.shape[1], 0),
-            ]
-            part = letters[y0 - top :, x0 - left :][: there.shape[0], : there.shape[1]]
-            np.maximum(there, part, out=there)
+        """Write text of `size` px whose middle is `at` x, y px.
+
+        The middle of its small letters, not of its tails.
+        """
+        casing = round(1.4 * self._casing * FINE)
+        ink, dark, (x, y) = text_masks(text, round(size * FINE), casing)
+        left = round((at[0] + 0.5) * FINE - x)
+        top = round((at[1] + 0.5) * FINE - y)
+        _stamp(self._dark, dark, left, top)
+        _stamp(self._ink, ink, left, top)
 
     def onto(self, rgb: U8, colour: Colour, casing: float = OPAQUE) -> None:
-        """Blend into a picture (H, W, 3) sRGB, in linear light; pixels without ink stay as they are."""
+        """Blend into a picture (H, W, 3) sRGB, in linear light.
+
+        Pixels without ink stay as they are.
+        """
         x, y, width, height = cv2.boundingRect(self._dark)
         if not width:
             return
-        x0, y0, x1, y1 = (
-            x // FINE,
-            y // FINE,
-            -(-(x + width) // FINE),
-            -(-(y + height) // FINE),
-        )
-        own = np.s_[y0 * FINE : y1 * FINE, x0 * FINE : x1 * FINE]
-        dark, ink = (
-            cv2.resize(mask[own], (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
-            for mask in (self._dark, self._ink)
-        )
-        there = (dark > 0) | (ink > 0)
+        x0, y0 = x // FINE, y // FINE
+        x1, y1 = -(-(x + width) // FINE), -(-(y + height) // FINE)
+        fine_box = np.s_[y0 * FINE : y1 * FINE, x0 * FINE : x1 * FINE]
+        size, area = (x1 - x0, y1 - y0), cv2.INTER_AREA
+        dark = cv2.resize(self._dark[fine_box], size, interpolation=area)
+        ink = cv2.resize(self._ink[fine_box], size, interpolation=area)
+        is_marked = (dark > 0) | (ink > 0)
         part = rgb[y0:y1, x0:x1]
-        light = decode(part[there])
-        light += (
-            dark[there][:, None] * np.float32(casing / 255) * (_light(CASING) - light)
-        )
-        light += ink[there][:, None] * np.float32(1 / 255) * (_light(colour) - light)
-        part[there] = encode_u8(light)
+        light = decode(part[is_marked])
+        casing_share = dark[is_marked][:, None] * np.float32(casing / 255)
+        light += casing_share * (_light(CASING) - light)
+        ink_share = ink[is_marked][:, None] * np.float32(1 / 255)
+        light += ink_share * (_light(colour) - light)
+        part[is_marked] = encode_u8(light)
+
+
+def _stamp(mask: U8, letters: U8, left: int, top: int) -> None:
+    """Add letters (h, w) to a mask (H, W) at a place that may lie partly outside."""
+    height, width = letters.shape
+    x0, y0 = max(left, 0), max(top, 0)
+    canvas = mask[y0 : max(top + height, 0), x0 : max(left + width, 0)]
+    part = letters[y0 - top :, x0 - left :][: canvas.shape[0], : canvas.shape[1]]
+    np.maximum(canvas, part, out=canvas)
 
 
 @lru_cache(maxsize=1024)
 def text_masks(text: str, size: int, casing: int) -> tuple[U8, U8, tuple[float, float]]:
-    """Masks (h, w) of a line of text and of its casing, in sub-pixels, and where in them its middle is."""
+    """Return masks (h, w) of a line of text and of its casing, in sub-pixels, and their middle."""
     from PIL import Image, ImageDraw, ImageFont  # few pictures have words on them
 
     font = ImageFont.load_default(size)
     left, _, right, _ = font.getbbox(text, anchor="ls")
     up, down = ceil(0.95 * size), ceil(0.3 * size)
     width, height = ceil(right - left) + 2 * casing + 2, up + down + 2 * casing + 2
+    start = (casing + 1 - left, casing + 1 + up)
     masks = []
     for stroke in (0, casing):
         picture = Image.new("L", (width, height))
         draw = ImageDraw.Draw(picture)
-        draw.text(
-            (casing + 1 - left, casing + 1 + up),
-            text,
-            255,
-            font,
-            anchor="ls",
-            stroke_width=stroke,
-        )
+        draw.text(start, text, 255, font, anchor="ls", stroke_width=stroke)
         masks.append(np.asarray(picture, np.uint8))
     return masks[0], masks[1], (width / 2, casing + 1 + up - 0.3 * size)
 
 
 def text_width(text: str, size: float) -> float:
-    """px that a line of text takes."""
+    """Return px that a line of text takes."""
     ink, _, _ = text_masks(text, round(size * FINE), 0)
     return float(ink.shape[1] / FINE)
 
@@ -155,7 +154,10 @@ def _thick(width: float) -> int:
 
 
 def _fixed(points: Array) -> NDArray[np.int32]:
-    """px -> sub-pixels in OpenCV's fixed point; whole numbers are centres of pixels in both."""
+    """Convert px to sub-pixels in OpenCV's fixed point.
+
+    Whole numbers are centres of pixels in both.
+    """
     return np.asarray(np.rint(((points + 0.5) * FINE - 0.5) * 2**BITS), np.int32)
 
 
@@ -163,12 +165,17 @@ def _light(colour: Colour) -> F32:
     return decode(np.array(colour, np.uint8))
 
 
-SHAFT = 1.5  # pens: the width of an arrow's shaft
-HEAD = 4.6  # widths of its shaft that an arrow's head is long
+SHAFT = 1.5
+"""Pens: the width of an arrow's shaft."""
+HEAD = 4.6
+"""Widths of its shaft that an arrow's head is long."""
 
 
 def arrow(tail: Array, tip: Array, width: float) -> Array:
-    """(7, 2) px: the outline of an arrow whose point is at `tip`; a short one is a small head on a short shaft."""
+    """Return the outline (7, 2) px of an arrow with its point at `tip`.
+
+    A short one is a small head on a short shaft.
+    """
     way = tip - tail
     length = float(np.hypot(*way))
     across = np.array([-way[1], way[0]]) / length
@@ -180,7 +187,7 @@ def arrow(tail: Array, tip: Array, width: float) -> Array:
 
 
 def head(tip: Array, way: Array, length: float) -> Array:
-    """(3, 2) px: barb, point and barb of an arrow's head that looks along `way`."""
+    """Return (3, 2) px: barb, point and barb of an arrow's head that looks along `way`."""
     along = way / float(np.hypot(*way))
     across = 0.46 * length * np.array([-along[1], along[0]])
     return np.array([tip - length * along - across, tip, tip - length * along + across])
@@ -203,20 +210,24 @@ def dashes(ring: Array, length: float, gap: float) -> Iterator[Array]:
 
 
 def circle(center: Sequence[float] | Array, radius: float) -> Array:
-    """(K, 2) px of a circle, close enough that no chord shows."""
+    """Return (K, 2) px of a circle, close enough that no chord shows."""
     count = min(max(16, ceil(pi * np.sqrt(max(radius, 1.0) * 10))), 720)
-    angles = np.arange(count) * (2 * pi / count)
-    return np.asarray(
-        center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), np.float64
-    )
+    return _on_circle(center, radius, np.arange(count) * (2 * pi / count))
+
+
+def _on_circle(center: Sequence[float] | Array, radius: float, angles: Array) -> Array:
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.asarray(center + radius * directions, np.float64)
 
 
 def arc(center: Array, radius: float, sweep: float) -> Array:
-    """(K, 2) px of an arc with its middle at the top, that sweeps rad from +x towards +y where positive."""
-    angles = -pi / 2 + np.linspace(-sweep / 2, sweep / 2, max(3, ceil(24 * abs(sweep))))
-    return np.asarray(
-        center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), np.float64
-    )
+    """Return (K, 2) px of an arc with its middle at the top.
+
+    Positive `sweep` rad goes from +x towards +y.
+    """
+    count = max(3, ceil(24 * abs(sweep)))
+    angles = -pi / 2 + np.linspace(-sweep / 2, sweep / 2, count)
+    return _on_circle(center, radius, angles)
 
 
 def straight_arrow(
@@ -228,17 +239,16 @@ def straight_arrow(
     *,
     struck: bool = False,
 ) -> None:
-    """An arrow from a dot; from a ring where something was struck: an impulse, no lasting force."""
+    """Draw an arrow from a dot; from a ring for an impulse, which is no lasting force."""
     if struck:
         layer.line(circle(tail, 2.6 * pen), pen, strength, closed=True)
-    layer.area(
-        circle(tail, min(1.1 * pen, 0.15 * float(np.hypot(*(tip - tail))))), strength
-    )
+    length = float(np.hypot(*(tip - tail)))
+    layer.area(circle(tail, min(1.1 * pen, 0.15 * length)), strength)
     layer.area(arrow(tail, tip, SHAFT * pen), strength)
 
 
 def curved_arrow(layer: Layer, path: Array, pen: float, strength: float = 1.0) -> None:
-    """An arrow along a path (K, 2) px, K >= 3; its point is at the path's end."""
+    """Draw an arrow along a path (K, 2) px, K >= 3; its point is at the path's end."""
     steps = np.hypot(*np.diff(path, axis=0).T)
     length = min(HEAD * SHAFT * pen, 0.62 * float(steps.sum()))
     # the head looks along its own chord of the path, and the shaft ends within it
@@ -251,6 +261,6 @@ def curved_arrow(layer: Layer, path: Array, pen: float, strength: float = 1.0) -
 def ring(
     layer: Layer, center: Array, radius: float, pen: float, strength: float = 1.0
 ) -> None:
-    """A ring with a dot in its middle: an impact."""
+    """Draw a ring with a dot in its middle: an impact."""
     layer.line(circle(center, radius), 0.8 * pen, strength, closed=True)
     layer.area(circle(center, min(1.5 * pen, radius / 2)), strength)

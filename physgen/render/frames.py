@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import F32, U8, U16
 from physgen.geometry.polygon import rotation
-from physgen.geometry.shadows import F32, Silhouette
-from physgen.maps import U16
+from physgen.geometry.shadows import Silhouette
 from physgen.photometry import decode, encode_u8
 from physgen.render.atlas import BallSprites, ShadowSprites
 from physgen.render.occlusion import (
@@ -28,8 +28,8 @@ from physgen.render.occlusion import (
     relit_border,
     sprite_silhouette,
 )
-from physgen.render.shadow_decomposition import shaded_background
-from physgen.render.sprites import CUT
+from physgen.render.shadow_decomposition import LitBackground, shaded_background
+from physgen.render.sprites import CUT, Sides
 from physgen.render.stage import (
     Cover,
     Frame,
@@ -54,7 +54,10 @@ from physgen.simulate.trajectory import Trajectory
 
 
 def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The nearest sRGB code of linear light, any shape (h, w, 3); the same bytes as `encode_u8`, in less time."""
+    """Return the nearest sRGB code of linear light (h, w, 3).
+
+    The same bytes as `encode_u8`, in less time.
+    """
     index = np.clip(linear, 0, 1)
     index *= np.float32(65535)
     index += np.float32(0.5)
@@ -64,7 +67,7 @@ def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 @cache
 def _table() -> tuple[Callable[..., object], NDArray[np.uint8]]:
-    """What looks codes up, and (65536,) codes of 16-bit light."""
+    """Return the function that looks codes up, and (65536,) codes of 16-bit light."""
     table = encode_u8(np.arange(65536, dtype=np.float32) / np.float32(65535))
     try:
         cv2.LUT(np.zeros((1, 1, 3), np.uint16), table)
@@ -73,109 +76,128 @@ def _table() -> tuple[Callable[..., object], NDArray[np.uint8]]:
     return cv2.LUT, table
 
 
-TILE = 32  # px a side of the tiles in which touched pixels are counted
+TILE = 32
+"""px a side of the tiles in which touched pixels are counted."""
 
 
 def touched_tiles(boxes: Sequence[Slices], size: tuple[int, int]) -> list[int]:
-    """The tiles that the boxes touch: a number for each row of tiles, with a bit for each tile."""
-    marked = [0] * (-(-size[1] // TILE))
+    """Return the tiles that the boxes touch: a number for each row of tiles, with a bit for each tile."""
+    tiles = [0] * (-(-size[1] // TILE))
     for rows, columns in boxes:
-        if rows.stop > rows.start and columns.stop > columns.start:
-            run = (1 << ((columns.stop - 1) // TILE + 1)) - (
-                1 << (columns.start // TILE)
-            )
-            for row in range(rows.start // TILE, (rows.stop - 1) // TILE + 1):
-                marked[row] |= run
-    return marked
+        if rows.stop <= rows.start or columns.stop <= columns.start:
+            continue
+        first, last = columns.start // TILE, (columns.stop - 1) // TILE
+        bits = (1 << (last + 1)) - (1 << first)
+        for row in range(rows.start // TILE, (rows.stop - 1) // TILE + 1):
+            tiles[row] |= bits
+    return tiles
 
 
 def boxes_of_tiles(tiles: Sequence[int], size: tuple[int, int]) -> list[Slices]:
-    """The boxes of `union`, of tiles as `tiled` has them."""
-    found: list[Slices] = []
-    begun: dict[tuple[int, int], int] = {}
+    """Return boxes that cover `tiles`, as `touched_tiles` returns them, without overlap."""
+    boxes: list[Slices] = []
+    first_rows: dict[tuple[int, int], int] = {}
     for row, bits in enumerate([*tiles, 0]):
-        here = []
-        while bits:
-            first = (bits & -bits).bit_length() - 1
-            length = (~(bits >> first) & ((bits >> first) + 1)).bit_length() - 1
-            here.append((first, first + length))
-            bits &= ~(((1 << length) - 1) << first)
-        for first, last in [run for run in begun if run not in here]:
-            top = begun.pop((first, last))
-            found.append(
-                (
-                    slice(top * TILE, min(row * TILE, size[1])),
-                    slice(first * TILE, min(last * TILE, size[0])),
-                )
-            )
-        for run in here:
-            begun.setdefault(run, row)
-    return found
+        runs = _runs_of_bits(bits)
+        for first, last in [run for run in first_rows if run not in runs]:
+            top = first_rows.pop((first, last))
+            rows = slice(top * TILE, min(row * TILE, size[1]))
+            boxes.append((rows, slice(first * TILE, min(last * TILE, size[0]))))
+        for run in runs:
+            first_rows.setdefault(run, row)
+    return boxes
+
+
+def _runs_of_bits(bits: int) -> list[tuple[int, int]]:
+    """Return the first and one past the last bit of each run of set bits."""
+    runs = []
+    while bits:
+        first = (bits & -bits).bit_length() - 1
+        # The lowest bit that is not set ends the run.
+        shifted = bits >> first
+        length = (~shifted & (shifted + 1)).bit_length() - 1
+        runs.append((first, first + length))
+        bits &= ~(((1 << length) - 1) << first)
+    return runs
 
 
 class BackgroundCache:
-    """What is left when objects have gone; kept from frame to frame, as most objects that move go on moving.
+    """The background without the shadows of objects that have moved, kept from frame to frame.
 
-    It depends on none of the frames that came before: the same objects gone leave the same to the last bit.
+    It does not depend on the frames before: the same moved objects leave the same background to the last bit.
     """
 
     def __init__(self, stage: Stage) -> None:
         self._lit = stage.lit
-        self._gone: set[int] = set()
-        self.dark: F32 | None = None if stage.lit is None else stage.lit.total.copy()
-        """(H, W): -log of the light that is left."""
-        self.light: F32 = (
-            decode(stage.background) if stage.lit is None else stage.lit.behind()
-        )
+        self._moved: set[int] = set()
+        self.dark: F32 | None = None
+        """(H, W): -log of the remaining light."""
+        if stage.lit is None:
+            light = decode(stage.background)
+        else:
+            light = stage.lit.behind()
+            self.dark = stage.lit.total.copy()
+        self.light: F32 = light
         """(H, W, 3) linear."""
         self.codes = encode_picture(self.light)
         """(H, W, 3) sRGB."""
 
-    def by(self, stands: Sequence[SpritePose]) -> list[Slices]:
-        """Go on to objects as they stand now; returns where anything changed."""
-        lit, dark = self._lit, self.dark
-        if lit is None or dark is None:
+    def update(self, stands: Sequence[SpritePose]) -> list[Slices]:
+        """Update the background for objects at new poses; return the boxes of all changes."""
+        lit, darkness = self._lit, self.dark
+        if lit is None or darkness is None:
             return []
-        gone = {
-            s.k
-            for s in stands
-            if s.start != s.pose and lit.casts[s.k].whole is not None
-        }
-        if gone == self._gone:
+        shadows = {}
+        for stand in stands:
+            shadow = lit.casts[stand.k].whole
+            if stand.start != stand.pose and shadow is not None:
+                shadows[stand.k] = shadow
+        moved = set(shadows)
+        if moved == self._moved:
             return []
-        boxes = [
-            whole[0]
-            for k in gone ^ self._gone
-            if (whole := lit.casts[k].whole) is not None
-        ]
-        self._gone = gone
-        size = (dark.shape[1], dark.shape[0])
-        changed = boxes_of_tiles(
-            touched_tiles([np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in boxes], size), size
-        )
+        changed = self._shadow_boxes(moved ^ self._moved)
+        self._moved = moved
         for box in changed:
-            dark[box] = lit.total[box]
-        for k in sorted(gone):
-            if (whole := lit.casts[k].whole) is not None:
-                for box in changed:
-                    _take(dark, box, *whole)
+            darkness[box] = lit.total[box]
+        # In order, so that rounding is the same in every frame.
+        for k in sorted(moved):
+            for box in changed:
+                _take(darkness, box, *shadows[k])
         for box in changed:
-            self.light[box] = shaded_background(lit.plate[box], dark[box], lit.tint)
+            self.light[box] = shaded_background(lit.plate[box], darkness[box], lit.tint)
             self.codes[box] = encode_picture(self.light[box])
         return changed
 
+    def _shadow_boxes(self, objects: set[int]) -> list[Slices]:
+        """Return boxes of tiles that the shadows of some objects touch."""
+        assert self._lit is not None
+        boxes = []
+        for k in objects:
+            shadow = self._lit.casts[k].whole
+            if shadow is not None:
+                x0, y0, x1, y1 = shadow[0]
+                boxes.append(np.s_[y0:y1, x0:x1])
+        height, width = self.light.shape[:2]
+        return boxes_of_tiles(touched_tiles(boxes, (width, height)), (width, height))
 
-def _take(dark: F32, box: Slices, at: tuple[int, int, int, int], what: F32) -> None:
-    """Take the part of `what` that lies in the box, of a picture whose box is `at`, from `dark` (H, W)."""
-    x0, y0 = max(box[1].start, at[0]), max(box[0].start, at[1])
-    x1, y1 = min(box[1].stop, at[2]), min(box[0].stop, at[3])
+
+def _take(
+    darkness: F32, box: Slices, shadow_box: tuple[int, int, int, int], shadow: F32
+) -> None:
+    """Subtract the part of a shadow that lies in the box from `darkness` (H, W)."""
+    left, top, right, bottom = shadow_box
+    x0, y0 = max(box[1].start, left), max(box[0].start, top)
+    x1, y1 = min(box[1].stop, right), min(box[0].stop, bottom)
     if x0 < x1 and y0 < y1:
-        dark[y0:y1, x0:x1] -= what[y0 - at[1] : y1 - at[1], x0 - at[0] : x1 - at[0]]
+        darkness[y0:y1, x0:x1] -= shadow[y0 - top : y1 - top, x0 - left : x1 - left]
 
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """OpenCV on this thread alone, for a while; a third less CPU time, and the encoder has the other core."""
+    """Run OpenCV on this thread alone, for a while.
+
+    A third less CPU time, and the encoder has the other core.
+    """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -190,25 +212,31 @@ class Picture:
 
     stand: SpritePose
     where: Placement
-    light: F32  # (h, w, 3) linear, times coverage
-    coverage: F32  # (h, w)
+    light: F32
+    """(h, w, 3) linear, times coverage."""
+    coverage: F32
+    """(h, w)."""
     rest: tuple[Slices, F32] | None
-    """A box and (h, w, 3) what the photo shows there beyond light and background; as bright as the background is."""
-    factor: F32 | None = (
-        None  # (h, w) by which `light` was multiplied for the shadows of others
-    )
+    """A box and (h, w, 3) what the photo shows there beyond light and background.
+
+    As bright as the background is.
+    """
+    factor: F32 | None = None
+    """(h, w) by which `light` was multiplied for the shadows of others."""
 
 
 @dataclass(frozen=True)
 class ExposureTuning:
     """How finely an exposure is divided."""
 
-    sharp: float = 0.5  # px of motion that no exposure shows
-    step: float = (
-        2.0  # px that any point of an object moves between two of its pictures
-    )
-    shadow: float = 8.0  # px that its shadow moves, which is softer
-    shadows: int = 4  # of an object in an exposure, at most
+    sharp: float = 0.5
+    """px of motion that no exposure shows."""
+    step: float = 2.0
+    """px that any point of an object moves between two of its pictures."""
+    shadow: float = 8.0
+    """px that its shadow moves, which is softer."""
+    shadows: int = 4
+    """Of an object in an exposure, at most."""
 
 
 EXPOSURE = ExposureTuning()
@@ -221,7 +249,7 @@ def render_frames(
     parts: int = 1,
     ways: NDArray[np.float64] | None = None,
 ) -> Iterator[Frame]:
-    """Frames of the trajectory's samples in their `order`, all one after the other unless given.
+    """Yield frames of the trajectory's samples in their `order`, all one after the other unless given.
 
     Each is an exposure of `parts` samples, with the time and the ids of the last, as which it is composed; what moved
     is smeared along its way there (of `ways` (T, N, 3) where a camera moves, too), which is the mean of light wherever
@@ -232,78 +260,24 @@ def render_frames(
     ways = trajectory.poses if ways is None else ways
     if parts > 1 and stage.scale != 1.0:
         ways = enlarged_poses(ways, stage.scale)
-    size = (stage.background.shape[1], stage.background.shape[0])
+    last_samples = samples[parts - 1 :: parts]
     with single_threaded():
-        balls, left = BallSprites(stage.sprites), BackgroundCache(stage)
-        canvas: F32 = left.light.copy()
-        shadows = _Shadows(stage, left)
-        before = touched_tiles([], size)
-        for index, (time, stands) in enumerate(
-            sprite_poses(stage, trajectory, samples[parts - 1 :: parts])
-        ):
-            changed = left.by(stands)
-            before = [
-                a | b for a, b in zip(before, touched_tiles(changed, size), strict=True)
-            ]
-            pictures = list(_pictures(stage, balls, stands))
-            trails = _trails(
-                stage, ways[list(samples[index * parts : (index + 1) * parts])]
-            )
-            relit = shadows.thrown(canvas, stands, pictures, trails, changed)
-            _add_sides(stage, pictures)
-            for box in boxes_of_tiles(
-                [a & ~b for a, b in zip(before, relit, strict=True)], size
-            ):
-                canvas[box] = left.light[box]
-            layers = _LayerList(stage, left, canvas) if stage.keeps_layers else None
-            touched = boxes_of_tiles(relit, size)
-            around_them = halos_left(stage.sprites, stands)
-            for picture in pictures:
-                if (below := _mirrored(stage, picture, around_them)) is not None:
-                    canvas[below[0]] += below[1]
-                    touched.append(below[0])
-                sprite = stage.sprites[picture.stand.k]
-                if (
-                    around := draw_halo(sprite, picture.stand, around_them)
-                ) is not None:
-                    shadows.add_border(canvas, *around)
-                    touched.append(around[0])
-            drawn = {picture.stand.k: picture for picture in pictures}
-            for stand in stands:
-                seen = drawn.get(stand.k)
-                layer = (
-                    None
-                    if seen is None
-                    else (seen.where.box, seen.light, seen.coverage)
-                )
-                if stand.k in trails:
-                    layer = _smeared(stage, balls, stand, seen, trails[stand.k])
-                if layer is not None:
-                    if layers is not None:
-                        layers.add(stage.sprites[stand.k].body, *layer)
-                    under = canvas[layer[0]]
-                    cv2.multiply(under, three_channels(1 - layer[2]), dst=under)
-                    cv2.add(under, layer[1], dst=under)
-                    touched.append(layer[0])
-                if seen is not None and seen.rest is not None:
-                    shadows.add_border(canvas, *seen.rest)
-                    touched.append(seen.rest[0])
-            before = touched_tiles(touched, size)
-            rgb = left.codes.copy()
-            for box in boxes_of_tiles(before, size):
-                rgb[box] = encode_picture(canvas[box])
-            covers = [
-                (stage.sprites[p.stand.k].body + 1, p.where.box, p.coverage)
-                for p in pictures
-            ]
+        painter = _Painter(stage)
+        poses = sprite_poses(stage, trajectory, last_samples)
+        for index, (time, stands) in enumerate(poses):
+            exposure = list(samples[index * parts : (index + 1) * parts])
+            trails = _trails(stage, ways[exposure])
+            pictures = list(_pictures(stage, painter.balls, stands))
+            rgb = painter.paint(stands, pictures, trails)
+            covers = _covers(stage, pictures)
             yield Frame(
                 index,
                 time,
                 rgb,
-                partial(_named, covers, size),
+                partial(_named, covers, painter.size),
                 partial(_covering, covers),
                 stage.faces,
-                None if layers is None else layers.taken_apart,
+                None if painter.layers is None else painter.layers.taken_apart,
             )
 
 
@@ -317,22 +291,141 @@ class _LayerList:
         self._sprites: list[SpriteLayer] = []
 
     def add(self, body: int, box: Slices, light: F32, coverage: F32) -> None:
+        """Add a sprite in front of the others."""
         self._sprites.append(SpriteLayer(body, box, light, coverage))
 
     def taken_apart(self) -> Layers:
+        """Return the layers, the sprites in the order in which they were drawn."""
         return Layers(self._plate, self._shaded, self._sprites, self._order)
+
+
+def _covers(stage: Stage, pictures: Sequence[Picture]) -> list[tuple[int, Slices, F32]]:
+    """Return the id, the box and the coverage of each picture."""
+    covers = []
+    for picture in pictures:
+        id_ = stage.sprites[picture.stand.k].body + 1
+        covers.append((id_, picture.where.box, picture.coverage))
+    return covers
+
+
+class _Painter:
+    """Paints frame after frame on one canvas; only touched tiles are painted again."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+        self._background = BackgroundCache(stage)
+        self._canvas: F32 = self._background.light.copy()
+        self._shadows = _Shadows(stage, self._background)
+        self.balls = BallSprites(stage.sprites)
+        height, width = stage.background.shape[:2]
+        self.size = (width, height)
+        self._painted_tiles = touched_tiles([], self.size)
+        self.layers: _LayerList | None = None
+        """The layers of the last frame, if the stage keeps layers."""
+
+    def paint(
+        self,
+        stands: Sequence[SpritePose],
+        pictures: Sequence[Picture],
+        trails: Mapping[int, Trail],
+    ) -> U8:
+        """Return a frame (H, W, 3) sRGB."""
+        changed = self._background.update(stands)
+        shaded_tiles = self._shadows.throw(
+            self._canvas, stands, pictures, trails, changed
+        )
+        _add_sides(self._stage, pictures)
+        self._restore(changed, shaded_tiles)
+        if self._stage.keeps_layers:
+            self.layers = _LayerList(self._stage, self._background, self._canvas)
+        touched = boxes_of_tiles(shaded_tiles, self.size)
+        touched += self._paint_surroundings(stands, pictures)
+        touched += self._paint_objects(stands, pictures, trails)
+        self._painted_tiles = touched_tiles(touched, self.size)
+        rgb = self._background.codes.copy()
+        for box in boxes_of_tiles(self._painted_tiles, self.size):
+            rgb[box] = encode_picture(self._canvas[box])
+        return rgb
+
+    def _restore(self, changed: Sequence[Slices], shaded_tiles: Sequence[int]) -> None:
+        """Restore the background in tiles of the last frame that shadows have not shaded again."""
+        changed_tiles = touched_tiles(changed, self.size)
+        stale_tiles = []
+        tiles = zip(self._painted_tiles, changed_tiles, shaded_tiles, strict=True)
+        for painted, moved, shaded in tiles:
+            stale_tiles.append((painted | moved) & ~shaded)
+        for box in boxes_of_tiles(stale_tiles, self.size):
+            self._canvas[box] = self._background.light[box]
+
+    def _paint_surroundings(
+        self, stands: Sequence[SpritePose], pictures: Sequence[Picture]
+    ) -> list[Slices]:
+        """Paint reflections and halos of objects below the objects.
+
+        Return the boxes that changed.
+        """
+        boxes = []
+        shares = halos_left(self._stage.sprites, stands)
+        for picture in pictures:
+            reflection = _mirrored(self._stage, picture, shares)
+            if reflection is not None:
+                box, light = reflection
+                self._canvas[box] += light
+                boxes.append(box)
+            sprite = self._stage.sprites[picture.stand.k]
+            halo = draw_halo(sprite, picture.stand, shares)
+            if halo is not None:
+                self._shadows.add_border(self._canvas, *halo)
+                boxes.append(halo[0])
+        return boxes
+
+    def _paint_objects(
+        self,
+        stands: Sequence[SpritePose],
+        pictures: Sequence[Picture],
+        trails: Mapping[int, Trail],
+    ) -> list[Slices]:
+        """Paint objects, the farthest first; return the boxes that changed."""
+        boxes = []
+        by_sprite = {picture.stand.k: picture for picture in pictures}
+        for stand in stands:
+            picture = by_sprite.get(stand.k)
+            layer = self._layer(stand, picture, trails.get(stand.k))
+            if layer is not None:
+                box, light, coverage = layer
+                if self.layers is not None:
+                    body = self._stage.sprites[stand.k].body
+                    self.layers.add(body, box, light, coverage)
+                under = self._canvas[box]
+                cv2.multiply(under, three_channels(1 - coverage), dst=under)
+                cv2.add(under, light, dst=under)
+                boxes.append(box)
+            if picture is not None and picture.rest is not None:
+                self._shadows.add_border(self._canvas, *picture.rest)
+                boxes.append(picture.rest[0])
+        return boxes
+
+    def _layer(
+        self, stand: SpritePose, picture: Picture | None, trail: Trail | None
+    ) -> tuple[Slices, F32, F32] | None:
+        """Return a box, light and coverage of an object; None if it is out of the picture."""
+        if trail is not None:
+            return _smeared(self._stage, self.balls, stand, picture, trail)
+        if picture is None:
+            return None
+        return picture.where.box, picture.light, picture.coverage
 
 
 class _Shadows:
     """Shadows on the background and on objects, from frame to frame."""
 
-    def __init__(self, stage: Stage, left: BackgroundCache) -> None:
-        self._stage, self._lit, self._left = stage, stage.lit, left
+    def __init__(self, stage: Stage, background: BackgroundCache) -> None:
+        self._stage, self._lit, self._background = stage, stage.lit, background
         self._slides = ShadowSprites([] if stage.lit is None else stage.lit.casts)
-        self._dark = None if left.dark is None else left.dark.copy()
-        self._before: list[Slices] = []
+        self._dark = None if background.dark is None else background.dark.copy()
+        self._shaded: list[Slices] = []
 
-    def thrown(
+    def throw(
         self,
         canvas: F32,
         stands: Sequence[SpritePose],
@@ -340,53 +433,78 @@ class _Shadows:
         trails: Mapping[int, Trail],
         changed: list[Slices],
     ) -> list[int]:
-        """Shade the background and the `pictures`; returns the tiles of `canvas` (H, W, 3) that were made anew."""
-        lit, dark, behind = self._lit, self._dark, self._left.dark
+        """Shade the background and the `pictures`.
+
+        Return the tiles of `canvas` (H, W, 3) that were made anew.
+        """
+        lit, darkness, behind = self._lit, self._dark, self._background.dark
         size = (canvas.shape[1], canvas.shape[0])
-        if lit is None or dark is None or behind is None:
+        if lit is None or darkness is None or behind is None:
             return touched_tiles([], size)
-        for box in self._before + changed:
-            dark[box] = behind[box]
+        for box in self._shaded + changed:
+            darkness[box] = behind[box]
         figures = _figures(self._stage, pictures)
+        boxes = self._add_shadows(darkness, lit, stands, figures, trails)
+        shaded_tiles = touched_tiles(boxes, size)
+        self._shaded = boxes_of_tiles(shaded_tiles, size)
+        for box in self._shaded:
+            darkness[box] = lit.limited(darkness[box], box)
+            canvas[box] = shaded_background(lit.plate[box], darkness[box], lit.tint)
+        self._veil(pictures, figures)
+        return shaded_tiles
+
+    def _add_shadows(
+        self,
+        darkness: F32,
+        lit: LitBackground,
+        stands: Sequence[SpritePose],
+        figures: Mapping[int, Silhouette],
+        trails: Mapping[int, Trail],
+    ) -> list[Slices]:
+        """Add the shadows of objects that have moved to `darkness` (H, W); return their boxes."""
         boxes: list[Slices] = []
-        weights: dict[int, list[tuple[SpritePose, float]]] = {}
+        exposures = []
         for stand in stands:
             if stand.start == stand.pose:
                 continue
-            along = _along(trails.get(stand.k, ()), stand)
-            weights[stand.k] = along
-            if lit.casts[stand.k].sliding is None:
-                for at, weight in along:
-                    figure = figures.get(stand.k)
-                    if figure is not None and at is not stand:
-                        (left, top), (cx, cy) = figure.corner, figure.center
-                        x, y = at.pose.x - stand.pose.x, at.pose.y - stand.pose.y
-                        corner = (left + round(x), top + round(y))
-                        figure = replace(figure, corner=corner, center=(cx + x, cy + y))
-                    boxes += add_shadow(dark, lit, at, figure, weight)
-        boxes += self._slides.thrown(
-            dark, [one for along in weights.values() for one in along]
-        )
-        relit = touched_tiles(boxes, size)
-        self._before = boxes_of_tiles(relit, size)
-        for box in self._before:
-            dark[box] = lit.limited(dark[box], box)
-            canvas[box] = shaded_background(lit.plate[box], dark[box], lit.tint)
-        factors = occlusion_factors(self._stage, [p.stand for p in pictures], figures)
+            exposure = _along(trails.get(stand.k, ()), stand)
+            exposures += exposure
+            if lit.casts[stand.k].sliding is not None:
+                continue
+            for moment, weight in exposure:
+                figure = figures.get(stand.k)
+                if figure is not None and moment is not stand:
+                    figure = _moved_figure(figure, stand, moment)
+                boxes += add_shadow(darkness, lit, moment, figure, weight)
+        return boxes + self._slides.thrown(darkness, exposures)
+
+    def _veil(
+        self, pictures: Sequence[Picture], figures: Mapping[int, Silhouette]
+    ) -> None:
+        """Darken the pictures by the shadows of other objects."""
+        stands = [picture.stand for picture in pictures]
+        factors = occlusion_factors(self._stage, stands, figures)
         for picture in pictures:
-            if (factor := factors.get(picture.stand.k)) is not None:
-                picture.factor, picture.light = (
-                    factor,
-                    picture.light * three_channels(factor),
-                )
-        return relit
+            factor = factors.get(picture.stand.k)
+            if factor is not None:
+                picture.factor = factor
+                picture.light = picture.light * three_channels(factor)
 
     def add_border(self, canvas: F32, box: Slices, rest: F32) -> None:
         """Add what the photo shows beside an object, (h, w, 3), in the light of the background as it is now."""
-        lit, dark = self._lit, self._dark
-        canvas[box] += (
-            rest if dark is None or lit is None else relit_border(rest, lit, dark, box)
-        )
+        if self._dark is not None and self._lit is not None:
+            rest = relit_border(rest, self._lit, self._dark, box)
+        canvas[box] += rest
+
+
+def _moved_figure(
+    figure: Silhouette, stand: SpritePose, moment: SpritePose
+) -> Silhouette:
+    """Return a silhouette at another moment of an exposure, moved by whole pixels."""
+    x, y = moment.pose.x - stand.pose.x, moment.pose.y - stand.pose.y
+    (left, top), (cx, cy) = figure.corner, figure.center
+    corner = (left + round(x), top + round(y))
+    return replace(figure, corner=corner, center=(cx + x, cy + y))
 
 
 Trail = tuple[tuple[float, float, float], ...]
@@ -394,44 +512,50 @@ Trail = tuple[tuple[float, float, float], ...]
 
 
 def _trails(stage: Stage, poses: NDArray[np.float64]) -> Mapping[int, Trail]:
-    """The way of each sprite in an exposure, of `poses` (parts, N, 3), in steps too small to be seen; of those that
-    hardly move, none."""
+    """Return the way of each sprite in an exposure, of `poses` (parts, N, 3), in steps too small to be seen.
+
+    Sprites that hardly move have none.
+    """
     sprites = stage.sprites
-    way = (poses - poses[-1])[:, [sprite.body for sprite in sprites]].swapaxes(0, 1)
-    way[[sprite.ball is not None for sprite in sprites], :, 2] = (
-        0  # its picture never turns
-    )
+    bodies = [sprite.body for sprite in sprites]
+    ways = (poses - poses[-1])[:, bodies].swapaxes(0, 1)
+    is_ball = [sprite.ball is not None for sprite in sprites]
+    ways[is_ball, :, 2] = 0  # its picture never turns
     reach = np.array([max(sprite.coverage.shape) / 2 for sprite in sprites])[:, None]
-    x, y, turn = np.moveaxis(np.diff(way, axis=1), 2, 0)
+    x, y, turn = np.moveaxis(np.diff(ways, axis=1), 2, 0)
     lengths = (np.hypot(x, y) + reach * np.abs(turn)).sum(axis=1)
-    found: dict[int, Trail] = {}
+    trails: dict[int, Trail] = {}
     for k in np.flatnonzero(lengths > EXPOSURE.sharp).tolist():
-        count = min(len(poses), max(2, ceil(lengths[k] / EXPOSURE.step) + 1))
-        found[k] = tuple(map(tuple, way[k, _evenly(len(poses), count)].tolist()))
-    return found
+        steps = ceil(lengths[k] / EXPOSURE.step) + 1
+        count = min(len(poses), max(2, steps))
+        places = ways[k, _evenly(len(poses), count)]
+        trails[k] = tuple(map(tuple, places.tolist()))
+    return trails
 
 
 @cache
-def _evenly(of: int, count: int) -> NDArray[np.int64]:
-    """(count,) indices, from the first to the last."""
-    return np.rint(np.linspace(0, of - 1, count)).astype(np.int64)
+def _evenly(length: int, count: int) -> NDArray[np.int64]:
+    """Return (count,) indices of a sequence, from the first to the last."""
+    return np.rint(np.linspace(0, length - 1, count)).astype(np.int64)
 
 
 def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
-    """Poses along the way of an exposure, as many as a shadow needs, and their weights, whose sum is 1."""
+    """Return poses along an exposure, as many as a shadow needs, and their weights, whose sum is 1."""
     if not trail:
         return [(stand, 1.0)]
     length = sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(trail))
-    count = min(max(ceil(length / EXPOSURE.shadow), 1), EXPOSURE.shadows, len(trail))
-    found, end = [], 0
+    count = max(ceil(length / EXPOSURE.shadow), 1)
+    count = min(count, EXPOSURE.shadows, len(trail))
+    poses, end = [], 0
     for k in range(count):
-        begin, end = end, end + len(trail) // count + (k < len(trail) % count)
-        x, y = (
-            sum(at[axis] for at in trail[begin:end]) / (end - begin) for axis in (0, 1)
-        )
+        start = end
+        end += len(trail) // count + (k < len(trail) % count)
+        part = trail[start:end]
+        x = sum(place[0] for place in part) / len(part)
+        y = sum(place[1] for place in part) / len(part)
         pose = stand.pose._replace(x=stand.pose.x + x, y=stand.pose.y + y)
-        found.append((replace(stand, pose=pose), (end - begin) / len(trail)))
-    return found
+        poses.append((replace(stand, pose=pose), len(part) / len(trail)))
+    return poses
 
 
 def _smeared(
@@ -441,41 +565,64 @@ def _smeared(
     picture: Picture | None,
     trail: Trail,
 ) -> tuple[Slices, F32, F32] | None:
-    """A box of the canvas, light (h, w, 3) and coverage (h, w) there: means over the trail; None: nothing."""
-    if (whole := _unclipped(stage, balls, stand, picture, trail)) is None:
+    """Return a box of the canvas, light (h, w, 3) and coverage (h, w): means over the trail.
+
+    None if they are empty.
+    """
+    unclipped = _unclipped(stage, balls, stand, picture, trail)
+    if unclipped is None:
         return None
-    corner, light, coverage = whole
-    right, bottom = coverage.shape[1] - 1, coverage.shape[0] - 1
+    corner, light, coverage = unclipped
+    face = stage.sprites[stand.k].face
+    center = np.array([stand.pose.x, stand.pose.y + face], np.float64)
+    middle = np.asarray(center - corner, np.float64)
+    moves = _trail_moves(trail, middle)
+    box = _swept_box(moves, coverage.shape, corner, stage.background.shape[1::-1])
+    if box is None:
+        return None
+    rows, columns = box
+    size = (columns.stop - columns.start, rows.stop - rows.start)
+    moves[:, :, 2] += corner - (columns.start, rows.start)
+    sharp = np.empty((*coverage.shape, 4), np.float32)
+    cv2.mixChannels([light, coverage], [sharp], [0, 0, 1, 1, 2, 2, 3, 3])
+    total = np.zeros((size[1], size[0], 4), np.float32)
+    for move in moves:
+        cv2.add(total, cv2.warpAffine(sharp, move, size), dst=total)
+    total *= np.float32(1 / len(moves))
+    # The conversion keeps the first three channels.
+    mean_light = np.asarray(cv2.cvtColor(total, cv2.COLOR_BGRA2BGR), np.float32)
+    return box, mean_light, np.asarray(cv2.extractChannel(total, 3), np.float32)
+
+
+def _trail_moves(trail: Trail, middle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrices (n, 2, 3) that move a picture along a trail, about its `middle` (2,)."""
+    shifts = np.array(trail)[:, :2]
+    turns = np.array([rotation(angle) for _, _, angle in trail])
+    shifts = middle + shifts - turns @ middle
+    return np.concatenate([turns, shifts[..., None]], axis=2)
+
+
+def _swept_box(
+    moves: NDArray[np.float64],
+    shape: tuple[int, ...],
+    corner: NDArray[np.int64],
+    size: tuple[int, ...],
+) -> Slices | None:
+    """Return the box of a canvas of `size` (W, H) that a moving picture sweeps.
+
+    None if it is empty.
+    """
+    right, bottom = shape[1] - 1, shape[0] - 1
     corners = np.array(
         [[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64
     )
-    middle = (
-        np.array([stand.pose.x, stand.pose.y + stage.sprites[stand.k].face]) - corner
-    )
-    way = np.array(trail)
-    turns = np.array([rotation(angle) for _, _, angle in trail])
-    shifts = middle + way[:, :2] - turns @ middle
-    moves = np.concatenate([turns, shifts[..., None]], axis=2)
-    ends = corners @ moves.transpose(0, 2, 1) + corner
-    low = np.maximum(np.floor(ends.min(axis=(0, 1))).astype(int), 0)
-    high = np.minimum(
-        np.ceil(ends.max(axis=(0, 1))).astype(int) + 1, stage.background.shape[1::-1]
-    )
+    places = corners @ moves.transpose(0, 2, 1) + corner
+    low = np.maximum(np.floor(places.min(axis=(0, 1))).astype(int), 0)
+    high = np.ceil(places.max(axis=(0, 1))).astype(int) + 1
+    high = np.minimum(high, size)
     if (low >= high).any():
         return None
-    shape = (int(high[0] - low[0]), int(high[1] - low[1]))
-    sharp = np.empty((*coverage.shape, 4), np.float32)
-    cv2.mixChannels([light, coverage], [sharp], [0, 0, 1, 1, 2, 2, 3, 3])
-    total = np.zeros((shape[1], shape[0], 4), np.float32)
-    moves[:, :, 2] += corner - low
-    for move in moves:
-        cv2.add(total, cv2.warpAffine(sharp, move, shape), dst=total)
-    total *= np.float32(1 / len(moves))
-    light = np.asarray(
-        cv2.cvtColor(total, cv2.COLOR_BGRA2BGR), np.float32
-    )  # the first three channels
-    box = np.s_[int(low[1]) : int(high[1]), int(low[0]) : int(high[0])]
-    return box, light, np.asarray(cv2.extractChannel(total, 3), np.float32)
+    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
 def _unclipped(
@@ -485,52 +632,48 @@ def _unclipped(
     picture: Picture | None,
     trail: Trail,
 ) -> tuple[NDArray[np.int64], F32, F32] | None:
-    """Left and top, px, light (h, w, 3) and coverage (h, w) of what the trail brings into the canvas; None: nothing."""
+    """Return left and top, px, light (h, w, 3) and coverage (h, w) of an object that the trail brings into the canvas.
+
+    None if it brings nothing.
+    """
     height, width = stage.background.shape[:2]
     if picture is not None:
         rows, columns = picture.where.box
-        if (
-            min(rows.start, columns.start) > 0
-            and rows.stop < height
-            and columns.stop < width
-        ):
-            return (
-                np.array([columns.start, rows.start]),
-                picture.light,
-                picture.coverage,
-            )
+        ends_inside = rows.stop < height and columns.stop < width
+        if min(rows.start, columns.start) > 0 and ends_inside:
+            corner = np.array([columns.start, rows.start])
+            return corner, picture.light, picture.coverage
     sprite = stage.sprites[stand.k]
-    rim = (
-        ceil(
-            max(
-                hypot(x, y) + min(abs(a), 2.0) * hypot(*sprite.coverage.shape)
-                for x, y, a in trail
-            )
-        )
-        + 1
-    )
-    pose = stand.pose._replace(x=stand.pose.x + rim, y=stand.pose.y + rim)
-    where = place_sprite(
-        sprite, stand.start, pose, (width + 2 * rim, height + 2 * rim), stand.space
-    )
-    if where is None:
+    margin = _trail_reach(trail, sprite.coverage.shape) + 1
+    pose = stand.pose._replace(x=stand.pose.x + margin, y=stand.pose.y + margin)
+    size = (width + 2 * margin, height + 2 * margin)
+    placement = place_sprite(sprite, stand.start, pose, size, stand.space)
+    if placement is None:
         return None
-    ball = balls.drawn([(stand.k, where)], stage.supersample).get(stand.k)
-    light, coverage = ball or draw_sprite(sprite, where, stage.supersample)
-    top, left = (part.start - rim for part in where.box)
-    if (
-        picture is not None and picture.factor is not None
-    ):  # the shade at the border goes on beyond it
-        move = np.array([[1.0, 0, columns.start - left], [0, 1, rows.start - top]])
+    ball = balls.drawn([(stand.k, placement)], stage.supersample).get(stand.k)
+    light, coverage = ball or draw_sprite(sprite, placement, stage.supersample)
+    top, left = placement.box[0].start - margin, placement.box[1].start - margin
+    if picture is not None and picture.factor is not None:
+        # The shade at the border goes on beyond it.
+        shift_x, shift_y = columns.start - left, rows.start - top
+        move = np.array([[1.0, 0, shift_x], [0, 1, shift_y]])
+        size = (coverage.shape[1], coverage.shape[0])
         shade = cv2.warpAffine(
-            picture.factor, move, coverage.shape[::-1], borderMode=cv2.BORDER_REPLICATE
+            picture.factor, move, size, borderMode=cv2.BORDER_REPLICATE
         )
         light = light * three_channels(np.asarray(shade, np.float32))
     return np.array([left, top]), light, coverage
 
 
+def _trail_reach(trail: Trail, shape: tuple[int, ...]) -> int:
+    """Return px by which any point of a picture of this shape moves along a trail, at most."""
+    diagonal = hypot(*shape)
+    reaches = [hypot(x, y) + min(abs(turn), 2.0) * diagonal for x, y, turn in trail]
+    return ceil(max(reaches))
+
+
 def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> U16:
-    """(H, W) ids of objects, the farthest first, that cover boxes so far."""
+    """Return (H, W) ids of objects, the farthest first, that cover boxes so far."""
     ids = np.zeros(size[::-1], np.uint16)
     for id_, box, coverage in covers:
         np.copyto(ids[box], np.uint16(id_), where=coverage >= 0.5)
@@ -538,116 +681,127 @@ def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> 
 
 
 def _covering(covers: Sequence[tuple[int, Slices, F32]]) -> list[Cover]:
-    """The same, each by itself: nothing in it that ids would not show if nothing were in front."""
+    """Return each object by itself: nothing in it that ids would not show if nothing were in front."""
     return [Cover(id_ - 1, box, coverage >= 0.5) for id_, box, coverage in covers]
 
 
 def _pictures(
     stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]
 ) -> Iterator[Picture]:
-    """What the picture shows of sprites as they stand, the farthest first."""
-    there = [(stand, stand.where) for stand in stands if stand.where is not None]
-    together = balls.drawn(
-        ((stand.k, where) for stand, where in there), stage.supersample
-    )
-    borders = borders_left(stage.sprites, [stand for stand, _ in there])
-    for (stand, where), left in zip(there, borders, strict=True):
+    """Yield the pictures of visible sprites at their poses, the farthest first."""
+    visible = [(stand, stand.where) for stand in stands if stand.where is not None]
+    placements = [(stand.k, placement) for stand, placement in visible]
+    drawn_balls = balls.drawn(placements, stage.supersample)
+    borders = borders_left(stage.sprites, [stand for stand, _ in visible])
+    for (stand, placement), shares in zip(visible, borders, strict=True):
         sprite = stage.sprites[stand.k]
-        light, coverage = together.get(stand.k) or draw_sprite(
-            sprite, where, stage.supersample
-        )
-        yield Picture(stand, where, light, coverage, draw_border(sprite, where, left))
+        picture = drawn_balls.get(stand.k)
+        if picture is None:
+            picture = draw_sprite(sprite, placement, stage.supersample)
+        light, coverage = picture
+        border = draw_border(sprite, placement, shares)
+        yield Picture(stand, placement, light, coverage, border)
 
 
 def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
     """Add the sides of blocks that turned, where no front of another object is: fronts are in one plane."""
-    turned = [
-        (picture, sides)
-        for picture in pictures
-        if (sides := stage.sprites[picture.stand.k].sides) is not None
-        and sides.share(picture.where.turn) > 0
-    ]
+    turned = []
+    for picture in pictures:
+        sides = stage.sprites[picture.stand.k].sides
+        if sides is not None and sides.share(picture.where.turn) > 0:
+            turned.append((picture, sides))
     if not turned:
         return
+    # Coverages before any side is added.
     fronts = [(picture, picture.where.box, picture.coverage) for picture in pictures]
     for picture, sides in turned:
-        (rows, columns), coverage = picture.where.box, picture.coverage
-        side, shade = sides.drawn(coverage, picture.where.turn)
-        mixed = np.minimum(2 * side, coverage)  # the light of border pixels is a guess
-        kept = np.asarray(1 - mixed / np.maximum(coverage, 1e-3), np.float32)
-        picture.light = np.asarray(
-            cv2.multiply(picture.light, three_channels(kept)), np.float32
-        )
-        side, coverage = side + mixed, coverage - mixed
-        lit = np.broadcast_to(shade, side.shape).copy()
-        for other, (tall, wide), front in fronts:
-            top, bottom = max(rows.start, tall.start), min(rows.stop, tall.stop)
-            first, last = max(columns.start, wide.start), min(columns.stop, wide.stop)
-            if other is picture or top >= bottom or first >= last:
-                continue
-            here = np.s_[
-                top - rows.start : bottom - rows.start,
-                first - columns.start : last - columns.start,
-            ]
-            part = front[
-                top - tall.start : bottom - tall.start,
-                first - wide.start : last - wide.start,
-            ]
-            side[here] *= 1 - part
-            if sides.light is not None:
-                lit[here] *= 1 - np.float32(CUT.side_hidden) * cv2.blur(
-                    part, (2 * round(sides.depth) + 1,) * 2
-                )
-        lit *= side
-        picture.light = np.asarray(
-            cv2.add(picture.light, cv2.merge([lit * part for part in sides.colour])),
-            np.float32,
-        )
-        picture.coverage = coverage + side
+        others = [(box, front) for other, box, front in fronts if other is not picture]
+        _add_block_sides(picture, sides, others)
 
 
-def _mirrored(stage: Stage, picture: Picture, left: F32) -> tuple[Slices, F32] | None:
-    """A box of the canvas and (h, w, 3) what the floor mirrors of an object that has moved; None: nothing.
+def _add_block_sides(
+    picture: Picture, sides: Sides, others: Sequence[tuple[Slices, F32]]
+) -> None:
+    """Add the sides of a block to its picture; `others` are boxes and coverages of other fronts."""
+    coverage = picture.coverage
+    side, shade = sides.drawn(coverage, picture.where.turn)
+    # The light of border pixels is a guess: they belong to the sides.
+    mixed = np.minimum(2 * side, coverage)
+    kept = np.asarray(1 - mixed / np.maximum(coverage, 1e-3), np.float32)
+    light = cv2.multiply(picture.light, three_channels(kept))
+    side, coverage = side + mixed, coverage - mixed
+    side_light = np.broadcast_to(shade, side.shape).copy()
+    blur = 2 * round(sides.depth) + 1
+    for box, front in others:
+        overlap = _overlap(picture.where.box, box)
+        if overlap is None:
+            continue
+        own_part, other_part = overlap
+        hidden = front[other_part]
+        side[own_part] *= 1 - hidden
+        if sides.light is not None:
+            # A front close by keeps light away.
+            darkness = np.float32(CUT.side_hidden) * cv2.blur(hidden, (blur, blur))
+            side_light[own_part] *= 1 - darkness
+    side_light *= side
+    coloured = cv2.merge([side_light * part for part in sides.colour])
+    picture.light = np.asarray(cv2.add(light, coloured), np.float32)
+    picture.coverage = coverage + side
 
-    As far as the photo's own reflection has gone, which is part of what is `left` (N + 1,) around the object.
-    """
-    k, (rows, columns) = picture.stand.k, picture.where.box
-    stood = None if stage.mirror is None else stage.mirror.feet[k]
-    if stage.mirror is None or stood is None or picture.where.own is not None:
+
+def _overlap(box: Slices, other: Slices) -> tuple[Slices, Slices] | None:
+    """Return the common pixels of two boxes, relative to each of them; None if there are none."""
+    (rows, columns), (other_rows, other_columns) = box, other
+    top, bottom = max(rows.start, other_rows.start), min(rows.stop, other_rows.stop)
+    left = max(columns.start, other_columns.start)
+    right = min(columns.stop, other_columns.stop)
+    if top >= bottom or left >= right:
         return None
-    foot = stood[0]
-    first = max(
-        rows.start,
-        foot + 1 - len(stage.mirror.share),
-        2 * foot + 2 - len(stage.background),
+    y, x = rows.start, columns.start
+    other_y, other_x = other_rows.start, other_columns.start
+    return (
+        np.s_[top - y : bottom - y, left - x : right - x],
+        np.s_[top - other_y : bottom - other_y, left - other_x : right - other_x],
     )
+
+
+def _mirrored(stage: Stage, picture: Picture, shares: F32) -> tuple[Slices, F32] | None:
+    """Return a box of the canvas and (h, w, 3) the floor's reflection of an object that has moved; None if it has none.
+
+    As far as the photo's own reflection has gone, which is part of what is left, `shares` (N + 1,), around the object.
+    """
+    mirror, k, (rows, columns) = stage.mirror, picture.stand.k, picture.where.box
+    if mirror is None or picture.where.own is not None:
+        return None
+    floor = mirror.feet[k]
+    if floor is None:
+        return None
+    foot, left, right = floor
+    # The rows of the object that the floor mirrors within the photo.
+    lowest_visible = 2 * foot + 2 - len(stage.background)
+    first = max(rows.start, foot + 1 - len(mirror.share), lowest_visible)
     last = min(rows.stop, foot + 1)
     if first >= last:
         return None
-    share = stage.mirror.share[foot + 1 - last : foot + 1 - first] * (
-        1 - left[stage.sprites[k].body + 1]
+    gone = 1 - shares[stage.sprites[k].body + 1]
+    share = mirror.share[foot + 1 - last : foot + 1 - first] * gone
+    flipped = picture.light[first - rows.start : last - rows.start][::-1]
+    light = flipped * share[:, None, None]
+    places = np.arange(columns.start, columns.stop)
+    light *= ((places >= left) & (places <= right))[:, None]
+    rough = cv2.GaussianBlur(
+        light, (0, 0), mirror.rough, borderType=cv2.BORDER_REPLICATE
     )
-    light = (
-        picture.light[first - rows.start : last - rows.start][::-1]
-        * share[:, None, None]
-    )
-    across = np.arange(columns.start, columns.stop)
-    light *= ((across >= stood[1]) & (across <= stood[2]))[:, None]
     box = np.s_[2 * foot + 2 - last : 2 * foot + 2 - first, columns]
-    light = cv2.GaussianBlur(
-        light, (0, 0), stage.mirror.rough, borderType=cv2.BORDER_REPLICATE
-    )
-    return box, np.asarray(light, np.float32)
+    return box, np.asarray(rough, np.float32)
 
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:
-    """Sprites in the picture as light sees them: it does not ask how finely an object is drawn."""
-    found = {}
-    for p in pictures:
-        own = (
-            p.coverage
-            if stage.supersample == 1
-            else sprite_coverage(stage.sprites[p.stand.k], p.where)
-        )
-        found[p.stand.k] = sprite_silhouette(stage, p.stand, p.where, own)
-    return found
+    """Return the silhouettes of visible sprites, which do not depend on how finely an object is drawn."""
+    figures = {}
+    for picture in pictures:
+        stand, coverage = picture.stand, picture.coverage
+        if stage.supersample != 1:
+            coverage = sprite_coverage(stage.sprites[stand.k], picture.where)
+        figures[stand.k] = sprite_silhouette(stage, stand, picture.where, coverage)
+    return figures

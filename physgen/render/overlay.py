@@ -9,7 +9,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import World
+from physgen.compile.world import Push, World
 from physgen.geometry.polygon import Array, rotation
 from physgen.maps import U8
 from physgen.render.contacts import (
@@ -33,42 +33,48 @@ from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View
 from physgen.simulate.trajectory import Trajectory
 
-PEN = 1 / 380  # of the picture's longer side: the width of a line
-LETTER = 1 / 42  # of the picture's longer side: the size of a letter
+PEN = 1 / 380
+"""Of the picture's longer side: the width of a line."""
+LETTER = 1 / 42
+"""Of the picture's longer side: the size of a letter."""
 
 
 @dataclass(frozen=True)
 class Sheet:
     """One frame."""
 
-    size: tuple[int, int]  # W, H px
+    size: tuple[int, int]
+    """W, H px."""
     unit: float
     """px of the frame for a px of the photo, seen whole: what lengths of arrows and rings are given in."""
-    lens: Array  # (2, 3): photo px (x, y, 1) -> px of the frame
-    time: float  # s
-    sample: int  # of the trajectory
+    lens: Array
+    """(2, 3): photo px (x, y, 1) -> px of the frame."""
+    time: float
+    """s."""
+    sample: int
+    """Of the trajectory."""
 
     @property
     def pen(self) -> float:
-        """px: width of a line."""
+        """Return the width of a line, px."""
         return max(1.3, PEN * max(self.size))
 
     @property
     def letter(self) -> float:
-        """px: size of a letter."""
+        """Return the size of a letter, px."""
         return max(10.0, LETTER * max(self.size))
 
     @property
     def zoom(self) -> float:
-        """px of the frame for a px of the photo, now."""
+        """Return px of the frame for a px of the photo, now."""
         return float(np.sqrt(abs(np.linalg.det(self.lens[:, :2]))))
 
     def at(self, points: Array) -> Array:
-        """Points (..., 2) of the photo -> px of the frame."""
+        """Convert points (..., 2) of the photo to px of the frame."""
         return np.asarray(points @ self.lens[:, :2].T + self.lens[:, 2])
 
     def way(self, vectors: Array) -> Array:
-        """Lengths and directions (..., 2) in px of the photo -> px of the frame: turned as the frame is, not zoomed.
+        """Convert vectors (..., 2) in px of the photo to px of the frame: turned as the frame is, not zoomed.
 
         So the key stays as it is while a camera moves in.
         """
@@ -77,7 +83,7 @@ class Sheet:
         )
 
     def layer(self) -> Layer:
-        """An empty layer of ink."""
+        """Return an empty layer of ink."""
         return Layer(self.size, 0.75 * self.pen)
 
 
@@ -86,21 +92,31 @@ class OverlayStyle:
     """Sizes and limits of overlays."""
 
     opaque: float = 0.74
-    row: float = 1.6  # letters from line to line
+    row: float = 1.6
+    """Letters from line to line."""
     pad: float = 0.4
-    side: float = 0.9  # letters of room above and below, and at the sides
-    largest: float = 0.85  # of a picture's side: a key that is longer is left out
-    arc: float = 1.1  # letters: the radius of a torque's sample
-    least: float = 0.65  # of a letter: as small as a name becomes on a small object
-    finer: int = 8  # times a frame that trails and impacts are looked at
-    most: int = 2_000_000  # samples times objects of such a closer look
+    side: float = 0.9
+    """Letters of room above and below, and at the sides."""
+    largest: float = 0.85
+    """Of a picture's side: a key that is longer is left out."""
+    arc: float = 1.1
+    """Letters: the radius of a torque's sample."""
+    least: float = 0.65
+    """Of a letter: as small as a name becomes on a small object."""
+    finer: int = 8
+    """Times a frame that trails and impacts are looked at."""
+    most: int = 2_000_000
+    """Samples times objects of such a closer look."""
     flash: int = 8
-    """Frames for which an impact, or a push of no duration, is shown; at most a sixth of the clip."""
-    fade: float = 0.5  # of the clip: how long a trail takes to fade to its least
+    """Frames for which an impact, or a push of no duration, is shown.
+
+    At most a sixth of the clip.
+    """
+    fade: float = 0.5
+    """Of the clip: how long a trail takes to fade to its least."""
     faint: float = 0.4
-    still: float = (
-        2.0  # px: shorter arrows, and trails of what moves no farther, are not drawn
-    )
+    still: float = 2.0
+    """px: shorter arrows, and trails of what moves no farther, are not drawn."""
 
 
 STYLE = OverlayStyle()
@@ -145,14 +161,14 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
 
 
 def _wide(entry: Entry, sheet: Sheet) -> float:
-    """px that a sample takes."""
+    """Return px that a sample takes."""
     if entry.load is Load.TORQUE:
         return 2 * STYLE.arc * sheet.letter
     return entry.size * sheet.unit * (2 if entry.kind is Overlay.CONTACTS else 1)
 
 
 def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array) -> None:
-    """A sample that begins at `at` x px and has its middle at y px."""
+    """Draw a sample that begins at `at` x px and has its middle at y px."""
     along = np.array([_wide(entry, sheet), 0.0])
     if entry.kind is Overlay.CONTACTS:
         ring(layer, at + along / 2, entry.size * sheet.unit, sheet.pen)
@@ -176,11 +192,13 @@ class OverlayClip:
     """What all frames of a clip share."""
 
     world: World
-    seen: Trajectory  # with samples enough for what is drawn
+    seen: Trajectory
+    """With samples enough for what is drawn."""
     impacts: list[Impact]
     scales: Scales
     key: list[Entry]
-    flash: float  # s
+    flash: float
+    """s."""
 
 
 def annotate_frames(
@@ -190,7 +208,7 @@ def annotate_frames(
     kinds: Collection[Overlay],
     lens: Lens = lambda frame: np.eye(2, 3),
 ) -> Iterator[Frame]:
-    """Frames with overlays of `kinds`. A frame's own time says what is drawn: they may come in any order.
+    """Draw overlays of `kinds` on frames, by each frame's own time: they may come in any order.
 
     `trajectory` has samples at those times. Trails and impacts need more: the world is then run again, to the same
     motion.
@@ -217,31 +235,27 @@ def annotate_frames(
 def filmed(
     world: World, trajectory: Trajectory, kinds: Collection[Overlay]
 ) -> OverlayClip:
-    """A clip's impacts, scales and key."""
-    seen, found = trajectory, list[Impact]()
-    if (
-        world.bodies
-        and len(trajectory.times) > 1
-        and {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds)
-    ):
-        seen = trajectory.sampled(
-            sample_times(trajectory, STYLE.finer, STYLE.most // len(world.bodies))
-        )
+    """Return a clip's impacts, scales and key."""
+    motion = trajectory
+    needs_samples = {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds)
+    if world.bodies and len(trajectory.times) > 1 and needs_samples:
+        most = STYLE.most // len(world.bodies)
+        motion = trajectory.sampled(sample_times(trajectory, STYLE.finer, most))
+    frame = world.duration / max(len(world.times), 1)
+    impacts: list[Impact] = []
     if Overlay.CONTACTS in kinds:
-        found = find_impacts(
-            world, seen, world.duration / max(len(world.times), 1) / STYLE.finer
-        )
-    scale = scales(world, trajectory, kinds, [impact.impulse for impact in found])
+        impacts = find_impacts(world, motion, frame / STYLE.finer)
+    impulses = [impact.impulse for impact in impacts]
+    scale = scales(world, trajectory, kinds, impulses)
     flash = min(
         STYLE.flash * world.duration / max(len(world.times), 1), world.duration / 6
     )
-    return OverlayClip(
-        world, seen, found, scale, key_entries(world, scale, kinds), flash
-    )
+    key = key_entries(world, scale, kinds)
+    return OverlayClip(world, motion, impacts, scale, key, flash)
 
 
 def _poses(clip: OverlayClip, sheet: Sheet) -> Array:
-    """(N, 3) px, px, rad, now."""
+    """Return (N, 3) px, px, rad, now."""
     return np.asarray(clip.seen.poses[sheet.sample])
 
 
@@ -252,7 +266,7 @@ def _boundaries(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 
 
 def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """Where centres have been by now."""
+    """Draw the way of each centre up to now."""
     times = clip.seen.times[: sheet.sample + 1]
     if len(times) < 2:
         return
@@ -266,7 +280,7 @@ def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 
 
 def _apart(path: Array) -> NDArray[np.int64]:
-    """Which points of a path (K, 2) px to draw: no two within a pixel, corners and the last among them."""
+    """Return the points of a path (K, 2) px to draw: no two within a pixel, corners and the last among them."""
     steps = np.diff(path, axis=0)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
     crosses = np.diff(np.floor(way), prepend=-1.0) > 0
@@ -279,7 +293,7 @@ def _apart(path: Array) -> NDArray[np.int64]:
 
 
 def _outlines(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """Shapes where they are now; a circle has a tick that shows how far it has turned."""
+    """Draw shapes where they are now; a circle has a tick that shows how far it has turned."""
     for body, (x, y, angle) in zip(
         clip.world.bodies, _poses(clip, sheet).tolist(), strict=True
     ):
@@ -303,42 +317,38 @@ def _velocities(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 def _weights(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
         if body.motion is Motion.DYNAMIC:
-            _arrow(
-                sheet,
-                layer,
-                pose[:2],
-                clip.scales.force * body.mass * clip.world.gravity,
-            )
+            weight = clip.scales.force * body.mass * clip.world.gravity
+            _arrow(sheet, layer, pose[:2], weight)
 
 
 def _forces(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """The scene's pushes while they act; an impulse from when it is given, for a moment."""
+    """Draw the scene's pushes while they act; an impulse from when it is given, for a moment."""
     for push in clip.world.pushes:
-        body, (x, y, angle) = (
-            clip.world.bodies[push.body],
-            _poses(clip, sheet)[push.body].tolist(),
-        )
+        body = clip.world.bodies[push.body]
         end = push.start + clip.flash if push.load is Load.IMPULSE else push.end
-        if (
-            body.motion is not Motion.DYNAMIC
-            or not push.start - 1e-9 <= sheet.time < end - 1e-9
-        ):
-            continue
-        at = np.array([x, y]) + rotation(angle) @ push.at
-        if push.load is Load.TORQUE:
-            radius = min(1.25 * body.reach, 0.2 * max(clip.world.size))
-            sweep = clip.scales.torque * push.torque
-            if abs(sweep) * radius * sheet.zoom >= STYLE.still:
-                curved_arrow(
-                    layer, sheet.at(arc(np.array([x, y]), radius, sweep)), sheet.pen
-                )
-        elif push.load is Load.IMPULSE:
-            left = _left(clip, sheet, push.start)
-            _arrow(
-                sheet, layer, at, clip.scales.impulse * push.vector, left, struck=True
-            )
-        else:
-            _arrow(sheet, layer, at, clip.scales.force * push.vector)
+        acts = push.start - 1e-9 <= sheet.time < end - 1e-9
+        if body.motion is Motion.DYNAMIC and acts:
+            _push(clip, sheet, layer, push)
+
+
+def _push(clip: OverlayClip, sheet: Sheet, layer: Layer, push: Push) -> None:
+    """Draw one push."""
+    x, y, angle = _poses(clip, sheet)[push.body].tolist()
+    center = np.array([x, y])
+    place = center + rotation(angle) @ push.at
+    if push.load is Load.TORQUE:
+        reach = clip.world.bodies[push.body].reach
+        radius = min(1.25 * reach, 0.2 * max(clip.world.size))
+        sweep = clip.scales.torque * push.torque
+        if abs(sweep) * radius * sheet.zoom >= STYLE.still:
+            path = sheet.at(arc(center, radius, sweep))
+            curved_arrow(layer, path, sheet.pen)
+    elif push.load is Load.IMPULSE:
+        strength = _left(clip, sheet, push.start)
+        vector = clip.scales.impulse * push.vector
+        _arrow(sheet, layer, place, vector, strength, struck=True)
+    else:
+        _arrow(sheet, layer, place, clip.scales.force * push.vector)
 
 
 def _arrow(
@@ -350,44 +360,42 @@ def _arrow(
     *,
     struck: bool = False,
 ) -> None:
-    """From a point (2,) of the photo, as long as `way` (2,) px of the photo."""
+    """Draw an arrow from a point (2,) of the photo, as long as `way` (2,) px of the photo."""
     tail, along = sheet.at(at), sheet.way(way)
     if np.hypot(*along) >= STYLE.still:
         straight_arrow(layer, tail, tail + along, sheet.pen, strength, struck=struck)
 
 
 def _left(clip: OverlayClip, sheet: Sheet, since: float) -> float:
-    """Strength 1..0 of what is shown for a moment: full at first, then less."""
+    """Return the strength 1..0 of what is shown for a moment: full at first, then less."""
     return float(np.clip(1.6 * (1 - (sheet.time - since) / clip.flash), 0.0, 1.0))
 
 
 def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """A dot wherever objects touch now, a ring where an impact fell a moment ago; its area shows the impulse."""
+    """Draw a dot wherever objects touch now, a ring where an impact was a moment ago.
+
+    Its area shows the impulse.
+    """
     contacts, now = clip.seen.contacts, sheet.time + 1e-9
-    lasting = (contacts.touch_times[:, 0] <= now) & (
-        contacts.touch_times[:, 1] >= sheet.time
-    )
-    for first, second in contacts.touch_pairs[lasting].tolist():
-        points, gap = contact_points_between(
-            clip.world, _poses(clip, sheet), first, second
-        )
+    starts, ends = contacts.touch_times[:, 0], contacts.touch_times[:, 1]
+    touches = (starts <= now) & (ends >= sheet.time)
+    poses = _poses(clip, sheet)
+    for first, second in contacts.touch_pairs[touches].tolist():
+        points, gap = contact_points_between(clip.world, poses, first, second)
         if gap < STYLE.still:
             for point in sheet.at(points):
                 layer.area(circle(point, 1.5 * sheet.pen))
-    shown = [
-        impact
-        for impact in clip.impacts
-        if impact.time <= now < impact.time + clip.flash
-    ]
-    for impact in shown:
-        radius = float(np.sqrt(clip.scales.ring * impact.impulse))
-        if radius * sheet.unit > STYLE.still:
-            left = _left(clip, sheet, impact.time)
-            ring(layer, sheet.at(impact.at), radius * sheet.unit, sheet.pen, left)
+    for impact in clip.impacts:
+        if not impact.time <= now < impact.time + clip.flash:
+            continue
+        radius = float(np.sqrt(clip.scales.ring * impact.impulse)) * sheet.unit
+        if radius > STYLE.still:
+            strength = _left(clip, sheet, impact.time)
+            ring(layer, sheet.at(impact.at), radius, sheet.pen, strength)
 
 
 def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """Each at its centre, as small as its object needs."""
+    """Write each name at its object's centre, as small as the object needs."""
     for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
         x, y = sheet.at(pose[:2]).tolist()
         room = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)

@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import F32, Mask
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import (
-    F32,
     PixelBox,
     ShadowSetting,
     Silhouette,
@@ -44,37 +44,44 @@ class ShadowTuning:
     """Of an object's size: moved by as much, it has mostly left an old shadow that was not removed."""
     flies: float = 2.0
     """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
-    turn: float = 0.35  # rad by which an object that is not round may turn until then
+    turn: float = 0.35
+    """rad by which an object that is not round may turn until then."""
     smooth: float = 0.5
     """px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""
-    ring: int = 2  # px around objects where the background still shows traces of them
-    gap: int = (
-        4  # px: half the width of gaps between objects in which no background is seen
-    )
-    deepest: float = 3.5  # -log of the least light that a shadow leaves
-    near: float = (
-        0.5  # of an object's size: how far around it what is dark may be its own
-    )
+    ring: int = 2
+    """px around objects where the background still shows traces of them."""
+    gap: int = 4
+    """px: half the width of gaps between objects in which no background is seen."""
+    deepest: float = 3.5
+    """-log of the least light that a shadow leaves."""
+    near: float = 0.5
+    """Of an object's size: how far around it what is dark may be its own."""
     claimed: tuple[float, float] = (0.02, 0.1)
     """Sum of objects' claims on a pixel from which its plate gives way to the clean picture, and where it is that."""
     explained: float = 0.5
     """Share of the spread of shadows' offsets that one near lamp must explain, to be believed."""
-    shadows: int = 3  # shadows that slide, at least: two lie along any line by chance
+    shadows: int = 3
+    """Shadows that slide, at least: two lie along any line by chance."""
     lamp: float = 1.5
     """Times that spread (fitted on billiards): a part of each offset is what geometry predicts for all alike."""
-    leans: float = 0.3  # px for each px of the object's way, at most
-    faint: float = (
-        0.006  # -log of light that is not missed: half a grey level of a middle grey
-    )
+    leans: float = 0.3
+    """px for each px of the object's way, at most."""
+    faint: float = 0.006
+    """-log of light that is not missed: half a grey level of a middle grey."""
     compared: tuple[float, int] = (0.2, 200)
     """-log of light from which, and px on which, predicted shadows are compared with the photo's."""
     lacking: tuple[float, float] = (0.65, 0.3)
-    """Quantile of the photo's depth over the predicted one, for some lie beside it; and its least value. By tune."""
-    cells: int = 24  # of the grid on which a shadow is worked out, at least so many across the object
+    """Quantile of the photo's depth over the predicted one, for some lie beside it.
+
+    And its least value. By tune.
+    """
+    cells: int = 24
+    """Of the grid on which a shadow is worked out, at least so many across the object."""
 
 
 SHADOW = ShadowTuning()
-FAR = 1e6  # px, beyond any picture
+FAR = 1e6
+"""px, beyond any picture."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +89,17 @@ class CastShadow:
     """One object's share of the photo's shadows; darkness is -log of the light that it leaves."""
 
     start: Silhouette
-    step: int  # px a side of the grid on which its shadow is worked out
-    whole: tuple[PixelBox, F32] | None  # all of it, at t = 0
+    step: int
+    """px a side of the grid on which its shadow is worked out."""
+    whole: tuple[PixelBox, F32] | None
+    """All of it, at t = 0."""
     own: tuple[
         PixelBox, F32
     ]  # of `whole` what the photo shows beyond geometry, of either sign
     sliding: tuple[tuple[int, int], F32] | None
     """Where the shadow never changes its shape: its corner, and all of it, beyond the photo's border too."""
-    round: bool  # whether turning changes nothing
+    round: bool
+    """Whether turning changes nothing."""
     lean: float = 0.0
     """px that a sliding shadow moves beyond its object for each px of the object's way: a lamp is near."""
 
@@ -100,168 +110,210 @@ class LitBackground:
 
     setting: ShadowSetting
     plate: F32
-    """(H, W, 3) linear: in the light that no object keeps away; the clean picture where objects may have shadows."""
-    tint: F32  # (3,): by how much more or less than the average a channel darkens
-    total: F32  # (H, W): -log of the light left at t = 0, of all objects
+    """(H, W, 3) linear: in the light that no object keeps away.
+
+    The clean picture where objects may have shadows.
+    """
+    tint: F32
+    """(3,): by how much more or less than the average a channel darkens."""
+    total: F32
+    """(H, W): -log of the light left at t = 0, of all objects."""
     casts: Sequence[CastShadow]
     owner: NDArray[np.int32]
     """(H, W): 1 + the index of the cast whose object most likely changes the picture there, 0: none."""
-    lifted: bool = True  # whether a backend has taken the photo's shadows apart from the background
+    lifted: bool = True
+    """Whether a backend has taken the photo's shadows apart from the background."""
 
     def behind(self) -> F32:
-        """(H, W, 3) linear: the background at t = 0."""
+        """Return (H, W, 3) linear: the background at t = 0."""
         return shaded_background(self.plate, self.total, self.tint)
 
-    def limited(self, dark: F32, box: tuple[slice, slice]) -> F32:
-        """(h, w) of the sum `dark` (h, w) of shadows: of direct light that one keeps away others keep away no more."""
-        over = dark - self._most[box]
+    def limited(self, darkness: F32, box: tuple[slice, slice]) -> F32:
+        """Limit the sum `darkness` (h, w) of shadows: direct light that one keeps away, others keep away no more."""
+        over = darkness - self._most[box]
         if over.max() <= 0:
-            return dark
-        kept = dark - over
+            return darkness
+        kept = darkness - over
         kept += 1
         kept -= cv2.exp(-over)
-        np.copyto(kept, dark, where=over <= 0)
+        np.copyto(kept, darkness, where=over <= 0)
         return np.asarray(kept, np.float32)
 
     @cached_property
     def _most(self) -> F32:
-        """(H, W): what one object may keep away."""
+        """Return (H, W) the darkness that one object may cause."""
         return np.maximum(self.total, self.setting.shade)
 
     def moved(
         self, k: int, now: Silhouette | None, start: Pose, pose: Pose
     ) -> list[tuple[PixelBox, F32]]:
-        """What object k adds now, at `pose` instead of `start`: boxes, and what is dark there."""
+        """Return the shadows of object k now, at `pose` instead of `start`: boxes, and the darkness in each."""
         cast = self.casts[k]
         if cast.sliding is not None:
-            corner, picture = cast.sliding
-            far = 1 + cast.lean
-            shift = far * (pose.x - start.x), far * (pose.y - start.y)
-            box, carried = shifted_picture(picture, corner, shift, self.setting.size)
-            return [] if box is None else [(box, carried)]
-        found: list[tuple[PixelBox, F32]] = []
+            return self._slid(cast, cast.sliding, start, pose)
         if now is None:
-            return found
-        if (dark := predicted_shadow(now, self.setting, cast.step)) is not None:
-            box, picture = dark
-            if (
-                not self.lifted
-            ):  # the photo's shadow is still there: today's comes as it is left behind
-                away = np.hypot(pose.x - start.x, pose.y - start.y) / (
-                    SHADOW.comes * max(min(now.coverage.shape), 1)
-                )
-                picture = picture * np.float32(1 - np.exp(-(away**2)))
-            found.append((box, picture))
-        strength, shift = self._kept(cast, now, pose.angle - start.angle)
-        if strength > 0.02:
-            (x0, y0, _, _), own = cast.own
-            box, carried = shifted_picture(own, (x0, y0), shift, self.setting.size)
-            if box is not None:
-                carried *= np.float32(strength)
-                if now.floor is not None and self._on_wall(cast.start):
-                    end = (
-                        now.floor - self.setting.tilt * self.setting.backdrop
-                    )  # the wall's foot
-                    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
-                    carried *= np.clip(end - rows + 0.5, 0, 1)
-                elif now.floor is not None and not np.isfinite(self.setting.backdrop):
-                    carried *= floor_share(now.ends, self.setting, box, now.floor)
-                found.append((box, carried))
-        return found
+            return []
+        shadows: list[tuple[PixelBox, F32]] = []
+        predicted = predicted_shadow(now, self.setting, cast.step)
+        if predicted is not None:
+            box, picture = predicted
+            if not self.lifted:
+                # The photo's shadow is still there: today's comes as the object leaves it behind.
+                picture = picture * _departure(now, start, pose)
+            shadows.append((box, picture))
+        own = self._carried_shadow(cast, now, pose.angle - start.angle)
+        if own is not None:
+            shadows.append(own)
+        return shadows
+
+    def _slid(
+        self,
+        cast: CastShadow,
+        sliding: tuple[tuple[int, int], F32],
+        start: Pose,
+        pose: Pose,
+    ) -> list[tuple[PixelBox, F32]]:
+        """Return a shadow that keeps its shape."""
+        corner, picture = sliding
+        factor = 1 + cast.lean
+        shift = factor * (pose.x - start.x), factor * (pose.y - start.y)
+        box, moved = shifted_picture(picture, corner, shift, self.setting.size)
+        return [] if box is None else [(box, moved)]
+
+    def _carried_shadow(
+        self, cast: CastShadow, now: Silhouette, turn: float
+    ) -> tuple[PixelBox, F32] | None:
+        """Return the part of the photo's shadow that geometry does not explain, as it moves with its object."""
+        strength, shift = self._kept(cast, now, turn)
+        if strength <= LEAST_STRENGTH:
+            return None
+        (x0, y0, _, _), own = cast.own
+        box, carried = shifted_picture(own, (x0, y0), shift, self.setting.size)
+        if box is None:
+            return None
+        carried *= np.float32(strength)
+        if now.floor is not None and self._on_wall(cast.start):
+            wall_foot = now.floor - self.setting.tilt * self.setting.backdrop
+            rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+            carried *= np.clip(wall_foot - rows + 0.5, 0, 1)
+        elif now.floor is not None and not np.isfinite(self.setting.backdrop):
+            carried *= floor_share(now.ends, self.setting, box, now.floor)
+        return box, carried
 
     def _on_wall(self, start: Silhouette) -> bool:
-        """Whether its shadow is mostly on the wall behind: it flies before one."""
+        """Return whether an object's shadow is mostly on the wall behind: it flies before one."""
         if not np.isfinite(self.setting.backdrop):
             return False
-        return (
-            start.floor is None
-            or start.floor - start.center[1] > SHADOW.flies * start.thick
-        )
+        if start.floor is None:
+            return True
+        return start.floor - start.center[1] > SHADOW.flies * start.thick
 
     def _kept(
         self, cast: CastShadow, now: Silhouette, turn: float
     ) -> tuple[float, tuple[float, float]]:
-        """How much of the photo's own shadow still holds, and by how much it has moved, px."""
+        """Return the share of the photo's own shadow that still holds, and its shift, px."""
         start = cast.start
         dx, dy = now.center[0] - start.center[0], now.center[1] - start.center[1]
         size = max(min(start.coverage.shape), 1)
-        strength = 1.0 if cast.round else float(np.exp(-((turn / SHADOW.turn) ** 2)))
+        strength = 1.0 if cast.round else _bell(turn / SHADOW.turn)
         if self.setting.top or self._on_wall(start):
             return strength, (dx, dy)
         if start.floor is None or now.floor is None:
-            return strength * float(
-                np.exp(-((np.hypot(dx, dy) / (SHADOW.lift * size)) ** 2))
-            ), (0.0, 0.0)
+            distance = np.hypot(dx, dy)
+            return strength * _bell(distance / (SHADOW.lift * size)), (0.0, 0.0)
         lift = (start.floor - start.center[1]) - (now.floor - now.center[1])
-        strength *= float(np.exp(-((lift / (SHADOW.lift * size)) ** 2)))
+        strength *= _bell(lift / (SHADOW.lift * size))
         return strength, (dx, now.floor - start.floor)
 
 
+LEAST_STRENGTH = 0.02
+"""Share of the photo's own shadow below which it is left out: nobody sees it."""
+
+
+def _bell(distance: float) -> float:
+    """Return 1 at 0 and 0 far away, as a Gaussian."""
+    return float(np.exp(-(distance**2)))
+
+
+def _departure(now: Silhouette, start: Pose, pose: Pose) -> np.float32:
+    """Return 0 if an object is where it started, and 1 if it has left."""
+    distance = np.hypot(pose.x - start.x, pose.y - start.y)
+    size = max(min(now.coverage.shape), 1)
+    departure = distance / (SHADOW.comes * size)
+    return np.float32(1 - np.exp(-(departure**2)))
+
+
+QUICK_STEPS = (2, 3)
+"""px of grids on which a ball's shadow is computed in full: it is quick, and a floor has few rows."""
+
+
 def predicted_shadow(
-    what: Silhouette, setting: ShadowSetting, step: int
+    silhouette: Silhouette, setting: ShadowSetting, step: int
 ) -> tuple[PixelBox, F32] | None:
-    """`darkness`, worked out on a grid of `step` px: shadows are soft, and large objects have large shadows."""
-    if what.radius is not None and step in (
-        2,
-        3,
-    ):  # quick, and few rows of a floor: no steps at its edge
-        found = shadow_darkness(what, setting)
-        return found and (found[0], blurred(found[1], 0.4 * step))
+    """Compute `shadow_darkness` on a grid of `step` px: shadows are soft, and large objects have large shadows."""
+    if silhouette.radius is not None and step in QUICK_STEPS:
+        shadow = shadow_darkness(silhouette, setting)
+        # Blurred as much as the grid would: no steps at the shadow's edge.
+        return shadow and (shadow[0], blurred(shadow[1], 0.4 * step))
     if step == 1:
-        return shadow_darkness(what, setting)
-    (x, y), (h, w) = what.corner, what.coverage.shape
+        return shadow_darkness(silhouette, setting)
+    coarse = _coarse_silhouette(silhouette, step)
+    shadow = shadow_darkness(coarse, _coarse(setting, step))
+    if shadow is None:
+        return None
+    (x0, y0, x1, y1), darkness = shadow
+    size = ((x1 - x0) * step, (y1 - y0) * step)
+    fine = cv2.resize(darkness, size, interpolation=cv2.INTER_LINEAR)
+    width, height = setting.size
+    x0, y0 = x0 * step, y0 * step
+    x1, y1 = min(x1 * step, width), min(y1 * step, height)
+    return (x0, y0, x1, y1), np.asarray(fine[: y1 - y0, : x1 - x0], np.float32)
+
+
+def _coarse_silhouette(silhouette: Silhouette, step: int) -> Silhouette:
+    """Return a silhouette on a grid of `step` px, whose cells begin at the photo's corner."""
+
+    def scale(place: float) -> float:
+        return (place + 0.5) / step - 0.5
+
+    (x, y), (height, width) = silhouette.corner, silhouette.coverage.shape
     left, top = x % step, y % step
     padded = cv2.copyMakeBorder(
-        what.coverage,
+        silhouette.coverage,
         top,
-        -(top + h) % step,
+        -(top + height) % step,
         left,
-        -(left + w) % step,
+        -(left + width) % step,
         cv2.BORDER_CONSTANT,
     )
-    small = cv2.resize(
-        padded,
-        (padded.shape[1] // step, padded.shape[0] // step),
-        interpolation=cv2.INTER_AREA,
+    cells = (padded.shape[1] // step, padded.shape[0] // step)
+    small = cv2.resize(padded, cells, interpolation=cv2.INTER_AREA)
+    (cx, cy), (first, last) = silhouette.center, silhouette.ends
+    radius, floor = silhouette.radius, silhouette.floor
+    return Silhouette(
+        np.asarray(small, np.float32),
+        corner=((x - left) // step, (y - top) // step),
+        center=(scale(cx), scale(cy)),
+        radius=None if radius is None else radius / step,
+        thick=silhouette.thick / step,
+        floor=None if floor is None else scale(floor),
+        ends=(scale(first), scale(last)),
+        walls=silhouette.walls,
     )
-    W, H = setting.size
-    rough = shadow_darkness(
-        Silhouette(
-            np.asarray(small, np.float32),
-            ((x - left) // step, (y - top) // step),
-            ((what.center[0] + 0.5) / step - 0.5, (what.center[1] + 0.5) / step - 0.5),
-            None if what.radius is None else what.radius / step,
-            what.thick / step,
-            None if what.floor is None else (what.floor + 0.5) / step - 0.5,
-            ((what.ends[0] + 0.5) / step - 0.5, (what.ends[1] + 0.5) / step - 0.5),
-            what.walls,
-        ),
-        _coarse(setting, step),
-    )
-    if rough is None:
-        return None
-    (x0, y0, x1, y1), dark = rough
-    fine = cv2.resize(
-        dark, ((x1 - x0) * step, (y1 - y0) * step), interpolation=cv2.INTER_LINEAR
-    )
-    x0, y0 = x0 * step, y0 * step
-    x1, y1 = min(x1 * step, W), min(y1 * step, H)
-    return (x0, y0, x1, y1), np.asarray(fine[: y1 - y0, : x1 - x0], np.float32)
 
 
 @lru_cache(maxsize=64)
 def _coarse(setting: ShadowSetting, step: int) -> ShadowSetting:
-    """The same on a grid of `step` px."""
-    W, H = setting.size
-    return replace(
-        setting, size=(-(-W // step), -(-H // step)), backdrop=setting.backdrop / step
-    )
+    """Return the setting on a grid of `step` px."""
+    width, height = setting.size
+    size = (-(-width // step), -(-height // step))
+    return replace(setting, size=size, backdrop=setting.backdrop / step)
 
 
-def shaded_background(plate: F32, dark: F32, tint: F32) -> F32:
-    """(h, w, 3) of a plate in the light that is left."""
-    left = cv2.merge([dark * -part for part in tint])
-    return np.asarray(cv2.multiply(plate, cv2.exp(left)), np.float32)
+def shaded_background(plate: F32, darkness: F32, tint: F32) -> F32:
+    """Return (h, w, 3) a plate in the remaining light."""
+    logarithm = cv2.merge([darkness * -part for part in tint])
+    return np.asarray(cv2.multiply(plate, cv2.exp(logarithm)), np.float32)
 
 
 def shifted_picture(
@@ -270,18 +322,18 @@ def shifted_picture(
     shift: tuple[float, float],
     size: tuple[int, int],
 ) -> tuple[PixelBox | None, F32]:
-    """A picture moved by a fraction of pixels, cut to the photo."""
-    h, w = picture.shape[:2]
+    """Return a picture moved by a fraction of pixels, cut to the photo."""
+    height, width = picture.shape[:2]
     x, y = corner[0] + shift[0], corner[1] + shift[1]
-    x0, y0 = int(np.floor(x)), int(np.floor(y))
-    left, top = max(x0, 0), max(y0, 0)
-    right, bottom = min(x0 + w + 1, size[0]), min(y0 + h + 1, size[1])
+    first_column, first_row = int(np.floor(x)), int(np.floor(y))
+    left, top = max(first_column, 0), max(first_row, 0)
+    right = min(first_column + width + 1, size[0])
+    bottom = min(first_row + height + 1, size[1])
     if not picture.size or right <= left or bottom <= top:
         return None, picture
     matrix = np.array([[1.0, 0, x - left], [0, 1, y - top]])
-    moved = cv2.warpAffine(
-        picture, matrix, (right - left, bottom - top), borderMode=cv2.BORDER_CONSTANT
-    )
+    box_size = (right - left, bottom - top)
+    moved = cv2.warpAffine(picture, matrix, box_size, borderMode=cv2.BORDER_CONSTANT)
     return (left, top, right, bottom), np.asarray(moved, np.float32)
 
 
@@ -293,99 +345,146 @@ def decompose_shadows(
     rounds: Sequence[bool],
     setting: ShadowSetting,
     gone: Sequence[Silhouette] = (),
-    changed: NDArray[np.bool_] | None = None,
+    changed: Mask | None = None,
 ) -> tuple[LitBackground, F32 | None]:
-    """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: they were not removed.
+    """Separate `background` (H, W, 3) sRGB into light and shadows by `clean` without shadows; None: not removed.
 
     `gone` are objects of the photo that the scene leaves out: their shadows leave with them. `changed` (H, W): where
     the background is not the photo's, which tells nothing of shadows close to objects either. The second result is
     (H, W) -log of the light that those left; None where there are none.
     """
     lit = decode(background)
-    steps = [shadow_grid_step(start) for start in starts]
-    if (
-        clean is None
-    ):  # all that is dark stays, and what moves throws a shadow of its own beside it
-        nothing = (0, 0, 0, 0), np.zeros((0, 0), np.float32)
-        casts = [
-            CastShadow(s, step, None, nothing, None, r)
-            for s, step, r in zip(starts, steps, rounds, strict=True)
-        ]
-        dark = np.zeros(lit.shape[:2], np.float32)
-        nobody = np.zeros(dark.shape, np.int32)
-        return LitBackground(
-            setting, lit, np.ones(3, np.float32), dark, casts, nobody, lifted=False
-        ), None
+    if clean is None:
+        return _undivided(lit, starts, rounds, setting), None
     bare = decode(clean)
-    dark = _log(luminance(bare)) - _log(luminance(lit))
-    np.clip(dark, -0.5, SHADOW.deepest, out=dark)
-    # close to an object, and in narrow gaps between objects, the background is not to be trusted
-    ring, gap = (
-        np.ones((2 * by + 1, 2 * by + 1), np.uint8) for by in (SHADOW.ring, SHADOW.gap)
-    )
-    unknown = cv2.morphologyEx(
-        cv2.dilate((coverage > 0).astype(np.uint8), ring), cv2.MORPH_CLOSE, gap
-    )
-    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), gap)
-    open_ = (unknown == 0) | (reach == 0)
+    darkness = _log(luminance(bare)) - _log(luminance(lit))
+    np.clip(darkness, -0.5, SHADOW.deepest, out=darkness)
+    is_open = _open_background(coverage)
     if changed is not None:
-        open_ &= ~changed
-    weight = open_.astype(np.float32)
+        is_open &= ~changed
     everybody = [*starts, *gone]
-    steps += [shadow_grid_step(ghost) for ghost in gone]
+    steps = [shadow_grid_step(silhouette) for silhouette in everybody]
+    setting, firsts, total = _matched_shadows(
+        everybody, steps, setting, darkness, is_open
+    )
+    rest = _unexplained(darkness, total, is_open)
+    claims = _claims(everybody, firsts, setting.size)
+    claimed, owner = _claimed(claims, darkness.shape)
+    every_cast = []
+    for k, start in enumerate(everybody):
+        own = _owned(rest, claims[k], claimed)
+        is_round = k < len(starts) and rounds[k]
+        every_cast.append(_cast(start, steps[k], firsts[k], own, is_round, setting))
+    casts, ghost_casts = every_cast[: len(starts)], every_cast[len(starts) :]
+    total = _sum_of_shadows(casts, darkness.shape)
+    ghost_shadows = _sum_of_shadows(ghost_casts, darkness.shape)
+    tint = _tint(lit, bare, darkness, is_open)
+    share = _clean_share(claimed, is_open)
+    plate = _plate(lit, bare, (total + ghost_shadows), tint, share)
+    result = LitBackground(setting, plate, tint, total, _leaning(casts), owner)
+    return result, ghost_shadows if gone else None
+
+
+def _undivided(
+    lit: F32,
+    starts: Sequence[Silhouette],
+    rounds: Sequence[bool],
+    setting: ShadowSetting,
+) -> LitBackground:
+    """Return a background whose old shadows stay: moving objects throw shadows of their own beside them."""
+    nothing = (0, 0, 0, 0), np.zeros((0, 0), np.float32)
+    casts = []
+    for start, is_round in zip(starts, rounds, strict=True):
+        step = shadow_grid_step(start)
+        casts.append(CastShadow(start, step, None, nothing, None, is_round))
+    darkness = np.zeros(lit.shape[:2], np.float32)
+    no_owner = np.zeros(darkness.shape, np.int32)
+    tint = np.ones(3, np.float32)
+    return LitBackground(setting, lit, tint, darkness, casts, no_owner, lifted=False)
+
+
+def _square(reach: int) -> U8:
+    return np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+
+
+def _open_background(coverage: F32) -> Mask:
+    """Return (H, W) where the background is reliable: not close to an object, nor in narrow gaps between objects."""
+    gap = _square(SHADOW.gap)
+    near = cv2.dilate((coverage > 0).astype(np.uint8), _square(SHADOW.ring))
+    unknown = cv2.morphologyEx(near, cv2.MORPH_CLOSE, gap)
+    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), gap)
+    return np.asarray((unknown == 0) | (reach == 0), np.bool_)
+
+
+def _matched_shadows(
+    everybody: Sequence[Silhouette],
+    steps: Sequence[int],
+    setting: ShadowSetting,
+    darkness: F32,
+    is_open: Mask,
+) -> tuple[ShadowSetting, list[tuple[PixelBox, F32] | None], F32]:
+    """Predict the shadow of each object and their sum, as deep as the photo's shadows `darkness` (H, W)."""
     firsts, total = _predicted(everybody, steps, setting)
     (deep, fewest), (quantile, least) = SHADOW.compared, SHADOW.lacking
-    there = open_ & (total > deep)
-    if np.count_nonzero(there) > fewest:
-        middle, high = np.quantile(
-            np.expm1(-dark[there]) / np.expm1(-total[there]), (0.5, quantile)
-        )
-        setting = replace(setting, lacking=float(max(min(high, 1.0), middle, least)))
-        firsts, total = _predicted(everybody, steps, setting)
-    rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SHADOW.smooth)
-    # behind objects the difference goes on smoothly; nothing there is brighter than without shadows
-    rest = harmonic_fill(rest[..., None], ~open_)[..., 0]
-    np.maximum(rest, np.where(open_, rest, -total), out=rest)
-    casts = []
-    claims = _claims(everybody, firsts, setting.size)
-    claimed, owner = _claimed(claims, dark.shape)
-    total, left = np.zeros(dark.shape, np.float32), np.zeros(dark.shape, np.float32)
-    for k, (start, step, first, claim) in enumerate(
-        zip(everybody, steps, firsts, claims, strict=True)
-    ):
-        own = _owned(rest, claim, claimed)
-        cast = _cast(start, step, first, own, k < len(starts) and rounds[k], setting)
-        if k < len(starts):
-            casts.append(cast)
+    compared = is_open & (total > deep)
+    if np.count_nonzero(compared) <= fewest:
+        return setting, firsts, total
+    ratios = np.expm1(-darkness[compared]) / np.expm1(-total[compared])
+    middle, high = np.quantile(ratios, (0.5, quantile))
+    lacking = float(max(min(high, 1.0), middle, least))
+    setting = replace(setting, lacking=lacking)
+    return setting, *_predicted(everybody, steps, setting)
+
+
+def _unexplained(darkness: F32, total: F32, is_open: Mask) -> F32:
+    """Return (H, W) the photo's darkness beyond the predicted `total`, continued behind objects."""
+    weight = is_open.astype(np.float32)
+    difference = cv2.medianBlur(darkness - total, 5) * weight
+    rest = _spread_into(difference, weight, SHADOW.smooth)
+    rest = harmonic_fill(rest[..., None], ~is_open)[..., 0]
+    # Nothing behind an object is brighter than without shadows.
+    np.maximum(rest, np.where(is_open, rest, -total), out=rest)
+    return rest
+
+
+def _sum_of_shadows(casts: Sequence[CastShadow], shape: tuple[int, ...]) -> F32:
+    """Return (H, W) the sum of whole shadows at t = 0."""
+    total = np.zeros(shape, np.float32)
+    for cast in casts:
         if cast.whole is not None:
-            _add(total if k < len(starts) else left, *cast.whole)
-    casts = _leaning(casts)
-    tint = _tint(lit, bare, dark, open_)
+            _add(total, *cast.whole)
+    return total
+
+
+def _clean_share(claimed: F32, is_open: Mask) -> F32:
+    """Return (H, W) 0..1: the share of the clean picture in the plate."""
     least, most = SHADOW.claimed
-    given = np.clip((claimed - least) / (most - least), 0, 1)
-    given = np.where(open_, given, np.float32(1))
+    share = np.clip((claimed - least) / (most - least), 0, 1)
+    return np.asarray(np.where(is_open, share, np.float32(1)), np.float32)
+
+
+def _plate(lit: F32, bare: F32, total: F32, tint: F32, share: F32) -> F32:
+    """Return (H, W, 3) the background without the shadows `total`, mixed with the clean picture by `share`."""
     plate = np.empty_like(lit)
-    for c in range(3):
-        seen = _log(lit[..., c]) + (total + left) * tint[c]
-        plate[..., c] = cv2.exp(seen + given * (_log(bare[..., c]) - seen))
-    return LitBackground(
-        setting, plate, tint, total, casts, owner
-    ), left if gone else None
+    for channel in range(3):
+        unshaded = _log(lit[..., channel]) + total * tint[channel]
+        difference = _log(bare[..., channel]) - unshaded
+        plate[..., channel] = cv2.exp(unshaded + share * difference)
+    return plate
 
 
 def _predicted(
     everybody: Sequence[Silhouette], steps: Sequence[int], setting: ShadowSetting
 ) -> tuple[list[tuple[PixelBox, F32] | None], F32]:
-    """The shadow of each, and (H, W) their sum."""
-    firsts = [
-        predicted_shadow(one, setting, step)
-        for one, step in zip(everybody, steps, strict=True)
-    ]
+    """Return the shadow of each object, and (H, W) their sum."""
+    shadows = []
     total = np.zeros(setting.size[::-1], np.float32)
-    for first in firsts:
-        if first is not None:
-            _add(total, *first)
-    return firsts, total
+    for silhouette, step in zip(everybody, steps, strict=True):
+        shadow = predicted_shadow(silhouette, setting, step)
+        shadows.append(shadow)
+        if shadow is not None:
+            _add(total, *shadow)
+    return shadows, total
 
 
 def _log(light: F32) -> F32:
@@ -400,117 +499,111 @@ def _cast(
     is_round: bool,
     setting: ShadowSetting,
 ) -> CastShadow:
-    """One object's shadow at t = 0: what geometry foretells, and what the photo shows beyond."""
+    """Return an object's shadow at t = 0: the prediction of geometry, and what the photo shows beyond."""
     own = _trimmed(*own)
     slides = setting.top and is_round and first is not None
     geometry = unbounded_shadow(start, setting, step) if slides else first
-    (x, y, *_), everything = _trimmed(
-        *joined_pictures([own] if geometry is None else [geometry, own])
-    )
-    box, seen = shifted_picture(everything, (x, y), (0.0, 0.0), setting.size)
-    whole = None if box is None else (box, seen)
-    # an object far outside of the photo has no visible shadow that could slide
+    parts = [own] if geometry is None else [geometry, own]
+    (x, y, *_), everything = _trimmed(*joined_pictures(parts))
+    box, visible = shifted_picture(everything, (x, y), (0.0, 0.0), setting.size)
+    whole = None if box is None else (box, visible)
+    # An object far outside of the photo has no visible shadow that could slide.
     sliding = ((x, y), everything) if slides and everything.size else None
     return CastShadow(start, step, whole, own, sliding, is_round)
 
 
 def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
-    """The same, with the lean of sliding shadows: how their offsets from their objects change with place."""
-    places, offsets, weights = [], [], []
+    """Return the casts with the lean of sliding shadows: how their offsets from their objects change with place."""
+    places, offsets, masses = [], [], []
     for cast in casts:
-        if (
-            cast.sliding is not None
-            and (moments := cv2.moments(np.maximum(cast.sliding[1], 0)))["m00"] > 0
-        ):
-            middle = (
-                np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-                + cast.sliding[0]
-            )
-            places.append(cast.start.center)
-            offsets.append((middle - places[-1]) / cast.start.thick)
-            weights.append(moments["m00"])
-    if len(weights) < SHADOW.shadows:
+        if cast.sliding is None:
+            continue
+        corner, picture = cast.sliding
+        moments = cv2.moments(np.maximum(picture, 0))
+        mass = moments["m00"]
+        if mass <= 0:
+            continue
+        middle = np.array([moments["m10"], moments["m01"]]) / mass + corner
+        places.append(cast.start.center)
+        offsets.append((middle - cast.start.center) / cast.start.thick)
+        masses.append(mass)
+    if len(masses) < SHADOW.shadows:
         return casts
-    place, offset = (
-        np.array(part) - np.average(part, axis=0, weights=weights)
-        for part in (places, offsets)
-    )
-    weight = np.array(weights)[:, None]
+    place = np.array(places) - np.average(places, axis=0, weights=masses)
+    offset = np.array(offsets) - np.average(offsets, axis=0, weights=masses)
+    weight = np.array(masses)[:, None]
     spread = float((weight * place**2).sum())
     slope = float((weight * place * offset).sum()) / max(spread, 1e-9)
-    explained = slope**2 * spread / max(float((weight * offset**2).sum()), 1e-9)
-    if slope <= 0 or explained < SHADOW.explained:
+    variance = max(float((weight * offset**2).sum()), 1e-9)
+    if slope <= 0 or slope**2 * spread / variance < SHADOW.explained:
         return casts
-    return [
-        replace(cast, lean=min(SHADOW.lamp * slope * cast.start.thick, SHADOW.leans))
-        for cast in casts
-    ]
+    leaning = []
+    for cast in casts:
+        lean = min(SHADOW.lamp * slope * cast.start.thick, SHADOW.leans)
+        leaning.append(replace(cast, lean=lean))
+    return leaning
 
 
 def unbounded_shadow(
-    what: Silhouette, setting: ShadowSetting, step: int
+    silhouette: Silhouette, setting: ShadowSetting, step: int
 ) -> tuple[PixelBox, F32]:
-    """Box and picture of an object's whole shadow on a table, as if the photo had no border."""
-    beyond = step * ceil((10 * max(what.coverage.shape) + 64) / step)
-    (x, y), (cx, cy), (W, H) = what.corner, what.center, setting.size
-    far = replace(
-        what, corner=(x + beyond, y + beyond), center=(cx + beyond, cy + beyond)
+    """Return box and picture of an object's whole shadow on a table, as if the photo had no border."""
+    reach = 10 * max(silhouette.coverage.shape) + 64
+    margin = step * ceil(reach / step)
+    (x, y), (cx, cy) = silhouette.corner, silhouette.center
+    width, height = setting.size
+    moved = replace(
+        silhouette,
+        corner=(x + margin, y + margin),
+        center=(cx + margin, cy + margin),
     )
-    found = predicted_shadow(
-        far, replace(setting, size=(W + 2 * beyond, H + 2 * beyond)), step
-    )
-    if found is None:
+    large = replace(setting, size=(width + 2 * margin, height + 2 * margin))
+    shadow = predicted_shadow(moved, large, step)
+    if shadow is None:
         return (x, y, x + 1, y + 1), np.zeros((1, 1), np.float32)
-    (x0, y0, x1, y1), dark = found
-    return (x0 - beyond, y0 - beyond, x1 - beyond, y1 - beyond), dark
+    (x0, y0, x1, y1), darkness = shadow
+    return (x0 - margin, y0 - margin, x1 - margin, y1 - margin), darkness
 
 
 def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
-    """The part of a picture in which anything is to be seen, fading to nothing at its border."""
-    seen = np.abs(picture) > SHADOW.faint
-    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    """Return the visible part of a picture, fading to nothing at its border."""
+    visible = np.abs(picture) > SHADOW.faint
+    rows = np.flatnonzero(visible.any(axis=1))
+    columns = np.flatnonzero(visible.any(axis=0))
     if not len(rows):
         return (box[0], box[1], box[0], box[1]), picture[:0, :0]
-    y0, y1, x0, x1 = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
-    kept = picture[y0:y1, x0:x1]
-    kept = np.asarray(
-        np.sign(kept) * np.maximum(np.abs(kept) - np.float32(SHADOW.faint), 0),
-        np.float32,
-    )
-    return (
-        int(box[0] + x0),
-        int(box[1] + y0),
-        int(box[0] + x1),
-        int(box[1] + y1),
-    ), kept
+    y0, y1 = int(rows[0]), int(rows[-1]) + 1
+    x0, x1 = int(columns[0]), int(columns[-1]) + 1
+    part = picture[y0:y1, x0:x1]
+    size = np.maximum(np.abs(part) - np.float32(SHADOW.faint), 0)
+    part_box = (box[0] + x0, box[1] + y0, box[0] + x1, box[1] + y1)
+    return part_box, np.asarray(np.sign(part) * size, np.float32)
 
 
-def shadow_grid_step(what: Silhouette) -> int:
-    """px a side of the grid for its shadow: some 24 cells across the object, at most."""
-    h, w = what.coverage.shape
-    return max(1, min(int(np.sqrt(h * w)) // SHADOW.cells, 8))
+def shadow_grid_step(silhouette: Silhouette) -> int:
+    """Return px a side of the grid for an object's shadow: some 24 cells across the object, at most."""
+    height, width = silhouette.coverage.shape
+    return max(1, min(int(np.sqrt(height * width)) // SHADOW.cells, 8))
 
 
 def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
-    """A blur of what is known, which dies away in what is not."""
-    near = blurred(weight, sigma)
-    return np.asarray(
-        blurred(values, sigma) / np.maximum(near, 0.02) * np.clip(near * 4, 0, 1),
-        np.float32,
-    )
+    """Blur known values, which die away in unknown pixels."""
+    norm = blurred(weight, sigma)
+    mean = blurred(values, sigma) / np.maximum(norm, 0.02)
+    return np.asarray(mean * np.clip(norm * 4, 0, 1), np.float32)
 
 
-def _tint(lit: F32, bare: F32, dark: F32, where: NDArray[np.bool_]) -> F32:
-    """(3,) least squares of each channel's darkening by that of the luminance."""
-    there = where & (dark > 0.3)
-    lit, bare, d = lit[there], bare[there], dark[there][:, None]
-    seen = (lit.min(axis=1) > 2e-3) & (bare.min(axis=1) > 2e-3)
-    if np.count_nonzero(seen) < 200:
+def _tint(lit: F32, bare: F32, darkness: F32, is_open: Mask) -> F32:
+    """Fit (3,) each channel's darkening to that of the luminance by least squares."""
+    in_shadow = is_open & (darkness > 0.3)
+    lit, bare, darkness = lit[in_shadow], bare[in_shadow], darkness[in_shadow][:, None]
+    measurable = (lit.min(axis=1) > 2e-3) & (bare.min(axis=1) > 2e-3)
+    if np.count_nonzero(measurable) < 200:
         return np.ones(3, np.float32)
-    each, d = np.log(bare[seen] / lit[seen]), d[seen]
-    return np.asarray(
-        np.clip((each * d).sum(axis=0) / (d * d).sum(), 0.85, 1.15), np.float32
-    )
+    darkness = darkness[measurable]
+    channels = np.log(bare[measurable] / lit[measurable])
+    slope = (channels * darkness).sum(axis=0) / (darkness * darkness).sum()
+    return np.asarray(np.clip(slope, 0.85, 1.15), np.float32)
 
 
 def _claims(
@@ -518,79 +611,96 @@ def _claims(
     firsts: Sequence[tuple[PixelBox, F32] | None],
     size: tuple[int, int],
 ) -> list[tuple[PixelBox, F32]]:
-    """How likely each object changes the picture around it: by the shadow it foretells, and by how near it is."""
-    W, H = size
+    """Return how likely each object changes the picture around it: by its predicted shadow, and by its distance."""
     claims: list[tuple[PixelBox, F32]] = []
-    for start, first in zip(starts, firsts, strict=True):
-        h, w = start.coverage.shape
-        reach = SHADOW.near * min(h, w) + 4
-        pad = ceil(2 * reach)
-        x0, y0 = (side - pad for side in start.corner)
-        x1, y1 = start.corner[0] + w + pad, start.corner[1] + h + pad
-        if first is not None:
-            (a, b, c, d), _ = first
-            x0, y0, x1, y1 = (
-                min(x0, a - pad),
-                min(y0, b - pad),
-                max(x1, c + pad),
-                max(y1, d + pad),
-            )
-        box = max(x0, 0), max(y0, 0), min(x1, W), min(y1, H)
+    for start, shadow in zip(starts, firsts, strict=True):
+        reach = SHADOW.near * min(start.coverage.shape) + 4
+        box = _claim_box(start, shadow, ceil(2 * reach), size)
         x0, y0, x1, y1 = box
         if x1 <= x0 or y1 <= y0:
             claims.append(((0, 0, 0, 0), np.zeros((0, 0), np.float32)))
             continue
-        away = (moved_silhouette(start, box, 0, 0, 0) <= 0.5).astype(np.uint8)
-        distance = cv2.distanceTransform(away, cv2.DIST_L2, 3)
-        distance = np.minimum(
-            distance, FAR
-        )  # it is 1e19 where the object is out of the picture
+        outside = (moved_silhouette(start, box, 0, 0, 0) <= 0.5).astype(np.uint8)
+        distance = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
+        # OpenCV's distance is 1e19 if the object is out of the picture.
+        distance = np.minimum(distance, FAR)
         claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
-        if first is not None:
-            (a, b, c, d), dark = first
+        if shadow is not None:
+            (left, top, right, bottom), darkness = shadow
             cast = np.zeros_like(claim)
-            cast[b - y0 : d - y0, a - x0 : c - x0] = dark
+            cast[top - y0 : bottom - y0, left - x0 : right - x0] = darkness
             claim += 4 * cast + 4 * blurred(cast, 0.6 * reach)
         claims.append((box, claim))
     return claims
 
 
+def _claim_box(
+    start: Silhouette,
+    shadow: tuple[PixelBox, F32] | None,
+    margin: int,
+    size: tuple[int, int],
+) -> PixelBox:
+    """Return the box of an object, its shadow and a margin around both, within the photo."""
+    (x0, y0), (height, width) = start.corner, start.coverage.shape
+    x1, y1 = x0 + width, y0 + height
+    if shadow is not None:
+        left, top, right, bottom = shadow[0]
+        x0, y0, x1, y1 = min(x0, left), min(y0, top), max(x1, right), max(y1, bottom)
+    return (
+        max(x0 - margin, 0),
+        max(y0 - margin, 0),
+        min(x1 + margin, size[0]),
+        min(y1 + margin, size[1]),
+    )
+
+
 def _claimed(
     claims: Sequence[tuple[PixelBox, F32]], shape: tuple[int, ...]
 ) -> tuple[F32, NDArray[np.int32]]:
-    """(H, W) the sum of claims, and 1 + the index of the largest; 0 where there are hardly any."""
-    total, most = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    """Return (H, W) the sum of claims, and 1 + the index of the largest.
+
+    0 where there are hardly any.
+    """
+    total, largest = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     owner = np.zeros(shape, np.int32)
-    for k, ((x0, y0, x1, y1), claim) in enumerate(claims, 1):
+    for number, ((x0, y0, x1, y1), claim) in enumerate(claims, 1):
         part = np.s_[y0:y1, x0:x1]
         total[part] += claim
-        more = claim > most[part]
-        most[part][more] = claim[more]
-        owner[part][more] = k
+        is_larger = claim > largest[part]
+        largest[part][is_larger] = claim[is_larger]
+        owner[part][is_larger] = number
     owner[total <= SHADOW.claimed[0]] = 0
     return total, owner
+
+
+EDGE = 6
+"""px over which an object's own shadow fades at the border of its box."""
 
 
 def _owned(
     rest: F32, claim: tuple[PixelBox, F32], claimed: F32
 ) -> tuple[PixelBox, F32]:
-    """An object's part of what geometry does not explain: what it claims beyond all others together."""
-    (x0, y0, x1, y1), mine = claim
-    if not mine.size:
+    """Return an object's part of the unexplained darkness: what it claims beyond all others together."""
+    (x0, y0, x1, y1), own_claim = claim
+    if not own_claim.size:
         return claim
-    share = mine / (claimed[y0:y1, x0:x1] + np.float32(SHADOW.claimed[0]))
+    all_claims = claimed[y0:y1, x0:x1] + np.float32(SHADOW.claimed[0])
+    share = own_claim / all_claims
     own = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
-    # nothing at the box's border, so that it may move unseen; at the photo's, where nobody knows, it goes on as there
-    edge = 6
+    # The shadow fades at the box's border, so that it may move unseen; beyond the photo's border it goes on.
     height, width = rest.shape
-    beyond = [edge * met for met in (y0 <= 0, y1 >= height, x0 <= 0, x1 >= width)]
-    own = np.pad(own, (beyond[:2], beyond[2:]), "edge")
-    down, across = (
-        np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) / edge, 0, 1)
-        for n in own.shape
-    )
-    box = x0 - beyond[2], y0 - beyond[0], x1 + beyond[3], y1 + beyond[1]
-    return box, np.asarray(own * np.outer(down, across).astype(np.float32), np.float32)
+    above, below = EDGE * (y0 <= 0), EDGE * (y1 >= height)
+    left, right = EDGE * (x0 <= 0), EDGE * (x1 >= width)
+    own = np.pad(own, ((above, below), (left, right)), "edge")
+    fade = np.outer(_faded_ends(own.shape[0]), _faded_ends(own.shape[1]))
+    box = x0 - left, y0 - above, x1 + right, y1 + below
+    return box, np.asarray(own * fade.astype(np.float32), np.float32)
+
+
+def _faded_ends(count: int) -> NDArray[np.float64]:
+    """Return (count,) 1, with ramps from 0 over EDGE at both ends."""
+    places = np.arange(count)
+    return np.clip(np.minimum(places, places[::-1]) / EDGE, 0, 1)
 
 
 def _add(canvas: F32, box: PixelBox, values: F32) -> None:

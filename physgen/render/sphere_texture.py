@@ -24,19 +24,32 @@ Mask = NDArray[np.bool_]
 class TextureConstants:
     """Constants of the continuation, tuned on apples, oranges and dates by eye."""
 
-    dark: float = 0.03  # linear light: colours below tell little in logarithms
-    smooth: float = 0.18  # of the radius: standard deviation of the base
-    rim: float = 0.85  # of the radius, at which the base is read for the hidden half
-    sure: float = 0.8  # of the radius, up to which the skin stays as the photo shows it
-    visible: float = 0.92  # of the radius: farther out the skin is too foreshortened
-    modes: int = 8  # of the base along the rim; higher ones are detail
-    directions: int = 64  # all around, in which pieces of detail lie
-    piece: float = 0.66  # rad: radius of a piece, about an eighth of the sphere
-    off_centre: float = 0.26  # rad: how far its source is from the visible middle
-    unusual: float = 4.0  # times the median detail: a stem, a mark; no piece has it
-    highlight: float = 0.35  # of log light: a smaller peak may be paint
-    whiter: float = 0.6  # share of a peak that the strongest channel has, at most
-    grown: int = 2  # px around a highlight that belong to it
+    dark: float = 0.03
+    """Linear light: colours below tell little in logarithms."""
+    smooth: float = 0.18
+    """Of the radius: standard deviation of the base."""
+    rim: float = 0.85
+    """Of the radius, at which the base is read for the hidden half."""
+    sure: float = 0.8
+    """Of the radius, up to which the skin stays as the photo shows it."""
+    visible: float = 0.92
+    """Of the radius: farther out the skin is too foreshortened."""
+    modes: int = 8
+    """Of the base along the rim; higher ones are detail."""
+    directions: int = 64
+    """All around, in which pieces of detail lie."""
+    piece: float = 0.66
+    """rad: radius of a piece, about an eighth of the sphere."""
+    off_centre: float = 0.26
+    """rad: how far its source is from the visible middle."""
+    unusual: float = 4.0
+    """Times the median detail: a stem, a mark; no piece has it."""
+    highlight: float = 0.35
+    """Of log light: a smaller peak may be paint."""
+    whiter: float = 0.6
+    """Share of a peak that the strongest channel has, at most."""
+    grown: int = 2
+    """px around a highlight that belong to it."""
     seed: int = 7
 
 
@@ -93,10 +106,14 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
 class _Source:
     """What the photo shows of a sphere's skin, in logarithms."""
 
-    level: F32  # (h, w, 3)
-    base: F32  # (h, w, 3)
-    detail: F32  # (h, w, 4): with the weight of each pixel, 0 for what is unusual
-    waves: NDArray[np.complex128]  # (modes, 3) of the base along the rim
+    level: F32
+    """(h, w, 3)."""
+    base: F32
+    """(h, w, 3)."""
+    detail: F32
+    """(h, w, 4): with the weight of each pixel, 0 for what is unusual."""
+    waves: NDArray[np.complex128]
+    """(modes, 3) of the base along the rim."""
     center: Array
     radius: float
 

@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import F32, U16, Mask
 from physgen.compile.world import Body, Wheel, World
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
-from physgen.geometry.shadows import F32, ShadowSetting, Silhouette, floor_contact
+from physgen.geometry.shadows import ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
 from physgen.materials import is_billiard_ball
 from physgen.photometry import DistantLight, decode
@@ -35,7 +36,6 @@ from physgen.render.sprites import (
     CUT,
     MARGIN,
     MOST_RELIGHTING,
-    Mask,
     Relief,
     Sides,
     Sprite,
@@ -59,34 +59,50 @@ PALETTE = (
 class StagingTuning:
     """Assumed depths of objects, and limits of flat drawings."""
 
-    large: int = 4_000_000  # px² that the sprite of one object may take in full
-    fine: int = 8  # sub-pixels a side when lines are drawn
-    flat: float = 0.8  # of its radius: how high a disc reaches above a table, where the scene does not say
-    deep: float = 0.9  # of the root of its area: how far anything else reaches through the plane of motion
-    ghosts: int = 200  # objects that a scene leaves out and whose shadows leave with them, about: the largest
-    seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
-    back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
-    stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
-    lumpy: float = 0.5  # of its radius, by which a fruit may be larger than its circle
-    around: float = (
-        0.75  # of a disc's ring that must be seen, for light to be told from paint
-    )
-    uneven: float = 0.7  # change once around, of the mean, from which it is paint
-    box: float = 0.9  # of the box around it, that a block fills
-    edged: float = 0.3  # of the spread of an edge's light that one direction must explain, to be light
-    lit: float = 0.5  # of a face's light, by which that of its edges changes with their direction, at most
-    sun: float = 0.5  # weight of the scene's light in where edges are lit from: two sides alone do not show that
-    faint: float = 0.05  # of a face's light: less at an edge may be its grain
-    thread: float = 2.0  # px: how thick what hangs on a ball is
-    steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
-    mirrored: int = (
-        60  # px below an object's foot in which a floor is asked what it mirrors
-    )
-    near_foot: int = (
-        4  # px of these that objects' blurred rims and contact shadows may spoil
-    )
-    alike: float = 0.7  # correlation of what lies there with objects upside down, from which it mirrors them
-    joined: float = 9.0  # px between the ends of two boundaries that are one floor
+    large: int = 4_000_000
+    """px² that the sprite of one object may take in full."""
+    fine: int = 8
+    """Sub-pixels a side when lines are drawn."""
+    flat: float = 0.8
+    """Of its radius: how high a disc reaches above a table, where the scene does not say."""
+    deep: float = 0.9
+    """Of the root of its area: how far anything else reaches through the plane of motion."""
+    ghosts: int = 200
+    """Objects that a scene leaves out and whose shadows leave with them, about: the largest."""
+    seen_top: float = 0.7
+    """px by which an object shows above and below its shape: less are ragged borders."""
+    back: float = 0.8
+    """Of what a top shows in the photo, that sides show: edges are rounded; by tune."""
+    stray: float = 0.03
+    """Share of a ball's pixels that may lie outside its circle."""
+    lumpy: float = 0.5
+    """Of its radius, by which a fruit may be larger than its circle."""
+    around: float = 0.75
+    """Of a disc's ring that must be seen, for light to be told from paint."""
+    uneven: float = 0.7
+    """Change once around, of the mean, from which it is paint."""
+    box: float = 0.9
+    """Of the box around it, that a block fills."""
+    edged: float = 0.3
+    """Of the spread of an edge's light that one direction must explain, to be light."""
+    lit: float = 0.5
+    """Of a face's light, by which that of its edges changes with their direction, at most."""
+    sun: float = 0.5
+    """Weight of the scene's light in where edges are lit from: two sides alone do not show that."""
+    faint: float = 0.05
+    """Of a face's light: less at an edge may be its grain."""
+    thread: float = 2.0
+    """px: how thick what hangs on a ball is."""
+    steep: float = 0.25
+    """Rise over run from which a boundary is no floor: shadows of a slope lie elsewhere."""
+    mirrored: int = 60
+    """px below an object's foot in which a floor is asked what it mirrors."""
+    near_foot: int = 4
+    """px of these that objects' blurred rims and contact shadows may spoil."""
+    alike: float = 0.7
+    """Correlation of what lies there with objects upside down, from which it mirrors them."""
+    joined: float = 9.0
+    """px between the ends of two boundaries that are one floor."""
 
 
 STAGING = StagingTuning()
@@ -95,93 +111,93 @@ STAGING = StagingTuning()
 def enlarged_world(
     world: World, outlines: Sequence[Outline], scale: float
 ) -> tuple[World, list[Outline]]:
-    """Canvas, walls, bodies and outlines as large as they are on a canvas with `scale` pixels a photo pixel.
+    """Enlarge canvas, walls, bodies and outlines for a canvas with `scale` pixels a photo pixel.
 
     For drawing alone: masses, velocities and the like stay as they are.
     """
 
-    def at(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def enlarge(points: Array) -> Array:
         return (points + 0.5) * scale - 0.5
 
-    bodies = tuple(
-        replace(
+    def enlarge_body(body: Body) -> Body:
+        wheels = [Wheel(w.axle * scale, w.radius * scale) for w in body.wheels]
+        return replace(
             body,
-            center=at(body.center),
+            center=enlarge(body.center),
             radius=None if body.radius is None else body.radius * scale,
             rings=tuple(ring * scale for ring in body.rings),
-            wheels=tuple(
-                Wheel(wheel.axle * scale, wheel.radius * scale) for wheel in body.wheels
-            ),
+            wheels=tuple(wheels),
         )
-        for body in world.bodies
+
+    def enlarge_outline(outline: Outline) -> Outline:
+        if isinstance(outline, Disc):
+            return Disc(enlarge(outline.center), outline.radius * scale)
+        rings = []
+        for ring in outline.rings:
+            rings.append(Ring(enlarge(ring.outer), tuple(map(enlarge, ring.holes))))
+        return Region(tuple(rings))
+
+    walls = []
+    for wall in world.walls:
+        walls.append(replace(wall, chains=tuple(map(enlarge, wall.chains))))
+    width, height = world.size
+    enlarged = replace(
+        world,
+        size=(ceil(width * scale - 1e-6), ceil(height * scale - 1e-6)),
+        bodies=tuple(map(enlarge_body, world.bodies)),
+        walls=tuple(walls),
     )
-    walls = tuple(
-        replace(wall, chains=tuple(map(at, wall.chains))) for wall in world.walls
-    )
-    width, height = (ceil(side * scale - 1e-6) for side in world.size)
-    shapes: list[Outline] = [
-        Disc(at(shape.center), shape.radius * scale)
-        if isinstance(shape, Disc)
-        else Region(
-            tuple(
-                Ring(at(ring.outer), tuple(map(at, ring.holes))) for ring in shape.rings
-            )
-        )
-        for shape in outlines
-    ]
-    return replace(world, size=(width, height), bodies=bodies, walls=walls), shapes
+    return enlarged, list(map(enlarge_outline, outlines))
+
+
+SHIFT_BITS = 4
+"""Binary digits behind the point of OpenCV's coordinates."""
+FARTHEST = 2**24
+"""Largest coordinate that OpenCV draws to without overflow, 1 / 2**SHIFT_BITS px."""
 
 
 def flat_background(world: World, pen: float = 1.0) -> U8:
-    """(H, W, 3) sRGB: paper, with walls as lines on the side away from the objects."""
+    """Draw (H, W, 3) sRGB: paper, with walls as lines on the side away from the objects."""
     width, height = world.size
     scale = 4 if width * height <= 4_000_000 else 1
     canvas = np.empty((height * scale, width * scale, 3), np.uint8)
     canvas[:] = PAPER
+    line_width = round(2 * scale * pen)
     for wall in world.walls:
         for chain in wall.chains:
-            points = np.rint((chain + 0.5) * scale * 16).astype(np.int64)
-            points = np.clip(points, -(2**24), 2**24).astype(np.int32)
-            cv2.polylines(
-                canvas,
-                [points],
-                False,
-                INK,
-                round(2 * scale * pen),
-                cv2.LINE_AA,
-                shift=4,
-            )
-    return np.asarray(
-        cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8
-    )
+            points = np.rint((chain + 0.5) * scale * 2**SHIFT_BITS).astype(np.int64)
+            corners = np.clip(points, -FARTHEST, FARTHEST).astype(np.int32)
+            kind = cv2.LINE_AA
+            cv2.polylines(canvas, [corners], False, INK, line_width, kind, SHIFT_BITS)
+    small = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
 
 
 def flat_sprites(
     world: World, outlines: Sequence[Outline], order: Sequence[int], pen: float = 1.0
 ) -> list[Sprite]:
-    """One sprite an object: its colour, a darker rim, and for circles a spoke that shows how it turns.
+    """Draw one sprite an object: its colour, a darker rim, and for circles a spoke that shows how it turns.
 
-    Of an object much larger than the canvas, only what lies in it and around is drawn.
+    Of an object much larger than the canvas, only the part in and around the canvas is drawn.
     """
     sprites = []
     width, height = world.size
-    around = min(max(width, height), STAGING.large // max(width, height))
+    margin = min(max(width, height), STAGING.large // max(width, height))
+    window = (-margin, -margin, width + margin, height + margin)
     for k in order:
         x0, y0, x1, y1 = bounds(outlines[k])
-        window = (-around, -around, width + around, height + around)
-        alpha, (x0, y0) = coverage_box(
-            outlines[k], window if (x1 - x0) * (y1 - y0) > STAGING.large else None
-        )
+        is_large = (x1 - x0) * (y1 - y0) > STAGING.large
+        alpha, (left, top) = coverage_box(outlines[k], window if is_large else None)
         if not alpha.size:
             continue
         alpha = np.pad(alpha, MARGIN)
-        corner = (x0 - MARGIN, y0 - MARGIN)
+        corner = (left - MARGIN, top - MARGIN)
         fill = decode(np.array(PALETTE[k % len(PALETTE)], np.uint8))
         lines = _lines(world.bodies[k], corner, alpha.shape, pen)[..., None]
         colour = fill * (1 - lines) + fill * 0.3 * lines
         picture = (alpha[..., None] * colour).astype(np.float32)
-        drawn = Sprite(k, corner, picture, alpha)
-        sprites.append(_on_drawn_wheels(drawn, world, fill))
+        sprite = Sprite(k, corner, picture, alpha)
+        sprites.append(_on_drawn_wheels(sprite, world, fill))
     return sprites
 
 
@@ -198,45 +214,51 @@ def _axles(sprite: Sprite, world: World) -> list[tuple[int, tuple[float, float]]
 
 def _on_drawn_wheels(sprite: Sprite, world: World, colour: F32) -> Sprite:
     """Return the sprite with wheels of a colour `(3,)`, also where it is at rest."""
-    radii = [wheel.radius for wheel in world.bodies[sprite.body].wheels]
-    drawn = []
+    body = world.bodies[sprite.body]
+    if not body.wheels:
+        return sprite
+    wheels = []
     light = sprite.light.copy()
-    for (number, axle), radius in zip(_axles(sprite, world), radii, strict=True):
-        drawn.append(drawn_wheel(number, axle, radius, 0.5 * colour))
-        drawn[-1].draw(light, sprite.coverage, np.eye(2, 3), 0.0)
-    return replace(sprite, light=light, wheels=tuple(drawn)) if drawn else sprite
+    pairs = zip(_axles(sprite, world), body.wheels, strict=True)
+    for (number, axle), body_wheel in pairs:
+        wheel = drawn_wheel(number, axle, body_wheel.radius, 0.5 * colour)
+        wheel.draw(light, sprite.coverage, np.eye(2, 3), 0.0)
+        wheels.append(wheel)
+    return replace(sprite, light=light, wheels=tuple(wheels))
 
 
 def _on_wheels(sprite: Sprite, world: World) -> Sprite:
     """Return the sprite with the wheels of its body as the photo shows them."""
-    radii = [wheel.radius for wheel in world.bodies[sprite.body].wheels]
-    wheels = [
-        wheel_from_photo(sprite.light, sprite.coverage, number, axle, radius)
-        for (number, axle), radius in zip(_axles(sprite, world), radii, strict=True)
-    ]
-    shown = tuple(wheel for wheel in wheels if wheel is not None)
-    return replace(sprite, wheels=shown) if shown else sprite
+    body = world.bodies[sprite.body]
+    wheels = []
+    pairs = zip(_axles(sprite, world), body.wheels, strict=True)
+    for (number, axle), body_wheel in pairs:
+        radius = body_wheel.radius
+        wheel = wheel_from_photo(sprite.light, sprite.coverage, number, axle, radius)
+        if wheel is not None:
+            wheels.append(wheel)
+    return replace(sprite, wheels=tuple(wheels)) if wheels else sprite
 
 
 def _lines(
     body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: float
 ) -> F32:
-    """(h, w) in 0..1: how much of a pixel the rim and spoke cover."""
+    """Return (h, w) in 0..1: the share of each pixel that the rim and the spoke cover."""
     height, width = shape
     fine = STAGING.fine if height * width < 250_000 else 2
     canvas = np.zeros((height * fine, width * fine), np.uint8)
-    thick = max(1, round(1.5 * fine * pen))
+    line_width = max(1, round(1.5 * fine * pen))
 
-    def pixels(points: NDArray[np.float64]) -> NDArray[np.int32]:
+    def pixels(points: Array) -> NDArray[np.int32]:
         return np.rint((points + body.center - corner + 0.5) * fine).astype(np.int32)
 
-    cv2.polylines(canvas, [pixels(ring) for ring in body.rings], True, 255, 2 * thick)
+    rings = [pixels(ring) for ring in body.rings]
+    cv2.polylines(canvas, rings, True, 255, 2 * line_width)
     if body.radius is not None:
         spoke = pixels(np.array([[0.0, 0.0], [body.radius, 0.0]]))
-        cv2.line(canvas, spoke[0].tolist(), spoke[1].tolist(), 255, thick)
-    return (
-        cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) / 255.0
-    ).astype(np.float32)
+        cv2.line(canvas, spoke[0].tolist(), spoke[1].tolist(), 255, line_width)
+    small = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+    return (small / 255.0).astype(np.float32)
 
 
 NO_LIGHT = DistantLight(
@@ -245,7 +267,7 @@ NO_LIGHT = DistantLight(
 
 
 def matte_stage(stage: Stage) -> Stage:
-    """The same objects, white without any shading, and nothing else: no photo, no boundaries, no shadows.
+    """Return the same objects, white without any shading, and nothing else: no photo, no boundaries, no shadows.
 
     Whatever is no object of the scene, objects of the photo that the scene leaves out among it, is dark.
     """
@@ -258,7 +280,10 @@ def matte_stage(stage: Stage) -> Stage:
 
 
 def _white(sprite: Sprite) -> Sprite:
-    """A ball stays one, for its picture does not turn with it: of dark skin and white gloss all over."""
+    """Return a white sprite.
+
+    A ball stays one, of dark skin and white gloss, for its picture does not turn with it.
+    """
     ball = sprite.ball
     if ball is not None:
         ball = replace(
@@ -287,7 +312,10 @@ def _white(sprite: Sprite) -> Sprite:
 
 
 def matte_coverage(frame: Frame) -> F32:
-    """(H, W) 0..1 of all objects together: the linear light of a matte's frame."""
+    """Return the coverage (H, W).
+
+    0..1 of all objects together: the linear light of a matte's frame.
+    """
     return decode(frame.rgb[..., 0])
 
 
@@ -300,330 +328,416 @@ def lit_stage(
     coverage: F32,
     absent: Mask,
 ) -> Stage:
-    """`background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all objects, `absent` ones too."""
-    if scene.light is None:
-        sprites = [_on_wheels(sprite, world) for sprite in sprites]
-        return Stage(
-            background, anchored(sprites, decode(maps.rgb), decode(background), absent)
-        )
-    light = DistantLight(
-        scene.light.direction, scene.light.intensity, scene.light.ambient
-    )
-    top = world.view is View.TOP
+    """Build the stage of a photo: sprites that light and shadows change as they move.
+
+    `background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all objects, `absent` ones too.
+    """
+    photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
-    parts = []
-    for sprite in sprites:
-        is_fruit = top and not is_billiard_ball(scene.objects[sprite.body].label)
-        lumpy = STAGING.lumpy if is_fruit else 0.0
-        parts += _parted(sprite, world.bodies[sprite.body], lumpy)
-    setting = ShadowSetting(
-        light=light,
-        softness=scene.light.softness,
-        top=top,
-        tilt=max(tan(radians(scene.world.tilt)), 1e-3),
-        backdrop=inf if scene.world.backdrop is None else scene.world.backdrop,
-        size=world.size,
-    )
-    grounds = [] if top else floors(world)
-    if np.isfinite(setting.backdrop) and maps.shadows is not None:
-        grounds = [
-            ground
-            for ground in grounds
-            if not passed(ground, maps.labels, maps.shadows)
-        ]
+    if scene.light is None:
+        return Stage(background, anchored(sprites, photo, decode(background), absent))
+    setting = _shadow_setting(scene, world)
+    grounds = _shadow_floors(world, maps, setting)
+    parts = _split_balls(scene, world, sprites)
+    sprites = [sprite for sprite, _ in parts]
     actors = [
-        _actor(sprite, world.bodies[sprite.body], loose, top) for sprite, loose in parts
+        _actor(sprite, world.bodies[sprite.body], is_loose, setting.top)
+        for sprite, is_loose in parts
     ]
-    starts = [
-        silhouette(
-            grounds,
-            s.coverage,
-            s.corner,
-            world.bodies[s.body].center,
-            actor,
-            setting.tilt,
-        )
-        for (s, _), actor in zip(parts, actors, strict=True)
-    ]
-    veils: list[F32 | None] = [None] * len(parts)
-    if (
-        scene.render.shadows and maps.clean is not None
-    ):  # shadows of this light were seen
-        near = occluders(starts, setting)
-        thrown = occlusions(
-            starts, {k: near.get(k, []) for k in range(len(starts))}, setting
-        )
-        veils = [thrown.get(k) for k in range(len(starts))]
-        seen = [
-            seen_share(sprite, actor, start, before, light)
-            for (sprite, _), actor, start, before in zip(
-                parts, actors, starts, veils, strict=True
-            )
-            if before is not None
-        ]
-        usual, known = float(np.median(seen)) if seen else 1.0, iter(seen)
-        shares = [usual if before is None else next(known) for before in veils]
-        actors = [
-            replace(actor, veiled=share)
-            for actor, share in zip(actors, shares, strict=True)
-        ]
-        veils = [
-            None
-            if before is None or share == 0
-            else np.asarray(share * before, np.float32)
-            for before, share in zip(veils, shares, strict=True)
-        ]
-    sprites = [
-        sprite if top else _faced(sprite, world.bodies[sprite.body], light)
-        for sprite, _ in parts
-    ]
-    if scene.render.relight:
+    starts = []
+    for sprite, actor in zip(sprites, actors, strict=True):
+        center = world.bodies[sprite.body].center
+        picture, corner = sprite.coverage, sprite.corner
+        starts.append(silhouette(grounds, picture, corner, center, actor, setting.tilt))
+    veils: list[F32 | None] = [None] * len(sprites)
+    if scene.render.shadows and maps.clean is not None:
+        # A clean picture exists, so shadows of this light are visible in the photo.
+        actors, veils = _visible_veils(sprites, actors, starts, setting)
+    if not setting.top:
         sprites = [
-            sprite
-            if actor.radius is None
-            else _skinned(
-                sprite,
-                world.bodies[sprite.body],
-                light,
-                world.view,
-                before,
-                is_billiard_ball(scene.objects[sprite.body].label),
-            )
-            for sprite, actor, before in zip(sprites, actors, veils, strict=True)
-        ]
-        balls = iter(
-            in_one_light([sprite.ball for sprite in sprites if sprite.ball is not None])
-        )
-        sprites = [
-            sprite if sprite.ball is None else replace(sprite, ball=next(balls))
+            _faced(sprite, world.bodies[sprite.body], setting.light)
             for sprite in sprites
         ]
-        if maps.normals is not None:
-            sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
-        elif top:
-            sprites = [
-                _turned_disc(sprite, world.bodies[sprite.body]) for sprite in sprites
-            ]
-        if not top:
-            sprites = [_edged(sprite, light) for sprite in sprites]
+    if scene.render.relight:
+        sprites = _relit_sprites(scene, world, sprites, actors, veils, maps)
     if not scene.render.shadows:
-        return Stage(
-            background, anchored(sprites, decode(maps.rgb), decode(background), absent)
-        )
+        return Stage(background, anchored(sprites, photo, decode(background), absent))
     rounds = [
-        world.bodies[s.body].radius is not None and not loose for s, loose in parts
+        world.bodies[sprite.body].radius is not None and not is_loose
+        for sprite, is_loose in parts
     ]
-    gone = _ghosts(maps.labels, absent, coverage, grounds, setting)
-    changed = (
-        cv2.inRange(cv2.absdiff(maps.rgb, background), (0, 0, 0), (0, 0, 0)) == 0
-    ) & (coverage == 0)
-    lit, left = decompose_shadows(
-        background, maps.clean, coverage, starts, rounds, setting, gone, changed
+    ghosts = _ghosts(maps.labels, absent, coverage, grounds, setting)
+    difference = cv2.absdiff(maps.rgb, background)
+    is_equal = cv2.inRange(difference, (0, 0, 0), (0, 0, 0)) > 0
+    changed = ~is_equal & (coverage == 0)
+    lit, ghost_shadows = decompose_shadows(
+        background, maps.clean, coverage, starts, rounds, setting, ghosts, changed
     )
-    photo = decode(maps.rgb)
-    if left is not None:  # the photo as it would be without what is left out
-        photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(
-            np.float32
+    if ghost_shadows is not None:
+        # The photo as it would be without the objects that the scene leaves out.
+        shadows = np.where(coverage < 0.5, ghost_shadows, 0)
+        photo = photo * np.exp(shadows)[..., None].astype(np.float32)
+    behind = lit.behind()
+    mirror = None
+    if not setting.top:
+        mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
+    return Stage(
+        background,
+        anchored(sprites, photo, behind, absent, lit.owner),
+        lit,
+        actors,
+        grounds,
+        None if maps.clean is None else veils,
+        mirror=mirror,
+    )
+
+
+def _shadow_setting(scene: Scene, world: World) -> ShadowSetting:
+    light = scene.light
+    assert light is not None
+    backdrop = scene.world.backdrop
+    return ShadowSetting(
+        light=DistantLight(light.direction, light.intensity, light.ambient),
+        softness=light.softness,
+        top=world.view is View.TOP,
+        tilt=max(tan(radians(scene.world.tilt)), 1e-3),
+        backdrop=inf if backdrop is None else backdrop,
+        size=world.size,
+    )
+
+
+def _shadow_floors(world: World, maps: Percepts, setting: ShadowSetting) -> list[Array]:
+    """Return the floors, as `floors`, on which the photo's shadows fall."""
+    if setting.top:
+        return []
+    grounds = floors(world)
+    shadows = maps.shadows
+    if not np.isfinite(setting.backdrop) or shadows is None:
+        return grounds
+    return [ground for ground in grounds if not passed(ground, maps.labels, shadows)]
+
+
+def _split_balls(
+    scene: Scene, world: World, sprites: Sequence[Sprite]
+) -> list[tuple[Sprite, bool]]:
+    """Return all sprites as `_parted`."""
+    parts = []
+    for sprite in sprites:
+        lumpiness = 0.0
+        label = scene.objects[sprite.body].label
+        if world.view is View.TOP and not is_billiard_ball(label):
+            lumpiness = STAGING.lumpy
+        parts += _parted(sprite, world.bodies[sprite.body], lumpiness)
+    return parts
+
+
+def _visible_veils(
+    sprites: Sequence[Sprite],
+    actors: Sequence[ShadowBody],
+    starts: Sequence[Silhouette],
+    setting: ShadowSetting,
+) -> tuple[list[ShadowBody], list[F32 | None]]:
+    """Predict the veils that objects throw on each other in the photo, as strong as the photo shows them.
+
+    Return the actors with that strength, and -log of the light (h, w) that each veil leaves on its sprite.
+    """
+    neighbours = occluders(starts, setting)
+    every = {k: neighbours.get(k, []) for k in range(len(starts))}
+    predicted = occlusions(starts, every, setting)
+    shares = {}
+    for k, prediction in predicted.items():
+        shares[k] = seen_share(
+            sprites[k], actors[k], starts[k], prediction, setting.light
         )
-    mirror = (
-        None
-        if top
-        else floor_mirror(sprites, starts, photo - lit.behind(), coverage, setting.tilt)
-    )
-    sprites = anchored(sprites, photo, lit.behind(), absent, lit.owner)
-    veils_seen = veils if maps.clean is not None else None
-    return Stage(background, sprites, lit, actors, grounds, veils_seen, mirror=mirror)
+    typical = float(np.median([*shares.values()])) if shares else 1.0
+    visible: list[F32 | None] = []
+    veiled_actors = []
+    for k, actor in enumerate(actors):
+        share = shares.get(k, typical)
+        veiled_actors.append(replace(actor, veiled=share))
+        veil: F32 | None = None
+        if k in predicted and share != 0:
+            veil = np.asarray(share * predicted[k], np.float32)
+        visible.append(veil)
+    return veiled_actors, visible
+
+
+def _relit_sprites(
+    scene: Scene,
+    world: World,
+    sprites: Sequence[Sprite],
+    actors: Sequence[ShadowBody],
+    veils: Sequence[F32 | None],
+    maps: Percepts,
+) -> list[Sprite]:
+    """Return the sprites with the skins or reliefs that light changes as they turn."""
+    light = _shadow_setting(scene, world).light
+    is_top = world.view is View.TOP
+    relit = []
+    for sprite, actor, veil in zip(sprites, actors, veils, strict=True):
+        if actor.radius is not None:
+            body = world.bodies[sprite.body]
+            is_painted = is_billiard_ball(scene.objects[sprite.body].label)
+            sprite = _skinned(sprite, body, light, world.view, veil, is_painted)
+        relit.append(sprite)
+    relit = _in_one_light(relit)
+    if maps.normals is not None:
+        relit = [_relieved(sprite, maps.normals, light) for sprite in relit]
+    elif is_top:
+        relit = [_turned_disc(sprite, world.bodies[sprite.body]) for sprite in relit]
+    if not is_top:
+        relit = [_edged(sprite, light) for sprite in relit]
+    return relit
+
+
+def _in_one_light(sprites: Sequence[Sprite]) -> list[Sprite]:
+    """Return the sprites with balls as `in_one_light`."""
+    balls = in_one_light([s.ball for s in sprites if s.ball is not None])
+    remaining = iter(balls)
+    result = []
+    for sprite in sprites:
+        if sprite.ball is not None:
+            sprite = replace(sprite, ball=next(remaining))
+        result.append(sprite)
+    return result
 
 
 def floor_mirror(
     sprites: Sequence[Sprite],
     starts: Sequence[Silhouette],
-    beyond: F32,
+    reflections: F32,
     coverage: F32,
     tilt: float,
 ) -> Mirror | None:
-    """What a floor mirrors of what stands on it; None where `beyond` (H, W, 3), linear light that the photo shows
-    beyond the background, is not like the objects turned upside down."""
-    sums, feet = np.zeros((3, STAGING.mirrored)), []
+    """Measure how much a floor mirrors of the objects that stand on it.
+
+    `reflections` (H, W, 3): linear light that the photo shows beyond the background; None if it is not like the
+    objects upside down.
+    """
+    # sums over pixels of object x reflection, object², reflection², by row below the foot
+    sums = np.zeros((3, STAGING.mirrored))
+    feet: list[tuple[int, float, float] | None] = []
     for sprite, start in zip(sprites, starts, strict=True):
-        rows, contact = (
-            np.flatnonzero((sprite.coverage > 0.5).any(axis=1)),
-            floor_contact(start, tilt),
-        )
-        stands = contact is not None and len(rows) and contact.low < 1
-        feet.append((sprite.corner[1] + int(rows[-1]), *start.ends) if stands else None)
-        if not stands:
-            continue
-        left, below = sprite.corner[0] + MARGIN, sprite.corner[1] + int(rows[-1]) + 1
-        own = sprite.light[rows[-1] :: -1, MARGIN:-MARGIN][: STAGING.mirrored]
-        there = np.s_[below : below + len(own), left : left + own.shape[1]]
-        seen = beyond[there] * (coverage[there] == 0)[..., None]
-        own = own[: len(seen)] * (coverage[there] == 0)[..., None]
-        for total, product in zip(
-            sums, (own * seen, own * own, seen * seen), strict=True
-        ):
-            total[: len(seen)] += product.sum(axis=(1, 2))
-    share, alike = (
-        sums[0] / np.maximum(sums[1], 1e-6),
-        sums[0] / np.sqrt(sums[1] * sums[2] + 1e-12),
-    )
-    unlike = np.flatnonzero(alike[STAGING.near_foot :] < STAGING.alike)
-    count = STAGING.near_foot + int(unlike[0]) if len(unlike) else len(share)
+        foot = _standing_foot(sprite, start, tilt)
+        feet.append(None if foot is None else (foot, *start.ends))
+        if foot is not None:
+            _add_reflection(sums, sprite, foot, reflections, coverage)
+    share = sums[0] / np.maximum(sums[1], 1e-6)
+    correlation = sums[0] / np.sqrt(sums[1] * sums[2] + 1e-12)
+    count = len(share)
+    unlike = np.flatnonzero(correlation[STAGING.near_foot :] < STAGING.alike)
+    if len(unlike):
+        count = STAGING.near_foot + int(unlike[0])
     if count < 3 * STAGING.near_foot:
         return None
     fade = np.minimum(np.arange(count, 0, -1) / (2 * STAGING.near_foot), 1)
     return Mirror((np.maximum(share[:count], 0) * fade).astype(np.float32), feet)
 
 
+def _standing_foot(sprite: Sprite, start: Silhouette, tilt: float) -> int | None:
+    """Return the last row of a sprite that stands on a floor, in the photo; None for others."""
+    rows = np.flatnonzero((sprite.coverage > 0.5).any(axis=1))
+    contact = floor_contact(start, tilt)
+    if contact is None or not len(rows) or contact.low >= 1:
+        return None
+    return sprite.corner[1] + int(rows[-1])
+
+
+def _add_reflection(
+    sums: Array, sprite: Sprite, foot: int, reflections: F32, coverage: F32
+) -> None:
+    """Add the products of a sprite upside down and the photo below its foot, by row."""
+    left, below, last_row = sprite.corner[0] + MARGIN, foot + 1, foot - sprite.corner[1]
+    flipped = sprite.light[last_row::-1, MARGIN:-MARGIN][: STAGING.mirrored]
+    height, width = flipped.shape[:2]
+    place = np.s_[below : below + height, left : left + width]
+    is_floor = (coverage[place] == 0)[..., None]
+    reflection = reflections[place] * is_floor
+    count = len(reflection)
+    flipped = flipped[:count] * is_floor
+    products = flipped * reflection, flipped * flipped, reflection * reflection
+    for total, product in zip(sums, products, strict=True):
+        total[:count] += product.sum(axis=(1, 2))
+
+
 def _ghosts(
-    labels: NDArray[np.uint16],
+    labels: U16,
     absent: Mask,
     coverage: F32,
     grounds: Sequence[Array],
     setting: ShadowSetting,
 ) -> list[Silhouette]:
-    """Things of the photo that the scene leaves out, as light saw them."""
-    found = []
-    every = np.nonzero(absent)
-    order = np.argsort(labels[absent], kind="stable")
-    ids, counts = np.unique(labels[absent], return_counts=True)
+    """Return the silhouettes of the photo's objects that the scene leaves out, the largest of them."""
+    every_row, every_column = np.nonzero(absent)
+    absent_ids = labels[absent]
+    order = np.argsort(absent_ids, kind="stable")
+    ids, counts = np.unique(absent_ids, return_counts=True)
     least = np.sort(counts)[-STAGING.ghosts :].min(initial=0)
-    for id_, pixels in zip(
-        ids.tolist(), np.split(order, np.cumsum(counts)[:-1]), strict=False
-    ):
+    groups = np.split(order, np.cumsum(counts)[:-1])
+    ghosts = []
+    for id_, pixels in zip(ids.tolist(), groups, strict=False):
         if len(pixels) < least:
             continue
-        rows, columns = every[0][pixels], every[1][pixels]
-        y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
-        own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(
-            np.float32
+        rows, columns = every_row[pixels], every_column[pixels]
+        x0, y0 = int(columns.min()), int(rows.min())
+        box = np.s_[y0 : rows.max() + 1, x0 : columns.max() + 1]
+        own_coverage = np.where(labels[box] == id_, coverage[box], 0)
+        center = np.array([columns.mean(), rows.mean()])
+        actor = ShadowBody(None, _ghost_thickness(len(rows), setting.top))
+        ghosts.append(
+            silhouette(
+                grounds,
+                own_coverage.astype(np.float32),
+                (x0, y0),
+                center,
+                actor,
+                setting.tilt,
+            )
         )
-        thick = STAGING.deep * float(np.sqrt(len(rows))) * (0.6 if setting.top else 1.0)
-        middle = np.array([columns.mean(), rows.mean()])
-        actor = ShadowBody(None, thick)
-        found.append(
-            silhouette(grounds, own, (int(x0), int(y0)), middle, actor, setting.tilt)
-        )
-    return found
+    return ghosts
+
+
+def _ghost_thickness(area: int, is_top: bool) -> float:
+    return STAGING.deep * float(np.sqrt(area)) * (0.6 if is_top else 1.0)
 
 
 def floors(world: World) -> list[Array]:
-    """(8,) px: segments of walls that are level enough for shadows, the columns between which they go on level, and 1
-    or 0: whether an upright wall stands at either end."""
-    every = [
-        np.concatenate(pair)
-        for wall in world.walls
-        for chain in wall.chains
-        for pair in pairwise(chain)
-    ]
-    across, down = (np.abs([one[k + 2] - one[k] for one in every]) for k in (0, 1))
-    found = [
-        every[k] for k in np.flatnonzero((across > 1) & (down < STAGING.steep * across))
-    ]
-    upright = [every[k] for k in np.flatnonzero(across < STAGING.steep * down)]
-    joined = []
-    for one in found:
-        level = [
-            g
-            for g in found
-            if np.abs(np.subtract.outer(g[1::2], one[1::2])).min() < STAGING.joined
-        ]
-        spans = sorted((min(g[::2]), max(g[::2])) for g in level)
-        left, right = sorted(one[::2])
-        for a, b in (*spans, *reversed(spans)):
-            if a <= right + STAGING.joined and b >= left - STAGING.joined:
-                left, right = min(left, a), max(right, b)
-        walls = [
-            any(
-                abs(foot[0] - x) < STAGING.joined
-                and top[1] < min(one[1::2]) < foot[1] + STAGING.joined
-                for top, foot in (
-                    sorted((w[:2], w[2:]), key=lambda end: end[1]) for w in upright
-                )
-            )
-            for x in (left, right)
-        ]
-        joined.append(np.array([*one, left, right, *walls]))
-    return joined
+    """Return (8,) px for each segment of a wall that is level enough for shadows.
+
+    The segment's two ends, the columns between which the floor goes on level, and 1 or 0: whether an upright wall
+    stands at either end.
+    """
+    segments = []
+    for wall in world.walls:
+        for chain in wall.chains:
+            segments += [np.concatenate(pair) for pair in pairwise(chain)]
+    level, upright = [], []
+    for segment in segments:
+        across, down = np.abs(segment[2:] - segment[:2])
+        if across > 1 and down < STAGING.steep * across:
+            level.append(segment)
+        if across < STAGING.steep * down:
+            upright.append(segment)
+    grounds = []
+    for segment in level:
+        left, right = _level_span(segment, level)
+        top = min(segment[1::2])
+        walls = [_has_wall_at(x, top, upright) for x in (left, right)]
+        grounds.append(np.array([*segment, left, right, *walls]))
+    return grounds
 
 
-def passed(
-    ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16]
-) -> bool:
-    """Whether the photo shows shadows pass by a floor: those of objects on it lie below it, on a wall behind.
+def _level_span(segment: Array, level: Sequence[Array]) -> tuple[float, float]:
+    """Return the columns between which a segment goes on, with others that are as high and close to its ends."""
+    spans = []
+    for other in level:
+        gaps = np.abs(np.subtract.outer(other[1::2], segment[1::2]))
+        if gaps.min() < STAGING.joined:
+            spans.append((min(other[::2]), max(other[::2])))
+    spans.sort()
+    left, right = sorted(segment[::2])
+    # From left to right and back again, so that the span grows on both sides.
+    for start, end in (*spans, *reversed(spans)):
+        if start <= right + STAGING.joined and end >= left - STAGING.joined:
+            left, right = min(left, start), max(right, end)
+    return left, right
+
+
+def _has_wall_at(x: float, floor: float, upright: Sequence[Array]) -> bool:
+    """Return whether an upright segment stands at the column `x` of a floor at this row."""
+    for segment in upright:
+        top, foot = sorted((segment[:2], segment[2:]), key=lambda end: end[1])
+        is_near = abs(foot[0] - x) < STAGING.joined
+        if is_near and top[1] < floor < foot[1] + STAGING.joined:
+            return True
+    return False
+
+
+def passed(ground: Array, labels: U16, shadows: U16) -> bool:
+    """Return whether the photo's shadows pass by a floor: those of objects on it lie below it, on a wall behind.
 
     A floor that reaches back to the wall would have caught them; this one is a line that perception laid under objects
     in the air, or a thin ledge. `ground` (4,) px; `labels` and `shadows` (H, W) by id.
     """
-    below, seen = 0, 0
-    for i in np.unique(shadows[shadows > 0]):
-        rows, columns = np.nonzero(labels == i)
+    below, standing = 0, 0
+    for id_ in np.unique(shadows[shadows > 0]):
+        rows, columns = np.nonzero(labels == id_)
         if not len(rows):
             continue
         bottom = float(rows.max())
-        found = ground_below([ground], float(columns.mean()), bottom - SUNK)
-        if found is not None and found[0] - bottom < 2 * SUNK:
-            seen += 1
-            below += bool(np.median(np.nonzero(shadows == i)[0]) > found[0] + SUNK)
-    return 2 * below > seen
+        floor = ground_below([ground], float(columns.mean()), bottom - SUNK)
+        if floor is None or floor[0] - bottom >= 2 * SUNK:
+            continue
+        standing += 1
+        shadow_row = np.median(np.nonzero(shadows == id_)[0])
+        below += bool(shadow_row > floor[0] + SUNK)
+    return 2 * below > standing
 
 
 def thickness(body: Body, top: bool) -> float:
-    """px that a body reaches above the table, or through the plane of motion: about its width, for want of better."""
+    """Return px that a body reaches above the table, or through the plane of motion: about its width, unless known."""
     if body.radius is not None:
-        return (
-            2 * body.radius
-            if body.solid is Solid.SPHERE or not top
-            else STAGING.flat * body.radius
-        )
+        if body.solid is Solid.SPHERE or not top:
+            return 2 * body.radius
+        return STAGING.flat * body.radius
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
-    deep = float(STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0))
-    # what stands and is no box was turned on a wheel or a lathe
-    w, h = cv2.minAreaRect(points.astype(np.float32))[1]
-    full = (
-        sum(cv2.contourArea(piece.astype(np.float32)) for piece in body.pieces)
-        > STAGING.box * w * h
-    )
-    return deep if top or full else min(deep, width)
+    depth = STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0)
+    # An upright object that is not a box was turned on a wheel or a lathe.
+    box_width, box_height = cv2.minAreaRect(points.astype(np.float32))[1]
+    area = sum(cv2.contourArea(piece.astype(np.float32)) for piece in body.pieces)
+    is_box = area > STAGING.box * box_width * box_height
+    if top or is_box:
+        return float(depth)
+    return float(min(depth, width))
 
 
 def seen_share(
     sprite: Sprite,
     actor: ShadowBody,
     start: Silhouette,
-    before: F32,
+    veil: F32,
     light: DistantLight,
 ) -> float:
-    """How much of a predicted veil (h, w) the photo shows on an object, 0..1: light between objects fills some of it.
+    """Return the share 0..1 of a predicted veil (h, w) that the photo shows: light between objects fills some of it.
 
     By least squares on the logarithm of its light, beside Lambert's shading of a ball and an even change over any face.
     """
-    sure = sprite.coverage >= 1
-    if np.count_nonzero(sure) < 80:
+    opaque = sprite.coverage >= 1
+    if np.count_nonzero(opaque) < 80:
         return 0.0
-    rows, columns = np.nonzero(sure)
-    level = np.log(sprite.light[rows, columns].mean(axis=1) + 0.01).astype(np.float64)
-    x, y = columns - columns.mean(), rows - rows.mean()
+    rows, columns = np.nonzero(opaque)
+    mean_light = sprite.light[rows, columns].mean(axis=1)
+    level = np.log(mean_light + 0.01).astype(np.float64)
     if actor.radius is not None:
         u = (columns + sprite.corner[0] - start.center[0]) / actor.radius
         v = (rows + sprite.corner[1] - start.center[1]) / actor.radius
         z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-        level -= np.log(
-            sphere_shading(light, *(part.astype(np.float32) for part in (u, v, z)))
-        )
-    terms = np.column_stack([np.ones(len(x)), x, y, -before[rows, columns]])
+        normal = [part.astype(np.float32) for part in (u, v, z)]
+        level -= np.log(sphere_shading(light, *normal))
+    x, y = columns - columns.mean(), rows - rows.mean()
+    terms = np.column_stack([np.ones(len(x)), x, y, -veil[rows, columns]])
     terms[:, 1:3] /= max(sprite.coverage.shape)
-    trust = np.ones(len(x))
-    found = np.zeros(4)
+    return float(np.clip(_robust_weights(terms, level)[3], 0, 1))
+
+
+VEIL_NOISE = 0.15
+"""Error in log light beyond which a pixel counts less: paint, not shadow."""
+
+
+def _robust_weights(terms: Array, level: Array) -> Array:
+    """Return the weights (4,) of `terms` (n, 4) that explain `level` (n,), by reweighted least squares."""
+    count = len(level)
+    stiffness = 1e-3 * count * np.diag([0.0, 1, 1, 0.1])
+    trust: Array = np.ones(count)
+    weights: Array = np.zeros(4)
     for _ in range(4):
         weighted = terms * trust[:, None]
-        found = np.linalg.solve(
-            weighted.T @ terms + 1e-3 * len(x) * np.diag([0.0, 1, 1, 0.1]),
-            weighted.T @ level,
-        )
-        trust = 1 / np.maximum(np.abs(level - terms @ found) / 0.15, 1)
-    return float(np.clip(found[3], 0, 1))
+        normal = weighted.T @ terms + stiffness
+        weights = np.asarray(np.linalg.solve(normal, weighted.T @ level), np.float64)
+        errors = np.abs(level - terms @ weights)
+        trust = 1 / np.maximum(errors / VEIL_NOISE, 1)
+    return weights
 
 
 def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
@@ -634,9 +748,9 @@ def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
 
 
 def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
-    """The sprite with its `face`: how far it shows below its shape, if as far above it as well, where its back is.
+    """Return the sprite with its `face`: how far it shows below its shape, if as far above it as well.
 
-    The top of a block that is seen has its `sides`.
+    A block whose top is visible also has its `sides`.
     """
     solid = sprite.coverage >= 0.5
     rows = np.flatnonzero(solid.any(axis=1))
@@ -646,51 +760,51 @@ def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     face = float(min(shape.min() - rows[0], rows[-1] - shape.max())) + 0.5
     if face < STAGING.seen_top:
         return sprite
-    tops = solid.argmax(axis=0)[solid.any(axis=0)]
     first = float(rows[0] - 0.5 + 2 * face)
-    top = (sprite.coverage >= 1) & (np.arange(len(solid)) < first - 0.5)[:, None]
-    block = len(body.rings) == 1 and len(body.rings[0]) == 4 and top.any()
-    if not block or np.ptp(np.percentile(tops, (25, 75))) > CUT.flat:
+    is_above = np.arange(len(solid)) < first - 0.5
+    top = (sprite.coverage >= 1) & is_above[:, None]
+    has_four_corners = len(body.rings) == 1 and len(body.rings[0]) == 4
+    top_rows = solid.argmax(axis=0)[solid.any(axis=0)]
+    is_level = np.ptp(np.percentile(top_rows, (25, 75))) <= CUT.flat
+    if not (has_four_corners and top.any() and is_level):
         return replace(sprite, face=face)
     colour = np.median(sprite.light[top], axis=0)
-    return replace(
-        sprite, face=face, sides=Sides(first, STAGING.back * 2 * face, colour, light)
-    )
+    sides = Sides(first, STAGING.back * 2 * face, colour, light)
+    return replace(sprite, face=face, sides=sides)
 
 
 def _parted(
-    sprite: Sprite, body: Body, lumpy: float = 0.0
+    sprite: Sprite, body: Body, lumpiness: float = 0.0
 ) -> list[tuple[Sprite, bool]]:
-    """A ball apart from what hangs on it, a thread or a handle, which turns as a picture; and whether it is that.
+    """Separate a ball from a thread or a handle that hangs on it, which turns as a picture; and whether it is that.
 
-    What reaches at most `lumpy` radii beyond the circle is the ball's own.
+    What reaches at most `lumpiness` radii beyond the circle is the ball's own.
     """
     if body.radius is None or body.solid is not Solid.SPHERE:
         return [(sprite, False)]
     x, y = body.center.tolist()
     rows, columns = np.indices(sprite.coverage.shape)
-    away = np.hypot(columns + sprite.corner[0] - x, rows + sprite.corner[1] - y)
-    hangs = (
-        sprite.coverage[away > body.radius + 2].sum()
-        > STAGING.stray * sprite.coverage.sum()
+    distance = np.hypot(columns + sprite.corner[0] - x, rows + sprite.corner[1] - y)
+    stray_area = sprite.coverage[distance > body.radius + 2].sum()
+    farthest = distance[sprite.coverage > 0.5].max(initial=0.0)
+    has_thread = bool(
+        stray_area > STAGING.stray * sprite.coverage.sum()
+        and farthest > (1 + lumpiness) * body.radius
     )
-    farthest = away[sprite.coverage > 0.5].max(initial=0.0)
-    hangs = hangs and bool(farthest > (1 + lumpy) * body.radius)
-    # the thread lies beneath and reaches a pixel farther in, so that nothing shows through where they meet
-    within = np.clip(body.radius + (1 if hangs else 2) - away, 0, 1).astype(np.float32)
-    beyond = np.clip(away - body.radius + 1, 0, 1).astype(np.float32)
-    return [
-        (
-            replace(
-                sprite,
-                light=sprite.light * part[..., None],
-                coverage=sprite.coverage * part,
-            ),
-            loose,
-        )
-        for part, loose in ((beyond, True), (within, False))
-        if hangs or not loose  # what was taken for its border only goes
-    ]
+    # The thread lies beneath and reaches a pixel farther in, so that no gap shows between them.
+    rim = 1 if has_thread else 2
+    inside = np.clip(body.radius + rim - distance, 0, 1).astype(np.float32)
+    ball = _masked(sprite, inside)
+    if not has_thread:
+        return [(ball, False)]
+    outside = np.clip(distance - body.radius + 1, 0, 1).astype(np.float32)
+    return [(_masked(sprite, outside), True), (ball, False)]
+
+
+def _masked(sprite: Sprite, share: F32) -> Sprite:
+    """Return the sprite with a share (h, w) of its light and coverage."""
+    light = sprite.light * share[..., None]
+    return replace(sprite, light=light, coverage=sprite.coverage * share)
 
 
 def _skinned(
@@ -698,18 +812,20 @@ def _skinned(
     body: Body,
     light: DistantLight,
     view: View,
-    before: F32 | None,
+    veil: F32 | None,
     is_painted: bool,
 ) -> Sprite:
-    """A sphere's sprite with its skin; `before` (h, w) is -log of the light that other objects leave on it."""
+    """Return a sphere's sprite with its skin.
+
+    `veil` (h, w) is -log of the light that other objects leave on it.
+    """
     assert body.radius is not None
     x, y = body.center.tolist()
     alpha = sprite.coverage[..., None]
-    colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(
-        np.float32
-    )
-    if before is not None:
-        colour *= np.exp(before)[..., None]
+    own_light = sprite.light / np.maximum(alpha, 1e-3)
+    colour = np.where(alpha > 1e-3, own_light, 0).astype(np.float32)
+    if veil is not None:
+        colour *= np.exp(veil)[..., None]
     ball = ball_from_photo(
         colour, sprite.corner, (x, y), body.radius, light, view, is_painted
     )
@@ -717,115 +833,143 @@ def _skinned(
 
 
 def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
-    """Any other sprite with the photo's `normals` (H, W, 3)."""
+    """Return a sprite that is no ball with the photo's `normals` (H, W, 3)."""
     if sprite.ball is not None:
         return sprite
     height, width = normals.shape[:2]
     h, w = sprite.coverage.shape
     x0, y0 = sprite.corner
-    own = np.zeros((h, w, 3), np.float32)
+    top, bottom = max(y0, 0), min(y0 + h, height)
+    left, right = max(x0, 0), min(x0 + w, width)
+    box = np.s_[top - y0 : bottom - y0, left - x0 : right - x0]
+    own_normals = np.zeros((h, w, 3), np.float32)
+    own_normals[box] = normals[top:bottom, left:right]
     known = np.zeros((h, w), bool)
-    here = np.s_[max(y0, 0) : min(y0 + h, height), max(x0, 0) : min(x0 + w, width)]
-    there = np.s_[
-        here[0].start - y0 : here[0].stop - y0, here[1].start - x0 : here[1].stop - x0
-    ]
-    own[there] = normals[here]
-    known[there] = sprite.coverage[there] > 0.7
-    return replace(sprite, relief=relief_of(own, known, light))
+    known[box] = sprite.coverage[box] > 0.7
+    return replace(sprite, relief=relief_of(own_normals, known, light))
 
 
 def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
-    """Anything but a ball, its edges rounded where the photo shows them lit: what changes on rings inside its outline
-    as one direction towards the light has it stays as the object turns; more is paint."""
+    """Return the sprite with rounded edges if the photo shows them lit.
+
+    A change of light on rings inside the outline that one direction towards the light explains stays as the object
+    turns; any other change is paint.
+    """
     solid = (sprite.coverage >= 1).astype(np.uint8)
     if sprite.sides is not None:
         solid[: ceil(sprite.sides.first)] = 0
-    away = cv2.distanceTransform(np.pad(solid, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    if (
-        sprite.ball is not None
-        or sprite.relief is not None
-        or not (away > 2 * CUT.rim).any()
-    ):
+    padded_depth = cv2.distanceTransform(np.pad(solid, 1), cv2.DIST_L2, 5)
+    depth = np.asarray(padded_depth[1:-1, 1:-1], np.float32)
+    has_inside = (depth > 2 * CUT.rim).any()
+    if sprite.ball is not None or sprite.relief is not None or not has_inside:
         return sprite
+    normal = _outward_normals(solid)
+    edge = _edge_light(sprite, depth)
+    gain = _edge_gain(normal, edge, depth, solid > 0, light)
+    if gain is None:
+        return sprite
+    x, y = normal[..., 0], normal[..., 1]
+    gain_x, gain_y = gain[..., 0], gain[..., 1]
+    toward, across = gain_x * x + gain_y * y, gain_x * y - gain_y * x
+    # Where the outline is off by a pixel, the photo shows no such edge: half of it will do, a quarter is none.
+    has_light = np.abs(toward) > STAGING.faint
+    shown = np.divide(edge, toward, out=np.ones_like(edge), where=has_light)
+    strength = np.clip(4 * shown - 1, 0, 1)
+    return replace(sprite, relief=_edge_relief(toward * strength, across * strength))
+
+
+def _outward_normals(solid: U8) -> F32:
+    """Return (h, w, 2) unit vectors, right and down, that point out of a shape."""
     soft = cv2.GaussianBlur(solid.astype(np.float32), (0, 0), CUT.clean)
-    x, y = (-cv2.Sobel(soft, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
-    normal = np.stack([x, y], axis=2) / np.maximum(np.hypot(x, y), 1e-6)[..., None]
-    bright, inner = sprite.light.mean(axis=2), (away > CUT.rim).astype(np.float32)
-    near = [
-        np.maximum(cv2.GaussianBlur(part, (0, 0), CUT.along), 1e-4)
-        for part in (bright * inner, inner)
-    ]
-    edge = bright * near[1] / near[0] - 1
-    gain, ring, strength = (
-        np.zeros_like(normal),
-        np.maximum(np.ceil(away), 1),
-        [0.0] * CUT.rim,
-    )
+    x = -cv2.Sobel(soft, cv2.CV_32F, 1, 0)
+    y = -cv2.Sobel(soft, cv2.CV_32F, 0, 1)
+    length = np.maximum(np.hypot(x, y), 1e-6)[..., None]
+    return np.asarray(np.stack([x, y], axis=2) / length, np.float32)
+
+
+def _edge_light(sprite: Sprite, depth: F32) -> F32:
+    """Return (h, w) the light of a sprite relative to that of its face close by, less 1."""
+    brightness = sprite.light.mean(axis=2)
+    inner = (depth > CUT.rim).astype(np.float32)
+    face_light = cv2.GaussianBlur(brightness * inner, (0, 0), CUT.along)
+    weight = cv2.GaussianBlur(inner, (0, 0), CUT.along)
+    face_light, weight = np.maximum(face_light, 1e-4), np.maximum(weight, 1e-4)
+    return np.asarray(brightness * weight / face_light - 1, np.float32)
+
+
+def _edge_gain(
+    normal: F32, edge: F32, depth: F32, solid: Mask, light: DistantLight
+) -> F32 | None:
+    """Return (h, w, 2) the light of edges by their normals.
+
+    None if there is no edge, or the whole shape is round.
+    """
+    gain = np.zeros_like(normal)
+    rings = np.maximum(np.ceil(depth), 1)
+    toward_light = np.array(light.direction[:2])
     sun = light.direction[:2] / np.maximum(np.hypot(*light.direction[:2]), 1e-6)
-    for d in range(1, CUT.rim + 1):
-        here = (ring == d) & (solid > 0)
-        there, change = (
-            normal[here] - normal[here].mean(axis=0),
-            edge[here] - edge[here].mean(),
-        )
-        slope = np.linalg.lstsq(there, change)[0]
-        explained = ((there @ slope) ** 2).sum() > STAGING.edged * (change**2).sum()
-        if explained and slope @ light.direction[:2] > 0:
-            strength[d - 1] = min(float(np.hypot(*slope)), STAGING.lit)
-            way = slope / np.hypot(*slope) + STAGING.sun * sun
-            gain[ring == d] = strength[d - 1] * way / np.hypot(*way)
-    if max(strength) <= 2 * strength[-1]:  # there is no edge, or all of it is round
-        return sprite
-    (x, y), (gx, gy) = (np.moveaxis(part, 2, 0) for part in (normal, gain))
-    toward, across = gx * x + gy * y, gx * y - gy * x
-    # where the outline is off by a pixel, the photo shows no such edge: half of it will do, a quarter is none
-    shown = np.divide(
-        edge, toward, out=np.ones_like(edge), where=np.abs(toward) > STAGING.faint
-    )
-    toward, across = (part * np.clip(4 * shown - 1, 0, 1) for part in (toward, across))
+    strengths = [0.0] * CUT.rim
+    for number in range(1, CUT.rim + 1):
+        ring = (rings == number) & solid
+        directions = normal[ring] - normal[ring].mean(axis=0)
+        change = edge[ring] - edge[ring].mean()
+        slope = np.linalg.lstsq(directions, change)[0]
+        explained = ((directions @ slope) ** 2).sum()
+        is_light = explained > STAGING.edged * (change**2).sum()
+        if is_light and slope @ toward_light > 0:
+            strength = min(float(np.hypot(*slope)), STAGING.lit)
+            direction = slope / np.hypot(*slope) + STAGING.sun * sun
+            gain[rings == number] = strength * direction / np.hypot(*direction)
+            strengths[number - 1] = strength
+    if max(strengths) <= 2 * strengths[-1]:
+        return None
+    return gain
+
+
+def _edge_relief(toward: F32, across: F32) -> Relief:
+    """Return the relief of light that changes by `toward`, and by `across` if turned by a quarter."""
     model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
-    parts = (toward, across, np.ones_like(toward), np.zeros_like(toward))
-    return replace(
-        sprite, relief=Relief(*(np.asarray(part / model, np.float32) for part in parts))
+    fixed, even = np.ones_like(toward), np.zeros_like(toward)
+    return Relief(
+        along=np.asarray(toward / model, np.float32),
+        across=np.asarray(across / model, np.float32),
+        fixed=np.asarray(fixed / model, np.float32),
+        even=np.asarray(even / model, np.float32),
     )
 
 
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
-    """A disc seen from above, round about its middle: what changes a little once around, on rings that the photo shows
-    all around, is light and stays; more is paint."""
+    """Return a disc seen from above with light that stays as it turns.
+
+    A small change of light once around, on rings that the photo shows all around, is light; more is paint.
+    """
     if body.radius is None or body.solid is Solid.SPHERE:
         return sprite
     rows, columns = np.indices(sprite.coverage.shape)
-    x, y = (
-        columns + sprite.corner[0] - body.center[0],
-        rows + sprite.corner[1] - body.center[1],
-    )
-    away = np.maximum(np.hypot(x, y), 1.0)
-    c, s, ring = (
-        x / away,
-        y / away,
-        np.minimum(away, max(body.radius - 2, 0)).astype(int),
-    )
-    bright, sure = (
-        sprite.light.mean(axis=2),
-        (sprite.coverage >= 1) & (away < body.radius),
-    )
-    sums = [
-        np.bincount(ring[sure], (bright * part)[sure], ring.max() + 1)
-        for part in (np.ones_like(c), 2 * c, 2 * s)
-    ]
-    count = np.maximum(np.bincount(ring[sure], minlength=ring.max() + 1), 1)
-    whole = count > STAGING.around * np.pi * (2 * np.arange(len(count)) + 1)
-    light = whole & (np.hypot(*sums[1:]) < STAGING.uneven * sums[0])
-    sums = [sums[0], *(part * light for part in sums[1:])]
-    even, along, across = (
-        cv2.GaussianBlur(part / count, (0, 0), 1.0).ravel()[ring] for part in sums
-    )
-    even = np.maximum(even, CUT.dark)
-    first, second = (along * c + across * s) / even, (along * s - across * c) / even
-    model = np.maximum(1 + first, 1 / MOST_RELIGHTING)
-    fields = [
-        np.asarray(part / model, np.float32)
-        for part in (first, second, np.ones_like(c), np.zeros_like(c))
-    ]
-    return replace(sprite, relief=Relief(*fields))
+    x = columns + sprite.corner[0] - body.center[0]
+    y = rows + sprite.corner[1] - body.center[1]
+    distance = np.maximum(np.hypot(x, y), 1.0)
+    cosine, sine = x / distance, y / distance
+    rings = np.minimum(distance, max(body.radius - 2, 0)).astype(int)
+    known = (sprite.coverage >= 1) & (distance < body.radius)
+    brightness = sprite.light.mean(axis=2)
+    sums = []
+    for term in (np.ones_like(cosine), 2 * cosine, 2 * sine):
+        sums.append(
+            np.bincount(rings[known], (brightness * term)[known], rings.max() + 1)
+        )
+    counts = np.bincount(rings[known], minlength=rings.max() + 1)
+    counts = np.maximum(counts, 1)
+    circumferences = np.pi * (2 * np.arange(len(counts)) + 1)
+    is_visible = counts > STAGING.around * circumferences
+    is_even = np.hypot(*sums[1:]) < STAGING.uneven * sums[0]
+    is_light = is_visible & is_even
+    sums = [sums[0], sums[1] * is_light, sums[2] * is_light]
+    means = []
+    for term in sums:
+        smooth = cv2.GaussianBlur(term / counts, (0, 0), 1.0).ravel()
+        means.append(smooth[rings])
+    even = np.maximum(means[0], CUT.dark)
+    toward = (means[1] * cosine + means[2] * sine) / even
+    across = (means[1] * sine - means[2] * cosine) / even
+    return replace(sprite, relief=_edge_relief(toward, across))

@@ -25,22 +25,32 @@ Mask = NDArray[np.bool_]
 class WheelConstants:
     """Constants of wheels' pictures, tuned on two cars and a toy by eye."""
 
-    alike: float = 0.07  # of the root of light: a tyre differs less around its axle
-    spread: float = 3.0  # times the usual difference, from which it is the body's
-    deepest: float = 0.55  # of the radius that the body covers, at most
-    joined: int = 3  # px of tyre that end what the body covers
-    lower: float = 0.1  # sine below the axle from which a wheel is surely visible
-    smooth: float = 0.1  # of the turn: width of the median over what the body covers
-    shading: float = 0.5  # by which light changes once around, at most
-    dark: float = 0.02  # linear light: below it light and paint look alike
+    alike: float = 0.07
+    """Of the root of light: a tyre differs less around its axle."""
+    spread: float = 3.0
+    """Times the usual difference, from which it is the body's."""
+    deepest: float = 0.55
+    """Of the radius that the body covers, at most."""
+    joined: int = 3
+    """px of tyre that end what the body covers."""
+    lower: float = 0.1
+    """Sine below the axle from which a wheel is surely visible."""
+    smooth: float = 0.1
+    """Of the turn: width of the median over what the body covers."""
+    shading: float = 0.5
+    """By which light changes once around, at most."""
+    dark: float = 0.02
+    """Linear light: below it light and paint look alike."""
     rims: tuple[float, ...] = (0.45, 0.5, 0.55, 0.61, 0.67, 0.74)
     """Of the radius: rims whose own middle is looked for."""
-    steered: float = (
-        0.4  # of the radius, by which a steered wheel's rim is off its axle
-    )
-    concentric: float = 0.1  # of the radius: such a rim turns with the tyre
-    edge: float = 0.3  # share of a rim's circle that must be an edge
-    beyond: float = 1.06  # of the rim's radius, that turns with it
+    steered: float = 0.4
+    """Of the radius, by which a steered wheel's rim is off its axle."""
+    concentric: float = 0.1
+    """Of the radius: such a rim turns with the tyre."""
+    edge: float = 0.3
+    """Share of a rim's circle that must be an edge."""
+    beyond: float = 1.06
+    """Of the rim's radius, that turns with it."""
     narrow: tuple[float, ...] = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7)
     """Width over height of a steered wheel's rim."""
     finer: tuple[float, ...] = (
@@ -56,7 +66,8 @@ class WheelConstants:
         1.42,
     )
     """Of the rim's first radius, that are tried."""
-    reach: float = 0.14  # of the wheel's radius around the rim's first middle
+    reach: float = 0.14
+    """Of the wheel's radius around the rim's first middle."""
 
 
 WHEEL = WheelConstants()
@@ -66,14 +77,21 @@ WHEEL = WheelConstants()
 class WheelSprite:
     """A wheel on a sprite's box."""
 
-    number: int  # column of `Trajectory.wheel_turns`
-    center: tuple[float, float]  # px of the sprite
+    number: int
+    """Column of `Trajectory.wheel_turns`."""
+    center: tuple[float, float]
+    """px of the sprite."""
     radius: float
-    corner: tuple[int, int]  # column and row of the pictures' first pixel
-    paint: F32  # (h, w, 3) linear light without shading
-    shading: F32  # (h, w) that stays
-    cover: F32  # (h, w) 0..1: where the wheel shows
-    aspect: float = 1.0  # width over height: a steered wheel is an ellipse
+    corner: tuple[int, int]
+    """Column and row of the pictures' first pixel."""
+    paint: F32
+    """(h, w, 3) linear light without shading."""
+    shading: F32
+    """(h, w) that stays."""
+    cover: F32
+    """(h, w) 0..1: where the wheel shows."""
+    aspect: float = 1.0
+    """Width over height: a steered wheel is an ellipse."""
 
     def draw(self, light: F32, coverage: F32, matrix: Array, turn: float) -> None:
         """Draw the wheel, turned by `turn` rad, into `light` (h, w, 3).
@@ -164,8 +182,10 @@ class _Ellipse:
 
     x: float
     y: float
-    radius: float  # half its height
-    aspect: float  # its width over its height
+    radius: float
+    """Half its height."""
+    aspect: float
+    """Its width over its height."""
 
 
 def _turning_part(
@@ -243,10 +263,14 @@ def drawn_wheel(
 class _Rings:
     """A wheel in polar coordinates: a row for each px from the axle."""
 
-    paint: F32  # (R, A, 3)
-    known: Mask  # (R, A): the photo shows the object there
-    body: Mask  # (R, A): the vehicle's body covers the wheel
-    shading: F32  # (R, A)
+    paint: F32
+    """(R, A, 3)."""
+    known: Mask
+    """(R, A): the photo shows the object there."""
+    body: Mask
+    """(R, A): the vehicle's body covers the wheel."""
+    shading: F32
+    """(R, A)."""
 
     @staticmethod
     def of(colour: F32, alpha: F32, part: _Ellipse) -> _Rings:

@@ -31,12 +31,15 @@ UNREFINED = ("unrefined.mp4", "unrefined.webp", "unrefined.gif", "unrefined/0000
 class Failure:
     """A record of a run that failed."""
 
-    scene: str  # name of the folder of the clip
-    path: str  # the scene's file, as it was given
+    scene: str
+    """Name of the folder of the clip."""
+    path: str
+    """The scene's file, as it was given."""
     variant: str | None
     overrides: tuple[str, ...]
     command: tuple[str, ...]
-    problems: tuple[str, ...]  # errors, one line each
+    problems: tuple[str, ...]
+    """Errors, one line each."""
     warnings: tuple[str, ...] = ()
 
 
@@ -66,7 +69,7 @@ def write_failure(
 
 
 def remove_failure(out: Path, scene: str) -> None:
-    """After the clip has succeeded."""
+    """Remove the record of a failure, after the clip has succeeded."""
     file = out / f"{scene}{ENDING}"
     if read_failure(file) is not None:
         with suppress(OSError):
@@ -74,7 +77,7 @@ def remove_failure(out: Path, scene: str) -> None:
 
 
 def read_failure(file: Path) -> Failure | None:
-    """None where the file is not ours."""
+    """Read the record of a failure; None if the file is not ours."""
     try:
         data: Mapping[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         if data["failed"] != 1:
@@ -94,7 +97,8 @@ def read_failure(file: Path) -> Failure | None:
 class Clip:
     """One clip of a gallery."""
 
-    home: Path  # its folder; of one that failed, the file of its record
+    home: Path
+    """Its folder; of one that failed, the file of its record."""
     name: str
     variant: str | None = None
     overrides: tuple[str, ...] = ()
@@ -103,30 +107,35 @@ class Clip:
     )  # the resolved scene; empty for one that failed
     photo: str = ""
     """SHA-256 of the scene's photo; empty without one."""
-    size: tuple[int, int] = (4, 3)  # width and height of the film, px
-    fps: float = 30.0  # 1/s
+    size: tuple[int, int] = (4, 3)
+    """Width and height of the film, px."""
+    fps: float = 30.0
+    """1/s."""
     frames: int = 0
     warnings: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()  # why it failed; empty for one that did not
-    film: Path | None = None  # the video, or the first of its frames
+    problems: tuple[str, ...] = ()
+    """Why it failed; empty for one that did not."""
+    film: Path | None = None
+    """The video, or the first of its frames."""
     seal: str = ""
     """Identifies the film: hexadecimal digits."""
     report: Path | None = None
-    time: float = 0.0  # when it was made, s since 1970
+    time: float = 0.0
+    """When it was made, s since 1970."""
 
     @property
     def scene(self) -> str:
-        """Its name without the variant's."""
+        """Return the clip's name without the variant's."""
         return self.name.removesuffix(f"-{self.variant}") if self.variant else self.name
 
     @property
     def subject(self) -> object:
-        """The same for clips of one photo, or of the same objects."""
+        """Return a name that is the same for clips of one photo, or of the same objects."""
         return self.photo or tuple(self.document.get("objects", ()))
 
     @property
     def duration(self) -> float:
-        """Of the film, s."""
+        """Return the duration of the film, s."""
         return self.frames / self.fps if self.fps > 0 else 0.0
 
     @property
@@ -139,12 +148,14 @@ class Clip:
 
     @property
     def objects(self) -> int:
-        """Their number."""
+        """Return the number of objects."""
         return len(self.document.get("objects", {}))
 
 
 def clips_in(roots: Sequence[Path]) -> list[Clip]:
-    """Every clip in or below `roots`, once, in the natural order of folders; raises InputError for roots that are none.
+    """Find every clip in or below `roots`, once, in the natural order of folders.
+
+    Raises InputError for roots without clips.
 
     Folders whose names begin with a dot, and files that are not ours, are skipped.
     """
@@ -195,7 +206,7 @@ def _below(root: Path) -> Iterator[Clip]:
 
 
 def _rendered(folder: Path) -> Clip | None:
-    """None where the manifest is not ours."""
+    """Read a rendered clip; None if the manifest is not ours."""
     path = folder / "manifest.json"
     try:
         data: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
@@ -241,7 +252,7 @@ def _rendered(folder: Path) -> Clip | None:
 
 
 def _failed(file: Path, failure: Failure) -> Clip:
-    """Problems name the scene's file without its folders."""
+    """Read a failed clip, whose problems name the scene's file without its folders."""
     name = Path(failure.path).name
     texts = (
         text.replace(failure.path, name, 1)
@@ -261,7 +272,7 @@ def _failed(file: Path, failure: Failure) -> Clip:
 
 
 def _seal(files: Mapping[str, str], film: str) -> str:
-    """Of the video's hash, or of all hashes of a folder of frames."""
+    """Return a name for the video's hash, or for all hashes of a folder of frames."""
     if not film.endswith("/00000.png"):
         return str(files[film])[:20]
     folder = film.removesuffix("00000.png")

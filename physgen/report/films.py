@@ -24,15 +24,18 @@ QUALITY = 80
 class Film:
     """A clip on a page."""
 
-    source: str  # URL of the file, or of the first frame
-    plays: bool  # it is a video; else a picture, which may be animated
-    name: str  # the file beside the page
+    source: str
+    """URL of the file, or of the first frame."""
+    plays: bool
+    """It is a video; else a picture, which may be animated."""
+    name: str
+    """The file beside the page."""
     frames: str = ""
     """Folder of the frames beside the page, where there is no film."""
 
 
 def linked_film(made: Sequence[str]) -> Film:
-    """The best of the films and folders of frames `made` beside the page."""
+    """Return the best of the films and folders of frames `made` beside the page."""
     name = min(
         made, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix)
     )
@@ -47,7 +50,10 @@ def _rgb(file: Path) -> U8:
 
 
 def poster(film: Path) -> bytes:
-    """The first frame of a film, which is the photo, as WebP. Raises OSError where it cannot be read."""
+    """Encode the first frame of a film, which is the photo, as WebP.
+
+    Raises OSError if it cannot be read.
+    """
     try:
         frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)
     except (

@@ -26,7 +26,7 @@ _SWEPT: set[Path] = set()
 
 @contextmanager
 def cleaned_up(out: Path) -> Iterator[None]:
-    """On an error in the block, leftovers of its processes are removed."""
+    """Remove leftovers of the processes of the block if it raises an error."""
     try:
         yield
     except BaseException:
@@ -35,7 +35,10 @@ def cleaned_up(out: Path) -> Iterator[None]:
 
 
 def remove_leftovers(out: Path) -> None:
-    """Remove what ended processes of this machine left in `out`; what they had moved aside goes back."""
+    """Remove what ended processes of this machine left in `out`.
+
+    What they had moved aside goes back.
+    """
     for path in leftovers(out):
         with suppress(OSError):  # another process may be at it, too
             final = _final_folder(path)
@@ -90,7 +93,10 @@ OURS = re.compile(
 
 @contextmanager
 def atomic_folder(final: Path) -> Iterator[Path]:
-    """A fresh folder beside `final`, renamed to it at the end; removed, and `final` left as it was, on any error."""
+    """Create a folder beside `final`, renamed to it at the end.
+
+    On any error it is removed, and `final` left as it was.
+    """
     final.parent.mkdir(parents=True, exist_ok=True)
     if (
         final.parent.resolve() not in _SWEPT
@@ -113,7 +119,7 @@ def atomic_folder(final: Path) -> Iterator[Path]:
 
 
 def _instead(beside: Path, final: Path, old: Path) -> None:
-    """`beside` becomes `final`, which becomes `old`, also where another command does the same now."""
+    """Put `beside` in place of `final`, which becomes `old`, also if another command does the same now."""
     for left in range(TRIES, 0, -1):
         try:
             if final.exists():
@@ -131,7 +137,7 @@ def _instead(beside: Path, final: Path, old: Path) -> None:
 
 
 def output_folder(out: Path, name: str) -> Path:
-    """`out/<name>`; refuses a folder that holds anything but what an earlier run of ours wrote: nothing is lost.
+    """Return `out/<name>`. Refuses a folder with files that no earlier run of ours wrote: nothing is lost.
 
     Raises OutputError if no file can be written there.
     """
@@ -156,7 +162,7 @@ def output_folder(out: Path, name: str) -> Path:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """What an earlier run recorded there; empty where that is damaged."""
+    """Read the record of an earlier run; empty if it is damaged."""
     try:
         found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
         return found if found["manifest"] == 1 and {*found["files"]} else {}
@@ -165,7 +171,10 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
-    """What an earlier run left and a new one, which writes `again`, does not; "" for nothing."""
+    """Name the files that an earlier run left and a new one, which writes `again`, does not.
+
+    "" for none.
+    """
     kept, there = (
         {str(name).partition("/")[0] for name in names}
         for names in (again, manifest.get("files", ()))
@@ -174,7 +183,7 @@ def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
 
 
 def looks_like_clip(names: Iterable[str]) -> bool:
-    """Whether names in a folder are those of a clip without its manifest."""
+    """Return whether names in a folder are those of a clip without its manifest."""
     there = set(names)
     return (
         "clip.json" not in there and len(there & CLIPS) > 1
@@ -182,7 +191,10 @@ def looks_like_clip(names: Iterable[str]) -> bool:
 
 
 def _strangers(folder: Path) -> list[str] | None:
-    """Files of an earlier run's folder that the run did not write; None for a folder that no run made."""
+    """Return the files of an earlier run's folder that the run did not write.
+
+    None for a folder that no run made.
+    """
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return []
     if not (folder / "manifest.json").is_file():

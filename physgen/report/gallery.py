@@ -36,11 +36,12 @@ KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
 class GalleryLimits:
     """What the page shows."""
 
-    most_choices: int = (
-        8  # values of a key that are offered one by one; more become a range
-    )
-    common_labels: int = 6  # labels that are offered at once, the most frequent
-    many: int = 200  # cards; of more, those out of sight are laid out as they come
+    most_choices: int = 8
+    """Values of a key that are offered one by one; more become a range."""
+    common_labels: int = 6
+    """Labels that are offered at once, the most frequent."""
+    many: int = 200
+    """Cards; of more, those out of sight are laid out as they come."""
 
 
 LIMITS = GalleryLimits()
@@ -58,7 +59,8 @@ class Gallery:
     index: Path
     clips: int
     failures: int
-    bytes: int  # of the page itself
+    bytes: int
+    """Of the page itself."""
 
 
 def write_gallery(
@@ -69,7 +71,7 @@ def write_gallery(
     progress: Progress = silent,
     keep: Callable[[Path], None] = lambda kept: None,
 ) -> Gallery:
-    """The page of all clips below `roots`.
+    """Write the page of all clips below `roots`.
 
     A file at `index` that physgen did not write is backed up, and `keep` gets its new path. Raises InputError for
     roots that are no folders.
@@ -108,7 +110,10 @@ def write_gallery(
 
 
 def keep_pictures(home: Path, index: Path) -> None:
-    """Makes the pictures of one clip for a gallery that will be written to `index`; errors are left to that."""
+    """Makes the pictures of one clip for a gallery that will be written to `index`.
+
+    Errors are left to that.
+    """
     with suppress(OSError, InputError):
         for clip in clips_in([home]):
             clip_poster(clip, index.with_name(f"{index.stem}.files"))
@@ -117,39 +122,28 @@ def keep_pictures(home: Path, index: Path) -> None:
 def gallery_page(
     clips: Sequence[Clip], shots: Sequence[str], home: Path, title: str
 ) -> str:
-    """The HTML; paths are relative to `home`."""
+    """Return the page's HTML; paths are relative to `home`."""
     keys = swept_keys(clips)
     names = Counter(clip.name for clip in clips)
     cards = []
     for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
         values = [key.values[k] for key in keys]
         card = _card(k, clip, shot, keys, values, home)
-        card["where"] = card["data"]["where"] = (
-            _folder(clip, home) if names[clip.name] > 1 else ""
-        )
+        folder = _folder(clip, home) if names[clip.name] > 1 else ""
+        card["where"] = card["data"]["where"] = folder
         cards.append(card)
-    labels = Counter(label for clip in clips for label in clip.labels).most_common()
-    choices = [
-        (label, count)
-        for label, count in labels
-        if count < sum(bool(clip.document) for clip in clips)
-    ]
-    free = [key for key in keys if not key.follows]
-    swept = bool(free) and len({clip.subject for clip in clips if clip.document}) == 1
+    free_keys = [key for key in keys if not key.follows]
+    subjects = {clip.subject for clip in clips if clip.document}
+    swept = bool(free_keys) and len(subjects) == 1
     data = {
         "clips": [card.pop("data") for card in cards],
         "keys": [_axis(key) for key in keys],
         "swept": swept,
-        # a sweep over two keys is shown as a table of both
-        "grid": swept
-        and len(clips) > 3
-        and len(free) == 2
-        and all(None not in key.values for key in free),
+        "grid": swept and _is_grid(clips, free_keys),
     }
-    scripts = [
-        resource("templates", "gallery", f"{name}.js").read_text(encoding="utf-8")
-        for name in SCRIPTS
-    ]
+    hero = None
+    if not data["grid"]:
+        hero = next((card for card in cards if card["moves"]), None)
     times = [clip.time for clip in clips]
     page: str = template("gallery.html.j2").render(
         title=title,
@@ -159,25 +153,55 @@ def gallery_page(
         warned=sum(bool(clip.warnings) for clip in clips),
         earliest=_day(min(times, default=0.0)),
         latest=_day(max(times, default=0.0)),
-        labels=choices if len(choices) > 1 else [],
+        labels=_label_choices(clips),
         common=LIMITS.common_labels,
         many=LIMITS.many,
-        keys=[
-            _filter(key)
-            for key in keys
-            if 2 * sum(value is None for value in key.values) <= len(clips)
-        ],
+        keys=[_filter(key) for key in keys if _is_filter(key)],
         swept=swept,
-        sentence=_sentence(clips, free if swept else []),
-        hero=None
-        if data["grid"]
-        else next((card for card in cards if card["moves"]), None),
+        sentence=_sentence(clips, free_keys if swept else []),
+        hero=hero,
         aspect=_aspect(clips),
         data=script_json(data),
-        script='(() => {\n"use strict";\n' + "\n".join(scripts) + "})();",
+        script=_script(),
         version=__version__,
     )
     return page
+
+
+def _is_grid(clips: Sequence[Clip], free_keys: Sequence[SweptKey]) -> bool:
+    """Return whether a sweep over two keys is shown as a table of both."""
+    if len(clips) <= 3 or len(free_keys) != 2:
+        return False
+    return all(None not in key.values for key in free_keys)
+
+
+def _is_filter(key: SweptKey) -> bool:
+    """Return whether at least half of the clips have a value of a key."""
+    unknown = sum(value is None for value in key.values)
+    return 2 * unknown <= len(key.values)
+
+
+def _label_choices(clips: Sequence[Clip]) -> list[tuple[str, int]]:
+    """Return labels that some clips have and others lack, with their numbers.
+
+    None if there is one alone.
+    """
+    labels = Counter(label for clip in clips for label in clip.labels)
+    rendered = sum(bool(clip.document) for clip in clips)
+    choices = []
+    for label, count in labels.most_common():
+        if count < rendered:
+            choices.append((label, count))
+    return choices if len(choices) > 1 else []
+
+
+def _script() -> str:
+    """Return the page's script, of several files."""
+    texts = []
+    for name in SCRIPTS:
+        path = resource("templates", "gallery", f"{name}.js")
+        texts.append(path.read_text(encoding="utf-8"))
+    return '(() => {\n"use strict";\n' + "\n".join(texts) + "})();"
 
 
 def _card(
@@ -188,52 +212,28 @@ def _card(
     values: Sequence[float | str | None],
     home: Path,
 ) -> dict[str, Any]:
-    """Variables of the template for one clip; `data` is for the script."""
-    film = (
-        ""
-        if clip.film is None or clip.film.suffix not in KINDS
-        else link(clip.film, home)
-    )
+    """Return variables of the template for one clip; `data` is for the script."""
+    data = _card_data(clip, shot, values, home)
     labels = list(clip.labels.items())
     changes = list(dict.fromkeys(clip.overrides))
-    href = "" if clip.report is None else link(clip.report, home)
-    shared = {
+    known_values = []
+    for key, value in zip(keys, values, strict=True):
+        if value is not None:
+            known_values.append((key.name, value_text(value), key.unit, key.path))
+    width, height = clip.size
+    return {
         "name": clip.name,
-        "href": href,
+        "href": data["href"],
         "size": clip.size,
         "variant": clip.variant,
-    }
-    data = shared | {
-        "scene": clip.scene,
-        "labels": [label for label, _ in labels],
-        "time": round(clip.time, 3),
-        "objects": clip.objects,
-        "fps": clip.fps,
-        "frames": clip.frames,
-        "poster": bool(shot),
-        "film": film,
-        "kind": "" if clip.film is None else KINDS.get(clip.film.suffix, ""),
-        "values": values,
-        "failed": bool(clip.problems),
-        "why": " ".join(clip.problems),
-        "made": bool(clip.document),
-        "warned": bool(clip.warnings),
-        "notes": [*changes, *clip.warnings, *clip.problems],
-    }
-    shown = [
-        (key.name, value_text(value), key.unit, key.path)
-        for key, value in zip(keys, values, strict=True)
-        if value is not None
-    ]
-    return shared | {
         "data": data,
         "number": number,
         "poster": shot,
         "facts": _facts(clip),
         "labels": labels[:3],
         "more": len(labels) - 3,
-        "values": shown[:4],
-        "ratio": round(clip.size[0] / clip.size[1], 3),
+        "values": known_values[:4],
+        "ratio": round(width / height, 3),
         "moves": data["kind"] == "video/mp4" and bool(shot) and not clip.problems,
         "warnings": clip.warnings,
         "settings": counted(len(changes), "change") if changes else "",
@@ -242,8 +242,39 @@ def _card(
     }
 
 
+def _card_data(
+    clip: Clip, shot: str, values: Sequence[float | str | None], home: Path
+) -> dict[str, Any]:
+    """Return a clip's data for the script."""
+    film = kind = ""
+    if clip.film is not None and clip.film.suffix in KINDS:
+        film, kind = link(clip.film, home), KINDS[clip.film.suffix]
+    changes = list(dict.fromkeys(clip.overrides))
+    return {
+        "name": clip.name,
+        "href": "" if clip.report is None else link(clip.report, home),
+        "size": clip.size,
+        "variant": clip.variant,
+        "scene": clip.scene,
+        "labels": list(clip.labels),
+        "time": round(clip.time, 3),
+        "objects": clip.objects,
+        "fps": clip.fps,
+        "frames": clip.frames,
+        "poster": bool(shot),
+        "film": film,
+        "kind": kind,
+        "values": values,
+        "failed": bool(clip.problems),
+        "why": " ".join(clip.problems),
+        "made": bool(clip.document),
+        "warned": bool(clip.warnings),
+        "notes": [*changes, *clip.warnings, *clip.problems],
+    }
+
+
 def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
-    """What the page shows, and how to look at it."""
+    """Describe what the page shows, and how to look at it."""
     failed = sum(bool(clip.problems) for clip in clips)
     count, lost = counted(len(clips), "clip"), ""
     if failed:
@@ -263,7 +294,7 @@ def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
 
 
 def _folder(clip: Clip, home: Path) -> str:
-    """Of clips with the same name."""
+    """Return the folder of a clip, which tells clips with the same name apart."""
     return unquote(link(clip.home.parent, home)).removeprefix("./").removeprefix(".")
 
 
@@ -280,13 +311,13 @@ def _facts(clip: Clip) -> str:
 
 
 def link(path: Path, home: Path) -> str:
-    """From the folder `home` to a file, as a relative URL."""
+    """Return a relative URL from the folder `home` to a file."""
     relative = Path(os.path.relpath(path.absolute(), home.absolute())).as_posix()
     return quote(relative if relative.startswith("../") else f"./{relative}")
 
 
 def clip_poster(clip: Clip, files: Path) -> str:
-    """URL of the poster, made unless it exists; empty where the film cannot be read."""
+    """Return the URL of the poster, made unless it exists; empty if the film cannot be read."""
     if clip.film is None or not re.fullmatch("[0-9a-f]{20}", clip.seal):
         return ""
     path = files / f"{clip.seal}.photo.webp"
@@ -301,7 +332,7 @@ def clip_poster(clip: Clip, files: Path) -> str:
 
 
 def sweep_files(files: Path, used: set[str]) -> None:
-    """Removes pictures and films of clips that no longer exist, and what killed processes left."""
+    """Remove pictures and films of clips that no longer exist, and leftovers of killed processes."""
     if files.is_dir():
         remove_leftovers(files)
         for path in files.iterdir():
@@ -319,28 +350,31 @@ def _day(time: float) -> str:
 
 
 def _sorted_values(key: SweptKey) -> list[float | str]:
-    """Numbers by size, then words in natural order."""
-    have = {value for value in key.values if value is not None}
-    return sorted(
-        have, key=lambda v: (0, v, []) if isinstance(v, float) else (1, 0.0, natural(v))
-    )
+    """Return numbers by size, then words in natural order."""
+    values = {value for value in key.values if value is not None}
+    numbers = [value for value in values if isinstance(value, float)]
+    words = [value for value in values if isinstance(value, str)]
+    return [*sorted(numbers), *sorted(words, key=natural)]
 
 
 def _axis(key: SweptKey) -> dict[str, Any]:
-    """A key for the script."""
+    """Return a key for the script."""
     values = _sorted_values(key)
-    plain = {
-        name: getattr(key, name)
-        for name in ("path", "name", "unit", "numeric", "follows")
+    return {
+        "path": key.path,
+        "name": key.name,
+        "unit": key.unit,
+        "numeric": key.numeric,
+        "follows": key.follows,
+        "values": values,
+        "texts": [value_text(value) for value in values],
     }
-    return {**plain, "values": values, "texts": [value_text(value) for value in values]}
 
 
 def _filter(key: SweptKey) -> dict[str, Any]:
-    """A key as a filter: its values with the number of clips, or a range."""
-    have = [value for value in key.values if value is not None]
+    """Return a key as a filter: its values with the number of clips, or a range."""
     values = _sorted_values(key)
-    found: dict[str, Any] = {
+    entry: dict[str, Any] = {
         "path": key.path,
         "name": key.name,
         "unit": key.unit,
@@ -348,20 +382,17 @@ def _filter(key: SweptKey) -> dict[str, Any]:
     }
     if key.numeric and len(values) > LIMITS.most_choices:
         ends = [value_text(values[0]), value_text(values[-1])]
-        return found | {"range": ends, "last": len(values) - 1}
-    often = Counter(map(value_text, have))
-    return found | {
-        "values": [
-            (text, often[text]) for text in dict.fromkeys(map(value_text, values))
-        ]
-    }
+        return entry | {"range": ends, "last": len(values) - 1}
+    counts = Counter(value_text(value) for value in key.values if value is not None)
+    texts = dict.fromkeys(value_text(value) for value in values)
+    return entry | {"values": [(text, counts[text]) for text in texts]}
 
 
 def _aspect(clips: Sequence[Clip]) -> str:
-    """Of all films; empty where they differ."""
+    """Return the aspect ratio of all films; empty if they differ."""
     sizes = {clip.size for clip in clips if clip.document}
-    return (
-        "{} / {}".format(*max(sizes))
-        if len({round(w / h, 2) for w, h in sizes}) == 1
-        else ""
-    )
+    ratios = {round(width / height, 2) for width, height in sizes}
+    if len(ratios) != 1:
+        return ""
+    width, height = max(sizes)
+    return f"{width} / {height}"

@@ -24,13 +24,16 @@ METHOD = 2
 
 
 def template(name: str) -> Any:
-    """A Jinja template of `templates/`; values are escaped, and missing ones are an error."""
+    """Return a Jinja template of `templates/`.
+
+    Values are escaped, and missing ones are an error.
+    """
     return _environment(resource("templates", name).parent).get_template(name)
 
 
 @cache
 def _environment(folder: Path) -> Any:
-    """Of a folder's templates, each compiled once."""
+    """Return the environment of a folder's templates, each compiled once."""
     import jinja2
 
     loader = jinja2.FileSystemLoader(folder)
@@ -42,7 +45,7 @@ def _environment(folder: Path) -> Any:
 
 
 def script_json(data: object) -> str:
-    """JSON that cannot end its `<script>`."""
+    """Return JSON that cannot end its `<script>`."""
     text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for sign in "<>&\u2028\u2029":  # the last two end lines in older scripts
         text = text.replace(sign, f"\\u{ord(sign):04x}")
@@ -50,7 +53,7 @@ def script_json(data: object) -> str:
 
 
 def webp(pixels: U8, quality: int) -> str:
-    """(H, W, 3) sRGB, or (H, W, 4) with alpha, which stays exact, as a data URI."""
+    """Encode (H, W, 3) sRGB, or (H, W, 4) with alpha, which stays exact, as a data URI."""
     data = base64.b64encode(encoded(pixels, quality))
     return f"data:image/webp;base64,{data.decode('ascii')}"
 
@@ -68,7 +71,7 @@ def encoded(pixels: U8, quality: int) -> bytes:
 
 
 def fitted(rgb: U8, side: int) -> U8:
-    """(h, w, 3) whose longer side is at most `side` px."""
+    """Return (h, w, 3) whose longer side is at most `side` px."""
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
     if scale >= 1:

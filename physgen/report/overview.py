@@ -66,7 +66,7 @@ class _Region:
 
     @property
     def center(self) -> Array:
-        """px of the picture."""
+        """Return the centre, px of the picture."""
         left, top, right, bottom = self.box
         return np.array([(left + right) / 2, (top + bottom) / 2])
 

@@ -44,9 +44,12 @@ ELSEWHERE = {"failed", *REFINING}
 class PageLimits:
     """Sizes of the page's parts."""
 
-    photo_quality: int = 90  # of the WebP
-    photo_side: int = 16_383  # px: WebP's most
-    most_contacts: int = 200  # rows of the table of contacts, the strongest
+    photo_quality: int = 90
+    """Of the WebP."""
+    photo_side: int = 16_383
+    """px: WebP's most."""
+    most_contacts: int = 200
+    """Rows of the table of contacts, the strongest."""
 
 
 LIMITS = PageLimits()
@@ -73,8 +76,10 @@ class PageParts:
     player: Data | None = None
     """`player_data`; without it, or without scripts, the page has a picture and the video."""
     perception: Perception | None = None
-    refinement: Comparison | None = None  # a frame before and after
-    uncertainty: dict[str, Any] | None = None  # variables of `fan.html.j2`
+    refinement: Comparison | None = None
+    """A frame before and after."""
+    uncertainty: dict[str, Any] | None = None
+    """Variables of `fan.html.j2`."""
 
 
 def report_page(
@@ -86,7 +91,7 @@ def report_page(
     scene_text: str,
     parts: PageParts,
 ) -> str:
-    """The HTML. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
+    """Return the HTML; `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
 
     `scene_text` is the scene file with every default filled in.
     """
@@ -155,7 +160,7 @@ def _script() -> str:
 
 
 def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
-    """Rows of the table of contacts, by time."""
+    """Return rows of the table of contacts, by time."""
     names = [name for name, _ in world.surfaces]
     newton = player["scale"] and 1000 * player["scale"]
     strongest = sorted(player["touches"], key=lambda touch: -touch[4])[
@@ -177,7 +182,7 @@ def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
 
 
 def _engine(record: RunRecord) -> list[str]:
-    """The accuracy of the simulation, in sentences."""
+    """Describe the accuracy of the simulation, in sentences."""
     effort = record.effort
     if not effort:
         return []
@@ -231,19 +236,29 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
 
 
 def _played(render: Render) -> str:
-    """How the clip differs from the motion and from the whole photo; empty where it does not."""
+    """Describe how the clip differs from the motion and from the whole photo.
+
+    Empty if it does not.
+    """
     parts = [
-        f"{value_text(render.slow)} times slower" if render.slow != 1 else "",
+        _speed(render.slow),
         render.play.value if render.play is not Play.FORWARD else "",
         "through a camera" if render.camera else "",
     ]
     return ", ".join(filter(None, parts))
 
 
+def _speed(slow: float) -> str:
+    """Return the speed of a clip that is `slow` times as slow as the motion, in words."""
+    if slow == 1:
+        return ""
+    return "at half speed" if slow == 2 else f"slowed down {value_text(slow)}x"
+
+
 def provenance(
     record: RunRecord, resolved: str, written: str | None = None
 ) -> dict[str, Any]:
-    """Everything needed to reproduce a run, for `provenance.html.j2`.
+    """Return everything needed to reproduce a run, for `provenance.html.j2`.
 
     `resolved`: the scene with every default; `written`: the file itself, where it can be read. `frames` is one hash of
     all frames: two runs made the same clip where it is equal.
@@ -277,7 +292,7 @@ def provenance(
 
 
 def _source_text(title: str, text: str) -> dict[str, Any]:
-    """A text with a button to copy it."""
+    """Return a text with a button to copy it."""
     return {
         "title": title,
         "text": text,
@@ -286,7 +301,10 @@ def _source_text(title: str, text: str) -> dict[str, Any]:
 
 
 def _refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """`RunRecord.refine` for the page: `failed`, lines of a message; `facts`, names and values of the settings."""
+    """Return `RunRecord.refine` for the page: `failed`, lines of a message.
+
+    `facts`, names and values of the settings.
+    """
     if note is None:
         return None
     rows = [

@@ -42,12 +42,12 @@ COLUMNS = {
 
 
 def svg_points(points: Array) -> str:
-    """`x,y x,y`."""
+    """Return points as `x,y x,y`."""
     return " ".join(f"{x:.2f},{y:.2f}" for x, y in points)
 
 
 def outlines(world: World, labels: dict[str, str]) -> list[dict[str, str]]:
-    """Of the bodies, as the templates draw them."""
+    """Return the outlines of the bodies, as the templates draw them."""
     return [
         {
             "name": body.name,
@@ -62,7 +62,10 @@ def outlines(world: World, labels: dict[str, str]) -> list[dict[str, str]]:
 
 
 def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
-    """Kind (`velocity` or `force`), tail, tip (px) and title at t = 0; each kind has a scale of its own."""
+    """Return kind (`velocity` or `force`), tail, tip (px) and title at t = 0.
+
+    Each kind has a scale of its own.
+    """
     found: dict[str, list[tuple[Array, Array, str]]] = {"velocity": [], "force": []}
     for body in world.bodies:
         if body.velocity.any():
@@ -96,13 +99,13 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
 
 
 def line(kind: str, start: Array, end: Array, title: str) -> dict[str, Any]:
-    """A line of the template."""
+    """Return a line of the template."""
     x1, y1, x2, y2 = (round(float(v), 1) for v in (*start, *end))
     return {"kind": kind, "title": title, "x1": x1, "y1": y1, "x2": x2, "y2": y2}
 
 
 def constraint_rows(scene: Scene) -> list[dict[str, str]]:
-    """A row for each joint and field: `name`, `kind`, `on`, `at`, `how`."""
+    """Return a row for each joint and field: `name`, `kind`, `on`, `at`, `how`."""
     rows = []
     for joint in scene.joints:
         at = " to ".join(map(value_text, joint.points))
@@ -178,13 +181,15 @@ class Row:
 
     name: str
     label: str
-    kind: str  # `dynamic`, `static`, `scripted` or `boundary`
+    kind: str
+    """`dynamic`, `static`, `scripted` or `boundary`."""
     cells: Mapping[str, Cell]
-    also: str  # sources of other keys
+    also: str
+    """Sources of other keys."""
 
 
 def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]:
-    """Objects, then boundaries."""
+    """Return rows of objects, then of boundaries."""
     sources = Provenance(scene, variant)
     rows = [_object(scene, k, body, sources) for k, body in enumerate(world.bodies)]
     for wall, item in zip(world.walls, scene.boundaries, strict=True):
@@ -207,7 +212,7 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
 
 
 def collapsed(rows: Sequence[Row]) -> list[Row]:
-    """Rows that are equal but for the name and the lines of the file as one, at the place of the first."""
+    """Merge rows that are equal but for the name and the lines of the file, at the place of the first."""
     alike: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
         cells = [

@@ -40,21 +40,24 @@ DOUBTFUL: Colour = (255, 255, 255)
 class Picture:
     """One of the strip."""
 
-    name: str  # short, for ids: `masks`
+    name: str
+    """Short, for ids: `masks`."""
     title: str
     caption: str
     alt: str
-    rgb: U8  # (h, w, 3) sRGB
-    uri: str  # `data:image/webp;base64,...`
+    rgb: U8
+    """(h, w, 3) sRGB."""
+    uri: str
+    """`data:image/webp;base64,...`."""
 
     @property
     def width(self) -> int:
-        """px."""
+        """Return the width, px."""
         return int(self.rgb.shape[1])
 
     @property
     def height(self) -> int:
-        """px."""
+        """Return the height, px."""
         return int(self.rgb.shape[0])
 
 
@@ -70,7 +73,7 @@ class Comparison:
 
     @cached_property
     def start(self) -> int:
-        """Where the slider starts, % from the left: in the middle of what changes."""
+        """Return where the slider starts, % from the left: in the middle of the changes."""
         change = np.abs(self.before.rgb.astype(np.float64) - self.after.rgb).sum(
             axis=(0, 2)
         )
@@ -130,7 +133,7 @@ def doubtful_regions(
 def perception(
     scene: Scene, compiled: Compiled, maps: Percepts | None
 ) -> Perception | None:
-    """None for a scene without a photo."""
+    """Return the section on perception; None for a scene without a photo."""
     if maps is None:
         return None
     world = compiled.world
@@ -174,7 +177,10 @@ def perception(
 
 
 def written_suitability(assets: Path | None) -> str:
-    """Whether the photo suits, by the run that wrote these assets; `""` where they have no record of it."""
+    """Return whether the photo suits, by the run that wrote these assets.
+
+    `""` if they have no record of it.
+    """
     found = recorded(assets, "suitability")
     reasons = found.get("reasons")
     told = (
@@ -187,7 +193,7 @@ def written_suitability(assets: Path | None) -> str:
 def compared(
     name: str, title: str, caption: str, before: tuple[str, U8], after: tuple[str, U8]
 ) -> Comparison:
-    """Two frames (H, W, 3) sRGB of one size, each with a description: `("refined", frame)`."""
+    """Compare two frames (H, W, 3) sRGB of one size, each with a description: `("refined", frame)`."""
     if before[1].shape != after[1].shape:
         raise ValueError(
             f"pictures of shapes {before[1].shape} and {after[1].shape} cannot be compared"
@@ -215,7 +221,7 @@ def _photo_pictures(
     seen: str,
     doubtful: Sequence[DoubtfulRegion],
 ) -> list[Picture]:
-    """The photo, masks and shapes; `labels` are numbered as `objects` are."""
+    """Yield the photo, masks and shapes; `labels` are numbered as `objects` are."""
     height, width = labels.shape
     photo = fitted(maps.rgb, SIDE)
     count = f"{len(objects)} object{'s' * (len(objects) != 1)}"
@@ -239,7 +245,7 @@ def _photo_pictures(
 
 
 def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:
-    """Those of depth, normals, albedo, shading and light that exist."""
+    """Yield pictures of depth, normals, albedo, shading and light, if they exist."""
     found = []
     if maps.depth is not None:
         found.append(
@@ -276,19 +282,19 @@ def _u8(values: NDArray[np.floating[Any]]) -> U8:
 
 
 def colour(number: int) -> Colour:
-    """A colour for an id, different from those of neighbouring numbers."""
+    """Return a colour for an id, different from those of neighbouring numbers."""
     r, g, b = colorsys.hsv_to_rgb(number * 0.381966 % 1.0, 0.75, 1.0)
     return round(255 * r), round(255 * g), round(255 * b)
 
 
 def _grey(rgb: U8) -> NDArray[np.float32]:
-    """(H, W, 3)."""
+    """Return (H, W, 3) grey."""
     grey = cv2.cvtColor(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
     return np.asarray(grey, np.float32)
 
 
 def _colours(labels: U16) -> NDArray[np.float32]:
-    """(H, W, 3): each label's colour; black for 0."""
+    """Return (H, W, 3): each label's colour; black for 0."""
     table = np.array(
         [(0, 0, 0), *map(colour, range(1, int(labels.max(initial=0)) + 1))], np.float32
     )
@@ -296,7 +302,7 @@ def _colours(labels: U16) -> NDArray[np.float32]:
 
 
 def _masked(rgb: U8, labels: U16, scale: float) -> U8:
-    """The photo in pale grey, objects in colours, white along borders."""
+    """Draw the photo in pale grey, objects in colours, white along borders."""
     grey = _grey(rgb)
     result = np.where(
         (labels > 0)[..., None], 0.4 * grey + 0.6 * _colours(labels), 0.55 * grey
@@ -308,7 +314,7 @@ def _masked(rgb: U8, labels: U16, scale: float) -> U8:
 
 
 def _shadows(rgb: U8, objects: U16) -> U8:
-    """The photo in grey, shadows in the colours of the objects that cast them."""
+    """Draw the photo in grey, shadows in the colours of the objects that cast them."""
     grey = _grey(rgb)
     there = (objects > 0)[..., None]
     return _u8(np.where(there, 0.45 * grey + 0.55 * _colours(objects), 0.8 * grey))
@@ -317,7 +323,7 @@ def _shadows(rgb: U8, objects: U16) -> U8:
 def _outlined(
     picture: U8, scale: float, objects: Outlines, walls: Sequence[Array]
 ) -> U8:
-    """Outlines in the colours of the masks, boundaries in yellow."""
+    """Draw outlines in the colours of the masks, boundaries in yellow."""
     size = picture.shape[1], picture.shape[0]
     dim, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
     for chain in walls:
@@ -344,7 +350,10 @@ def _draw_doubtful(
 
 
 def _by_object(scene: Scene, shadows: U16) -> U16:
-    """(H, W): shadows by the objects' order in the scene; 0 for objects that are no longer there."""
+    """Return (H, W): shadows by the objects' order in the scene.
+
+    0 for objects that are no longer there.
+    """
     found = np.zeros_like(shadows)
     for k, item in enumerate(scene.objects, 1):
         if isinstance(item.mask, MaskId):
@@ -361,7 +370,7 @@ def _depth(depth: NDArray[np.float32]) -> U8:
 
 
 def light_description(light: Light) -> str:
-    """The direction of the light in words.
+    """Describe the direction of the light in words.
 
     >>> light_description(Light((-0.6, -0.64, 0.48), 1.0, 0.25, 2.0))
     'From the upper left, in front of the scene; 20 % of it from all around.'
@@ -381,7 +390,7 @@ def light_description(light: Light) -> str:
 
 
 def light_picture(light: Light, size: tuple[int, int]) -> U8:
-    """(h, w, 3) of `size` (w, h): a white ball in the light."""
+    """Draw (h, w, 3) of `size` (w, h): a white ball in the light."""
     width, height = size
     radius, center = 0.26 * min(size), np.array([(width - 1) / 2, (height - 1) / 2])
     normals, inside = sphere_normals(

@@ -40,35 +40,51 @@ Array = NDArray[np.float64]
 class PlayerLimits:
     """Sizes, qualities and rounding of the player's data."""
 
-    largest: int = 1280  # px of the background's longer side: twice its size on a page
-    quality: int = 86  # of WebP
-    keys: int = 9  # moments at which a shadow is computed, at most
-    strays: float = 5.0  # px by which an object's border may deviate from a straight path between two of them
-    balls: int = 90  # of WebP, for the layers of balls
-    large: int = 60_000  # px² of a ball's box up to which the page's script rotates it, pixel by pixel
+    largest: int = 1280
+    """px of the background's longer side: twice its size on a page."""
+    quality: int = 86
+    """Of WebP."""
+    keys: int = 9
+    """Moments at which a shadow is computed, at most."""
+    strays: float = 5.0
+    """px by which an object's border may deviate from a straight path between two of them."""
+    balls: int = 90
+    """Of WebP, for the layers of balls."""
+    large: int = 60_000
+    """px² of a ball's box up to which the page's script rotates it, pixel by pixel."""
     gamma: float = 2.2
     """A shadow's share of linear light, to the power of 1 / gamma, is about that of the sRGB codes in browsers."""
-    faintest: float = 0.012  # of light that a shadow removes, at least
-    shadow: int = 72  # px of the longer side of a shadow's picture: it is soft
-    finer: int = 4  # samples a frame in the player
-    few: int = 40_000  # samples times objects of such a closer look
+    faintest: float = 0.012
+    """Of light that a shadow removes, at least."""
+    shadow: int = 72
+    """px of the longer side of a shadow's picture: it is soft."""
+    finer: int = 4
+    """Samples a frame in the player."""
+    few: int = 40_000
+    """Samples times objects of such a closer look."""
     effort: int = 200_000
     """Steps times objects of a run up to which it is looked at so closely: where it must be run again, some seconds."""
-    most_impacts: int = 500  # in a page, the strongest
-    most: int = 1_000_000  # samples times objects in a page
+    most_impacts: int = 500
+    """In a page, the strongest."""
+    most: int = 1_000_000
+    """Samples times objects in a page."""
     place: float = 1 / 32
     angle: float = 1 / 4096
-    instant: float = 1e-6  # px, rad and s: steps to which poses and times are rounded
-    turn: float = 1 / 2048  # step of the parts of a quaternion
-    codes: int = 8000  # steps of the largest speed, and of the range of an energy
-    outline: float = 0.05  # px to which outlines are rounded
+    instant: float = 1e-6
+    """px, rad and s: steps to which poses and times are rounded."""
+    turn: float = 1 / 2048
+    """Step of the parts of a quaternion."""
+    codes: int = 8000
+    """Steps of the largest speed, and of the range of an energy."""
+    outline: float = 0.05
+    """px to which outlines are rounded."""
 
 
 LIMITS = PlayerLimits()
 
 
 def plate(stage: Stage, moving: Sequence[int]) -> str:
-    """The background without the shadows of some of its sprites."""
+    """Return the background without the shadows of some of its sprites."""
     background = stage.background
     if stage.lit is not None and moving:
         dark = stage.lit.total.copy()
@@ -81,7 +97,7 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
 
 
 def sprites(stage: Stage) -> list[dict[str, Any]]:
-    """`body`, `box` (left, top, width, height), `turns` and `src` of each, the farthest first.
+    """Return `body`, `box` (left, top, width, height), `turns` and `src` of each, the farthest first.
 
     Of a ball that shows its rotation also `ball`: `center` from the box's corner and `radius`, px, and `skin`, `lit`,
     `gloss`, each with its `most`.
@@ -94,7 +110,7 @@ def sprites(stage: Stage) -> list[dict[str, Any]]:
 
 
 def _less(stage: Stage) -> float:
-    """Of the picture's size, at which it is shown."""
+    """Return the share of the picture's size at which it is shown."""
     return float(min(1.0, LIMITS.largest / max(stage.background.shape[:2])))
 
 
@@ -108,7 +124,7 @@ def _smaller(pixels: U8, less: float) -> U8:
 
 
 def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
-    """Sprites of bodies that move."""
+    """Return sprites of bodies that move."""
     if not len(trajectory.poses):
         return []
     moves = (trajectory.poses != trajectory.poses[:1]).any(axis=(0, 2))
@@ -118,7 +134,7 @@ def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
 
 
 def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
-    """A sprite with unmultiplied colours on what it covers, and a pixel around."""
+    """Cut a sprite with unmultiplied colours on what it covers, and a pixel around."""
     x0, y0, x1, y1 = sprite.within
     h, w = sprite.coverage.shape
     rows, columns = (
@@ -160,7 +176,10 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
 
 
 def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
-    """Linear light (h, w, 3) as a picture of its roots, which eyes see evenly; none is grey where `signed`."""
+    """Encode linear light (h, w, 3) as a picture of its roots, which eyes see evenly.
+
+    Zero is grey if `signed`.
+    """
     most = max(float(np.abs(values).max()), 1e-6)
     roots = np.sqrt(np.abs(values) / most)
     codes = (
@@ -173,7 +192,7 @@ def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
 
 
 def _placed(box: PixelBox, scale: float) -> list[float]:
-    """Left, top, width, height, px of the photo; (0, 0) is the middle of a pixel."""
+    """Return left, top, width, height, px of the photo; (0, 0) is the middle of a pixel."""
     x0, y0, x1, y1 = box
     return [
         round(v, 3)
@@ -205,7 +224,10 @@ def keyed(path: Array, reach: float) -> list[int]:
 def shadows(
     stage: Stage, trajectory: Trajectory, moving: Sequence[int]
 ) -> list[dict[str, Any]]:
-    """`body`, `slides` and `keys` of some sprites; a key has `sample`, `box`, `at` (centre of darkness) and `src`."""
+    """Return `body`, `slides` and `keys` of some sprites.
+
+    A key has `sample`, `box`, `at` (centre of darkness) and `src`.
+    """
     lit = stage.lit
     if lit is None or not moving:
         return []
@@ -246,7 +268,7 @@ def shadows(
 def _dark(
     stage: Stage, lit: LitBackground, stand: SpritePose
 ) -> tuple[PixelBox, F32] | None:
-    """A box, which may leave the photo, and -log of the light that an object lets through there."""
+    """Return a box, which may leave the photo, and -log of the light that an object lets through there."""
     cast = lit.casts[stand.k]
     if cast.sliding is not None:
         (x, y), dark = cast.sliding
@@ -266,7 +288,10 @@ def _dark(
 
 
 def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
-    """Its picture, black that covers more or less; nothing where it is too faint to be seen."""
+    """Return a shadow's picture, black that covers more or less.
+
+    Nothing if it is too faint to be seen.
+    """
     covers = 1 - np.exp(-np.maximum(dark, 0) / LIMITS.gamma)
     rows, columns = (
         np.flatnonzero((covers > LIMITS.faintest).any(axis=axis)) for axis in (1, 0)
@@ -303,7 +328,7 @@ Data = dict[str, Any]
 def player_data(
     scene: Scene, world: World, trajectory: Trajectory, stage: Stage, shot: Shot
 ) -> Data | None:
-    """Everything the page's script needs; None where there is no frame, or more than a page can carry.
+    """Return everything the page's script needs; None without a frame, or for more than a page can carry.
 
     `trajectory` has one sample a frame played forward; heaps of hundreds of objects are shown by their frames alone,
     without impacts.
@@ -359,7 +384,7 @@ def player_data(
 
 
 def fixed_data(scene: Scene, world: World) -> Data:
-    """What does not change with time."""
+    """Return what does not change with time."""
     return {
         "name": scene.name,
         "size": list(world.size),
@@ -377,7 +402,7 @@ def fixed_data(scene: Scene, world: World) -> Data:
 
 
 def column(values: Array, step: float) -> list[int]:
-    """Multiples of `step`, each less the one before.
+    """Encode multiples of `step`, each less the one before.
 
     >>> column(np.array([1.0, 1.5, 1.5, 0.0]), 0.5)
     [2, 1, 0, -3]
@@ -417,7 +442,7 @@ def _body(
 
 
 def figure(scene: Scene, k: int, body: Body) -> Data:
-    """What a body is, without its motion; outlines are about its centre of mass."""
+    """Return a body without its motion; outlines are about its centre of mass."""
     found: Data = {
         "name": body.name,
         "label": scene.objects[k].label,
@@ -437,13 +462,13 @@ def figure(scene: Scene, k: int, body: Body) -> Data:
 
 
 def _steady(turns: Array) -> Array:
-    """(T, 4) of the two quaternions that mean a turn, the one that is nearer to that before."""
+    """Return (T, 4) of the two quaternions that mean a turn, the one that is nearer to that before."""
     signs = np.cumprod(np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0, -1.0, 1.0))
     return np.asarray(turns * np.concatenate([[1.0], signs])[:, None])
 
 
 def _energy(seen: Trajectory) -> Data:
-    """Potential energy counts from its least: only its changes mean anything."""
+    """Return the energy; potential energy counts from its least: only its changes mean anything."""
     e = seen.energy
     low = float(e.potential.min()) if len(e.potential) else 0.0
     rows = {
@@ -464,7 +489,7 @@ def _energy(seen: Trajectory) -> Data:
 
 
 def touches(seen: Trajectory) -> list[list[float | int | None]]:
-    """First and second surface, begin and end (null: beyond the clip), s, and all that they gave each other, g·px/s."""
+    """Return first and second surface, start and end (null: beyond the clip), s, and their total impulse, g·px/s."""
     contacts, N = seen.contacts, len(seen.contacts.surfaces)
     if not len(contacts.touch_pairs):
         return []
@@ -521,7 +546,7 @@ def _impact(impact: Impact) -> list[float | int]:
 
 
 def _walls(world: World) -> list[Data]:
-    """Boundaries as chains of points."""
+    """Return boundaries as chains of points."""
     return [
         {"name": wall.name, "chains": [_rounded(chain) for chain in wall.chains]}
         for wall in world.walls
@@ -529,7 +554,7 @@ def _walls(world: World) -> list[Data]:
 
 
 def _pushes(world: World) -> list[Data]:
-    """Forces, impulses and torques of the scene while they act."""
+    """Return forces, impulses and torques of the scene while they act."""
     return [
         {
             "body": push.body,
@@ -548,7 +573,7 @@ def _pushes(world: World) -> list[Data]:
 
 
 def _joints(world: World) -> list[Data]:
-    """Ends in the frames of the two bodies; of the photo where the second is the world."""
+    """Return ends in the frames of the two bodies; of the photo if the second is the world."""
     return [
         {
             "name": joint.name,
@@ -562,7 +587,7 @@ def _joints(world: World) -> list[Data]:
 
 
 def _fields(world: World) -> list[Data]:
-    """Wind and attractors."""
+    """Return wind and attractors."""
     return [
         {
             "name": field.name,
@@ -574,7 +599,10 @@ def _fields(world: World) -> list[Data]:
 
 
 def _camera(shot: Shot) -> list[list[float]] | None:
-    """Left, top, width, height, px, of what each frame of the trajectory shows; None where that is all of the photo."""
+    """Return left, top, width, height, px, of each frame's view of the trajectory.
+
+    None if that is all of the photo.
+    """
     views: list[list[float]] = []
     for time in shot.times.tolist():
         (large, _, x), (_, _, y) = shot.affine(time)

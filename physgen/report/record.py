@@ -37,8 +37,10 @@ TIMING = "timing.json"
 class StageTime:
     """What one stage cost."""
 
-    wall: float = 0.0  # s
-    cpu: float = 0.0  # s of all threads
+    wall: float = 0.0
+    """s."""
+    cpu: float = 0.0
+    """s of all threads."""
 
 
 @dataclass
@@ -62,22 +64,30 @@ class RunRecord:
     samples: list[str] = field(
         default_factory=list
     )  # SHA-256 of each trajectory sample
-    frames: list[str] = field(default_factory=list)  # SHA-256 of each frame's RGB bytes
+    frames: list[str] = field(default_factory=list)
+    """SHA-256 of each frame's RGB bytes."""
     video: dict[str, Any] = field(
         default_factory=dict
     )  # `size`: width and height, px; `fps`: 1/s
-    files: dict[str, str] = field(default_factory=dict)  # output file -> SHA-256
+    files: dict[str, str] = field(default_factory=dict)
+    """Output file -> SHA-256."""
     warnings: list[dict[str, object]] = field(default_factory=list)
-    document: Mapping[str, Any] = field(default_factory=dict)  # the resolved scene
+    document: Mapping[str, Any] = field(default_factory=dict)
+    """The resolved scene."""
     effort: dict[str, float] = field(default_factory=dict)
     """What the engine did; see `simulate.trajectory.Effort`."""
-    imbalance: float = (
-        0.0  # relative error of the energy balance; see `Trajectory.imbalance`
-    )
+    imbalance: float = 0.0
+    """Relative error of the energy balance; see `Trajectory.imbalance`."""
     fan: dict[str, Any] | None = None
-    """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
+    """What draws of the scene's doubts end in, see `pipeline.fanning`.
+
+    None where it was not asked for.
+    """
     refine: dict[str, Any] | None = None
-    """`backend` and the entries of `Refinement.note`; or `backend` and why it `failed`. None: not requested."""
+    """`backend` and the entries of `Refinement.note`; or `backend` and why it `failed`.
+
+    None: not requested.
+    """
     mark: str = ""
     """Of all that was asked of the clip; see `batch.finished`."""
     unrefined: list[str] = field(default_factory=list)
@@ -87,7 +97,10 @@ class RunRecord:
     def stage(
         self, name: str, clock: Callable[[], float] = time.process_time
     ) -> Iterator[None]:
-        """Add the time of a block to a stage; `clock` measures CPU time, of all threads by default."""
+        """Add the time of a block to a stage.
+
+        `clock` measures CPU time, of all threads by default.
+        """
         times = self.stages.setdefault(name, StageTime())
         wall, cpu = time.perf_counter(), clock()
         try:
@@ -97,7 +110,7 @@ class RunRecord:
             times.cpu += clock() - cpu
 
     def manifest(self) -> dict[str, Any]:
-        """As JSON data, keys in reading order."""
+        """Return the record as JSON data, keys in reading order."""
         return {
             "manifest": 1,
             "scene": self.scene,
@@ -124,7 +137,7 @@ class RunRecord:
         }
 
     def timing(self) -> dict[str, Any]:
-        """What differs between equal runs, as JSON data."""
+        """Return the values that differ between equal runs, as JSON data."""
         stages = {
             name: {k: round(v, 4) for k, v in asdict(t).items()}
             for name, t in self.stages.items()
@@ -133,7 +146,7 @@ class RunRecord:
 
 
 def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """Of physgen, Python and the libraries whose results reach the output, those in `refine` included."""
+    """Return versions of physgen, Python and the libraries whose results reach the output, also in `refine`."""
     return _installed() | {
         name: str(refine[name]) for name in REFINING if refine and name in refine
     }
@@ -146,7 +159,7 @@ def _installed() -> dict[str, str]:
 
 
 def _installed_version(name: str) -> str:
-    """By the name of its folder of metadata: to parse that takes as long as to load a scene."""
+    """Read a version from the name of its folder of metadata: to parse that takes as long as to load a scene."""
     for place in (place for place in sys.path if place.endswith("-packages")):
         for folder in Path(place).glob(f"{name.replace('-', '_')}-*.dist-info"):
             return folder.stem.partition("-")[2]
@@ -154,7 +167,10 @@ def _installed_version(name: str) -> str:
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file, read in blocks. Raises OSError, for what is no plain file too: a pipe never ends."""
+    """Compute the SHA-256 of a file, read in blocks.
+
+    Raises OSError, for what is no plain file too: a pipe never ends.
+    """
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "is no plain file", str(path))
     with path.open("rb") as file:
@@ -162,14 +178,17 @@ def file_hash(path: Path) -> str:
 
 
 def frame_hash(rgb: NDArray[np.uint8]) -> str:
-    """SHA-256 of a frame's shape and bytes."""
+    """Compute the SHA-256 of a frame's shape and bytes."""
     return hashlib.sha256(
         f"{rgb.shape}".encode() + np.ascontiguousarray(rgb).tobytes()
     ).hexdigest()
 
 
 def source_of(path: Path, folder: Path) -> str:
-    """The path of a scene from a clip's folder: links are followed, except the file itself, since its name counts."""
+    """Return the path of a scene from a clip's folder.
+
+    Links are followed, except that of the file itself, since its name counts.
+    """
     home = os.path.realpath(path.parent)
     return Path(
         os.path.relpath(os.path.join(home, path.name), os.path.realpath(folder))
@@ -177,7 +196,7 @@ def source_of(path: Path, folder: Path) -> str:
 
 
 def write_json(path: Path, data: object) -> None:
-    """Indented, UTF-8, under its final name when it is whole."""
+    """Write indented UTF-8 JSON, under its final name when it is complete."""
     text = json.dumps(data, indent=1, ensure_ascii=False, default=str) + "\n"
     write_atomic(
         path, text.encode("utf-8", "backslashreplace")

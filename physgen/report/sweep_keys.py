@@ -26,67 +26,76 @@ MOST_KEYS = 24
 class SweptKey:
     """One key in which clips differ."""
 
-    path: str  # as `--set` takes it: `objects.*.mass`
-    name: str  # as short as is unambiguous: `mass`, `ball mass`, `impulse x`
+    path: str
+    """As `--set` takes it: `objects.*.mass`."""
+    name: str
+    """As short as is unambiguous: `mass`, `ball mass`, `impulse x`."""
     unit: str
-    values: tuple[Value | None, ...]  # one per clip; None where it is not known
-    follows: bool  # it splits the clips exactly as an earlier key does, as gravity follows the scale
+    values: tuple[Value | None, ...]
+    """One per clip; None where it is not known."""
+    follows: bool
+    """It splits the clips exactly as an earlier key does, as gravity follows the scale."""
 
     @property
     def numeric(self) -> bool:
-        """Whether all values are numbers."""
-        return all(
-            isinstance(value, float) for value in self.values if value is not None
-        )
+        """Return whether all values are numbers."""
+        values = [value for value in self.values if value is not None]
+        return all(isinstance(value, float) for value in values)
 
 
 def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
-    """Keys of `--set`, in its order, whose values differ between clips of one photo.
+    """Return keys of `--set`, in its order, whose values differ between clips of one photo.
 
     Clips that were not given one have the value of their scene.
     """
+    rows = _differing_keys(clips)
+    names = [dotted(path) for path, _ in rows[:MOST_KEYS]]
+    keys: list[SweptKey] = []
+    splits: set[tuple[int, ...]] = set()
+    labels = zip(rows, names, shortest_names(names), strict=False)
+    for (path, values), name, parts in labels:
+        rendered = []
+        for value, clip in zip(values, clips, strict=True):
+            if clip.document:
+                rendered.append(value)
+        split = tuple(rendered.index(value) for value in rendered)
+        short_name = " ".join(parts).replace("_", " ")
+        # A text has a unit of its own.
+        has_text = any(isinstance(value, str) for value in values)
+        key_unit = "" if has_text else unit(path)
+        follows = split in splits
+        keys.append(SweptKey(name, short_name, key_unit, tuple(values), follows))
+        splits.add(split)
+    return keys
+
+
+def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | None]]]:
+    """Return paths that `--set` gave, with the value of each clip, if they differ between clips of one photo."""
     edits = [_edits(clip) for clip in clips]
     subjects = {clip.subject for clip in clips if clip.document}
-    only = (
-        subjects.pop() if len(subjects) == 1 else ""
-    )  # a clip that failed is of it, too
+    # A clip that failed is of the only subject, too.
+    only_subject = subjects.pop() if len(subjects) == 1 else ""
+    paths = dict.fromkeys(path for edit in edits for path in edit)
     rows = []
-    for path in dict.fromkeys(path for edit in edits for path in edit):
-        values = [
-            edit[path] if path in edit else _value(clip.document, path)
-            for clip, edit in zip(clips, edits, strict=True)
-        ]
-        pairs = zip(clips, values, strict=True)
-        had = {
-            (clip.subject or only, value) for clip, value in pairs if value is not None
-        }
-        if len(had) > len({subject for subject, _ in had}):
+    for path in paths:
+        values: list[Value | None] = []
+        by_subject: dict[object, set[Value]] = {}
+        for clip, edit in zip(clips, edits, strict=True):
+            value = edit[path] if path in edit else _value(clip.document, path)
+            values.append(value)
+            if value is not None:
+                subject = clip.subject or only_subject
+                by_subject.setdefault(subject, set()).add(value)
+        if any(len(own_values) > 1 for own_values in by_subject.values()):
             rows.append((path, values))
-    names = [dotted(path) for path, _ in rows[:MOST_KEYS]]
-    found: list[SweptKey] = []
-    splits: set[tuple[int, ...]] = set()
-    for (path, values), key, short in zip(
-        rows, names, shortest_names(names), strict=False
-    ):
-        made = [
-            value for value, clip in zip(values, clips, strict=True) if clip.document
-        ]
-        split = tuple(made.index(value) for value in made)
-        name = " ".join(short).replace("_", " ")
-        plain = not any(
-            isinstance(value, str) for value in values
-        )  # a text has a unit of its own
-        found.append(
-            SweptKey(
-                key, name, unit(path) if plain else "", tuple(values), split in splits
-            )
-        )
-        splits.add(split)
-    return found
+    return rows
 
 
 def _edits(clip: Clip) -> dict[KeyPath, Value]:
-    """Values that `--set` gives a clip, with `*` for every name; the last of a key counts."""
+    """Return values that `--set` gives a clip, with `*` for every name.
+
+    The last of a key counts.
+    """
     found: dict[KeyPath, Value] = {}
     for text in clip.overrides:
         try:
@@ -100,7 +109,7 @@ def _edits(clip: Clip) -> dict[KeyPath, Value]:
 
 
 def _leaves(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Value]]:
-    """Numbers and words below a path; lists by component."""
+    """Yield numbers and words below a path; lists by component."""
     if isinstance(value, Mapping | list):
         for key, child in (
             value.items() if isinstance(value, Mapping) else enumerate(value)
@@ -115,7 +124,7 @@ def _leaves(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Value]]:
 
 
 def _value(document: Any, path: KeyPath) -> Value | None:
-    """Of a scene at a path; None where it has none."""
+    """Return the value of a scene at a path; None if it has none."""
     for key in path:
         try:
             document = document[key]
@@ -125,36 +134,45 @@ def _value(document: Any, path: KeyPath) -> Value | None:
 
 
 def shortest_names(paths: Sequence[str]) -> list[list[str]]:
-    """The fewest last parts of each path that are unambiguous; components are x, y and z.
+    """Return the fewest last parts of each path that are unambiguous; components are x, y and z.
 
     >>> shortest_names(["objects.*.mass", "objects.cue.velocity.0", "objects.cue.friction", "world.table.friction"])
     [['mass'], ['velocity', 'x'], ['cue', 'friction'], ['table', 'friction']]
     """
-    split = [
-        [part for part in re.findall(r"[^.\[\]]+", path) if part != "*"]
-        for path in paths
-    ]
-    named = [
-        [*parts[:-1], "xyz"[int(parts[-1])]] if parts[-1] in ("0", "1", "2") else parts
-        for parts in split
-    ]
-    found = []
-    for parts in named:
-        least = 2 if parts[-1] in ("x", "y", "z") or parts[-2:-1] == ["table"] else 1
-        while least < len(parts) and parts[-least].isdecimal():
-            least += 1
-        for count in range(min(least, len(parts)), len(parts) + 1):
-            tail = parts[-count:]
-            if sum(other[-count:] == tail for other in named) == 1:
+    every_path = [_path_parts(path) for path in paths]
+    names = []
+    for parts in every_path:
+        count = _least_parts(parts)
+        while count < len(parts):
+            same = [other for other in every_path if other[-count:] == parts[-count:]]
+            if len(same) == 1:
                 break
-        found.append(tail)
-    return found
+            count += 1
+        names.append(parts[-count:])
+    return names
+
+
+def _path_parts(path: str) -> list[str]:
+    """Return the parts of a path without `*`; a component at its end as x, y or z."""
+    parts = [part for part in re.findall(r"[^.\[\]]+", path) if part != "*"]
+    if parts[-1] in ("0", "1", "2"):
+        parts[-1] = "xyz"[int(parts[-1])]
+    return parts
+
+
+def _least_parts(parts: Sequence[str]) -> int:
+    """Return how many last parts mean something at all."""
+    is_component = parts[-1] in ("x", "y", "z")
+    least = 2 if is_component or parts[-2:-1] == ["table"] else 1
+    while least < len(parts) and parts[-least].isdecimal():
+        least += 1
+    return min(least, len(parts))
 
 
 def unit(path: KeyPath) -> str:
-    """Of the value at a path of a scene, by the schema; a name may be `*`."""
-    part, found = inner(expanded(), path[0]), ""
+    """Return the unit of the value at a path of a scene, by the schema; a name may be `*`."""
+    part, result = inner(expanded(), path[0]), ""
     for key in path[1:]:
-        found = str((part or {}).get("x-unit", found))
+        result = str((part or {}).get("x-unit", result))
         part = inner(part, key)
-    return str((part or {}).get("x-unit", found))
+    return str((part or {}).get("x-unit", result))

@@ -31,14 +31,15 @@ class SectionLimits:
     """What the section shows at most."""
 
     widest: int = 1000
-    quality: int = 80  # px of the photo below the paths, and of its JPEG
+    quality: int = 80
+    """px of the photo below the paths, and of its JPEG."""
     most_draws: int = 64
     most_points: int = 100_000
     """Draws whose paths are drawn, and points of all paths; further draws are left out."""
-    path_error: float = (
-        0.25  # px of a canvas 640 px wide by which a drawn path may deviate
-    )
-    visible: float = 0.01  # of the canvas's longer side: shorter paths are not drawn
+    path_error: float = 0.25
+    """px of a canvas 640 px wide by which a drawn path may deviate."""
+    visible: float = 0.01
+    """Of the canvas's longer side: shorter paths are not drawn."""
 
 
 LIMITS = SectionLimits()
@@ -47,7 +48,7 @@ LIMITS = SectionLimits()
 def uncertainty_section(
     fan: Ensemble, found: Sequence[Verdict], world: World, first: U8
 ) -> dict[str, Any]:
-    """`found` are the ensemble's verdicts.
+    """Return the section on uncertainty; `found` are the ensemble's verdicts.
 
     `ways` are paths of bodies in draws, `own` those in the clip, `rows` the table.
     """
@@ -88,7 +89,7 @@ def _facts(fan: Ensemble) -> str:
 
 
 def _paths(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, Any]]:
-    """Paths of rare fates last, so that they stay visible."""
+    """Return the paths, those of rare fates last, so that they stay visible."""
     found = []
     for k in shown:
         one = fan.outcomes[k]
@@ -101,7 +102,7 @@ def _paths(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, 
 
 
 def _path(points: Array, world: World) -> str:
-    """Path data with no more corners than are visible; empty where the body hardly moves."""
+    """Return path data with no more corners than are visible; empty if the body hardly moves."""
     if np.hypot(*np.ptp(points, axis=0)) < LIMITS.visible * max(world.size):
         return ""
     error = LIMITS.path_error * max(world.size) / 640

@@ -22,7 +22,7 @@ from physgen.simulate.contacts import (
     Points,
     point_at_closing,
 )
-from physgen.simulate.joints import Assemblies, find
+from physgen.simulate.joints import Assemblies, find, is_jolt
 
 Index = NDArray[np.int64]
 
@@ -49,10 +49,14 @@ class CollisionTuning:
     crowd: int = 500  # contact points of a heap
     dense: int = 40
     """Speeds that a point changes, above which arrays are faster than lists: measured with 10 to 100 points."""
+    aheads: int = 2
+    """Poses at which joints are asked what they allow: now, and a step later."""
     together: float = 0.02  # part of a step within which two contacts of one body count as simultaneous
 
 
 TUNING = CollisionTuning()
+LEAST_JOLT = 0.1
+"""Of the threshold of impacts: slower motion is not asked whether joints hold it."""
 
 
 class WorkBudget:
@@ -282,9 +286,19 @@ class ImpactSolver:
         touched: Flags,
         h: float,
         threshold: float,
+        within: Array | None = None,
     ) -> None:
-        """`touched` (K,): whether the pair touched a step ago already."""
+        """`touched` (K,): whether the pair touched a step ago already.
+
+        within: (N, 3) velocities within the step, if the motion's are those at its
+        end: the contacts last, and act in the course of the step.
+        """
         points = points.sorted()
+        self._within = within
+        span = h / 2 if within is None else 0.0
+        self._middle = motion.pose - motion.velocity * span
+        """(N, 3): poses in the middle of the step, at which its velocities are those of joints."""
+        self._allowed: Array | None = None
         self._properties, self._joined = properties, joined
         self._pose, self._velocity, self._drift = (
             motion.pose,
@@ -333,6 +347,8 @@ class ImpactSolver:
         for body, (vx, vy, spin) in self._v.items():
             lx, ly = self._leap.get(body, (0.0, 0.0))
             velocity[body] = vx - lx, vy - ly, spin
+            if self._allowed is not None:
+                velocity[body] += self._velocity[body] - self._allowed[body]
         for body, moved_by in self._shift.items():
             shift[body] = moved_by
         rows = np.array(self._rows).reshape(-1, 5)
@@ -362,8 +378,21 @@ class ImpactSolver:
 
     def _speeds(self, body: int) -> list[float]:
         if body not in self._v:
-            self._v[body] = self._velocity[body].tolist()
+            velocity = self._velocity
+            if self._joined.of(body) is not None:
+                velocity = self._velocity_allowed()
+            self._v[body] = velocity[body].tolist()
         return self._v[body]
+
+    def _velocity_allowed(self) -> Array:
+        """Return the velocities (N, 3) that joints allow in the middle of the step.
+
+        What they exclude, as a chord is no tangent, takes no part in impacts: it would
+        make energy.
+        """
+        if self._allowed is None:
+            self._allowed = self._joined.allowed(self._middle, self._velocity)
+        return self._allowed
 
     def _time(self, k: int, number: int) -> float:
         """s before the step's end: a point's own time, or that of the impact that a partner brings."""
@@ -471,6 +500,9 @@ class ImpactSolver:
                 (p.a, p.b, jt * p.ny - jn * p.nx, -jn * p.ny - jt * p.nx, times[k])
             )
             leaves, slides = p.motion(self._speeds(p.a), self._speeds(p.b))
+            if self._within is not None:
+                sides = self._within[p.a].tolist(), self._within[p.b].tolist()
+                vn, vt = p.motion(*sides)
             self._lost -= jn * (vn + leaves) / 2 + jt * (vt + slides) / 2
             self._work += jn * dn + jt * dt
         return bodies
@@ -509,7 +541,7 @@ class ImpactSolver:
                 for b in bodies
             ]
         ).ravel()
-        response = self._joined.response(bodies, inverse, self._pose)
+        response = self._joined.response(bodies, inverse, self._middle)
         place = {body: 3 * k for k, body in enumerate(bodies)}
         J = np.zeros((2 * len(points), len(inverse)))
         for i, p in enumerate(points):
@@ -521,16 +553,22 @@ class ImpactSolver:
                     k = place[body]
                     J[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * turn
                     J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
-        spread = response @ J.T
         elasticity, friction = (
             [p.elasticity for p in points],
             [p.friction for p in points],
         )
         exact = TUNING.nearly if self._budget.exceeded_by else self._exact
-        found, passes = simultaneous_impulses(
-            J @ spread, np.array(was).ravel(), elasticity, friction, exact
-        )
-        self._budget.spend(passes, points)
+        approach = np.array(was).ravel()
+        for _ in range(TUNING.aheads):
+            spread = response @ J.T
+            found, passes = simultaneous_impulses(
+                J @ spread, approach, elasticity, friction, exact
+            )
+            self._budget.spend(passes, points)
+            ahead = self._pose_ahead(bodies, spread @ found, inverse)
+            if ahead is None:
+                break
+            response = self._joined.response(bodies, inverse, self._middle, ahead)
         change, moved = spread @ found, spread @ (found * np.repeat(times, 2))
         for body, k in place.items():
             v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])
@@ -538,6 +576,29 @@ class ImpactSolver:
                 v[axis] += float(change[k + axis])
                 shift[axis] += float(moved[k + axis])
         return [(float(jn), float(jt)) for jn, jt in found.reshape(-1, 2)]
+
+    def _pose_ahead(
+        self, bodies: list[int], change: Array, inverse: Array
+    ) -> Array | None:
+        """Return the poses (N, 3) a step later, if joints then exclude the velocities that the bodies get.
+
+        Bars in a line yield to an impact, and no further: they hold it at once.
+        """
+        held = [k for k, body in enumerate(bodies) if self._joined.of(body) is not None]
+        if not held:
+            return None
+        velocity = self._velocity.copy()
+        for k, body in enumerate(bodies):
+            velocity[body] = self._speeds(body)
+            velocity[body] += change[3 * k : 3 * k + 3]
+        ahead = self._middle + velocity * self._h
+        after = self._joined.allowed(ahead, velocity)
+        rows = [bodies[k] for k in held]
+        taken = (velocity - after)[rows].ravel().tolist()
+        speeds = velocity[rows].ravel().tolist()
+        light = inverse.reshape(-1, 3)[held].ravel().tolist()
+        least = self._threshold * LEAST_JOLT
+        return ahead if is_jolt(light, speeds, taken, least) else None
 
     def _drive(self, p: Point) -> tuple[float, float]:
         """px/s, along the normal and the surface, of the first's point less the second's, where they are scripted."""

@@ -17,6 +17,8 @@ Flags = NDArray[np.bool_]
 
 LEAP = 2.0
 """px in a step by which no contact creeps."""
+TURN = 0.02
+"""Change of a normal in a step by which no contact rolls on."""
 WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
 CONTACT_BYTES = 8 * NUMBERS
@@ -66,7 +68,40 @@ class Order:
         """(14 K,): 1 for numbers of points, else 0."""
         self.brakes: Brakes | None = None
         """Once `Resistance` has looked."""
+        self.rows_held: list[int] | None = None
+        """Once `Assemblies` has looked."""
         self._mixed = bool((self._rows[1:] < self._rows[:-1]).any())
+
+    def pairs_turned(self, numbers: bytes, before: bytes) -> frozenset[Pair]:
+        """Return partners, the lesser first, whose normals differ from those before; all as listed."""
+        now, then = np.frombuffer(numbers), np.frombuffer(before)
+        change = (now - then).reshape(-1, NUMBERS)[:, 2:4]
+        turned = np.abs(change).max(axis=1, initial=0.0) > TURN
+        partners = self.listed[turned, :2].tolist()
+        return frozenset((min(pair), max(pair)) for pair in partners)
+
+    def fastest_closing(
+        self, rows: Sequence[int], numbers: bytes, moving: Index, state: Array
+    ) -> float:
+        """Return the px/s at which the fastest point of some contacts closes, as they are listed.
+
+        state (M, 6) of the bodies `moving` (M,).
+        """
+        motions = dict(zip(moving.tolist(), state.tolist(), strict=True))
+        every = np.frombuffer(numbers).reshape(-1, NUMBERS)[rows].tolist()
+        fastest = 0.0
+        for pair, contact in zip(self.listed[rows].tolist(), every, strict=True):
+            for k in range(pair[2]):
+                px, py = contact[4 + 5 * k], contact[5 + 5 * k]
+                closing = 0.0
+                for owner, sign in ((pair[0], 1.0), (pair[1], -1.0)):
+                    if owner in motions:
+                        x, y, _, vx, vy, spin = motions[owner]
+                        along = (vx - spin * (py - y)) * contact[2]
+                        across = (vy + spin * (px - x)) * contact[3]
+                        closing += sign * (along + across)
+                fastest = max(fastest, closing)
+        return fastest
 
     def sort(self, numbers: bytes) -> bytes:
         """The numbers of one or more steps, in order; contacts of the same pairs by their places."""
@@ -142,6 +177,19 @@ def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
         else list(range(len(now)))
     )
     return found
+
+
+@lru_cache(maxsize=512)
+def pairs_with_more_contacts(words: bytes, before: bytes) -> frozenset[Pair]:
+    """Return partners, the lesser first, of contacts that are not among those before, each counted once."""
+    now, counts = np.unique(_pairs(words), return_counts=True)
+    then, earlier = np.unique(_pairs(before), return_counts=True)
+    known = dict(zip(then.tolist(), earlier.tolist(), strict=True))
+    return frozenset(
+        ((key >> 2) >> 32, (key >> 2) & 0xFFFFFFFF)
+        for key, count in zip(now.tolist(), counts.tolist(), strict=True)
+        if count > known.get(key, 0)
+    )
 
 
 @lru_cache(maxsize=256)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from itertools import takewhile
 from math import ceil, nan
@@ -34,6 +35,7 @@ from physgen.simulate.contacts import (
     contact_points,
     contacts_jumped,
     new_contacts,
+    pairs_with_more_contacts,
 )
 from physgen.simulate.forces import (
     EnergyEvent,
@@ -69,6 +71,10 @@ ABRUPT = 8.0
 and not in the course of the step. A body at rest on another is at 1, one that slides or rolls below 3."""
 KEPT_PARTS = 64
 """Parts of a step that the next one keeps after an abrupt contact, at most: more would take long."""
+LEFT = 0.5
+"""Closing speed, in units of gravity x step, that contacts of bodies on joints may keep."""
+HIDINGS = 4
+"""Times that a step is taken again because contacts at internal edges acted in it."""
 LOOK = 8
 """Steps after which speeds are looked at again."""
 
@@ -460,7 +466,7 @@ class Stepper:
         """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
         if not self._joined.busy:
             return velocity, 0.0
-        allowed, _ = self._joined.hold(pose, velocity, 1.0, None)
+        allowed = self._joined.allowed(pose, velocity)
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float(
             (weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2
@@ -478,12 +484,52 @@ class Stepper:
             placed = self.state() if state is None else state
             alone = state is None and not self._numbers and not self._joined.busy
             load = self._lasting.push(placed, end, h, first=first, alone=alone)
-            every = len(load.total) == len(placed)
-            self._space.push(load.total if every else load.total[self._space.moving])
+            self._push(load)
         resistance = self._lasting.resistance
         if resistance.busy:
             self._space.brake(resistance.brakes.pairs, resistance.torques)
         return load, *self._space.step(h)
+
+    def _hides_contacts(
+        self, order: Order, numbers: bytes, new: Sequence[int] | None
+    ) -> bool:
+        """Return whether contacts at internal edges acted, which later steps leave out."""
+        if self.suspicious:
+            return self._space.hide_internal_edges(None)
+        if order is not self._order:
+            pairs = pairs_with_more_contacts(order.raw, self._order.raw)
+        elif new is None:
+            pairs = order.pairs_turned(numbers, self._numbers)
+        else:
+            return False
+        return bool(pairs) and self._space.hide_internal_edges(pairs)
+
+    def _again(
+        self, h: float, state: Array | None, load: Forces | None
+    ) -> tuple[bytes, Order, bytes]:
+        """Take a step again, with other contacts; returns as `Space.step` does."""
+        self._space.iterations = max(
+            self._space.iterations, self._governor.after_impacts
+        )
+        self._space.place(self.state() if state is None else state)
+        if load is not None:
+            self._push(load)
+        return self._space.step(h)
+
+    def _push(self, load: Forces) -> None:
+        every = len(load.total) == len(self._space.moving)
+        self._space.push(load.total if every else load.total[self._space.moving])
+
+    def _new_contacts(self, order: Order, numbers: bytes) -> Sequence[int] | None:
+        """Return rows of contacts that the step before did not have; None if all may close.
+
+        The first step is one of those after which all may close.
+        """
+        if self.suspicious or self._leaps(order, numbers):
+            return None
+        if order is self._order:
+            return ()
+        return new_contacts(order.raw, self._order.raw)
 
     def _leaps(self, order: Order, numbers: bytes) -> bool:
         """Whether a contact is elsewhere at once."""
@@ -514,15 +560,12 @@ class Stepper:
             load, states, order, numbers = self._begin(end, h, state, first)
             impact = None
             # the last try is taken as it comes: what still closes then does not bounce
-            new: Sequence[int] | None = None
-            if not (
-                self.suspicious or self._leaps(order, numbers)
-            ):  # the first step is one, too
-                new = (
-                    new_contacts(order.raw, self._order.raw)
-                    if order is not self._order
-                    else ()
-                )
+            new = self._new_contacts(order, numbers)
+            for _ in range(HIDINGS):
+                if not self._hides_contacts(order, numbers, new):
+                    break
+                states, order, numbers = self._again(h, state, load)
+                new = self._new_contacts(order, numbers)
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
@@ -548,6 +591,8 @@ class Stepper:
             )
             probing = False
             self._space.place(state)
+        if self._space.hidden:
+            self._space.review_internal_edges()
         self.steps += 1
         self.budget.grant(h)
         self._calm = original is None
@@ -559,8 +604,17 @@ class Stepper:
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
                 strength = 0.5 if first else 1.0  # of the motors
-                held, driven = self._joined.hold(*self.everybody(exact), h, strength)
-                exact[:, 3:] = held[self._space.moving]
+                held = self._joined.hold(*self.everybody(exact), h, strength)
+                driven, moving = held.work, self._space.moving
+                exact[:, 3:] = held.velocity[moving]
+                if held.lost:
+                    exact[:, :3] += held.shift[moving]
+                    kicks.append(EnergyEvent(end, held.lost, 0.0))
+                within = self.state()[:, 3:] if before is None else before
+                carried = self._carry(exact, within, order, numbers, h)
+                if carried is not None:
+                    exact[:, 3:] = carried.velocity[moving]
+                    impacts.append(carried)
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
@@ -592,6 +646,39 @@ class Stepper:
             braked,
             kicks,
         )
+
+    def _carry(
+        self, state: Array, within: Array, order: Order, numbers: bytes, h: float
+    ) -> Impacts | None:
+        """Return what contacts of bodies that joints hold lack, given the state (M, 6) that joints leave.
+
+        within: (M, 3) velocities within the step.
+
+        The engine solves contacts and joints in turns, which carries no heavy load on
+        light bodies; the rest is solved with the joints' responses, without rebound.
+        """
+        least = LEFT * max(self._weight * h, self._governor.threshold(h, 0.0))
+        rows = self._joined.rows_held(order)
+        moving = self._space.moving
+        if not rows or order.fastest_closing(rows, numbers, moving, state) <= least:
+            return None
+        wide, fast = self._wide, self._fast
+        wide[moving], fast[moving] = state[:, :3], state[:, 3:]
+        points = contact_points(order.words, order.sort(numbers), wide, fast)
+        nothing = [0.0] * len(self._properties.elasticity)
+        begun = np.zeros_like(fast)
+        begun[moving] = within
+        solver = ImpactSolver(
+            replace(self._properties, elasticity=nothing),
+            self._joined,
+            StepMotion(wide, fast, np.zeros((len(wide), 2))),
+            points,
+            np.ones(len(order.listed), bool),
+            h,
+            least,
+            begun,
+        )
+        return solver.run(self.budget)
 
     def _strike(
         self,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf, sqrt
 from operator import add, mul
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Joint, World
 from physgen.scene.scene import JointKind, Motion
+from physgen.simulate.contacts import Order
 
 Array = NDArray[np.float64]
 
@@ -20,6 +23,24 @@ def find(root: dict[int, int], k: int) -> int:
         root[k] = root[root[k]]
         k = root[k]
     return k
+
+
+SINGULAR = 1e-10
+"""Of the largest singular value: smaller ones count as 0, where joints say the same twice."""
+JOLT = 0.04
+"""Part of a group's kinetic energy that the closing of gaps may have; a turn by 0.2 rad in a step has 0.01."""
+SOFTNESS = 1e-3
+"""Part of its own response by which a joint yields while gaps are closed without speed."""
+
+
+class HeldMotion(NamedTuple):
+    """What joints do to N bodies in a step."""
+
+    velocity: Array  # (N, 3): px/s, px/s, rad/s
+    work: float  # g·px²/s² of motors
+    lost: float
+    """g·px²/s² that joints took which contradict each other."""
+    shift: Array  # (N, 3): px, px, rad by which gaps are closed at once
 
 
 class Assemblies:
@@ -85,22 +106,36 @@ class Assemblies:
                 for m in own
             ]
             self._held.append((joints, bodies, light))
+        self._jolt = float(np.hypot(*world.gravity))
+        """px/s² of gravity: slower gaps close at any speed."""
         self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
 
     def of(self, body: int) -> int | None:
         """The group that a body belongs to; None for one that no joint holds."""
         return self._root.get(body)
 
+    def rows_held(self, order: Order) -> list[int]:
+        """Return rows of contacts, as they are listed, of bodies that joints hold."""
+        if order.rows_held is None:
+            held = np.isin(order.listed[:, :2], self.bodies).any(axis=1)
+            order.rows_held = np.flatnonzero(held).tolist()
+        return order.rows_held
+
+    def allowed(self, pose: Array, velocity: Array) -> Array:
+        """Return the velocities (N, 3) that the joints allow at a pose (N, 3): those given, after joints' impulses."""
+        return self.hold(pose, velocity, 1.0, None).velocity
+
     def hold(
         self, pose: Array, velocity: Array, h: float, strength: float | None
-    ) -> tuple[Array, float]:
-        """Velocities (N, 3) with which every joint is whole a step of h seconds later, and the work of the motors.
+    ) -> HeldMotion:
+        """Return velocities (N, 3) with which every joint is whole a step of h seconds later, and the work of motors.
 
         pose (N, 3) now. One linear system a group, so that chains and welds hold whatever their length and masses
         (SHAKE, Ryckaert and others 1977). A motor turns its two sides at its speed, with at most its limit times
         `strength`; None: what the pins allow now.
         """
         work, motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
+        lost, shift = 0.0, np.zeros_like(pose)
         speeds = dict(
             zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True)
         )
@@ -109,11 +144,13 @@ class Assemblies:
             rows: list[list[float]] = []
             wanted: list[float] = []
             limits: list[float] = []
+            gaps: list[float] = []
             for joint in joints:
                 mine, off = _rows(joint, place, spots, 3 * len(bodies))
                 rows += mine
                 wanted += [-one / h if motors else 0.0 for one in off]
                 limits += [inf] * len(mine)
+                gaps += off
                 if motors and joint.kind is JointKind.MOTOR:
                     turn = [0.0] * (3 * len(bodies))
                     for body, sign in ((joint.first, 1.0), (joint.second, -1.0)):
@@ -127,6 +164,7 @@ class Assemblies:
                 len(rows) <= 8
                 and min(limits) == inf
                 and (change := _few_changes(rows, light, now, wanted))
+                and not (motors and is_jolt(light, now, change, self._jolt * h))
             ):
                 for k, body in enumerate(bodies):
                     speeds[body] = list(
@@ -153,34 +191,71 @@ class Assemblies:
                     goal[free] - give[np.ix_(free, driven)] @ fixed[driven],
                 )
             after = before + light * (J.T @ impulse)
+            change = (after - before).tolist()
+            is_driven = len(gaps) < len(rows)
+            if motors and not is_driven and is_jolt(light, now, change, self._jolt * h):
+                # near a pose in which joints contradict each other, a gap would be closed at a
+                # speed that the motion never had: close it without any
+                still = before - light * (J.T @ _solved(give, J @ before))
+                if is_jolt(light, still, (after - still).tolist(), self._jolt * h):
+                    square = np.diag(give) * SOFTNESS
+                    mend = np.linalg.solve(give + np.diag(square), np.array(gaps))
+                    moved = light * (J.T @ mend)
+                    shift[bodies] -= moved.reshape(-1, 3)
+                    lost += _energy(light, before) - _energy(light, still)
+                    after = still
             if turned:
                 mean = (J * (np.array(light) > 0)) @ (before + after) / 2
                 work += float((impulse * mean)[turned].sum())
             speeds.update(zip(bodies, after.reshape(-1, 3).tolist(), strict=True))
         velocity = velocity.copy()
         velocity[self._all] = list(speeds.values())
-        return velocity, work
+        return HeldMotion(velocity, work, lost, shift)
 
-    def response(self, bodies: list[int], inverse: Array, pose: Array) -> Array:
+    def response(self, bodies: list[int], inverse: Array, *poses: Array) -> Array:
         """(3n, 3n): change of the n bodies' velocities by impulses on them, while all joints hold.
 
-        inverse (3n,): 1/mass, 1/mass, 1/moment of each; pose (N, 3). Whole groups must be among the bodies.
+        inverse (3n,): 1/mass, 1/mass, 1/moment of each; poses (N, 3) at each of which
+        joints hold. Whole groups must be among the bodies.
         """
         place = {body: 3 * k for k, body in enumerate(bodies)}
         free = np.diag(inverse)
         groups = sorted({g for body in bodies if (g := self.of(body)) is not None})
         if not groups:
             return free
-        spots, size = _Spots(pose, self._all), 3 * len(bodies)
+        size = 3 * len(bodies)
         rows = [
             row
+            for spots in (_Spots(pose, self._all) for pose in poses)
             for group in groups
             for joint in self._joints[group]
             for row in _rows(joint, place, spots, size)[0]
         ]
         J = np.array(rows)
         give = J @ free
-        return np.asarray(free - give.T @ np.linalg.pinv(give @ J.T) @ give)
+        return np.asarray(
+            free - give.T @ np.linalg.pinv(give @ J.T, rcond=SINGULAR) @ give
+        )
+
+
+def _energy(light: Sequence[float], speeds: Sequence[float] | Array) -> float:
+    """Return the kinetic energy of what is not held, g·px²/s²; light: 1/mass and 1/moment, 0 if it does not yield."""
+    return sum(v * v / m for m, v in zip(light, speeds, strict=True) if m) / 2
+
+
+def is_jolt(
+    light: Sequence[float],
+    before: Sequence[float] | Array,
+    change: Sequence[float],
+    least: float,
+) -> bool:
+    """Return whether a change of velocities has more energy than belongs to the motion.
+
+    least: px/s that any group may get.
+    """
+    mass = sum(1 / m for m in light[::3] if m)
+    usual = JOLT * _energy(light, before) + mass * least * least
+    return _energy(light, change) > usual
 
 
 def _few_changes(
@@ -225,7 +300,7 @@ def _solved(matrix: Array, goal: Array) -> Array:
             return np.asarray(found)
     except np.linalg.LinAlgError:
         pass
-    return np.asarray(np.linalg.lstsq(matrix, goal, rcond=1e-10)[0])
+    return np.asarray(np.linalg.lstsq(matrix, goal, rcond=SINGULAR)[0])
 
 
 class _Spots:

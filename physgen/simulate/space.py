@@ -9,6 +9,7 @@ import atexit
 from collections.abc import Sequence
 from enum import Flag
 from itertools import pairwise
+from math import hypot
 from typing import Any
 from weakref import WeakSet
 
@@ -22,6 +23,12 @@ from pymunk.batch import ArbiterFields, BodyFields
 from physgen.compile.world import Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
 from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
+from physgen.simulate.internal_edges import (
+    Contact,
+    Frames,
+    InternalEdges,
+    ShapeOutline,
+)
 
 Index = NDArray[np.int64]
 
@@ -128,6 +135,29 @@ class Space:
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
+        places = [*bodies, *walls]
+        self._still_poses = [[*body.position, body.angle] for body in places]
+        self._shapes = [shape._shape for body in places for shape in body.shapes]
+        self._numbers = {_address(shape): k for k, shape in enumerate(self._shapes)}
+        outlines = [
+            _shape_outline(shape, owner)
+            for owner, body in enumerate(places)
+            for shape in body.shapes
+        ]
+        self._owners = [outline.owner for outline in outlines]
+        reach = [hypot(*outline.center) + outline.reach for outline in outlines]
+        self._reach = [
+            far if outline.corners else 0.0
+            for far, outline in zip(reach, outlines, strict=True)
+        ]
+        self._edges = InternalEdges(outlines, _pairs_apart(world.joints))
+        self._partners: dict[int, set[int]] = {}
+        """Owners that each owner touched when contacts at internal edges were last looked for."""
+        self.hidden: dict[Pair, tuple[float, Sequence[float]]] = {}
+        """Shapes whose contact at an internal edge is left out of the solution.
+
+        The px that they may move before this is looked at again, and where they are.
+        """
         LIVING.add(self)
 
     def disown(self) -> None:
@@ -165,9 +195,114 @@ class Space:
         moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
         if not words.num:
             return moved, NO_CONTACTS, b""
+        if self.hidden:
+            return moved, *self._visible_contacts()
         listed = ffi.buffer(words.arr, 8 * words.num)[:]
         order = self._orders.get(listed) or self._order(listed)
         return moved, order, ffi.buffer(numbers.arr, 8 * numbers.num)[:]
+
+    def _visible_contacts(self) -> tuple[Order, bytes]:
+        """Return the contacts that were read without those that are left out of the solution, which have no points."""
+        words, numbers = self._contacts._int_arr, self._contacts._float_arr
+        raw = ffi.buffer(words.arr, 8 * words.num)[:]
+        pairs = np.frombuffer(raw, np.int64).reshape(-1, WORDS)
+        is_visible = pairs[:, 2] > 0
+        if not is_visible.any():
+            return NO_CONTACTS, b""
+        rows = np.frombuffer(ffi.buffer(numbers.arr, 8 * numbers.num)[:])
+        listed = pairs[is_visible].tobytes()
+        shown = rows.reshape(len(pairs), -1)[is_visible]
+        return self._orders.get(listed) or self._order(listed), shown.tobytes()
+
+    def hide_internal_edges(self, pairs: frozenset[Pair] | None) -> bool:
+        """Leave contacts at internal edges out of the next steps; return whether there is one that acted in this step.
+
+        pairs: of objects, the lesser first, that may touch at such an edge; None: all.
+        """
+        frames: Frames | None = None
+        partners: dict[int, set[int]] = {}
+        doubtful: list[tuple[Any, Pair]] = []
+        for arbiter in self._arbiters():
+            if not arbiter.count:
+                continue
+            key = self._numbers[_address(arbiter.a)], self._numbers[_address(arbiter.b)]
+            first, second = self._owners[key[0]], self._owners[key[1]]
+            partners.setdefault(first, set()).add(second)
+            partners.setdefault(second, set()).add(first)
+            pair = (first, second) if first < second else (second, first)
+            if pairs is None or pair in pairs:
+                doubtful.append((arbiter, key))
+        self._partners = partners
+        is_changed = False
+        for arbiter, key in doubtful:
+            frames = frames or self._frames()
+            room = self._room(frames, key)
+            if room > 0:
+                lib.cpArbiterSetProcessCollision(arbiter, False)
+                self.hidden[key] = room, self._distances(frames, key)
+                is_changed = True
+        return is_changed
+
+    def review_internal_edges(self) -> None:
+        """Let those contacts act again that are no longer at an internal edge."""
+        frames = self._frames()
+        ended: list[Pair] = []
+        for key, (room, before) in self.hidden.items():
+            now = self._distances(frames, key)
+            if sum(abs(a - b) for a, b in zip(now, before, strict=True)) < room:
+                continue
+            room = self._room(frames, key)
+            self.hidden[key] = room, now
+            if not room > 0:
+                ended.append(key)
+        if not ended:
+            return
+        for key in ended:
+            del self.hidden[key]
+        for arbiter in self._arbiters():
+            key = self._numbers[_address(arbiter.a)], self._numbers[_address(arbiter.b)]
+            if key in ended:
+                lib.cpArbiterSetProcessCollision(arbiter, True)
+
+    def _arbiters(self) -> list[Any]:
+        found: list[Any] = []
+        handle = ffi.new_handle(found)
+        collect = lib.ext_cpArbiterIteratorFunc
+        lib.cpSpaceEachCachedArbiter(self._space._space, collect, handle)
+        return found
+
+    def _frames(self) -> Frames:
+        """Return the frames of all owners after the last step."""
+        poses = self._still_poses.copy()
+        states = ffi.buffer(self._states._float_arr.arr, 48 * len(self.moving))
+        rows = np.frombuffer(states).reshape(-1, 6)[:, :3].tolist()
+        for owner, pose in zip(self.moving.tolist(), rows, strict=True):
+            poses[owner] = pose
+        return Frames(poses)
+
+    def _distances(self, frames: Frames, key: Pair) -> Sequence[float]:
+        """Return px by which the owners of two shapes are apart and turned."""
+        first, second = self._owners[key[0]], self._owners[key[1]]
+        one, other = frames.poses[first], frames.poses[second]
+        far = self._reach[key[0]], self._reach[key[1]]
+        apart = one[0] - other[0], one[1] - other[1]
+        return (*apart, far[0] * one[2], far[1] * other[2])
+
+    def _room(self, frames: Frames, key: Pair) -> float:
+        """Return `InternalEdges.room` of two shapes; 0 if they do not touch."""
+        touch = lib.cpShapesCollide(self._shapes[key[0]], self._shapes[key[1]])
+        if not touch.count:
+            return 0.0
+        spots = [touch.points[k] for k in range(touch.count)]
+        points = [
+            (
+                (spot.pointA.x + spot.pointB.x) / 2,
+                (spot.pointA.y + spot.pointB.y) / 2,
+            )
+            for spot in spots
+        ]
+        contact = Contact((touch.normal.x, touch.normal.y), points)
+        return self._edges.room(frames, key, self._partners, contact)
 
     def _order(self, listed: bytes) -> Order:
         """Of contacts as pymunk lists them: by their bodies' ids, in the order of memory addresses."""
@@ -232,6 +367,41 @@ def _batched(
         buffer._int_arr,
     )
     return space._space, ffi.addressof(lib, name), request
+
+
+def _address(pointer: Any) -> int:
+    return int(ffi.cast("uintptr_t", pointer))
+
+
+def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
+    """Return a shape in plain numbers; corners go clockwise to the eye."""
+    match shape:
+        case pymunk.Poly():
+            corners = [(float(x), float(y)) for x, y in shape.get_vertices()]
+            turned = zip(corners, (*corners[1:], corners[0]), strict=True)
+            if sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in turned) < 0:
+                corners.reverse()
+        case pymunk.Segment():
+            corners = [(float(x), float(y)) for x, y in (shape.a, shape.b)]
+        case _:
+            corners = []
+    is_static = shape.body.body_type == pymunk.Body.STATIC
+    box = np.array(corners or [(0.0, 0.0)])
+    x, y = ((box.min(axis=0) + box.max(axis=0)) / 2).tolist()
+    reach = float(np.hypot(*(box - (x, y)).T).max())
+    if isinstance(shape, pymunk.Circle):
+        reach = shape.radius
+    return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
+
+
+def _pairs_apart(joints: tuple[Joint, ...]) -> frozenset[tuple[int, int]]:
+    """Return pairs of bodies, in both orders, that a joint lets overlap."""
+    pairs = [
+        (joint.first, joint.second)
+        for joint in joints
+        if joint.second is not None and not joint.collide
+    ]
+    return frozenset([*pairs, *((second, first) for first, second in pairs)])
 
 
 def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:

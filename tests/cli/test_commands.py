@@ -336,10 +336,7 @@ def test_perceive_writes_a_valid_scene_that_renders_and_keeps_an_edited_one(
     capsys.readouterr()
     assert main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)]) == 0
     assert "# mine" in scene.with_name("scene.yaml~").read_text()
-    assert (
-        f"{scene}: was there already and differed; kept as scene.yaml~\n"
-        in capsys.readouterr().err
-    )
+    assert f"the previous {scene} is kept as scene.yaml~\n" in capsys.readouterr().err
 
 
 def test_a_large_photo_is_made_smaller_with_its_masks(

@@ -42,17 +42,22 @@ class Tiny:
 
 
 @pytest.fixture(scope="session")
-def video(tiny: Tiny) -> Callable[..., Any]:
-    """Options -> AnimateDiff on tiny weights; with the same options, the same model."""
+def video(tiny: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
+    """Kind of weights, options -> a video model that runs on tiny ones; with the same options, the same model."""
     from physgen import registry
 
-    made: dict[tuple[Any, ...], Any] = {}
+    variants = importlib.import_module("tests.contract.tiny_wan").VARIANTS
+    root, paths, made = tmp_path_factory.mktemp("video"), {}, {}
 
-    def model(dtype: str = "auto", **options: Any) -> Any:
-        key = (dtype, *sorted(options.items()))
+    def model(variant: str, dtype: str = "auto", **options: Any) -> Any:
+        row, build = variants[variant]
+        if variant not in paths:
+            paths[variant] = build(root / variant)
+        key = (variant, dtype, *sorted(options.items()))
         if key not in made:
-            setup = Setup(str(tiny["refine", "animatediff"]), "cpu", dtype, options)
-            made[key] = registry.make("refine", "animatediff", setup)
+            made[key] = registry.make(
+                "refine", row, Setup(paths[variant], "cpu", dtype, options)
+            )
         return made[key]
 
     return model

@@ -6,15 +6,18 @@ all that we do, is the real thing.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 import torch
 
 from physgen import registry
+from physgen.perceive.backends.depth_anything import DEPTH, invert_depth
 from physgen.photometry import decode, encode, encode_u8, luminance
 from physgen.registry import Setup
-from tests.contract import tiny_maps
+from tests.contract import tiny_depth, tiny_maps
 
 H, W = 48, 64
 Y, X = np.mgrid[:H, :W]
@@ -75,6 +78,50 @@ def test_marigolds_depth_is_larger_farther(tiny):
     found = run(PHOTO)
     assert found == pytest.approx(true, abs=1e-3)
     assert found[0, 0] > found[-1, 0]
+
+
+def answers(run, raw: np.ndarray) -> None:
+    """The network answers `raw`, in whatever size it is asked."""
+
+    def network(pixels):
+        size = tuple(pixels.shape[-2:])
+        resized = torch.from_numpy(cv2.resize(raw, size[::-1]))
+        return SimpleNamespace(predicted_depth=resized[None])
+
+    assert run._model is not None  # the real one is loaded, and states its kind
+    run._model = network
+
+
+def test_depth_anythings_inverse_depth_becomes_depth(tiny):
+    run = registry.make(
+        "depth", "depth-anything", tiny.setup("depth", "depth-anything")
+    )
+    true = 1 + 2 * (1 - Y / (H - 1))  # 1 m at the lower border, 3 m at the upper
+    answers(run, (7.5 / true).astype(np.float32))  # theirs: inverse, in any scale
+    column = run(PHOTO)[:, 20]
+    assert (np.diff(column) <= 0).all()  # upwards is farther
+    ratio = column / column[-1] / (true[:, 20] / true[-1, 20])
+    assert ratio == pytest.approx(1, abs=0.06)
+
+
+def test_inverse_depth_keeps_its_order():
+    inverse = np.array([[0.0, 1e-3, 0.5, 4.0, 8.0]], np.float32)
+    depth = invert_depth(inverse)
+    assert depth[0, 0] == pytest.approx(DEPTH.farthest)
+    assert depth[0, -1] == pytest.approx(1)
+    assert (np.diff(depth[0]) < 0).all()
+    assert (invert_depth(np.zeros((2, 2), np.float32)) == 1).all()
+
+
+def test_metric_depth_stays_in_metres(tmp_path):
+    path = tiny_depth.depth_anything(tmp_path / "metric", "metric")
+    setup = Setup(str(path), "cpu", options={"resolution": 70})
+    run = registry.make("depth", "depth-anything", setup)
+    answers(run, np.where(Y < 20, np.float32(4), np.float32(2)).astype(np.float32))
+    found = run(PHOTO)
+    assert found[4, 9] == pytest.approx(4)
+    assert found[40, 9] == pytest.approx(2)
+    assert run.note()["unit"] == "m"
 
 
 def lit_scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -22,15 +22,17 @@ import torch
 
 from physgen import registry
 from physgen.problems import InputError
-from physgen.refine.backends import animatediff as backend
+from physgen.refine.backends import sampling
 from physgen.refine.backends import sampling as loading
 from physgen.refine.denoiser import Denoiser, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
 from physgen.registry import Setup
 from tests.contract.tiny_maps import Trap
 from tests.contract.tiny_video import animatediff
+from tests.contract.tiny_wan import VARIANTS, wan
 
-NAME = "animatediff"
+ROWS = {"animatediff": "animatediff", "wan": "wan"}
+"""A kind of weights for each backend."""
 SIZE = 37, 23
 HOW = RefineSettings(
     0.5,
@@ -89,11 +91,12 @@ def change(made: np.ndarray, size=SIZE) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
+@pytest.mark.parametrize("variant", VARIANTS)
 def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(
-    count: int, video: Video
+    variant: str, count: int, video: Video
 ):
     """Odd sizes and counts, which no model takes, come back as they were."""
-    model = video()
+    model = video(variant)
     made = refined(
         model, replace(HOW, stop=0), count, covers=1.0, weight=lambda k, n: 0.0
     )
@@ -120,18 +123,20 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
     return distance
 
 
+@pytest.mark.parametrize("variant", VARIANTS)
 def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(
-    video: Video, apart
+    variant: str, video: Video, apart
 ):
-    far = apart(video(), replace(HOW, hold=6))
+    far = apart(video(variant), replace(HOW, hold=6))
     assert far[0] == 0
     assert far.max() > 0.1
     assert np.diff(far).max() < 0.7 * far.max()
 
 
-def test_words_are_heard_as_much_as_is_said(video: Video):
+@pytest.mark.parametrize("variant", ROWS.values())
+def test_words_are_heard_as_much_as_is_said(variant: str, video: Video):
     """Classifier-free guidance is linear in its scale, and at 1 there is nothing to be guided from."""
-    model, frames = video(), clip(5, (32, 32))[0]
+    model, frames = video(variant), clip(5, (32, 32))[0]
     said, passes = {}, []
 
     def counted(real: Callable[..., Any], scale: float, *told: Any) -> Any:
@@ -142,7 +147,7 @@ def test_words_are_heard_as_much_as_is_said(video: Video):
         z = model.begin(frames, PromptSettings("a red ball", "blur", scale), 4, 2)
         network = model._network
         network.predict = partial(counted, network.predict, scale)
-        said[scale] = model.predict(model.noised(z, np.ones_like(z), 0), 0)
+        said[scale] = model.predict(model.noised(z, np.ones_like(z), 0), 0, 0)
         del network.predict
     assert [passes.count(scale) for scale in said] == [1, 2, 2]
     step = said[2.0] - said[1.0]
@@ -155,46 +160,96 @@ def test_words_are_heard_as_much_as_is_said(video: Video):
 # ---- windows -----------------------------------------------------------------------------------------------------
 
 
-def test_a_long_clip_is_seen_in_windows(video: Video):
-    model, seen = video(window=8), []
+class Watched:
+    """A network whose windows and first frames are noted."""
+
+    def __init__(self, network: Any) -> None:
+        self.pipe, self._network = network.pipe, network
+        self.lengths: list[int] = []
+        self.first_frames: list[tuple[np.ndarray, int]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._network, name)
+
+    def predict(self, z: Any, *more: Any) -> Any:
+        self.lengths.append(len(z))
+        return self._network.predict(z, *more)
+
+    def condition(self, frame: Any, latents: int) -> Any:
+        levels = ((frame.numpy() + 1) * 127.5).round().astype(np.uint8)
+        self.first_frames.append((levels.transpose(1, 2, 0), latents))
+        return self._network.condition(frame, latents)
+
+
+@pytest.mark.parametrize(
+    ("variant", "window", "latents"),
+    [("animatediff", 8, 8), ("wan", 9, 3), ("wan-framed", 9, 3)],
+)
+def test_a_long_clip_is_seen_in_windows(
+    variant: str, window: int, latents: int, video: Video
+):
+    model = video(variant, window=window)
     frames, coverage = clip(21)
     run = Refinement(model, HOW, SIZE, 21)
     model.begin(frames[:1] * 5, HOW.prompt, 4, 2)  # so that it is loaded
-    network, predict = model._network, model._network.predict
-    network.predict = lambda z, *told: seen.append(len(z)) or predict(z, *told)
+    network = model._network
+    model.__dict__["_network"] = watched = Watched(network)
     made = np.stack(list(run.frames(frames, coverage)))
-    del network.predict
-    assert set(seen) == {8}
-    assert len(run.note()["windows"]) > 1
-    still = refined(
-        model, replace(HOW, stop=0), 21, covers=1.0, weight=lambda k, n: 0.0
-    )
-    assert np.array_equal(still, frames)
+    model.__dict__["_network"] = network
+    windows = run.note()["windows"]
+    assert set(watched.lengths) == {latents}
+    assert len(windows) > 1
+    # each window gets its first frame once, whatever the steps
+    stride = model.grid.stride
+    for (frame, many), (first, last) in zip(watched.first_frames, windows, strict=True):
+        assert many == last - first == latents
+        place = 1 + (first - 1) * stride if first else 0
+        assert np.array_equal(frame[:23, :37], frames[place])
     far = change(made)
     assert np.abs(np.diff(far)).max() < far.max()
+
+
+@pytest.mark.parametrize("variant", ["wan-framed", "wan-framed-experts"])
+def test_the_first_frame_of_a_window_guides(variant: str, video: Video):
+    model, frames = video(variant), clip(13, (32, 32))[0]
+    other = [np.full_like(frames[0], 200), *frames[1:]]
+    z = model.begin(frames, PromptSettings("", "", 1.0), 4, 2)
+    one = model.predict(z, 0, 0)
+    model.begin(other, PromptSettings("", "", 1.0), 4, 2)
+    assert np.abs(one - model.predict(z, 0, 0)).max() > 1e-4
+    model.begin([frames[0], *other[1:]], PromptSettings("", "", 1.0), 4, 2)
+    assert np.allclose(one, model.predict(z, 0, 0))
 
 
 # ---- numbers and memory ------------------------------------------------------------------------------------------
 
 
-def test_half_the_digits(video: Video):
-    model, whole = video("bfloat16"), video()
+@pytest.mark.parametrize("variant", ROWS.values())
+def test_half_the_digits(variant: str, video: Video):
+    model, whole = video(variant, "bfloat16"), video(variant)
     made = refined(model, count=2)
     assert model.note()["dtype"] == "bfloat16"
     network = model._network.pipe
     assert (
         network.vae.dtype == torch.float32
     )  # what is shown are differences of what it decodes
-    assert network.unet.dtype == torch.bfloat16
+    assert (
+        network.unet if variant == "animatediff" else network.transformer
+    ).dtype == torch.bfloat16
     assert (
         np.abs(made.astype(int) - refined(whole, count=2)).mean()
         < 0.5 * change(made).mean()
     )
 
 
-@pytest.mark.parametrize("kind", ["device", "processor"])
-def test_memory_that_does_not_suffice_is_reported(kind: str, video: Video):
-    model, size = video(), (32, 32)
+@pytest.mark.parametrize(
+    ("variant", "kind"),
+    [("animatediff", "device"), ("wan", "processor")],
+)
+def test_memory_that_does_not_suffice_is_reported(
+    variant: str, kind: str, video: Video
+):
+    model, size = video(variant), (64, 64) if variant == "wan" else (32, 32)
     side = size[0] * 3 // 4
     model.begin(clip(1, size)[0], HOW.prompt, 4, 2)
     real = model._network.predict
@@ -218,8 +273,9 @@ def test_memory_that_does_not_suffice_is_reported(kind: str, video: Video):
     assert refined(model, size=size).shape[0] == 7  # and nothing is broken
 
 
-def test_a_closed_model_is_gone_and_comes_back(tiny: Any):
-    model = registry.make("refine", NAME, tiny.setup("refine", NAME))
+@pytest.mark.parametrize("name", ROWS)
+def test_a_closed_model_is_gone_and_comes_back(name: str, tiny: Any):
+    model = registry.make("refine", name, tiny.setup("refine", name))
     first = refined(model, count=2)
     gone = weakref.ref(model._network.pipe.vae)
     model.close()
@@ -229,8 +285,9 @@ def test_a_closed_model_is_gone_and_comes_back(tiny: Any):
     assert np.abs(first.astype(int) - refined(model, count=2)).max() <= 1
 
 
+@pytest.mark.parametrize("variant", ["animatediff", "wan-framed"])
 def test_parts_that_come_and_go_do_the_same(
-    video: Video, monkeypatch: pytest.MonkeyPatch
+    variant: str, video: Video, monkeypatch: pytest.MonkeyPatch
 ):
     """The processor stands for the GPU: the same hooks bring each part when it is called."""
 
@@ -239,8 +296,8 @@ def test_parts_that_come_and_go_do_the_same(
         return "model"
 
     with monkeypatch.context() as patch:
-        patch.setattr(backend, "place_pipeline", in_parts)
-        model = video()
+        patch.setattr(sampling, "place_pipeline", in_parts)
+        model = video(variant)
         model.close()  # other tests share it
         made = refined(model, count=5)
         assert model.note()["offload"] == "model"
@@ -248,7 +305,7 @@ def test_parts_that_come_and_go_do_the_same(
             "UserCpuOffloadHook"
         }
         model.close()
-    assert np.abs(made.astype(int) - refined(video(), count=5)).max() <= 1
+    assert np.abs(made.astype(int) - refined(video(variant), count=5)).max() <= 1
 
 
 def test_what_fills_the_gpu_is_brought_in_parts(monkeypatch: pytest.MonkeyPatch):
@@ -277,7 +334,7 @@ def test_what_fills_the_gpu_is_brought_in_parts(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
-    model = video(resolution=16)
+    model = video("animatediff", resolution=16)
     run = Refinement(model, HOW, SIZE, 2)
     made = list(run.frames(*clip(2)))
     assert run.note()["size"] == [20, 13]  # 16 x 16 px, in the photo's shape
@@ -291,24 +348,25 @@ def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
 def test_a_resolution_that_no_model_takes_is_told(video: Video):
     with pytest.raises(
         InputError,
-        match=r"animatediff.resolution: 8 is less than the minimum of 16; leave it out",
+        match=r"wan.resolution: 8 is less than the minimum of 16; leave it out",
     ):
-        video(resolution=8)
+        video("wan", resolution=8)
 
 
 # ---- weights -----------------------------------------------------------------------------------------------------
 
 
-def made(weights: str) -> Any:
-    return registry.make("refine", NAME, Setup(weights, "cpu"))
+def made(name: str, weights: str) -> Any:
+    return registry.make("refine", name, Setup(weights, "cpu"))
 
 
-def test_missing_weights_are_named_before_any_work():
-    own = [weights.id for weights in registry.find("refine", NAME).weights]
+@pytest.mark.parametrize("name", ROWS)
+def test_missing_weights_are_named_before_any_work(name: str):
+    own = [weights.id for weights in registry.find("refine", name).weights]
     others = [f"nobody/no-{k}" for k in range(len(own))]
     for said, ids in ((",".join(others), others), ("", own)):
         with pytest.raises(InputError) as caught:
-            made(said)
+            made(name, said)
         told = {str(problem): problem.fix for problem in caught.value.problems}
         assert len(told) == len(ids)  # all that is missing, at once
         for id_ in ids:
@@ -321,40 +379,46 @@ def test_missing_weights_are_named_before_any_work():
     with pytest.raises(
         InputError, match=r'--refine: "no/such/folder" is not there: the weights of'
     ):
-        made("no/such/folder")
+        made(name, "no/such/folder")
 
 
-def test_a_folder_of_something_else_is_refused(tmp_path: Path):
+@pytest.mark.parametrize("name", ROWS)
+def test_a_folder_of_something_else_is_refused(name: str, tmp_path: Path):
     (tmp_path / "notes.txt").write_text("no weights")
-    count = len(registry.find("refine", NAME).weights)
+    count = len(registry.find("refine", name).weights)
     with pytest.raises(
         InputError, match=r'--refine: ".*" does not load as .*; fetch it again'
     ):
-        made(",".join([str(tmp_path)] * count))
+        made(name, ",".join([str(tmp_path)] * count))
 
 
 def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path):
-    two = animatediff(tmp_path / "two")
+    wans, two = wan(tmp_path / "wan"), animatediff(tmp_path / "two")
     adapter, base = two.split(",")
-    index = json.loads((Path(base) / "model_index.json").read_text())
-    other = tmp_path / "other"
-    other.mkdir()
-    (other / "model_index.json").write_text(
-        json.dumps(index | {"unet": [None, None], "_class_name": "WanPipeline"})
-    )
-    for said, message in (
+    for name, said, message in (
         (
-            f"{adapter},{other}",
+            "wan",
+            base,
+            r"is a StableDiffusionPipeline: not for Wan; name weights of a WanPipeline",
+        ),
+        (
+            "animatediff",
+            f"{adapter},{wans}",
             r"is a WanPipeline that the adapter does not fit; name weights of",
         ),
         (
+            "animatediff",
             f"{base}/unet,{base}",
             r"is a UNet2DConditionModel: no motion adapter; name a motion",
         ),
-        (f"{two},{base}", r"names 3 weights for animatediff; write at most 2"),
+        (
+            "animatediff",
+            f"{two},{base}",
+            r"names 3 weights for animatediff; write at most 2",
+        ),
     ):
         with pytest.raises(InputError, match=message):
-            made(said)
+            made(name, said)
     narrow = json.loads((Path(adapter) / "config.json").read_text()) | {
         "block_out_channels": [16, 64]
     }
@@ -362,53 +426,52 @@ def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path
     with pytest.raises(
         InputError, match=r"is a StableDiffusionPipeline that the adapter does not fit"
     ):
-        made(two)
+        made("animatediff", two)
 
 
 def test_broken_weights_are_told_when_they_are_read(tmp_path: Path):
-    two = animatediff(tmp_path)
-    (tmp_path / "base/unet/diffusion_pytorch_model.safetensors").write_bytes(
+    folder = Path(wan(tmp_path / "wan"))
+    (folder / "transformer/diffusion_pytorch_model.safetensors").write_bytes(
         b"no numbers"
     )
-    model = made(two)
+    model = made("wan", str(folder))
     with pytest.raises(
-        InputError,
-        match=r'--refine: ".*" does not load as AnimateDiff .*; fetch it again',
+        InputError, match=r'--refine: ".*" does not load as Wan .*; fetch it again'
     ):
         refined(model)
 
 
 def test_pickled_weights_are_not_opened(tmp_path: Path):
-    two = animatediff(tmp_path)
-    (tmp_path / "base/vae/diffusion_pytorch_model.safetensors").unlink()
-    trap = pickle.dumps(Trap(str(tmp_path / "ran")))
-    (tmp_path / "base/vae/diffusion_pytorch_model.bin").write_bytes(trap)
+    folder = Path(wan(tmp_path / "wan"))
+    (folder / "vae/diffusion_pytorch_model.safetensors").unlink()
+    (folder / "vae/diffusion_pytorch_model.bin").write_bytes(
+        pickle.dumps(Trap(str(tmp_path / "ran")))
+    )
     with pytest.raises(InputError, match="safetensors"):
-        refined(made(two))
+        refined(made("wan", str(folder)))
     assert not (tmp_path / "ran").exists()
 
 
 def test_the_record_tells_which_weights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    two = animatediff(tmp_path / "two")
-    model = made(two)
+    here = Path(wan(tmp_path / "wan"))
+    model = made("wan", str(here))
     refined(model, count=1)
     note = model.note()
     assert note.items() >= {
-        "weights": two, "device": "cpu", "dtype": "float32", "scheduler": "DDIMScheduler",
+        "weights": str(here), "device": "cpu", "dtype": "float32", "scheduler": "FlowMatchEulerDiscreteScheduler",
         "guidance": 3.0, "offload": "none", "tiling": False, "torch": torch.__version__,
     }.items()  # fmt: skip
     json.dumps(note)
     # from the hub's cache: the commit
-    adapter, base = two.split(",")
-    home = tmp_path / "hub/models--some--base"
-    shutil.copytree(base, home / "snapshots/5af5c01")
+    home = tmp_path / "hub/models--some--wan"
+    shutil.copytree(here, home / "snapshots/5af5c01")
     (home / "refs").mkdir()
     (home / "refs/main").write_text("5af5c01")
     from huggingface_hub import constants
 
     monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "hub"))
-    cached = made(f"{adapter},some/base")
-    assert cached.note()["revision"] == ",5af5c01"
+    cached = made("wan", "some/wan")
+    assert cached.note()["revision"] == "5af5c01"
     assert cached.grid == model.grid

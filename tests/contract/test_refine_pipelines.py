@@ -1,9 +1,14 @@
-"""Refinement against diffusers' own pipeline, run whole from half the noise, on a tiny model of the real classes."""
+"""Refinement against a second implementation: diffusers' own pipelines, run whole, on tiny models of the real classes.
+
+Where they take a video and a strength, from half the noise; where they take one picture only, from noise alone.
+"""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import diffusers
@@ -19,24 +24,65 @@ STEPS = 8
 WORDS, NOT = "a red ball,  &amp; a cup", "blur"
 
 
-SIZE, FRAMES, STRENGTH = (24, 16), 5, 0.5
-"""Width and height, px, of a clip, and how much of the schedule runs."""
+@dataclass(frozen=True)
+class Theirs:
+    """A pipeline that does the same."""
+
+    kind: str
+    module: str
+    size: tuple[int, int]
+    """Width and height, px."""
+    frames: int
+    strength: float = 0.5
+    parts: tuple[str, ...] = ()
+    """Of the weights' pipeline, beside those of all."""
 
 
-def scheduler() -> Any:
+SETTINGS = ("boundary_ratio", "expand_timesteps")
+"""Of a pipeline's configuration."""
+_ANIMATED = (
+    "AnimateDiffVideoToVideoPipeline",
+    "animatediff.pipeline_animatediff_video2video",
+    (24, 16),
+    5,
+)
+_WAN = ("WanVideoToVideoPipeline", "wan.pipeline_wan_video2video", (48, 32), 9)
+THEIRS = {
+    "animatediff": Theirs(*_ANIMATED, parts=("unet", "motion_adapter")),
+    "wan": Theirs(*_WAN, parts=("transformer",)),
+    "wan-experts": Theirs(
+        "WanPipeline", "wan.pipeline_wan", (48, 32), 9, 1.0, ("transformer", "transformer_2", "boundary_ratio")
+    ),
+    "wan-framed": Theirs(
+        "WanImageToVideoPipeline", "wan.pipeline_wan_i2v", (48, 32), 9, 1.0,
+        ("transformer", "image_encoder", "image_processor"),
+    ),
+    "wan-framed-experts": Theirs(
+        "WanImageToVideoPipeline", "wan.pipeline_wan_i2v", (48, 32), 9, 1.0,
+        ("transformer", "transformer_2", "boundary_ratio"),
+    ),
+    "wan-ti2v": Theirs(
+        "WanPipeline", "wan.pipeline_wan", (48, 32), 9, 1.0, ("transformer", "expand_timesteps")
+    ),
+}  # fmt: skip
+
+
+def scheduler(variant: str) -> Any:
     """Built from numbers, not from the weights' own."""
+    if variant.startswith("wan"):
+        return diffusers.FlowMatchEulerDiscreteScheduler(shift=3.0)
     return diffusers.DDIMScheduler(
         beta_start=0.00085, beta_end=0.012, beta_schedule="linear", clip_sample=False, steps_offset=1,
         prediction_type="v_prediction",
     )  # fmt: skip
 
 
-def clip() -> list[np.ndarray]:
-    width, height = SIZE
+def clip(theirs: Theirs) -> list[np.ndarray]:
+    width, height = theirs.size
     y, x = np.mgrid[:height, :width]
     frames = [
         np.stack([5 * x + 9 * k, 7 * y, 3 * x + 3 * y], axis=-1) % 256
-        for k in range(FRAMES)
+        for k in range(theirs.frames)
     ]
     return [frame.astype(np.uint8) for frame in frames]
 
@@ -44,27 +90,48 @@ def clip() -> list[np.ndarray]:
 class Both:
     """A model of ours and a pipeline of theirs over the same weights, and the noise of both."""
 
-    def __init__(self, model: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.model, self.frames = model, clip()
-        self.count = round(STEPS * STRENGTH)
+    def __init__(
+        self, variant: str, model: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        self.theirs, self.model, self.frames = (
+            THEIRS[variant],
+            model,
+            clip(THEIRS[variant]),
+        )
+        self.count = round(STEPS * self.theirs.strength)
         self.z0 = model.begin(
             self.frames, PromptSettings(WORDS, NOT, 3.0), STEPS, self.count
         )
         self.noise = np.random.default_rng(0).standard_normal(self.z0.shape, np.float32)
-        self.scheduler = scheduler()
-        mine = model._network.pipe
-        own = ("vae", "text_encoder", "tokenizer", "unet", "motion_adapter")
-        parts = {name: getattr(mine, name, None) for name in own}
-        self.pipe = diffusers.AnimateDiffVideoToVideoPipeline(
+        self.scheduler = scheduler(variant)
+        mine, module = (
+            model._network.pipe,
+            importlib.import_module(f"diffusers.pipelines.{self.theirs.module}"),
+        )
+        own = ("vae", "text_encoder", "tokenizer")
+        parts = {
+            name: getattr(mine, name, None)
+            for name in (*own, *self.theirs.parts)
+            if name not in SETTINGS
+        }
+        parts |= {
+            name: mine.config[name] for name in SETTINGS if name in self.theirs.parts
+        }
+        self.pipe = getattr(diffusers, self.theirs.kind)(
             **parts, scheduler=self.scheduler
         )
         self.pipe.set_progress_bar_config(disable=True)
-        # means where they draw, and our noise where they make theirs
-        module = importlib.import_module(type(self.pipe).__module__)
+        # means where they draw, our noise where they make theirs, and no ftfy, which has nothing to mend
         monkeypatch.setattr(
-            module, "retrieve_latents", lambda found, *_, **__: found.latent_dist.mode()
+            module,
+            "retrieve_latents",
+            lambda found, *_, **__: found.latent_dist.mode(),
+            raising=False,
         )
         monkeypatch.setattr(module, "randn_tensor", self._drawn)
+        monkeypatch.setattr(
+            module, "ftfy", SimpleNamespace(fix_text=lambda text: text), raising=False
+        )
 
     def _drawn(self, shape: Any, **_: Any) -> torch.Tensor:
         noise = torch.from_numpy(self.noise)[None]
@@ -72,17 +139,32 @@ class Both:
 
     def run(self, step: Callable[..., Any] | None = None, **more: Any) -> np.ndarray:
         """Their latents, laid out as ours."""
-        width, height = SIZE
-        more |= {
-            "video": [Image.fromarray(frame) for frame in self.frames],
-            "strength": STRENGTH,
-        }
-        more |= {"height": height, "width": width}
+        (width, height), pictures = (
+            self.theirs.size,
+            [Image.fromarray(frame) for frame in self.frames],
+        )
+        if "Wan" in self.theirs.kind or "Image" in self.theirs.kind:
+            more |= {"height": height, "width": width}
+        if "VideoToVideo" in self.theirs.kind:
+            more |= {
+                "video": pictures,
+                "strength": self.theirs.strength,
+                "height": height,
+                "width": width,
+            }
+        else:
+            more |= {"num_frames": len(pictures), "latents": self._drawn(self._shape())}
+        if "Image" in self.theirs.kind:
+            more["image"] = pictures[0]
         found = self.pipe(
             prompt=[WORDS], negative_prompt=[NOT], num_inference_steps=STEPS, guidance_scale=3.0, output_type="latent",
             callback_on_step_end=step, **more,
         ).frames  # fmt: skip
         return self.ours(found).numpy()
+
+    def _shape(self) -> tuple[int, ...]:
+        f, c, h, w = self.z0.shape
+        return (1, c, f, h, w)
 
     def ours(self, latents: torch.Tensor) -> torch.Tensor:
         return latents[0].transpose(0, 1)
@@ -91,7 +173,7 @@ class Both:
         model = self.model
 
         def denoised(z: np.ndarray, k: int) -> np.ndarray:
-            return model.stepped(model.predict(z, k), z, k)
+            return model.stepped(model.predict(z, k, 0), z, k)
 
         def noised(z: np.ndarray, k: int) -> np.ndarray:
             return model.noised(z, self.noise, k)
@@ -102,10 +184,13 @@ class Both:
 
 
 @pytest.fixture
-def both(video: Any, monkeypatch: pytest.MonkeyPatch) -> Both:
-    return Both(video(), monkeypatch)
+def both(
+    request: pytest.FixtureRequest, video: Any, monkeypatch: pytest.MonkeyPatch
+) -> Both:
+    return Both(request.param, video(request.param), monkeypatch)
 
 
+@pytest.mark.parametrize("both", THEIRS, indirect=True)
 def test_without_objects_it_is_their_own_video_to_video(both: Both):
     ours, theirs = both.run_ours(np.float32(0), 0), both.run()
     assert ours.shape == theirs.shape
@@ -113,6 +198,7 @@ def test_without_objects_it_is_their_own_video_to_video(both: Both):
     assert np.allclose(ours, theirs, rtol=0, atol=2e-4 * np.abs(theirs).max())
 
 
+@pytest.mark.parametrize("both", THEIRS, indirect=True)
 def test_with_objects_it_is_the_algorithm_in_their_callback(both: Both):
     random = np.random.default_rng(1)
     mask = random.random((both.z0.shape[0], 1, *both.z0.shape[2:]), np.float32)
@@ -122,35 +208,44 @@ def test_with_objects_it_is_the_algorithm_in_their_callback(both: Both):
     def step(pipe: Any, i: int, t: Any, told: dict[str, Any]) -> dict[str, Any]:
         steps.append(i)
         n = pipe.num_timesteps
-        times, z, m = (
-            both.scheduler.timesteps[-n:],
-            both.ours(told["latents"]),
-            torch.from_numpy(mask),
-        )
+        times, z = both.scheduler.timesteps[-n:], both.ours(told["latents"])
+        m = torch.from_numpy(mask)
         if i < n - stop:
             if i + 1 == n:
                 ref = guidance
+            elif hasattr(both.scheduler, "scale_noise"):
+                ref = both.scheduler.scale_noise(guidance, times[i + 1 : i + 2], noise)
             else:
                 ref = both.scheduler.add_noise(guidance, noise, times[i + 1 : i + 2])
-            w = i / n
-            z = (1 - m) * z + m * (w * z + (1 - w) * ref)
+            z = (1 - m) * z + m * (i / n * z + (1 - i / n) * ref)
             told["latents"] = z.transpose(0, 1)[None]
         return told
 
     theirs, ours = both.run(step), both.run_ours(mask, stop)
     assert steps == list(range(both.count))
     assert np.allclose(ours, theirs, rtol=0, atol=2e-4 * np.abs(theirs).max())
-    free = both.run_ours(np.float32(0), 0)
-    assert np.abs(ours - both.z0).mean() < np.abs(free - both.z0).mean()
+    distance = np.abs(both.run_ours(np.float32(0), 0) - both.z0).mean()
+    assert np.abs(ours - both.z0).mean() < distance
 
 
+@pytest.mark.parametrize("both", THEIRS, indirect=True)
 def test_latents_become_the_frames_that_theirs_become(both: Both):
     latents = both.run_ours(np.float32(0), 0)
     ours = np.concatenate(list(both.model.decode(latents)))
     z = torch.from_numpy(latents)[None]
     pipe = both.pipe
     with torch.inference_mode():
-        video = pipe.decode_latents(z.transpose(1, 2))
+        if both.theirs.kind.startswith("Wan"):
+            told = pipe.vae.config
+            mean, std = (
+                torch.tensor(v).view(1, -1, 1, 1, 1)
+                for v in (told.latents_mean, told.latents_std)
+            )
+            video = pipe.vae.decode(z.transpose(1, 2) * std + mean).sample
+        else:
+            video = pipe.decode_latents(z.transpose(1, 2))
         theirs = pipe.video_processor.postprocess_video(video, output_type="np")[0]
-    assert ours.shape == theirs.shape == (FRAMES, *SIZE[::-1], 3)
+    assert (
+        ours.shape == theirs.shape == (both.theirs.frames, *both.theirs.size[::-1], 3)
+    )
     assert np.allclose(np.clip(ours, 0, 1), theirs, rtol=0, atol=1e-5)

@@ -12,7 +12,9 @@ import pytest
 import torch
 
 from physgen import registry
+from physgen.perceive.backends import segment_sam2
 from physgen.perceive.backends.segment_grounded import GroundingDino, Sam, pixels
+from physgen.perceive.backends.segment_sam2 import StretchedSam
 from physgen.perceive.roles import Category, PromptedMask, Segments
 from physgen.perceive.segment.prompts import Segmenter, from_prompts
 from physgen.registry import Backends
@@ -52,9 +54,10 @@ def agree(one, other):
 class Answering:
     """In place of a model: the prompts that it was given, and for each box the mask that fills it, two thirds sure."""
 
-    def __init__(self, cutter):
+    def __init__(self, cutter, fits=(0.5, 2 / 3, 0.1)):
         """The cutter works at the side of the real models from here on."""
         self.side = cutter.side = 1024
+        self.fits = fits
         self.prompts = []
         cutter.model = self
 
@@ -87,7 +90,7 @@ class Answering:
         logits = torch.stack([empty, torch.where(masks, 8.0, -8.0), empty], 1)
         return SimpleNamespace(
             pred_masks=logits[None],
-            iou_scores=torch.tensor([0.5, 2 / 3, 0.1]).repeat(1, len(masks), 1),
+            iou_scores=torch.tensor(self.fits).repeat(1, len(masks), 1),
         )
 
 
@@ -226,6 +229,138 @@ def test_sam_sees_what_its_own_processor_makes_of_a_photo(tiny):
         logits, ready["original_sizes"], ready["reshaped_input_sizes"]
     )[0][0]
     assert np.array_equal(cutter._restored(logits[0, 0, 1]), masks[1].numpy())
+
+
+def found_objects(size) -> Segments:
+    """A ball with a hole in its mask, and a block."""
+    labels = np.zeros(size, np.uint16)
+    labels[rectangle(size, 0.1, 0.5, 0.4, 0.8)] = 1
+    labels[rectangle(size, 0.2, 0.6, 0.3, 0.7)] = 0
+    labels[rectangle(size, 0.6, 0.2, 0.8, 0.9)] = 2
+    return Segments(labels, np.array([0.9, 0.6]))
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_sam2_draws_found_objects_in_their_boxes(size, tiny, monkeypatch):
+    found = found_objects(size)
+    monkeypatch.setattr(segment_sam2, "learned", lambda: lambda rgb: found)
+    run = registry.make("segment", "sam2", tiny.setup("segment", "sam2"))
+    answers = Answering(run._model)
+    drawn = run(photo(*size))
+    assert drawn.confidence == pytest.approx([0.9, 0.6])
+    assert agree(drawn.labels == 1, rectangle(size, 0.1, 0.5, 0.4, 0.8)) > 0.94
+    assert agree(drawn.labels == 2, rectangle(size, 0.6, 0.2, 0.8, 0.9)) > 0.94
+    corners = np.array(answers.prompts[0]) / answers.side
+    assert corners == pytest.approx((0.1, 0.5, 0.4, 0.8), abs=0.02)
+    # an unsure mask does not replace ours
+    Answering(run._model, fits=(0.1, 0.4, 0.1))
+    assert np.array_equal(run(photo(*size)).labels, found.labels)
+    run.close()
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_sam2_draws_prompts_of_a_person(size, tiny):
+    run = registry.make("segment", "sam2", tiny.setup("segment", "sam2"))
+    Answering(run._model)
+    height, width = size
+    box = (0.2 * width, 0.3 * height, 0.4 * width, 0.5 * height)
+    point = (0.8 * width, 0.2 * height)
+    masks = [one.mask for one in run.meant(photo(*size), [box], [point])]
+    assert agree(masks[0], rectangle(size, 0.2, 0.3, 0.6, 0.8)) > 0.93
+    y, x = np.argwhere(masks[1]).mean(0)
+    assert (x, y) == pytest.approx(point, abs=0.03 * max(size))
+    run.close()
+
+
+def test_sam2_prompts_agree_with_its_own_forward_pass(tiny):
+    """The features that are kept between prompts are those of a whole pass."""
+    cutter = StretchedSam(str(tiny["segment", "sam2"]), "cpu", torch.float32)
+    rgb = photo(48, 64)
+    cutter.encode(rgb)
+    ((mask, fit),) = cutter.boxes([(8.0, 6.0, 40.0, 30.0)])
+    with torch.inference_mode():
+        whole = cutter.model(
+            pixel_values=pixels(rgb, (64, 64)),
+            input_boxes=torch.tensor([[[8.0, 8.0, 40.0, 40.0]]]),
+            multimask_output=True,
+        )
+    best = int(whole.iou_scores[0, 0].argmax())
+    assert fit == pytest.approx(
+        float(whole.iou_scores[0, 0, best].clamp(0, 1)), abs=1e-5
+    )
+    theirs = torch.nn.functional.interpolate(
+        whole.pred_masks[0, :, best][None],
+        (48, 64),
+        mode="bilinear",
+        align_corners=False,
+    )
+    assert np.array_equal(mask, (theirs[0, 0] > 0).numpy())
+
+
+class AnsweringNouns:
+    """In place of SAM 3: masks of nouns that it knows, and the nouns that it was asked for."""
+
+    def __init__(self, tokens, model, masks):
+        self.tokens, self.masks, self.asked = tokens, masks, []
+        self.config = model.config
+        self.get_vision_features = model.get_vision_features
+
+    def __call__(self, vision_embeds, input_ids, attention_mask):
+        text = self.tokens.decode(input_ids[0], skip_special_tokens=True)
+        noun = text.replace(" ", "")
+        self.asked.append(noun)
+        logits, masks = torch.full((1, 10), -9.0), torch.full((1, 10, 72, 72), -9.0)
+        for k, mask in enumerate(self.masks.get(noun, [])):
+            logits[0, k] = 2.0 - k
+            masks[0, k] = torch.from_numpy(np.where(mask, 9.0, -9.0))
+        return SimpleNamespace(
+            pred_logits=logits, presence_logits=torch.tensor([[3.0]]), pred_masks=masks
+        )
+
+
+@pytest.mark.parametrize("size", SIZES[:2], ids=str)
+def test_sam3_answers_noun_by_noun(size, tiny):
+    run = registry.make("segment", "sam3", tiny.setup("segment", "sam3"))
+    tokens, model = run._model
+    ball = rectangle((72, 72), 0.1, 0.5, 0.4, 0.8)
+    cup = rectangle((72, 72), 0.6, 0.2, 0.8, 0.9)
+    known = {"redball": [ball, ball], "cup": [cup], "wall": [~cup]}
+    answers = AnsweringNouns(tokens, model, known)
+    run._model = tokens, answers
+    found = run(photo(*size), [*KINDS, Category("CUP", True)])
+    assert sorted(answers.asked) == ["cup", "domino", "redball", "wall"]
+    assert {i: one.label for i, one in found.names.items()} == {1: "Red Ball", 2: "cup"}
+    sure = 1 / (1 + np.exp(-2.0)) / (1 + np.exp(-3.0))
+    assert found.confidence == pytest.approx([sure, sure])
+    assert agree(found.labels == 1, rectangle(size, 0.1, 0.5, 0.4, 0.8)) > 0.93
+    assert agree(found.labels == 2, rectangle(size, 0.6, 0.2, 0.8, 0.9)) > 0.93
+    assert found.scenery.nouns == {1: "wall"}
+    assert not hasattr(run, "meant")  # prompts are another network
+    run.close()
+
+
+def test_sam3_answers_are_those_of_a_whole_pass(tiny):
+    """Its processor, which needs torchvision, multiplies the same two probabilities."""
+    run = registry.make("segment", "sam3", tiny.setup("segment", "sam3"))
+    rgb, half = photo(56, 56), (0.5, 0.5, 0.5)
+    found = run._instances(rgb, ["cup", "ball"])
+    tokens, model = run._model
+    text = tokens("ball", return_tensors="pt", padding="max_length", max_length=16)
+    with torch.inference_mode():
+        output = model(
+            pixel_values=pixels(rgb, (56, 56), half, half),
+            input_ids=text.input_ids,
+            attention_mask=text.attention_mask,
+        )
+    presence, scores = output.presence_logits.sigmoid(), output.pred_logits.sigmoid()
+    sure = torch.nonzero((scores * presence)[0] >= 0.1)[:, 0].tolist()
+    balls = [one for one in found if one.noun == "ball"]
+    assert len(balls) == len(sure) > 0
+    for one, k in zip(balls, sure, strict=True):
+        assert one.score == pytest.approx(
+            float(scores[0, k] * presence[0, 0]), abs=1e-5
+        )
+        assert torch.allclose(one.logits, output.pred_masks[0, k], atol=1e-4)
 
 
 def only(backend) -> Segmenter:

@@ -367,7 +367,9 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(
     before = desk.text.split("\n")
     said = [line for line in before if "# g, table " in line]
     assert len(said) == 2
-    assert any("  # assumed: the photo shows 0.5 m" in line for line in before)
+    assert any(
+        "  # assumed: the photo's longer side is 0.5 m" in line for line in before
+    )
     ops = [
         {"set": ["objects", disc, "mass"], "value": 33},
         {"set": ["objects", disc, "label"], "value": "steel ball"},

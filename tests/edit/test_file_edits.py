@@ -64,10 +64,7 @@ def test_commands_edit_the_file(
     before = scene.read_bytes()
     assert main(["rename", str(scene), first, "start"]) == 0
     assert scene.with_name("scene.yaml~").read_bytes() == before
-    assert (
-        f"rename {first} to start; scene.yaml~ is as it was before"
-        in capsys.readouterr().err
-    )
+    assert f"renamed {first} to start; backup: scene.yaml~" in capsys.readouterr().err
     assert main(["remove", str(scene), third]) == 0
     assert main(["merge", str(scene), "start", second]) == 0
     names = [item.name for item in pipeline.load(scene).objects]
@@ -108,7 +105,7 @@ def test_a_merge_of_objects_far_apart_says_how_far(
     (whole,) = pipeline.compile(
         pipeline.load(scene), pipeline.percepts(pipeline.load(scene))
     ).world.bodies
-    assert f"; it weighs {whole.mass:.4g} g now; scene.yaml~ is as it was" in said
+    assert f" ({whole.mass:,.4g} g); backup: scene.yaml~" in said
     text = scene.read_text()
     assert "objects:  # 1 x block, from the masks given" in text
     assert re.search(r"\n    mask: \d+\n", text), "no comment on the mask that was"

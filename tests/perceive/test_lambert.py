@@ -61,7 +61,7 @@ def test_a_highlight_is_the_lamp_mirrored():
     half /= np.linalg.norm(half)
     shine = 0.7 * np.clip(normals @ half, 0, 1) ** 300 * (labels > 0)
     linear = plain(labels=labels) * light.shade(normals)[..., None] + shine[..., None]
-    told = highlights(np.clip(linear, 0, 1).astype(np.float32), labels, [thing])
+    told = highlights(encode_u8(linear), labels, [thing])
     assert len(told) == 1
     assert degrees(told[0], light.direction) < 6
     guess = found(encode_u8(linear), labels, [thing])

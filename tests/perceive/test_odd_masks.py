@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.cli.main import main
+from physgen.perceive.perceive import ends_in_sight
 
 SIZE = 240, 160
 STILL = 1.0
@@ -101,3 +102,17 @@ def test_a_few_px_stand_on_a_level_floor(size: tuple[int, int], tmp_path: Path) 
     assert not any(
         wall.name.startswith("slope") for wall in pipeline.load(path).boundaries
     )
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_object_before_a_bright_border_is_not_cut(turn: int) -> None:
+    """A mask that ends just before the border may be cut off; colours decide."""
+    rgb = np.full((200, 200, 3), 250, np.uint8)
+    labels = np.zeros((200, 200), np.uint16)
+    labels[2:80, 60:140] = 1
+    rgb[labels > 0] = 40
+    bright = np.rot90(rgb, turn).copy()
+    turned = np.rot90(labels, turn).copy()
+    assert ends_in_sight(bright, turned, 1, 2)
+    rgb[:2, 60:140] = 45
+    assert not ends_in_sight(np.rot90(rgb, turn).copy(), turned, 1, 2)

@@ -86,8 +86,8 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
         "normals",
         "intrinsic",
         "light",
-        "inpaint",
         "shadow",
+        "inpaint",
     ]
     cv2.imwrite(str(tmp_path / "photo.png"), seen.percepts.rgb[..., ::-1])
     write_scene(seen, tmp_path / "photo.png", "photo", tmp_path / "scene.yaml")
@@ -136,7 +136,7 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
     regions |= {"maybe-3": {"mask": 8, "confidence": 0.3}}
     *_, doubt = summary(replace(seen, document=seen.document | {"doubtful": regions}))
     assert (
-        "1 region may be an object, too: move maybe-3 to objects to have one" in doubt
+        "1 region may be an object, too: to use one, move maybe-3 to objects" in doubt
     )
 
 

@@ -223,7 +223,7 @@ def test_what_hardly_stands_out_is_not_pushed_and_not_good(
             main(["perceive", str(photo), "--box", "68,48,44,44", "-o", str(scene)])
             == 0
         )
-        assert ("what is pointed at hardly stands out" in capsys.readouterr().err) == (
+        assert ("the marked object hardly stands out" in capsys.readouterr().err) == (
             sure < RULE.weak
         )
         assert any(any(item.velocity) for item in pipeline.load(scene).objects) == (

@@ -704,13 +704,13 @@ def test_a_view_stays_as_sure_as_it_was_and_the_user_s_is_sure(
         capsys.readouterr()
         assert main(["perceive", "--refresh", str(scene), *box]) == 0
         summed = capsys.readouterr().err
-        assert "it is hard to tell whether" in summed
+        assert "the view is uncertain" in summed
         assert "side: there are few cues (confidence 0.52)" in summed
         box = []
     scene.write_text(scene.read_text().replace("view: side", "view: top"))
     assert main(["perceive", "--refresh", str(scene)]) == 0
     summed = capsys.readouterr().err
-    assert "hard to tell" not in summed
+    assert "view is uncertain" not in summed
     assert "top: as given (confidence 1)" in summed
     assert "  view: top  # side or top: as given (confidence 1)\n" in scene.read_text()
 
@@ -740,13 +740,16 @@ def test_doubts_about_a_photo_outlive_a_refresh(
     scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record = scene.parent / "scene.assets" / "perceived.json"
-    doubt = {"verdict": "doubtful", "reasons": ["12 % of it may be objects, too"]}
+    doubt = {
+        "verdict": "doubtful",
+        "reasons": ["12 % of the photo may be objects, too"],
+    }
     record.write_text(
         json.dumps(json.loads(record.read_text()) | {"suitability": doubt})
     )
     assert main(["perceive", "--refresh", str(scene)]) == 0
     assert (
-        "suitability: doubtful: 12 % of it may be objects, too"
+        "suitability: doubtful: 12 % of the photo may be objects, too"
         in capsys.readouterr().err
     )
 

@@ -88,7 +88,7 @@ def test_a_ball_that_never_rests_is_pushed_gently(tmp_path: Path) -> None:
 
 def test_the_gentlest_push_is_taken_if_all_leave(tmp_path: Path) -> None:
     """By 5 % of the photo it would leave it: it has 3 % of room on either side."""
-    trials = trials_of(tmp_path, box("sofa", 199.5, 376, 100))
+    trials = trials_of(tmp_path, box("sofa", 199.5, 396, 100))
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
     assert chosen.outcome.grade is Grade.LEAVES
@@ -197,3 +197,36 @@ def test_a_push_up_to_the_border_counts_less(tmp_path: Path) -> None:
     )
     assert inside.grade >= Grade.SHORT <= crowded.grade
     assert crowded.score < inside.score
+
+
+def test_a_slide_of_a_hand_counts_in_full(tmp_path: Path) -> None:
+    """A longer one uncovers more of what is filled in, and tells no more."""
+    trials = trials_of(tmp_path, box("crate", 200, 80, 50))
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert TRIAL.slide < chosen.outcome.travel < 2.2 * TRIAL.slide
+    hard = simulate_push(trials, {"crate": (1.3 * chosen.speed, 0.0)})
+    assert hard.travel > 1.5 * chosen.outcome.travel
+    assert hard.score == 1.0
+
+
+def test_a_ball_that_climbs_a_step_counts_little(tmp_path: Path) -> None:
+    ball = (
+        "  ball: {shape: {circle: {center: [150, 220], radius: 30}}, solid: sphere, "
+        "rolling: 0.02, friction: 0.5}\n"
+    )
+    step = box("step", 260, 90, 20).replace("friction", "motion: static, friction")
+    trials = trials_of(tmp_path, ball + step)
+    stopped = simulate_push(trials, {"ball": (822.0, 0.0)})
+    climbs = simulate_push(trials, {"ball": (1500.0, 0.0)})
+    assert climbs.travel > 1.5 * stopped.travel
+    assert climbs.score < 0.5 * stopped.score
+    assert climbs.grade < Grade.SHORT <= stopped.grade
+
+
+def test_a_wide_thing_moves_a_little_and_stays_inside(tmp_path: Path) -> None:
+    trials = trials_of(tmp_path, box("sofa", 199.5, 370, 100))
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.outcome.grade is Grade.SHORT
+    assert TRIAL.least <= chosen.outcome.travel < TRIAL.travel

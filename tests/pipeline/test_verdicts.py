@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from physgen.maps import Percepts
+from physgen.materials import LIVING, is_living, nouns
 from physgen.perceive.roles import PerceivedScene, Suitability
 from physgen.pipeline.push_trials import Grade, Outcome
 from physgen.pipeline.verdicts import (
@@ -77,6 +78,20 @@ def test_people_and_animals_are_named(label: str, is_named: bool) -> None:
     doubts = living_doubts(scene_of(label))
     assert len(doubts) == is_named
     assert all("box-1" in doubt for doubt in doubts)
+
+
+@pytest.mark.parametrize("label", ["dog", "brown bear", "two sheep"])
+def test_label_that_is_suggested_for_a_toy_is_no_animal(label: str) -> None:
+    (doubt,) = living_doubts(scene_of(label))
+    suggested = doubt.split('"')[1]
+    assert not is_living(suggested)
+    assert living_doubts(scene_of(suggested)) == []
+
+
+def test_toys_of_all_living_things_are_toys() -> None:
+    words = [word for row, names in nouns() if row.noun in LIVING for word in names]
+    assert {word for word in words if is_living(f"toy {word}")} == set()
+    assert all(map(is_living, words))
 
 
 def test_doubts_are_added_once() -> None:

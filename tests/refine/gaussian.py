@@ -57,8 +57,8 @@ class Gaussian:
             most,
         )
         self.a = self.b = np.zeros(0)
-        self.seen: list[int] = []
-        """Length of every window that was predicted."""
+        self.seen: list[tuple[int, int]] = []
+        """First frame and length of every window that was predicted."""
         self.said: PromptSettings | None = None
         self.closed = False
 
@@ -69,13 +69,24 @@ class Gaussian:
         steps: int,
         count: int,
     ) -> NDArray[np.float32]:
-        """Means over cells."""
+        """Means over cells, and over the frames of a latent."""
         height, width = frames[0].shape[:2]
         assert height % self.grid.side == width % self.grid.side == 0
         self._room(len(frames) * height * width // self.grid.cell**2)
         a, b = self._schedule(steps)
         self.a, self.b, self.said = a[-count - 1 :], b[-count - 1 :], said
-        return np.stack([self.encoded(frame) for frame in frames])
+        z = np.stack([self.encoded(frame) for frame in frames])
+        if self.grid.stride > 1:
+            z = np.stack(
+                [
+                    z[0],
+                    *(
+                        z[k : k + self.grid.stride].mean(axis=0)
+                        for k in range(1, len(z), self.grid.stride)
+                    ),
+                ]
+            )
+        return z
 
     def encoded(self, frame: NDArray[np.uint8]) -> NDArray[np.float32]:
         """(H, W, 3) -> (3, h, w)."""
@@ -93,9 +104,11 @@ class Gaussian:
         a, b, v = self.a[k], self.b[k], self.spread**2
         return self.mean + a * v / (a * a * v + b * b) * (latents - a * self.mean)
 
-    def predict(self, latents: NDArray[np.float32], k: int) -> NDArray[np.float32]:
+    def predict(
+        self, latents: NDArray[np.float32], k: int, first: int
+    ) -> NDArray[np.float32]:
         """The noise, as DDIM's models say."""
-        self.seen.append(len(latents))
+        self.seen.append((first, len(latents)))
         assert len(latents) <= self.grid.window
         return np.asarray(
             (latents - self.a[k] * self.expected(latents, k)) / self.b[k], np.float32
@@ -114,9 +127,13 @@ class Gaussian:
 
     def decode(self, latents: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
         """Cells as squares of one colour, two latents at a time."""
-        for k in range(0, len(latents), 2):
+        frames = [
+            latents[:1],
+            *np.repeat(latents[1:], self.grid.stride, axis=0)[:, None],
+        ]
+        for k in range(0, len(frames), 2):
             z = (
-                latents[k : k + 2]
+                np.concatenate(frames[k : k + 2])
                 .repeat(self.grid.cell, axis=2)
                 .repeat(self.grid.cell, axis=3)
             )
@@ -141,9 +158,11 @@ class Straight(Gaussian):
     ) -> None:
         super().__init__(grid, flow, mean, spread)
 
-    def predict(self, latents: NDArray[np.float32], k: int) -> NDArray[np.float32]:
+    def predict(
+        self, latents: NDArray[np.float32], k: int, first: int
+    ) -> NDArray[np.float32]:
         """e - z0."""
-        self.seen.append(len(latents))
+        self.seen.append((first, len(latents)))
         z0 = self.expected(latents, k)
         return np.asarray((latents - self.a[k] * z0) / self.b[k] - z0, np.float32)
 

@@ -49,7 +49,7 @@ def refined(
         guidance,
         mask,
         noised=lambda z, k: exact.noised(z, noise, k),
-        denoised=lambda z, k: exact.stepped(exact.predict(z, k), z, k),
+        denoised=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
         count=count,
         stop=stop,
         **more,
@@ -142,7 +142,7 @@ def measured(fresh: bool, mask: float, spread: float, draws: int = 200_000) -> f
         guidance,
         mask,
         noised=lambda z, k: exact.noised(z, noise(), k),
-        denoised=lambda z, k: exact.stepped(exact.predict(z, k), z, k),
+        denoised=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
         count=COUNT,
         stop=STOP,
     )

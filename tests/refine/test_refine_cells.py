@@ -12,41 +12,65 @@ from physgen.refine.denoiser import Grid
 from physgen.refine.latents import (
     cell_coverage,
     fit_to_grid,
+    frames_held,
     hold_weights,
+    latent_frames,
 )
 
-GRID = Grid(8, 16, 832 * 480, 21)
+ANIMATEDIFF = Grid(8, 8, 512 * 512, 16)
+WAN = Grid(8, 16, 832 * 480, 21, 4)
 
 
+@pytest.mark.parametrize("grid", [ANIMATEDIFF, WAN])
+@given(frames=st.integers(1, 300))
+def test_latent_frames_are_just_enough(grid: Grid, frames: int) -> None:
+    count = latent_frames(frames, grid)
+    assert frames_held(count, grid) >= frames
+    assert count == 1 or frames_held(count - 1, grid) < frames
+
+
+@pytest.mark.parametrize("grid", [ANIMATEDIFF, WAN])
 @pytest.mark.parametrize("size", [(64, 48), (61, 35), (17, 1), (1, 1)])
-def test_cells_hold_the_mean_coverage_of_their_pixels(size) -> None:
-    rng = np.random.default_rng(6)
-    fit = fit_to_grid(size, GRID)
-    masks = [fit.mask(rng.random(size[::-1]).astype(np.float32)) for _ in range(6)]
-    found = cell_coverage(iter(masks), GRID)
+@pytest.mark.parametrize("count", [1, 6, 9])
+def test_cells_hold_the_mean_coverage_of_their_pixels_and_frames(
+    grid: Grid, size, count: int
+) -> None:
+    rng = np.random.default_rng(count)
+    fit = fit_to_grid(size, grid)
+    masks = [fit.mask(rng.random(size[::-1]).astype(np.float32)) for _ in range(count)]
+    latents = latent_frames(count, grid)
+    found = cell_coverage(iter(masks), latents, grid)
     width, height = fit.padded
-    assert found.shape == (6, 1, height // 8, width // 8)
-    for f, mask in enumerate(masks):
+    assert found.shape == (latents, 1, height // 8, width // 8)
+    for f in range(latents):
+        if grid.stride == 1:
+            shown = [f]
+        else:
+            shown = [0] if f == 0 else [4 * f - 3, 4 * f - 2, 4 * f - 1, 4 * f]
         for y in range(height // 8):
             for x in range(width // 8):
-                assert found[f, 0, y, x] == approx(
-                    mask[8 * y : 8 * y + 8, 8 * x : 8 * x + 8].mean(), abs=1e-6
-                )
+                block = [
+                    masks[min(k, count - 1)][
+                        8 * y : 8 * y + 8, 8 * x : 8 * x + 8
+                    ].mean()
+                    for k in shown
+                ]
+                assert found[f, 0, y, x] == approx(np.mean(block), abs=1e-6)
 
 
 @given(width=st.integers(1, 3000), height=st.integers(1, 3000))
 def test_sizes_are_multiples_and_no_larger_than_a_model_knows(
     width: int, height: int
 ) -> None:
-    fit = fit_to_grid((width, height), GRID)
+    fit = fit_to_grid((width, height), WAN)
     (sw, sh), (pw, ph) = fit.scaled, fit.padded
     assert pw % 16 == ph % 16 == 0
     assert 0 <= pw - sw < 16
     assert 0 <= ph - sh < 16
-    if width * height <= GRID.area:
+    if width * height <= WAN.area:
         assert fit.scaled == (width, height)
     else:
-        assert sw * sh <= GRID.area + (sw + sh) / 2 + 1  # sides are rounded
+        assert sw * sh <= WAN.area + (sw + sh) / 2 + 1  # sides are rounded
         assert sw / width == approx(sh / height, abs=max(1 / width, 1 / height))
 
 
@@ -57,7 +81,7 @@ def test_frames_come_back_as_they_were_shown(size: tuple[int, int]) -> None:
         .integers(0, 256, (size[1], size[0], 3))
         .astype(np.uint8)
     )
-    fit = fit_to_grid(size, GRID)
+    fit = fit_to_grid(size, WAN)
     shown = fit.shown(rgb)
     assert shown.shape == (*fit.padded[::-1], 3)
     back = fit.back(shown.astype(np.float32))

@@ -37,9 +37,9 @@ def test_shares_sum_to_one_and_a_model_that_looks_at_cells_says_the_same(
         .standard_normal((total, 2, 3, 1))
         .astype(np.float32)
     )
-    ones = blend_predictions(lambda part: np.ones_like(part), z, windows)
+    ones = blend_predictions(lambda part, first: np.ones_like(part), z, windows)
     assert np.abs(ones - 1).max() < 1e-6
-    linear = blend_predictions(lambda part: 3 * part - 1, z, windows)
+    linear = blend_predictions(lambda part, first: 3 * part - 1, z, windows)
     assert np.abs(linear - (3 * z - 1)).max() < 5e-6
 
 
@@ -56,7 +56,7 @@ def test_no_joint_shows_where_windows_disagree(total: int, window: int) -> None:
     rng = np.random.default_rng(1)
     z = np.zeros((total, 1, 1, 2000), np.float32)
     out = blend_predictions(
-        lambda part: part + rng.standard_normal(2000, np.float32), z, windows
+        lambda part, first: part + rng.standard_normal(2000, np.float32), z, windows
     )
     change = np.sqrt(np.mean(np.diff(out[:, 0, 0], axis=0) ** 2, axis=1))
     borders = {

@@ -20,6 +20,7 @@ PLAIN = Grid(4, 8, 10**9, 64)
 GRIDS = {
     "plain": PLAIN,
     "windows": replace(PLAIN, window=6),
+    "stride": Grid(4, 16, 10**9, 64, 4),
     "small": replace(PLAIN, area=700),
 }
 
@@ -92,8 +93,8 @@ def test_the_first_frame_is_kept_and_what_follows_leaves_it_slowly(grid: Grid) -
 class Broken(Gaussian):
     """Half precision that overflows."""
 
-    def predict(self, latents, k):
-        return super().predict(latents, k) * np.float32(np.nan)
+    def predict(self, latents, k, first):
+        return super().predict(latents, k, first) * np.float32(np.nan)
 
 
 def test_a_model_that_overflows_is_told_of() -> None:

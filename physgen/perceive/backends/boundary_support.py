@@ -47,6 +47,7 @@ from physgen.perceive.support.ground_contact import (
 from physgen.perceive.support.supports import SOURCE, add_supports, free_parts
 from physgen.perceive.support.view_classifier import view_chances
 from physgen.perceive.support.viewpoint import guess_view
+from physgen.perceive.working_size import working_size
 from physgen.photometry import decode
 from physgen.scene.scene import View
 from physgen.text import counted
@@ -565,7 +566,7 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
         height - 1 - boxes[:, 3].max(),
         boxes[:, 0].min(),
     )
-    found = [_rail(np.rot90(photo.lab, turn), float(free[turn])) for turn in range(4)]
+    found = _find_rails(photo, free)
     if any("billiard" in t.label for t in objects):
         found = [rail or (0.0, -0.5) for rail in found]
     if sum(rail is not None for rail in found) < 2:
@@ -595,6 +596,29 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
         for k, rail in enumerate(found)
         if rail is not None
     ]
+
+
+def _find_rails(
+    photo: Photo, free: Sequence[float]
+) -> list[tuple[float, float] | None]:
+    """Slope and height of the rail on each side, turned to the top.
+
+    Those of a large photo are found at reduced size.
+    """
+    size = working_size(photo.labels.shape)
+    lab, scale = photo.lab, 1.0
+    if size is not None:
+        scale = max(photo.labels.shape) / max(size)
+        lab = np.asarray(cv2.resize(lab, size, interpolation=cv2.INTER_AREA))
+    rails: list[tuple[float, float] | None] = []
+    for turn in range(4):
+        rail = _rail(np.rot90(lab, turn), float(free[turn]) / scale)
+        if rail is not None and scale > 1:
+            slope, row = rail
+            # centres of pixels lie at whole numbers
+            rail = slope, (row + 0.5 - 0.5 * slope) * scale - 0.5 + 0.5 * slope
+        rails.append(rail)
+    return rails
 
 
 def _rail(lab: F32, free: float) -> tuple[float, float] | None:

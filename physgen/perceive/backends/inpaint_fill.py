@@ -3,7 +3,8 @@
 Borrowed patches carry lines and grain on. Their difference from the photo around the hole is spread over it, so that
 no seam shows. Where the surroundings are smooth, a harmonic fill is right and the patches bring the grain only.
 Pixels right beside an object are mixed with its blurred edge and its contact shadow: they are not learnt from, they
-stay, and the fill meets them within a few pixels.
+stay, and the fill meets them within a few pixels. Colours and patches of a large photo are chosen at reduced size;
+finer detail is copied at full size.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from functools import partial
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.copy_offsets import I64
 from physgen.perceive.inpaint.edge_continuation import continue_arcs
 from physgen.perceive.inpaint.patch_match import patch_match_fill
 from physgen.perceive.inpaint.poisson import (
@@ -26,6 +29,7 @@ from physgen.perceive.inpaint.poisson import (
 )
 from physgen.perceive.inpaint.shift_map import shift_map_fill
 from physgen.perceive.roles import Inpaint, Mask, Rgb
+from physgen.perceive.working_size import working_size
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ class _Limits:
 
 
 LIMITS = _Limits()
+SAMPLED_COLUMNS = 1024
+"""Pixels in a row of those that are sampled: OpenCV allows no rows of over 32,767."""
 
 
 def fill(*, copies: bool = True) -> Inpaint:
@@ -63,15 +69,57 @@ def fill(*, copies: bool = True) -> Inpaint:
     return partial(_fill, copies=copies)
 
 
+@dataclass(frozen=True, eq=False)
+class _Guide:
+    """A fill without copies of whole pieces."""
+
+    picture: F32
+    """(H, W, 3)."""
+    near: Mask
+    """(H, W): the hole without gaps, and what is mixed with it."""
+    smooth: Mask
+    """(H, W): pieces with smooth surroundings."""
+    drawn: Mask
+    """(H, W): continued circles and ellipses."""
+    places: I64 | None
+    """(H, W, 2): rows and columns of the known place that each pixel is from."""
+
+
 def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
+    size = working_size(hole.shape)
+    guide = (
+        _make_guide(photo, hole)
+        if size is None
+        else _make_large_guide(photo, hole, size)
+    )
+    picture, textured = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
+    if copies and textured.any():
+        level = _pieces_without(guide.drawn, guide.near)
+        copied = shift_map_fill(picture, textured, picture)
+        picture = _carry_level_lines(copied, photo, level)
+    if size is None:
+        return blend_at_border(picture, rgb, hole)
+    left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
+    box = np.s_[
+        max(0, top - LIMITS.around) : top + height + LIMITS.around,
+        max(0, left - LIMITS.around) : left + width + LIMITS.around,
+    ]
+    result = rgb.copy()
+    result[box] = blend_at_border(picture[box], rgb[box], hole[box])
+    return result
+
+
+def _make_guide(photo: F32, hole: Mask) -> _Guide:
+    """Return the guide in the `hole` (H, W) of a photo (H, W, 3)."""
     whole = close_gaps(hole)
     near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
-    borrowed, smooth = _smooth_pieces(photo, patch_match_fill(photo, far), far)
+    patches = patch_match_fill(photo, far)
+    borrowed, smooth = _smooth_pieces(photo, patches.picture, far)
     gap = np.where(
         near[:, :, None],
         np.float32(0),
@@ -79,13 +127,79 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     )
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
     guide, drawn = _carry_arcs(filled, photo, near)
-    level = _pieces_without(drawn, near)
-    guide = _carry_level_lines(guide, photo, level)
-    textured = near & ~smooth & ~drawn
-    if copies and textured.any():
-        copied = shift_map_fill(guide, textured, guide)
-        guide = _carry_level_lines(copied, photo, level)
-    return blend_at_border(guide, rgb, hole)
+    guide = _carry_level_lines(guide, photo, _pieces_without(drawn, near))
+    return _Guide(guide, near, smooth, drawn, patches.places)
+
+
+def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
+    """Return the guide of a photo that is chosen at a `size` (width, height).
+
+    The fine detail that the reduced picture lacks is copied from the place that each
+    pixel is from.
+    """
+    height, width = hole.shape
+    small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA))
+    share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    guide = _make_guide(small, np.asarray(share > 0))
+    near = dilate(close_gaps(hole), LIMITS.mixed)
+    if near.all():
+        near = hole
+    smooth, drawn = (
+        cv2.resize(
+            part.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
+        )
+        for part in (guide.smooth, guide.drawn)
+    )
+    pixels = np.stack(np.nonzero(near))
+    steps = np.array([[height / size[1]], [width / size[0]]])
+    filled = _sample(guide.picture, pixels, steps)
+    if guide.places is not None:
+        detail = _copy_detail((photo, small), near, guide.places, pixels, steps)
+        detail[drawn[near] > 0] = 0
+        filled += detail
+    picture = photo.copy()
+    picture[near] = np.clip(filled, 0, 255)
+    return _Guide(picture, near, (smooth > 0) & near, (drawn > 0) & near, None)
+
+
+def _sample(picture: F32, pixels: I64, steps: NDArray[np.float64]) -> F32:
+    """(n, 3): a reduced `picture` at rows and columns (2, n) px of the large one.
+
+    `steps` (2, 1) px of the large one are one of the reduced one.
+    """
+    count = pixels.shape[1]
+    lines = -(-count // SAMPLED_COLUMNS)
+    place = ((pixels + 0.5) / steps - 0.5).astype(np.float32)
+    place = np.pad(place, ((0, 0), (0, lines * SAMPLED_COLUMNS - count)))
+    rows, columns = place.reshape(2, lines, SAMPLED_COLUMNS)
+    values = cv2.remap(
+        picture, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(values.reshape(-1, 3)[:count], np.float32)
+
+
+def _copy_detail(
+    pictures: tuple[F32, F32],
+    near: Mask,
+    places: I64,
+    pixels: I64,
+    steps: NDArray[np.float64],
+) -> F32:
+    """(n, 3): the detail that the photo has and the reduced one lacks, by pixel.
+
+    `pictures` are both; `places` (h, w, 2) the source of each pixel of the reduced
+    one. Details are those at the sources of `pixels` (2, n), 0 if they are not known.
+    """
+    photo, small = pictures
+    last = np.array(small.shape[:2])[:, None] - 1
+    here = np.minimum((pixels / steps).astype(np.int64), last)
+    shift = (places[here[0], here[1]].T - here) * steps
+    place = np.rint(pixels + shift).astype(np.int64)
+    sources = np.clip(place, 0, np.array(near.shape)[:, None] - 1)
+    is_known = (place == sources).all(axis=0) & ~near[sources[0], sources[1]]
+    detail = photo[sources[0], sources[1]] - _sample(small, sources, steps)
+    detail[~is_known] = 0
+    return np.asarray(detail, np.float32)
 
 
 def _carry_arcs(filled: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
@@ -111,6 +225,22 @@ def _pieces_without(drawn: Mask, hole: Mask) -> Mask:
 
 def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
     """`filled` (H, W, 3) with level lines that the photo shows at both sides of the `hole` (H, W) carried on."""
+    if not hole.any():
+        return filled
+    # the hole, what is compared with it and the reach of a blur there
+    margin = LIMITS.around + round(4 * LIMITS.detail) + 1
+    left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
+    part = np.s_[
+        max(0, top - margin) : top + height + margin,
+        max(0, left - margin) : left + width + margin,
+    ]
+    result = filled.copy()
+    result[part] = _draw_level_lines(filled[part], photo[part], hole[part])
+    return result
+
+
+def _draw_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
+    """The same for the box of a hole."""
     (along, beside), thick = LIMITS.line, LIMITS.drawn
     found, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
     least = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))

@@ -19,6 +19,7 @@ import numpy as np
 from physgen.maps import F32
 from physgen.perceive.backends.light_shading import fit_light, pixel_pairs
 from physgen.perceive.roles import Intrinsic, Intrinsics, Labels, Rgb
+from physgen.perceive.working_size import reduce_photo_maps
 from physgen.photometry import DistantLight, decode, luminance
 
 
@@ -75,7 +76,8 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
         cv2.resize(linear, size, interpolation=cv2.INTER_AREA), np.float32
     )
     level = _level(small)
-    lambert = _lambert(linear, labels, normals, size)
+    reduced, ids, normals = reduce_photo_maps(rgb, labels, normals)
+    lambert = _lambert(decode(reduced), ids, normals, size)
     ids = np.asarray(
         cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16
     )

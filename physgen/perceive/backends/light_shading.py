@@ -24,6 +24,7 @@ from physgen.perceive.roles import (
     PhotoObject,
     Rgb,
 )
+from physgen.perceive.working_size import reduce_photo_maps
 from physgen.photometry import DistantLight, decode, luminance
 
 FROM_ABOVE = DistantLight((0.0, -0.6, 0.8), 0.8, 0.4)
@@ -105,11 +106,10 @@ def _shading(
     normals: F32,
     intrinsics: Intrinsics,
 ) -> LightGuess:
-    linear = decode(rgb)
-    pairs = pixel_pairs(
-        linear, labels, {t.id: isinstance(t.outline, Disc) for t in objects}, normals
-    )
-    found = fit_light(pairs, highlights(linear, labels, objects))
+    reduced, ids, small_normals = reduce_photo_maps(rgb, labels, normals)
+    balls = {t.id: isinstance(t.outline, Disc) for t in objects}
+    pairs = pixel_pairs(decode(reduced), ids, balls, small_normals)
+    found = fit_light(pairs, highlights(rgb, labels, objects))
     if found is None or (found.explained < TUNING.least and found.spots < 2):
         return LightGuess(FROM_ABOVE, 0.1)
     explained = min(1.0, (found.explained + 0.05 * found.spots) / TUNING.enough)
@@ -271,7 +271,7 @@ def pixel_pairs(
     return PixelPairs(change, first, second, weights, trusts)
 
 
-def highlights(linear: F32, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
+def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
     """(m, 3) directions of the lamp whose mirror images are the bright white spots on balls.
 
     The normal there lies halfway between viewer and lamp (Blinn 1977).
@@ -286,7 +286,7 @@ def highlights(linear: F32, labels: Labels, objects: Sequence[PhotoObject]) -> F
             float(item.outline.radius),
         )
         x0, y0 = max(0, int(x - r)), max(0, int(y - r))
-        part = linear[y0 : int(y + r) + 2, x0 : int(x + r) + 2]
+        part = decode(rgb[y0 : int(y + r) + 2, x0 : int(x + r) + 2])
         own = labels[y0 : int(y + r) + 2, x0 : int(x + r) + 2] == item.id
         spot = _white_spot(part, own, r)
         if spot is None:

@@ -62,10 +62,7 @@ class Grounded:
         self._weights = weight_ids("segment", NAME, setup)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
-        option = CONFIDENT, {"type": "number", "minimum": 0, "maximum": 1}
-        self._threshold = float(
-            read_options(setup, NAME, {"threshold": option})["threshold"]
-        )
+        self._threshold = read_threshold(setup, NAME, CONFIDENT)
         self._counts: dict[str, Any] = {}
 
     def __call__(self, rgb: Rgb, categories: Sequence[Category] = ()) -> Segments:
@@ -127,7 +124,21 @@ grounded = Grounded
 """The factory named in the registry."""
 
 
-def pixels(rgb: Rgb, size: tuple[int, int]) -> torch.Tensor:
+def read_threshold(setup: Setup, name: str, default: float) -> float:
+    """Return the option `threshold`: the confidence 0..1 from which a mask is an object.
+
+    Raises InputError for other options and values.
+    """
+    option = default, {"type": "number", "minimum": 0, "maximum": 1}
+    return float(read_options(setup, name, {"threshold": option})["threshold"])
+
+
+def pixels(
+    rgb: Rgb,
+    size: tuple[int, int],
+    mean: Sequence[float] = MEAN,
+    spread: Sequence[float] = SPREAD,
+) -> torch.Tensor:
     """(1, 3, h, w) float32: the photo stretched to `size` (h, w), its colours normalised."""
     small = (
         np.asarray(
@@ -136,7 +147,7 @@ def pixels(rgb: Rgb, size: tuple[int, int]) -> torch.Tensor:
         )
         / 255
     )
-    ready = (small - np.asarray(MEAN, np.float32)) / np.asarray(SPREAD, np.float32)
+    ready = (small - np.asarray(mean, np.float32)) / np.asarray(spread, np.float32)
     return torch.from_numpy(ready.transpose(2, 0, 1)[None].copy())
 
 
@@ -146,22 +157,29 @@ class Sam:
     Prompts of 16 bits would be off by pixels. The photo keeps its proportions, and the rest of the input is black.
     """
 
+    what = "SAM"
+    """The model's name in messages."""
+
     def __init__(self, weights: str, device: str, dtype: torch.dtype) -> None:
         """Raises InputError where the weights are missing."""
-        self.model: Any = load_weights(_load_sam, weights, "SAM").eval().to(device)
+        self.model: Any = load_weights(self._load, weights, self.what)
+        self.model.eval().to(device)
         self._device, self._dtype = device, dtype
         self.side = int(self.model.config.prompt_encoder_config.image_size)
         self._features: Any = None
         self._photo = self._inner = (0, 0)
 
+    def _load(self, weights: str) -> Any:
+        from transformers import SamModel
+
+        return SamModel.from_pretrained(
+            weights, dtype=torch.float32, use_safetensors=True
+        )
+
     def encode(self, rgb: Rgb) -> None:
         """Encode a photo for the prompts that follow."""
         self._photo = height, width = rgb.shape[0], rgb.shape[1]
-        scale = self.side / max(height, width)
-        self._inner = (
-            max(1, int(height * scale + 0.5)),
-            max(1, int(width * scale + 0.5)),
-        )
+        self._inner = self._input_size(height, width)
         ready = pad(
             pixels(rgb, self._inner),
             (0, self.side - self._inner[1], 0, self.side - self._inner[0]),
@@ -169,9 +187,15 @@ class Sam:
         half = self._dtype != torch.float32
         kind = self._device.partition(":")[0]
         with torch.inference_mode(), torch.autocast(kind, self._dtype, enabled=half):
-            self._features = self.model.get_image_embeddings(
-                ready.to(self._device)
-            ).float()
+            self._features = self._encode(ready.to(self._device))
+
+    def _input_size(self, height: int, width: int) -> tuple[int, int]:
+        """Return the photo's size (h, w) in the model's input."""
+        scale = self.side / max(height, width)
+        return max(1, int(height * scale + 0.5)), max(1, int(width * scale + 0.5))
+
+    def _encode(self, ready: torch.Tensor) -> Any:
+        return self.model.get_image_embeddings(ready).float()
 
     def boxes(self, boxes: Sequence[Box]) -> Iterator[tuple[Mask, float]]:
         """For each box its mask and the mask's expected IoU, 0..1."""
@@ -345,12 +369,6 @@ def plain_noun(noun: str) -> str:
     'mr potato-head'
     """
     return " ".join(re.sub(r"[^\w\s'-]", " ", noun.lower()).split())
-
-
-def _load_sam(weights: str) -> Any:
-    from transformers import SamModel
-
-    return SamModel.from_pretrained(weights, dtype=torch.float32, use_safetensors=True)
 
 
 def _load_dino(weights: str) -> tuple[Any, Any, Any]:

@@ -233,9 +233,12 @@ def as_segments(
         for one in (k, *selection.parts.get(k, ())):
             labels[_cut_out_again(rgb, found, one)] = label
     for label in range(1, len(rising) + 1):
-        piece = cut_out(labels == label, 0, 0, 1)
+        own = labels == label
+        left, top, width, height = cv2.boundingRect(own.view(np.uint8))
+        box = np.s_[top : top + height, left : left + width]
+        piece = cut_out(own[box], 0, 0, 1)
         if piece is not None:  # without what a later one cut off
-            labels[(labels == label) & ~piece.on(size)] = 0
+            labels[box][own[box] & ~piece.on((height, width))] = 0
     return left_to_right(Segments(labels, confidence(fit[rising])))
 
 
@@ -244,10 +247,10 @@ def _cut_out_again(rgb: NDArray[np.uint8], found: Candidates, k: int) -> Mask:
     across, down = _scale_to(found.shape, rgb)
     corners = found.proposals[k].box / np.array([across, down, across, down])
     own = found.on_photo(k, (rgb.shape[0], rgb.shape[1]))
-    return _better_mask(own, mask_in_box(rgb, corners.tolist()).mask)
+    return better_mask(own, mask_in_box(rgb, corners.tolist()).mask)
 
 
-def _better_mask(own: Mask, again: Mask) -> Mask:
+def better_mask(own: Mask, again: Mask) -> Mask:
     """Return what was cut out again, or else the mask before."""
     shared, union = np.count_nonzero(own & again), np.count_nonzero(own | again)
     is_other = shared < LEARNED.same * union

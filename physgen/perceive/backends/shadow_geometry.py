@@ -33,6 +33,12 @@ from physgen.perceive.shadow.ambient_shade import (
     extend_behind_objects,
     find_ambient_shade,
 )
+from physgen.perceive.shadow.reduced import (
+    ReducedPhoto,
+    SilhouettesAt,
+    reduce_photo,
+    restore_size,
+)
 from physgen.perceive.shadow.shadow_fit import (
     FULL,
     deviation_penalty,
@@ -82,6 +88,16 @@ def _geometry(
             background, coverage, labels, objects, matter, boundaries, light
         )
     at = partial(object_silhouettes, labels, objects, matter, boundaries)
+    reduced = reduce_photo(background, coverage)
+    shadows = _find_reduced_shadows(reduced, reduced.at(at), light)
+    return restore_size(shadows, reduced, background, coverage)
+
+
+def _find_reduced_shadows(
+    reduced: ReducedPhoto, at: SilhouettesAt, light: LightGuess
+) -> Shadows:
+    """Shadows of a reduced photo; `at` gives the silhouettes on smaller ones."""
+    background, coverage = reduced.background, reduced.coverage
     nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0)
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
     silhouettes = at(scale)
@@ -100,9 +116,7 @@ def _geometry(
     setting, _, factor = _climb(
         replace(setting, size=picture.dark.shape[::-1]), picture, light, 1 / FINER
     )
-    setting = replace(
-        _matched(setting, factor), size=(labels.shape[1], labels.shape[0])
-    )
+    setting = replace(_matched(setting, factor), size=reduced.size)
     silhouettes = at(1.0)
     clean = lightened(
         background, *_seen_darkness(background, coverage, silhouettes, setting)

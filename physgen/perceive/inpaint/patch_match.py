@@ -38,8 +38,6 @@ class _Tuning:
     max_first_pairs: int = 20_000_000
     chunk: int = 1_000_000  # pairs that are held in memory
     chosen: int = 2  # scale at which the better of two fills is chosen; finer ones keep no continued edges
-    edge_side: int = 1600  # px: edges are continued on photos no larger than this
-    search_side: int = 640  # px: on larger scales, places do not spread to neighbours
     same: float = 16.0  # levels up to which two guesses are one
     # where fills are compared: weight of levels by which one departs from continued edges; chosen on the tune half
     astray: float = 0.18
@@ -91,21 +89,28 @@ class _Fill(NamedTuple):
     cost: F32  # one for each patch that reaches into the hole
 
 
-def patch_match_fill(picture: F32, hole: Mask) -> F32:
-    """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
-    levels = list(image_pyramid(picture, hole, *_continued_edges(picture, hole)))
+class PatchFill(NamedTuple):
+    """A filled picture, and the known place that each pixel of the hole is from."""
+
+    picture: F32
+    """(H, W, 3): unchanged outside the hole."""
+    places: NDArray[np.int64] | None
+    """(H, W, 2): rows and columns; None if no whole patch is known."""
+
+
+def patch_match_fill(picture: F32, hole: Mask) -> PatchFill:
+    """Fill `hole` (H, W) of `picture` (H, W, 3) from the rest of the picture."""
+    levels = list(image_pyramid(picture, hole, *continue_edges(picture, hole)))
     if not hole.any() or not levels or not patch_centres(levels[-1].hole, RADIUS).any():
-        return harmonic_fill(
-            picture, hole
-        )  # nowhere a whole patch is left to borrow from
+        # nowhere a whole patch is left to borrow from
+        return PatchFill(harmonic_fill(picture, hole), None)
     top = len(levels) - 1
-    finest = _finest_searched(levels)
-    last, chosen = levels[-1], min(max(TUNING.chosen, finest), top)
-    shared = {k: _search(levels, k, finest) for k in range(chosen, top + 1)}
+    last, chosen = levels[-1], min(TUNING.chosen, top)
+    shared = {k: _search(levels, k) for k in range(chosen, top + 1)}
 
     def refined(fill: _Fill, first: int, end: int, keep: bool) -> _Fill:
         for k in range(first, end - 1, -1):
-            search = shared.get(k) or _search(levels, k, finest)
+            search = shared.get(k) or _search(levels, k)
             fill = _refined(fill, search, keep)
         return fill
 
@@ -124,39 +129,15 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
         fills.append(started(rows, keep=False))
     best = refined(_best_pieces(fills, shared[chosen]), chosen - 1, 0, keep=False)
     assert best.field is not None
-    return add_grain(best.guess, levels[0].picture, levels[0].hole, best.field)
+    filled = add_grain(best.guess, levels[0].picture, levels[0].hole, best.field)
+    return PatchFill(filled, best.field)
 
 
-def _continued_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
-    """(H, W, 3) with the edges continued through the hole, and where, by a smaller photo if it is large."""
-    h, w = hole.shape
-    scale = -(-max(h, w) // TUNING.edge_side)
-    if scale == 1:
-        return continue_edges(picture, hole)
-    size = -(-w // scale), -(-h // scale)
-    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    part = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    continued, strips = continue_edges(np.asarray(small, np.float32), part > 0)
-    large = cv2.resize(continued, (w, h), interpolation=cv2.INTER_LINEAR)
-    near = cv2.resize(strips.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST)
-    return np.asarray(large, np.float32), (near > 0) & hole
-
-
-def _finest_searched(levels: Sequence[Level]) -> int:
-    """Return the finest scale at which places spread: not 0, nor a large one."""
-    for k in range(1, len(levels)):
-        if max(levels[k].hole.shape) <= TUNING.search_side:
-            return k
-    return len(levels) - 1
-
-
-def _search(levels: Sequence[Level], k: int, finest: int) -> _Search:
-    """Return the search at scale k, of which `finest` is the last where places spread."""
+def _search(levels: Sequence[Level], k: int) -> _Search:
+    """Return the search at scale k; the finest only copies."""
     if k == 0:
         return _Search(levels[k], 2, rounds=0)
-    is_large = k < finest
-    rounds = TUNING.rounds[0 if is_large else min(k - finest, 1)]
-    return _Search(levels[k], RADIUS, rounds, spreads=not is_large)
+    return _Search(levels[k], RADIUS, TUNING.rounds[min(k - 1, 1)])
 
 
 def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
@@ -305,12 +286,8 @@ def _halved(picture: F32, r: int) -> F32:
 class _Search:
     """Patches of one scale, and the search for the known patch most like each."""
 
-    def __init__(
-        self, level: Level, radius: int, rounds: int = 1, *, spreads: bool = True
-    ) -> None:
-        """`spreads`: whether neighbours' places are tried, and not only those beside."""
-        self.level, self.radius = level, radius
-        self.rounds, self._spreads = rounds, spreads
+    def __init__(self, level: Level, radius: int, rounds: int = 1) -> None:
+        self.level, self.radius, self.rounds = level, radius, rounds
         self.distance_cost = np.float32(
             TUNING.distance_cost / np.hypot(*level.hole.shape)
         )
@@ -465,7 +442,7 @@ class _Search:
 
         attempt(field[rows, columns])
         steps = (3, 1) if self.radius > 2 else (1,)
-        for step in steps if self._spreads else ():
+        for step in steps:
             for down, right in ((0, step), (step, 0), (0, -step), (-step, 0)):
                 y, x = (
                     np.clip(rows - down, 0, h - 1),

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 ISLAND = 6  # px: gaps between objects narrower than this are mostly contact shadow
 FADE = 5.0  # px into the hole over which a difference at its border fades
+CONTEXT = 3.0  # of a hole's longer side: surroundings of a small hole
+LEAST_CONTEXT = 96  # px, at least
 CONTACT_RIM = 2  # px around contact shadow: its soft end
 JUMP = 100.0  # levels of contrast that edges seldom have
 STEP = 60.0  # levels: a larger step at a seam is an edge, and is not blended
@@ -201,9 +203,38 @@ def fill_behind(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
     """`photo` (H, W, 3) with `hole` (H, W), its blurred rim and contact shadow filled."""
     if not hole.any() or hole.all():
         return photo.copy()
+    return fill(photo, with_rim(photo, hole))
+
+
+def fill_from_surroundings(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
+    """`photo` (H, W, 3) with pieces of a `hole` (H, W) filled from what is close to each."""
+    result = photo.copy()
+    square = np.ones((LEAST_CONTEXT, LEAST_CONTEXT), np.uint8)
+    wide = cv2.dilate(hole.view(np.uint8), square)
+    count, groups = cv2.connectedComponents(wide, connectivity=8)
+    for group in range(1, count):
+        own = hole & (groups == group)
+        left, top, width, height = cv2.boundingRect(own.view(np.uint8))
+        margin = max(LEAST_CONTEXT, round(CONTEXT * max(width, height)))
+        part = np.s_[
+            max(0, top - margin) : top + height + margin,
+            max(0, left - margin) : left + width + margin,
+        ]
+        filled = fill(np.ascontiguousarray(result[part]), hole[part].copy())
+        result[part] = np.where(own[part][..., None], filled, result[part])
+    return result
+
+
+def with_rim(photo: Rgb, hole: Mask) -> Mask:
+    """Return `hole` (H, W) with its blurred rim and contact shadow.
+
+    `hole` itself if nothing else of the photo (H, W, 3) would be left.
+    """
+    if not hole.any() or hole.all():
+        return hole
     wide = _reach_around(hole)[1] <= rim_width(photo, hole)
     wide |= dilate(contact_strips(photo, hole), CONTACT_RIM)
-    return fill(photo, hole if wide.all() else wide)
+    return hole if wide.all() else wide
 
 
 def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:

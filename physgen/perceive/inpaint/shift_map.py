@@ -113,8 +113,10 @@ class _Window:
             return self.guide, self.guide
         labels = OffsetLabels(reduced, offsets).solve()
         shifts = self._shifts(labels, offsets, scale)
-        rows, columns = np.indices(self.hole.shape)
-        copies = self.sources[rows + shifts[..., 0], columns + shifts[..., 1]]
+        rows, columns = np.nonzero(self.hole)
+        down, right = shifts[rows, columns].T
+        copies = self.picture.copy()
+        copies[rows, columns] = self.sources[rows + down, columns + right]
         return copies, join_gradients(self.sources, shifts, self.hole)
 
     def strengthened(self, filled: F32) -> F32:
@@ -193,8 +195,8 @@ class _Window:
 
     @cached_property
     def sources(self) -> F32:
-        """(2 H, W, 3): the photo, and the guide below it, so that one shift names it."""
-        return np.concatenate([self.picture, self.guide])
+        """(H, W, 3): the photo, and the guide in the hole, which no shift names."""
+        return np.where(self.hole[..., None], self.guide, self.picture)
 
     def _scale(self) -> int:
         """How many px of the photo are one of the reduced picture."""
@@ -231,7 +233,7 @@ class _Window:
             if number < len(offsets):
                 offset = self._refined(piece, offsets[number], scale, composed)
             if offset is None:
-                offset = np.array([len(self.hole), 0])
+                offset = np.zeros(2, np.int64)
             shifts[piece.box][piece.mask] = offset
             copied = self.sources[piece.moved(offset)][piece.mask]
             composed.picture[piece.box][piece.mask] = copied

@@ -18,7 +18,11 @@ from numpy.typing import NDArray
 from physgen.perceive.segment.candidates import Candidates, find_candidates
 from physgen.perceive.segment.detector import DetectedBoxes, detect_boxes
 from physgen.perceive.segment.edges import search_edges
-from physgen.perceive.segment.evidence import context_features
+from physgen.perceive.segment.evidence import (
+    context_features,
+    gather_evidence,
+    judge_features,
+)
 from physgen.perceive.segment.living import release_models
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.proposals import Proposal
@@ -74,6 +78,19 @@ def _judge_photo(codes: bytes, height: int, width: int) -> JudgedCandidates:
     found = find_candidates(rgb, seen, boxes, search_edges(rgb))
     fit = shipped_judge().expected_fit(found.proposals, found.features)
     return JudgedCandidates(found, fit, boxes)
+
+
+def judge_others(
+    rgb: NDArray[np.uint8], judged: JudgedCandidates, others: Sequence[Proposal]
+) -> Array:
+    """Return (n,) the expected fits of other masks beside the candidates of a photo."""
+    if not others:
+        return np.zeros(0)
+    evidence = gather_evidence(rgb, run_network(rgb), judged.boxes)
+    found = judged.found
+    features = np.vstack([found.features, judge_features(others, evidence)])
+    fit = shipped_judge().expected_fit([*found.proposals, *others], features)
+    return fit[len(found.proposals) :]
 
 
 def sum_trees(features: Array, trees: Numbers) -> Array:

@@ -29,9 +29,6 @@ from physgen.perceive.support.view_classifier import view_chances
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-EXTINCT = 51
-"""ImageNet's class of dinosaurs."""
-
 
 @dataclass(frozen=True)
 class LivingConstants:
@@ -44,11 +41,6 @@ class LivingConstants:
     what people hold has .34 or more.
     """
     looks: int = 3  # boxes that are looked at: each costs 30 ms
-    extinct: float = 0.15
-    """Chance of a dinosaur from which a box is a model.
-
-    None of 227 boxes of animals and people has more than 0.04.
-    """
     loose: float = 0.1
     """Chance of a photo without loose objects, below which an animal may be a toy.
 
@@ -162,7 +154,4 @@ def _is_model(rgb: NDArray[np.uint8], corners: Array) -> bool:
         return False
     shown = np.zeros(rgb.shape[:2], np.bool_)
     shown[top:bottom, left:right] = True
-    head = heads()
-    logits = features(crop(rgb, shown)) @ head.weights.T + head.bias
-    powers = np.exp(logits - logits.max())
-    return bool(powers[EXTINCT] >= LIVING.extinct * powers.sum())
+    return bool(heads().is_model(features(crop(rgb, shown))[None])[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -20,9 +20,8 @@ from physgen.perceive.roles import (
     Rgb,
     Segments,
 )
-from physgen.perceive.segment.judge import judge_photo
 from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
-from physgen.perceive.segment.proposals import Proposal
+from physgen.perceive.segment.point_choice import is_meant, object_at_point
 from physgen.problems import InputError, Place, Problem
 from physgen.registry import Backends
 
@@ -40,10 +39,6 @@ class PromptRule:
         0.33  # confidence below which what is pointed at makes the photo doubtful
     )
     likely: float = 0.6  # confidence from which a point takes the segmenter's object
-    candidate: float = 0.1  # expected fit from which a candidate may be what is meant
-    caution: float = 0.8
-    """Factor on a candidate's confidence beside what is seen around the point alone."""
-    tries: int = 4  # candidates that are cut out again at most
     whole: float = 0.9  # share of the photo from which a mask is the photo and no object: it has nothing behind it
     visible: float = (
         0.3  # share of a prompted object that the others must leave visible
@@ -348,9 +343,9 @@ def segment_point(
 ) -> PromptedMask:
     """Return the object at a point.
 
-    It is that of `segments`, or else the surest of the candidate that the judge expects
-    to fit best and of what is seen around the point, cut out again in its box. With
-    `smallest`, the smallest candidate comes first. What also holds another of the
+    It is that of `segments` if it is likely, or else the best of the candidates and
+    the detector's boxes there, or else the surest of what is seen around the point.
+    With `smallest`, the smallest candidate comes first. What also holds another of the
     `points` is not meant. Raises InputError where there is none.
     """
     x, y = _pixel(rgb, point)
@@ -362,13 +357,16 @@ def segment_point(
             found.append(known)
             if known.confidence >= RULE.likely:
                 return known
-    candidate = _candidate_at(rgb, (x, y), others, smallest)
-    if candidate is not None and smallest:
-        return candidate
-    around, is_contested = _looks_around(rgb, (x, y), others)
-    found += around
+    around = cache(partial(_looks_around, rgb, (x, y), others))
+
+    def look_around() -> list[PromptedMask]:
+        return [look for look, _ in around()[0]]
+
+    candidate = object_at_point(rgb, (x, y), others, smallest, look_around)
     if candidate is not None:
-        found.append(candidate)
+        return candidate
+    looks, is_contested = around()
+    found += [PromptedMask(look.mask, sureness) for look, sureness in looks]
     if not found:
         expected, fix = (
             "shows no object that ends somewhere",
@@ -393,74 +391,23 @@ def _other_pixels(
     ]
 
 
-def _is_meant(
-    mask: Mask, own: tuple[int, int], others: Sequence[tuple[int, int]]
-) -> bool:
-    """Return whether a mask (H, W) holds the own pixel (x, y) and no other one."""
-    return bool(mask[own[::-1]]) and not any(mask[v, u] for u, v in others)
-
-
 def _known_object(
     segments: Segments, own: tuple[int, int], others: Sequence[tuple[int, int]]
 ) -> PromptedMask | None:
     """Return the segmenter's object at a pixel, None where there is none."""
     label = int(segments.labels[own[::-1]])
     mask = segments.labels == label
-    if label == 0 or not _is_meant(mask, own, others):
+    if label == 0 or not is_meant(mask, own, others):
         return None
     return PromptedMask(mask, float(segments.confidence[label - 1]))
 
 
-def _candidate_at(
-    rgb: Rgb, own: tuple[int, int], others: Sequence[tuple[int, int]], smallest: bool
-) -> PromptedMask | None:
-    """Return the best candidate of the detector and the network at a pixel.
-
-    With `smallest`, the smallest likely one. None where none is likely.
-    """
-    judged = judge_photo(rgb)
-    shape = judged.found.shape
-    scale = np.array([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]])
-    here = [
-        (k, one)
-        for k, one in enumerate(judged.found.proposals)
-        if judged.fit[k] >= RULE.candidate and _holds(one, own, others, scale)
-    ]
-    order = sorted(here, key=lambda one: -judged.fit[one[0]])
-    if smallest:
-        order = sorted(here, key=lambda one: one[1].area)
-    for _, one in order[: RULE.tries]:
-        found = mask_in_box(rgb, one.box * np.tile(scale, 2))
-        if _is_meant(found.mask, own, others) and found.mask.mean() < RULE.whole:
-            return PromptedMask(found.mask, RULE.caution * found.confidence)
-    return None
-
-
-def _holds(
-    one: Proposal,
-    own: tuple[int, int],
-    others: Sequence[tuple[int, int]],
-    scale: NDArray[np.float64],
-) -> bool:
-    """Return whether a candidate holds the own pixel (x, y) of the photo and no other.
-
-    The photo is `scale` (across, down) times as large as the candidate's grid.
-    """
-
-    def has(pixel: tuple[int, int]) -> bool:
-        x, y = ((np.array(pixel) + 0.5) / scale - (one.x, one.y)).astype(int).tolist()
-        height, width = one.mask.shape
-        return 0 <= x < width and 0 <= y < height and bool(one.mask[y, x])
-
-    return has(own) and not any(map(has, others))
-
-
 def _looks_around(
     rgb: Rgb, own: tuple[int, int], others: Sequence[tuple[int, int]]
-) -> tuple[list[PromptedMask], bool]:
-    """Return what is seen in squares of several sizes around a pixel.
+) -> tuple[list[tuple[PromptedMask, float]], bool]:
+    """Return what is seen in squares of several sizes around a pixel, and how surely.
 
-    The second value is whether some of it also holds another point.
+    The last value is whether some of it also holds another point.
     """
     height, width = rgb.shape[:2]
     found = []
@@ -473,12 +420,12 @@ def _looks_around(
         again = PromptedMask(part, 0.0)
         if part.any():
             again = mask_in_box(rgb, box_of(part))
-        is_contested |= not _is_meant(first.mask, own, others)
-        if _is_meant(again.mask, own, others) and again.mask.mean() < RULE.whole:
+        is_contested |= not is_meant(first.mask, own, others)
+        if is_meant(again.mask, own, others) and again.mask.mean() < RULE.whole:
             shared = np.count_nonzero(first.mask & again.mask)
             alike = shared / np.count_nonzero(first.mask | again.mask)
             sure = float(first.confidence * again.confidence * alike)
-            found.append(PromptedMask(again.mask, sure))
+            found.append((again, sure))
     return found, is_contested
 
 

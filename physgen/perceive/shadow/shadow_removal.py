@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.shadows import PixelBox
 from physgen.maps import F32
-from physgen.perceive.inpaint.poisson import nearest_piece
+from physgen.perceive.inpaint.poisson import fill_from_surroundings, nearest_piece
 from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, encode_u8, luminance
@@ -412,39 +412,72 @@ def refill_background(
 
 
 def _refilled(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) -> Rgb:
-    def widened(mask: NDArray[np.uint8], by: int) -> NDArray[np.uint8]:
-        return np.asarray(
-            cv2.dilate(mask, np.ones((2 * by + 1, 2 * by + 1), np.uint8)), np.uint8
-        )
-
-    covered = (coverage > 0).astype(np.uint8)
-    changed = np.abs(removed.astype(np.int16) - background).max(axis=2) > REFILL.visible
-    near = widened((changed & (covered == 0)).astype(np.uint8), REFILL.near)
-    gap = np.ones((2 * REFILL.gap + 1, 2 * REFILL.gap + 1), np.uint8)
-    grown = np.asarray(
-        cv2.morphologyEx(widened(covered, REFILL.ring), cv2.MORPH_CLOSE, gap), np.uint8
-    )
-    left = (luminance(decode(background)) + 1e-3) / (luminance(decode(removed)) + 1e-3)
-    deep = ((left < REFILL.deep) & (widened(covered, REFILL.near) > 0)).astype(np.uint8)
-    hole = (covered | (grown & near) | widened(deep, 1)) > 0
-    old = np.where(hole[..., None], background, removed)
-    if not (hole & (near > 0)).any():
+    plan = plan_refill(removed, background, coverage)
+    old = np.where(plan.dark[..., None], background, removed)
+    if not plan.hole.any():
         return old
-    pieces = nearest_piece(hole)
-    new = hole & np.isin(pieces, np.unique(pieces[hole & (near > 0)]))
-    filled = inpaint(old, new)
-    brighter = (luminance(decode(filled)) + 1e-3) / (luminance(decode(old)) + 1e-3)
-    for piece in np.unique(pieces[new]):
-        mine, beside = (
-            new & (pieces == piece),
-            changed & (covered == 0) & (pieces == piece),
-        )
-        most = (
-            np.quantile(1 / left[beside], 1 - REFILL.outliers) if beside.any() else 0.0
-        )
-        if np.quantile(brighter[mine], 1 - REFILL.outliers) > REFILL.brighter * most:
-            new &= ~mine
+    filled = inpaint(old, plan.hole)
+    new = plan.hole & ~plan.unlike(luminance(decode(filled)), luminance(decode(old)))
     return np.where(new[..., None], filled, old)
+
+
+@dataclass(frozen=True, eq=False)
+class RefillPlan:
+    """Where a background without shadows is filled again, and how bright it may be."""
+
+    hole: Mask
+    """(H, W): pieces beside a removed shadow."""
+    dark: Mask
+    """(H, W): all that lies behind objects, or too close to them to be read off."""
+    pieces: NDArray[np.int32]
+    """(H, W): the number of the nearest piece of `dark`."""
+    shadows: Mask
+    """(H, W): where light was added beside objects."""
+    left: F32
+    """(H, W): share of the light that shadows left."""
+
+    def unlike(self, filled: F32, old: F32) -> Mask:
+        """Return the pieces (H, W) that are another surface than their surroundings.
+
+        `filled` and `old` are the luminances (H, W) of the new and the first fill.
+        """
+        result = np.zeros_like(self.hole)
+        brighter = (filled + np.float32(1e-3)) / (old + np.float32(1e-3))
+        for piece in np.unique(self.pieces[self.hole]):
+            near = self.pieces == piece
+            beside = self.shadows & near
+            most = 0.0
+            if beside.any():
+                most = float(np.quantile(1 / self.left[beside], 1 - REFILL.outliers))
+            share = np.quantile(brighter[self.hole & near], 1 - REFILL.outliers)
+            if share > REFILL.brighter * most:
+                result |= near
+        return result
+
+
+def plan_refill(removed: Rgb, background: Rgb, coverage: F32) -> RefillPlan:
+    """Return what is filled again where `removed` lacks shadows of `background`."""
+    covered = (coverage > 0).astype(np.uint8)
+    difference = cv2.absdiff(removed, background).max(axis=2)
+    changed = difference > REFILL.visible
+    shadows = changed & (covered == 0)
+    near = _widened(shadows.astype(np.uint8), REFILL.near)
+    gap = np.ones((2 * REFILL.gap + 1, 2 * REFILL.gap + 1), np.uint8)
+    ring = _widened(covered, REFILL.ring)
+    grown = np.asarray(cv2.morphologyEx(ring, cv2.MORPH_CLOSE, gap), np.uint8)
+    left = (luminance(decode(background)) + 1e-3) / (luminance(decode(removed)) + 1e-3)
+    deep = (left < REFILL.deep) & (_widened(covered, REFILL.near) > 0)
+    dark = (covered | (grown & near) | _widened(deep.astype(np.uint8), 1)) > 0
+    pieces = nearest_piece(dark) if dark.any() else np.zeros(dark.shape, np.int32)
+    beside = np.unique(pieces[dark & (near > 0)])
+    hole = dark & np.isin(pieces, beside)
+    return RefillPlan(hole, dark, pieces, shadows, np.asarray(left, np.float32))
+
+
+def _widened(mask: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
+    """Return a mask (H, W) of 0 and 1, widened by `reach` px to all sides."""
+    kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return np.asarray(cv2.dilate(mask, kernel), np.uint8)
 
 
 def remove_reflections(
@@ -519,7 +552,8 @@ def remove_reflections(
     if not taken.any():
         return clean
     hole = cv2.dilate(taken[names].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    return np.where(hole[..., None], inpaint(clean, hole), clean)
+    filled = fill_from_surroundings(clean, hole, inpaint)
+    return np.where(hole[..., None], filled, clean)
 
 
 # assignment

@@ -23,6 +23,7 @@ from physgen.perceive.roles import (
     Shadows,
 )
 from physgen.perceive.shadow.ambient_shade import find_ambient_shade
+from physgen.perceive.shadow.reduced import ReducedPhoto, reduce_photo, restore_size
 from physgen.perceive.shadow.shadow_fit import (
     COARSE,
     FINE,
@@ -57,6 +58,7 @@ from physgen.perceive.shadow.silhouettes import (
     predicted_darkness,
     typical_size,
 )
+from physgen.perceive.shadow.smooth_shade import find_smooth_shade
 from physgen.photometry import DistantLight
 
 
@@ -71,6 +73,10 @@ class _Limits:
     seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
     faintest: float = 0.15  # depth of the faintest shadows
     darkest: float = 2.5  # depth of the darkest
+    foot: float = 0.1  # of an object's height, from its foot to the floor it stands on
+    direct: float = 0.05  # share of direct light where only shade is known
+    soft: float = 40.0  # degrees: half the width of that light
+    unknown: float = 0.3  # confidence of that light
     rough: int = (
         240  # px: longer side of the picture in which shadows on a wall are searched
     )
@@ -81,10 +87,13 @@ LIMITS = _Limits()
 
 @dataclass(frozen=True)
 class _Photo:
-    """The background and its objects; silhouettes and gradients at several scales, each made once."""
+    """The reduced background and its objects; silhouettes and gradients at several scales, each made once.
 
-    background: Rgb
-    coverage: F32
+    Lengths are px of the reduced background; labels, objects and boundaries are in px
+    of the photo.
+    """
+
+    reduced: ReducedPhoto
     labels: Labels
     objects: Sequence[PhotoObject]
     matter: Mapping[int, Matter]
@@ -95,13 +104,30 @@ class _Photo:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height, px."""
-        return self.labels.shape[1], self.labels.shape[0]
+        """Width and height of the reduced background, px."""
+        return self.reduced.size
+
+    @property
+    def background(self) -> Rgb:
+        """(h, w, 3)."""
+        return self.reduced.background
+
+    @property
+    def coverage(self) -> F32:
+        """(h, w)."""
+        return self.reduced.coverage
 
     def silhouettes(self, scale: float, floor: float | None = None) -> list[Silhouette]:
-        return object_silhouettes(
-            self.labels, self.objects, self.matter, self.boundaries, scale, floor
+        """Silhouettes at 1 / `scale` of the size; `floor` is a row of the photo."""
+        at = partial(
+            object_silhouettes,
+            self.labels,
+            self.objects,
+            self.matter,
+            self.boundaries,
+            floor=floor,
         )
+        return at(scale * self.reduced.scale)
 
     def gradients(
         self, longest: int, floor: float | None = None
@@ -123,7 +149,19 @@ def side_view_shadows(
     guess: LightGuess,
 ) -> Shadows:
     """The role `shadow` for a photo from the side."""
-    photo = _Photo(background, coverage, labels, objects, matter, boundaries)
+    reduced = reduce_photo(background, coverage)
+    photo = _Photo(reduced, labels, objects, matter, boundaries)
+    found = None
+    if not _is_ground_known(photo):
+        found = find_smooth_shade(background, coverage, labels, objects)
+    if found is not None:
+        return _soft_light(*found, guess, boundaries.tilt)
+    return restore_size(_reduced_shadows(photo, guess), reduced, background, coverage)
+
+
+def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
+    """Shadows of the reduced photo."""
+    background, coverage = photo.background, photo.coverage
     nothing = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0)
     given = photo.gradients(COARSE)
     if given is None:
@@ -144,7 +182,7 @@ def side_view_shadows(
             )
         if ratio <= LIMITS.calm:
             setting, sure = _light(fit, wall, guess, photo.size)
-            setting = _with_known_tilt(setting, boundaries.tilt)
+            setting = _with_known_tilt(setting, photo.boundaries.tilt)
             back = None if setting.backdrop == inf else round(setting.backdrop, 1)
             tilt, softness = (
                 round(degrees(atan(setting.tilt)), 1),
@@ -155,6 +193,34 @@ def side_view_shadows(
                 clean, nothing.owners, setting.light, softness, tilt, back, sure
             )
     return _soft_shade(photo, guess) or nothing
+
+
+def _is_ground_known(photo: _Photo) -> bool:
+    """Return whether an object stands on a floor, seen from a small height."""
+    if photo.boundaries.tilt is not None:
+        return False
+    given = photo.gradients(COARSE)
+    for what in [] if given is None else given.silhouettes:
+        height = what.coverage.shape[0]
+        foot = what.corner[1] + height
+        if what.floor is not None and what.floor - foot < LIMITS.foot * height:
+            return True
+    return False
+
+
+def _soft_light(
+    clean: Rgb, owners: Labels, guess: LightGuess, tilt: float | None
+) -> Shadows:
+    """Return shade on a ground of unknown geometry, with a soft light.
+
+    Geometry then predicts little, and each object takes the shade that the photo shows
+    with it.
+    """
+    direct = LIMITS.direct
+    light = DistantLight(guess.light.direction, FULL * direct, FULL * (1 - direct))
+    if tilt is None:
+        tilt = round(degrees(atan(TILT)), 1)
+    return Shadows(clean, owners, light, LIMITS.soft, tilt, None, LIMITS.unknown)
 
 
 def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetting:
@@ -175,7 +241,7 @@ def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetti
 def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     """The shade of soft light on a floor under the lowest object; None where it is not seen."""
     bottom = max(bounds(item.outline)[3] for item in photo.objects)
-    if bottom >= photo.size[1] - 1:
+    if bottom >= len(photo.labels) - 1:
         return None
     at = partial(photo.silhouettes, floor=bottom)
     shade = find_ambient_shade(photo.background, photo.coverage, at, from_above=False)
@@ -257,7 +323,7 @@ def _floor_fit(
     floors: list[float | None] = [None]
     lowest = lowest_floor(photo.boundaries)
     if lowest is not None:
-        row = lowest / given.scale
+        row = lowest / (given.scale * photo.reduced.scale)
         elsewhere = any(
             s.floor is None or abs(s.floor - row) > 2 for s in given.silhouettes
         )

@@ -258,11 +258,11 @@ def judge_suitability(
     fixed = _immovable(rgb)
     own = cv2.resize((found.labels > 0).astype(np.float32), fixed.shape[::-1])
     if by_hand and (own * fixed).sum() > DOUBTS.pointed * own.sum():
-        reasons.append("what is pointed at looks immovable")
+        reasons.append("the marked object looks immovable")
     if any(found.confidence[i] < RULE.weak for i in found.prompts):
-        reasons.append("what is pointed at hardly stands out")
+        reasons.append("the marked object hardly stands out")
     if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
-        reasons.append(f"one object fills {100 * largest:.0f} % of it")
+        reasons.append(f"one object fills {100 * largest:.0f} % of the photo")
     loose = [t for t in objects if not t.cut]
     unseen = [
         w
@@ -276,12 +276,10 @@ def judge_suitability(
     is_ground_visible = boundaries.tilt is not None
     if unheld > DOUBTS.unheld * len(loose) and not is_ground_visible:
         reasons.append(
-            f"no support is seen beneath {unheld} of {counted(len(loose), 'object')}"
+            f"no support is visible beneath {unheld} of {counted(len(loose), 'object')}"
         )
     if view < DOUBTS.view:
-        reasons.append(
-            "it is hard to tell whether it is seen from the side or from above"
-        )
+        reasons.append("the view is uncertain: from the side or from above")
     return Suitability(tuple(reasons))
 
 
@@ -318,7 +316,7 @@ def _detection_doubts(
         cv2.fillPoly(unclear, [np.rint(doubt.polygon).astype(np.int32)], 1)
     share = float(((unclear > 0) & (found.labels == 0)).mean())
     if share > max(DOUBTS.unclear, sum(area.values())):
-        reasons.append(f"{100 * share:.0f} % of it may be objects, too")
+        reasons.append(f"{100 * share:.0f} % of the photo may be objects, too")
     return reasons
 
 
@@ -326,10 +324,10 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
     """Return the doubts about what does not move, and the texture around objects."""
     reasons: list[str] = []
     if view_chances(run_network(rgb).features).unsuitable > DOUBTS.unsuitable:
-        reasons.append("it looks like photos without loose objects at rest")
+        reasons.append("it looks like a photo without loose objects at rest")
     fixed = float(_immovable(rgb).mean())
     if fixed >= DOUBTS.fixed:
-        reasons.append(f"what looks immovable fills {100 * fixed:.0f} % of it")
+        reasons.append(f"{100 * fixed:.0f} % of the photo looks immovable")
     small = _small_photo(rgb)
     detailed = fine_detail(rgb)
     hue, saturation, value = np.moveaxis(
@@ -343,15 +341,15 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
         cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST)
         == 0
     )
-    for what, part, most in (
-        ("blue as of the sky", blue, DOUBTS.sky),
-        ("green and fine as of leaves or grass", green & detailed, DOUBTS.foliage),
-        ("cluttered: fine detail", detailed, DOUBTS.detail),
+    for appearance, part, most in (
+        ("is blue like the sky", blue, DOUBTS.sky),
+        ("looks like leaves or grass", green & detailed, DOUBTS.foliage),
+        ("is cluttered", detailed, DOUBTS.detail),
     ):
         share = np.count_nonzero(part & around) / max(int(around.sum()), 1)
         if share > most:
             return [
                 *reasons,
-                f"{what} on {100 * share:.0f} % of what is around the objects",
+                f"{100 * share:.0f} % of the background {appearance}",
             ]
     return reasons

@@ -1,4 +1,4 @@
-"""Loading of pipelines, and steps of the schedule, for video diffusion models.
+"""Loading, options, schedules, guidance and memory shared by the video diffusion models.
 
 Schedulers of diffusers count their own steps. Here every step is given by number, so that windows, trials and repeated
 steps cannot disturb one another.
@@ -7,24 +7,36 @@ steps cannot disturb one another.
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any, Protocol
 
+import diffusers
 import numpy as np
 import torch
 from diffusers import AutoencoderKL, DiffusionPipeline
 from numpy.typing import NDArray
+from torch import Tensor
 
 from physgen.perceive.backends.models import (
     Flag,
     as_dtype,
+    device_of,
+    dtype_of,
+    free_memory,
+    is_out_of_memory,
     load_pipeline_on_cpu,
     load_weights,
+    run_note,
+    weight_ids,
 )
-from physgen.problems import InputError
-from physgen.refine.denoiser import F32
-from physgen.registry import hub_folder
+from physgen.problems import InputError, collect
+from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
+from physgen.refine.latents import frames_held, latent_frames
+from physgen.registry import Options, Setup, hub_folder, read_options
 
 REFINE = Flag("--refine", "NAME:PATH")
 LIBRARIES = ("diffusers", "transformers")
@@ -77,6 +89,17 @@ def load_pipeline(
     return load_weights(load, weights, what, REFINE)
 
 
+def check_pipeline_class(
+    weights: str, found: str, known: tuple[str, ...], what: str
+) -> None:
+    """Raises InputError where the pipeline `found` is none of those `known`."""
+    if found not in known:
+        fix = f"name weights of a {known[0]}, or the backend of these"
+        raise InputError.of(
+            REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix
+        )
+
+
 def revision(weights: str) -> str:
     """Which weights exactly: the hub's commit; `""` of a folder."""
     main = hub_folder(weights) / "refs" / "main"
@@ -84,7 +107,10 @@ def revision(weights: str) -> str:
 
 
 def place_pipeline(pipe: Any, device: str) -> str:
-    """Moves a pipeline to where it runs, and says how: `none`, all of it now; `model`, each part when it is needed."""
+    """Moves a pipeline to where it runs, and says how: `none`, all of it now.
+
+    `model`, each part when it is needed.
+    """
     if device.startswith("cuda") and importlib.util.find_spec("accelerate"):
         free, _ = torch.cuda.mem_get_info(device)
         if _bytes(pipe) > FULL * free:
@@ -108,10 +134,10 @@ def _bytes(pipe: Any) -> int:
 class Schedule:
     """The steps that run."""
 
-    name: str  # the scheduler's class
-    times: (
-        torch.Tensor
-    )  # (count,): the level of noise that each step passes to the model
+    name: str
+    """The scheduler's class."""
+    times: torch.Tensor
+    """(count,): the level of noise that each step passes to the model."""
     noised: Callable[
         [F32, F32, int], F32
     ]  # latents, noise and step k -> latents as noisy as step k begins
@@ -156,3 +182,283 @@ def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
     """
     down = np.arange(steps)[::-1]
     return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
+
+
+def euler(scheduler: Any, steps: int, count: int) -> Schedule:
+    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023)."""
+    scheduler.set_timesteps(steps)
+    times, sigmas = (
+        scheduler.timesteps[-count:],
+        scheduler.sigmas[-count - 1 :].numpy().astype(np.float32),
+    )
+
+    def noised(latents: F32, noise: F32, k: int) -> F32:
+        return np.asarray((1 - sigmas[k]) * latents + sigmas[k] * noise, np.float32)
+
+    def stepped(prediction: F32, latents: F32, k: int) -> F32:
+        return np.asarray(
+            latents + (sigmas[k + 1] - sigmas[k]) * prediction, np.float32
+        )
+
+    return Schedule(type(scheduler).__name__, times, noised, stepped)
+
+
+OPTIONS: Options = {
+    "resolution": (None, {"type": "integer", "minimum": 16}),
+    "window": (None, {"type": "integer", "minimum": 1}),
+}
+"""Each backend's section of physgen.toml.
+
+`resolution`: px, the side of the square whose area the model is shown at most; `window`: frames that it sees at a
+time; both as it was trained if left out.
+"""
+
+
+class Network(Protocol):
+    """Loaded weights: tensors in, tensors out, on the device."""
+
+    pipe: Any
+
+    def schedule(self, steps: int, count: int) -> Schedule:
+        """The last `count` of `steps`."""
+        ...
+
+    def encode_text(self, text: str) -> Tensor:
+        """What the model understands of a text."""
+        ...
+
+    def condition(self, frame: Tensor, latents: int) -> Any:
+        """What a window of so many latent frames gets of its first frame, (3, H, W) in -1..1; None: only words."""
+        ...
+
+    def encode(self, video: Tensor) -> Tensor:
+        """(F, 3, H, W) in -1..1 on the processor -> (F', C, h, w)."""
+        ...
+
+    def decode(self, latents: Tensor) -> Iterator[Tensor]:
+        """(F', C, h, w) on the processor -> (f, 3, H, W) in -1..1, some frames at a time."""
+        ...
+
+    def predict(
+        self, latents: Tensor, time: Tensor, text: Tensor, condition: Any
+    ) -> Tensor:
+        """What the model says of (F', C, h, w) on the processor at a level of noise."""
+        ...
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What the weights were trained on, as their configurations say."""
+
+    grid: Grid
+    most: int
+    """Frames that the model can see at a time."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a backend's own file knows."""
+
+    name: str
+    what: str
+    """In messages."""
+    guidance: float
+    """How much the model listens to words, as its authors advise."""
+    trained: Callable[[tuple[str, ...]], Trained]
+    """Reads configurations alone. Raises InputError for weights of another model."""
+    load: Callable[[tuple[str, ...], str, torch.dtype], Network]
+    """Weights, the device to come and their type -> the network, on the processor still."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One video under way."""
+
+    schedule: Schedule
+    frames: Sequence[U8]
+    guidance: float
+    text: Tensor
+    negative: Tensor | None
+    """What shall not be seen; None: the model is not guided."""
+    conditions: dict[int, Any] = field(default_factory=dict)
+    """By the first latent frame of a window."""
+
+
+class Sampler:
+    """A backend of `refine`; its model is loaded when the first video begins."""
+
+    def __init__(self, kind: Kind, setup: Setup) -> None:
+        """Raises InputError for a device, a type, options or weights that cannot be; no weights are loaded yet."""
+        self._kind = kind
+        self._options = read_options(setup, kind.name, OPTIONS)
+        self._weights = weight_ids("refine", kind.name, setup, REFINE)
+        self._device = device_of(setup)
+        self._dtype = dtype_of(setup, self._device)
+        # are they here, or to be had
+        collect(
+            partial(load_weights, lambda _: None, weights, kind.what, REFINE)
+            for weights in self._weights
+        )
+        self._trained = kind.trained(self._weights)
+        self.grid = self._asked()
+        self._offload = "none"
+        self._tiled = False
+        self._run: Run | None = None
+
+    def _asked(self) -> Grid:
+        """The grid with what the options say."""
+        grid, side, window = (
+            self._trained.grid,
+            self._options["resolution"],
+            self._options["window"],
+        )
+        if side:
+            grid = replace(grid, area=side * side)
+        if window:
+            if window > self._trained.most:
+                found, most = f"{self._kind.name}.window: {window}", self._trained.most
+                fix = f"write at most {most}"
+                raise InputError.of(
+                    "physgen.toml",
+                    found,
+                    f"is more than the {most} frames that the model can see",
+                    fix,
+                )
+            grid = replace(grid, window=latent_frames(window, grid))
+        return grid
+
+    @cached_property
+    def _network(self) -> Network:
+        network = self._kind.load(self._weights, self._device, self._dtype)
+
+        def place(_: str) -> str:
+            return place_pipeline(network.pipe, self._device)
+
+        self._offload = load_weights(place, self._weights[0], self._kind.what, REFINE)
+        return network
+
+    def begin(
+        self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int
+    ) -> F32:
+        """See `Denoiser`."""
+        network = self._network
+        with memory_errors():
+            vae = network.pipe.vae
+            self._tiled = (
+                frames[0].shape[0] * frames[0].shape[1] > self._trained.grid.area
+            )
+            vae.enable_tiling() if self._tiled else vae.disable_tiling()
+            guidance = (
+                self._kind.guidance if prompt.guidance is None else prompt.guidance
+            )
+            text = network.encode_text(prompt.prompt)
+            negative = network.encode_text(prompt.negative) if guidance > 1 else None
+            network.pipe.maybe_free_model_hooks()  # what reads text leaves the GPU to what reads frames
+            self._run = Run(
+                network.schedule(steps, count), frames, guidance, text, negative
+            )
+            latents = _array(network.encode(_video(frames)))
+            network.pipe.maybe_free_model_hooks()  # and that to what denoises
+        return latents
+
+    def noised(self, latents: F32, noise: F32, k: int) -> F32:
+        """See `Denoiser`."""
+        schedule = self._at().schedule
+        return (
+            schedule.noised(latents, noise, k) if k < len(schedule.times) else latents
+        )
+
+    def predict(self, latents: F32, k: int, first: int) -> F32:
+        """See `Denoiser`."""
+        run, network = self._at(), self._network
+        with memory_errors():
+            if first not in run.conditions:
+                frame = _video([run.frames[self._frame(first)]])[0]
+                run.conditions[first] = network.condition(frame, len(latents))
+            condition = run.conditions[first]
+            z, time = torch.from_numpy(latents), run.schedule.times[k]
+            guided = _array(network.predict(z, time, run.text, condition))
+            if run.negative is None:
+                return guided
+            free = _array(
+                network.predict(z, time, run.negative, condition)
+            )  # in turn: half the memory of both at once
+        return np.asarray(free + np.float32(run.guidance) * (guided - free), np.float32)
+
+    def _frame(self, latent: int) -> int:
+        """Return the frame from which a window that begins with this latent frame starts."""
+        return frames_held(latent, self.grid) if latent else 0
+
+    def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
+        """See `Denoiser`."""
+        return self._at().schedule.stepped(prediction, latents, k)
+
+    def decode(self, latents: F32) -> Iterator[F32]:
+        """See `Denoiser`."""
+        parts = self._network.decode(torch.from_numpy(latents))
+        while True:
+            with memory_errors():
+                part = next(parts, None)
+                frames = (
+                    None
+                    if part is None
+                    else _array((part / 2 + 0.5).permute(0, 2, 3, 1))
+                )
+            if frames is None:
+                return
+            yield frames
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record."""
+        run = self._run
+        note = {
+            **self._options,
+            "offload": self._offload,
+            "tiling": self._tiled,
+            "revision": ",".join(map(revision, self._weights)),
+            "scheduler": run.schedule.name if run else "",
+            "guidance": run.guidance if run else None,
+            "torch": torch.__version__,
+            "diffusers": diffusers.__version__,
+        }
+        return run_note(self._device, self._dtype, ",".join(self._weights), note)
+
+    def close(self) -> None:
+        """The model goes."""
+        self.__dict__.pop("_network", None)
+        self._run = None
+        free_memory()
+
+    def _at(self) -> Run:
+        assert self._run is not None, "begin comes first"
+        return self._run
+
+
+@contextmanager
+def memory_errors() -> Iterator[None]:
+    """Inference; where a device's memory does not suffice, all is given back and MemoryError raised."""
+    try:
+        with (
+            torch.no_grad()
+        ):  # not inference_mode: offloading puts other tensors into parameters
+            yield
+    except (RuntimeError, MemoryError) as error:
+        if not is_out_of_memory(error):
+            raise
+        traceback.clear_frames(error.__traceback__)  # what the step held
+        free_memory()
+        raise MemoryError(str(error)) from None
+
+
+def _video(frames: Sequence[U8]) -> Tensor:
+    """(F, 3, H, W) in -1..1."""
+    shown = torch.empty((len(frames), 3, *frames[0].shape[:2]), dtype=torch.float32)
+    for place, frame in zip(
+        shown, frames, strict=True
+    ):  # one by one: the clip is held once
+        place.copy_(torch.from_numpy(frame).permute(2, 0, 1)).div_(127.5).sub_(1)
+    return shown
+
+
+def _array(values: Tensor) -> F32:
+    return np.asarray(values.to("cpu", torch.float32).numpy(), np.float32)

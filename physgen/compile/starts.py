@@ -1,0 +1,77 @@
+"""Velocities at t = 0 of bodies that joints hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from physgen.compile.world import Body, Joint, World
+from physgen.geometry.polygon import Array
+from physgen.scene.scene import JointKind, Motion
+
+PINS = (JointKind.PIVOT, JointKind.MOTOR)
+
+
+def swing_about_pins(
+    bodies: Sequence[Body], joints: Sequence[Joint]
+) -> tuple[Body, ...]:
+    """Return the bodies; one that only turns about one fixed pin gets the velocity of its spin.
+
+    Of a rod that is pinned at its end, a spin means that the rod turns about its end.
+    """
+    return tuple(_swinging(k, body, bodies, joints) for k, body in enumerate(bodies))
+
+
+def _swinging(
+    index: int, body: Body, bodies: Sequence[Body], joints: Sequence[Joint]
+) -> Body:
+    is_turning = body.spin != 0 and not body.velocity.any()
+    if body.motion is not Motion.DYNAMIC or not is_turning:
+        return body
+    holding = [
+        joint
+        for joint in joints
+        if index in (joint.first, joint.second) and joint.kind is not JointKind.SPRING
+    ]
+    if len(holding) != 1 or holding[0].kind not in PINS:
+        return body
+    (pin,) = holding
+    is_first = pin.first == index
+    partner = pin.second if is_first else pin.first
+    if partner is not None and bodies[partner].motion is Motion.DYNAMIC:
+        return body
+    x, y = pin.first_at if is_first else pin.second_at
+    return replace(body, velocity=body.spin * np.array([y, -x]))
+
+
+def velocities_that_joints_allow(world: World) -> Array:
+    """Return velocities (N, 3) at t = 0 after the impulses of pins and welds: px/s, px/s, rad/s."""
+    bodies = world.bodies
+    velocity = np.array([[*body.velocity, body.spin] for body in bodies])
+    rows: list[Array] = []
+    for joint in world.joints:
+        if joint.kind is JointKind.SPRING:
+            continue
+        block = np.zeros((3, len(bodies), 3))
+        for body, at, sign in (
+            (joint.first, joint.first_at, 1.0),
+            (joint.second, joint.second_at, -1.0),
+        ):
+            if body is not None:
+                x, y = at
+                block[:, body] = sign * np.array([[1, 0, -y], [0, 1, x], [0, 0, 1]])
+        count = 3 if joint.kind is JointKind.WELD else 2
+        rows += list(block[:count].reshape(count, -1))
+    if not rows:
+        return velocity.reshape(-1, 3)
+    jacobian = np.array(rows)
+    is_dynamic = [body.motion is Motion.DYNAMIC for body in bodies]
+    weights = np.array([[body.mass, body.mass, body.moment] for body in bodies])
+    inverse = np.where(np.array(is_dynamic)[:, None], 1 / weights, 0.0).ravel()
+    give = (jacobian * inverse) @ jacobian.T
+    excess = jacobian @ velocity.ravel()
+    impulse = np.linalg.lstsq(give, excess, rcond=1e-10)[0]
+    change = inverse * (jacobian.T @ impulse)
+    return (velocity.ravel() - change).reshape(-1, 3)

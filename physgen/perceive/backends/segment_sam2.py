@@ -1,0 +1,114 @@
+"""Backend segment=sam2: SAM 2.1 (Ravi et al. 2025) draws what is found and what is prompted.
+
+Without a prompt the default segmenter finds the objects, and SAM 2 draws each in its box.
+Its own picture processor needs torchvision; pictures are prepared here in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from torch.nn.functional import interpolate
+from transformers import Sam2Model
+
+from physgen.perceive.backends.models import ModelBackend, weight_ids
+from physgen.perceive.backends.segment_grounded import Sam, read_threshold
+from physgen.perceive.backends.segment_learned import (
+    better_mask,
+    learned,
+    left_to_right,
+)
+from physgen.perceive.roles import Mask, PromptedMask, Rgb, Segments
+from physgen.perceive.segment.masks import Box, smoothed
+from physgen.registry import Setup
+
+NAME = "sam2"
+LEAST_FIT = 0.5
+"""Expected IoU from which SAM's mask of a box replaces the one that was found: below it
+SAM 2 states that it is more wrong than right."""
+
+
+class Sam2(ModelBackend):
+    """A segmenter that draws boxes and points, and what the default segmenter finds."""
+
+    def __init__(self, setup: Setup) -> None:
+        """Raises InputError for an unknown device, number type, option or weights."""
+        (weights,) = weight_ids("segment", NAME, setup)
+        self._threshold = read_threshold(setup, NAME, LEAST_FIT)
+        super().__init__(setup, weights, "SAM 2", {})
+
+    def __call__(self, rgb: Rgb) -> Segments:
+        """Return the objects that the default segmenter finds, drawn by SAM 2."""
+        found = learned()(rgb)
+        masks = [found.labels == k for k in range(1, len(found.confidence) + 1)]
+        model = self._model
+        model.encode(rgb)
+        drawn = list(model.boxes([_box(mask) for mask in masks]))
+        model.forget()
+        labels = np.zeros_like(found.labels)
+        # the surest object is drawn last: it gets the pixels that several masks cover
+        for k in np.argsort(found.confidence, kind="stable").tolist():
+            mask, fit = drawn[k]
+            is_sure = fit >= self._threshold
+            again = better_mask(masks[k], smoothed(mask)) if is_sure else masks[k]
+            labels[again] = k + 1
+        self._options = {"boxes": len(masks)}
+        return left_to_right(replace(found, labels=labels))
+
+    def meant(
+        self,
+        rgb: Rgb,
+        boxes: Sequence[Box],
+        points: Sequence[tuple[float, float]],
+    ) -> list[PromptedMask]:
+        """Return masks of boxes (left, top, width, height px), then of points."""
+        model = self._model
+        model.encode(rgb)
+        corners = [(x, y, x + width, y + height) for x, y, width, height in boxes]
+        masks = [
+            PromptedMask(mask, fit)
+            for mask, fit in (*model.boxes(corners), *model.points(points))
+        ]
+        model.forget()
+        return masks
+
+    def _load(self, weights: str) -> Any:
+        return StretchedSam(weights, self._device, self._dtype)
+
+
+sam2 = Sam2
+"""The factory named in the registry."""
+
+
+class StretchedSam(Sam):
+    """SAM 2 and 2.1: the photo is stretched to a square, and has features of three sizes."""
+
+    what = "SAM 2"
+
+    def _load(self, weights: str) -> Any:
+        return Sam2Model.from_pretrained(
+            weights, dtype=torch.float32, use_safetensors=True
+        )
+
+    def _input_size(self, height: int, width: int) -> tuple[int, int]:
+        return self.side, self.side
+
+    def _encode(self, ready: torch.Tensor) -> Any:
+        return [part.float() for part in self.model.get_image_embeddings(ready)]
+
+    def _restored(self, logits: torch.Tensor) -> Mask:
+        whole = interpolate(
+            logits[None, None], self._photo, mode="bilinear", align_corners=False
+        )
+        return np.asarray((whole[0, 0] > 0).cpu().numpy(), np.bool_)
+
+
+def _box(mask: Mask) -> Box:
+    """Return left, top, right and bottom (px) of a mask (H, W)."""
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return x, y, x + width, y + height

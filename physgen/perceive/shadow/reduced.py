@@ -1,0 +1,153 @@
+"""Shadows found on a reduced photo, and the light they take restored at full size.
+
+Shadows are wide: their search at a fixed size costs the same for every photo. The light
+that is given back is carried to full size by a guided filter (He, Sun and Tang 2013):
+near a shadow's edge it follows the photo's own edge, elsewhere it is smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from physgen.geometry.shadows import Silhouette
+from physgen.maps import F32
+from physgen.perceive.roles import Labels, Rgb, Shadows
+from physgen.perceive.shadow.silhouettes import DARKEST
+from physgen.perceive.working_size import working_size
+from physgen.photometry import decode, encode_u8, luminance
+
+GUIDE_SIDE = 5
+"""px of the reduced photo: side of the guided filter's windows."""
+GUIDE_TEXTURE = 0.01
+"""Squared -log of light: a texture of a tenth of the light is no shadow's edge."""
+VISIBLE = 1e-3
+"""-log of light: less is not given back."""
+
+SilhouettesAt = Callable[[float], Sequence[Silhouette]]
+"""Silhouettes on a picture so many times smaller."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedPhoto:
+    """A background (h, w, 3) and its coverage (h, w), made smaller if they are large."""
+
+    background: Rgb
+    coverage: F32
+    scale: float
+    """px of the photo in one of these."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.coverage.shape[1], self.coverage.shape[0]
+
+    def at(self, silhouettes: SilhouettesAt) -> SilhouettesAt:
+        """Return the silhouettes of the photo as those of this picture."""
+        return lambda scale: silhouettes(scale * self.scale)
+
+
+def reduce_photo(background: Rgb, coverage: F32) -> ReducedPhoto:
+    """Return a background (H, W, 3) and coverage (H, W) at the working size."""
+    size = working_size(coverage.shape)
+    if size is None:
+        return ReducedPhoto(background, coverage, 1.0)
+    scale = max(coverage.shape) / max(size)
+    small = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
+    share = cv2.resize(coverage, size, interpolation=cv2.INTER_AREA)
+    return ReducedPhoto(
+        np.asarray(small, np.uint8), np.asarray(share, np.float32), scale
+    )
+
+
+def restore_size(
+    shadows: Shadows, reduced: ReducedPhoto, background: Rgb, coverage: F32
+) -> Shadows:
+    """Return shadows of a reduced photo as those of its `background` (H, W, 3)."""
+    if reduced.scale == 1:
+        return shadows
+    owners, clean, backdrop = shadows.owners, shadows.clean, shadows.backdrop
+    if backdrop is not None:
+        backdrop = round(backdrop * reduced.scale, 1)
+    if clean is not None:
+        clean = _lighten(background, reduced.background, clean)
+    if owners is not None:
+        owners = _enlarge_owners(owners, coverage)
+    return replace(shadows, clean=clean, owners=owners, backdrop=backdrop)
+
+
+def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
+    size = coverage.shape[::-1]
+    large = cv2.resize(owners, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    large[coverage >= 0.5] = 0
+    return np.asarray(large, np.uint16) if large.any() else None
+
+
+def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
+    """Return `background` with the light by which `lifted` exceeds `small` (h, w, 3)."""
+    height, width = background.shape[:2]
+    guide = _log(luminance(decode(small)))
+    gain = _log(decode(lifted)) - _log(decode(small))
+    rows, columns = (
+        np.flatnonzero((np.abs(gain) > VISIBLE).any(axis=axes))
+        for axes in ((1, 2), (0, 2))
+    )
+    if not len(rows):
+        return background
+    slope, level = _fit_lines(guide, gain)
+    # the box of what changes, and the windows' reach, at full size
+    down, across = height / small.shape[0], width / small.shape[1]
+    top, bottom = (rows[0] - GUIDE_SIDE) * down, (rows[-1] + GUIDE_SIDE) * down
+    left, right = (
+        (columns[0] - GUIDE_SIDE) * across,
+        (columns[-1] + GUIDE_SIDE) * across,
+    )
+    x0, y0 = max(int(left), 0), max(int(top), 0)
+    x1, y1 = min(int(right) + 1, width), min(int(bottom) + 1, height)
+    part = np.s_[y0:y1, x0:x1]
+    linear = decode(background[part])
+    bright = _log(luminance(linear))
+    matrix = np.array(
+        [
+            [1 / across, 0, (x0 + 0.5) / across - 0.5],
+            [0, 1 / down, (y0 + 0.5) / down - 0.5],
+        ]
+    )
+    for channel in range(3):
+        steep, flat = (
+            cv2.warpAffine(
+                np.ascontiguousarray(one[..., channel]),
+                matrix,
+                (x1 - x0, y1 - y0),
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            for one in (slope, level)
+        )
+        more = np.maximum(steep * bright + flat, 0)
+        linear[..., channel] *= np.where(more > VISIBLE, cv2.exp(more), np.float32(1))
+    result = background.copy()
+    result[part] = encode_u8(np.minimum(linear, 1))
+    return result
+
+
+def _fit_lines(guide: F32, values: F32) -> tuple[F32, F32]:
+    """Return slope and level (h, w, 3) of the lines from `guide` (h, w) to `values`."""
+    middle = _box_mean(guide)
+    spread = _box_mean(guide * guide) - middle * middle
+    means = _box_mean(values)
+    shared = _box_mean(guide[..., None] * values) - middle[..., None] * means
+    slope = shared / (np.maximum(spread, 0) + np.float32(GUIDE_TEXTURE))[..., None]
+    level = means - slope * middle[..., None]
+    return _box_mean(slope), _box_mean(level)
+
+
+def _box_mean(values: F32) -> F32:
+    return np.asarray(cv2.blur(values, (GUIDE_SIDE, GUIDE_SIDE)), np.float32)
+
+
+def _log(light: F32) -> F32:
+    return np.asarray(cv2.log(light + np.float32(DARKEST)), np.float32)

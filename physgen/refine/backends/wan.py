@@ -1,0 +1,210 @@
+"""Backend refine=wan: Wan 2.1 and 2.2 (Wan team 2025), a flow in the latents of a causal VAE.
+
+Weights of text to video, of image to video (they get the first frame of each window), and
+of Wan 2.2 with two experts or with one noise level a token (TI2V). The guidance video is
+the start in each case, and its first frame is held.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from diffusers import (
+    AutoencoderKLWan,
+    DiffusionPipeline,
+    FlowMatchEulerDiscreteScheduler,
+)
+from PIL import Image
+from torch import Tensor
+
+from physgen.refine.backends.sampling import (
+    Kind,
+    Sampler,
+    Schedule,
+    Trained,
+    check_pipeline_class,
+    euler,
+    load_pipeline,
+    part_config,
+    pipeline_index,
+)
+from physgen.refine.denoiser import Grid
+from physgen.registry import Setup
+
+NAME, WHAT = "wan", "Wan"
+KNOWN = ("WanPipeline", "WanImageToVideoPipeline", "WanVideoToVideoPipeline")
+GUIDANCE = 5.0
+"""Weight of the prompt that its authors advise."""
+AREA = 480 * 832
+"""px of its training videos."""
+FRAMES = 81
+"""Of its training videos."""
+TOKENS = 512
+"""Of a text."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A first frame as the network takes it."""
+
+    channels: Tensor  # (1, 4 + C, F', h, w): which frames are given, and their latents
+    picture: Tensor | None  # what CLIP sees in it, if the weights use CLIP
+
+
+class Wan:
+    """See `sampling.Network`."""
+
+    def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
+        self.pipe, self._device, self._dtype = pipe, device, dtype
+        config = pipe.scheduler.config
+        # the weights' own UniPC remembers earlier steps, and would undo the fusion
+        self._scheduler = FlowMatchEulerDiscreteScheduler(
+            num_train_timesteps=config.num_train_timesteps,
+            shift=config.get("flow_shift") or config.shift,
+        )
+        vae = pipe.vae.config
+        self._mean, self._spread = (
+            torch.tensor(values, dtype=torch.float32, device=device).view(
+                1, -1, 1, 1, 1
+            )
+            for values in (vae.latents_mean, vae.latents_std)
+        )
+        network = self._network(float("inf"))
+        self._takes_frame = network.config.in_channels > vae.z_dim
+
+    def schedule(self, steps: int, count: int) -> Schedule:
+        """Return Euler's steps, shifted."""
+        return euler(self._scheduler, steps, count)
+
+    def encode_text(self, text: str) -> Tensor:
+        """Return (1, 512, width), zeros behind the text's end.
+
+        The pipeline's own method first mends wrongly decoded letters, for which it needs
+        ftfy; no prompt here is such text.
+        """
+        clean = " ".join(html.unescape(html.unescape(text)).split())
+        tokens = self.pipe.tokenizer(
+            [clean],
+            padding="max_length",
+            max_length=TOKENS,
+            truncation=True,
+            add_special_tokens=True,
+            return_attention_mask=True,
+            return_tensors="pt",
+        )
+        mask = tokens.attention_mask.to(self._device)
+        ids = tokens.input_ids.to(self._device)
+        states = self.pipe.text_encoder(ids, mask).last_hidden_state
+        encoded: Tensor = states.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
+        return encoded
+
+    def condition(self, frame: Tensor, latents: int) -> Condition | None:
+        """Return what a window of so many latent frames gets of its first frame."""
+        if not self._takes_frame:
+            return None
+        stride = self.pipe.vae_scale_factor_temporal
+        count = 1 + (latents - 1) * stride
+        video = torch.zeros((1, 3, count, *frame.shape[1:]), device=self._device)
+        video[0, :, 0] = frame
+        encoded = self._encode(video)
+        given = torch.zeros((1, stride, *encoded.shape[2:]), device=self._device)
+        given[:, :, 0] = 1
+        channels = torch.cat([given, encoded], dim=1).to(self._dtype)
+        return Condition(channels, self._embed(frame))
+
+    def _embed(self, frame: Tensor) -> Tensor | None:
+        network = self._network(float("inf"))
+        if network.config.image_dim is None:
+            return None
+        levels = ((frame / 2 + 0.5) * 255).round().to(torch.uint8)
+        picture = Image.fromarray(levels.permute(1, 2, 0).numpy())
+        embedding: Tensor = self.pipe.encode_image(picture, self._device)
+        return embedding.to(self._dtype)
+
+    def _encode(self, video: Tensor) -> Tensor:
+        latents: Tensor = self.pipe.vae.encode(video).latent_dist.mode()
+        return (latents - self._mean) / self._spread
+
+    def encode(self, video: Tensor) -> Tensor:
+        """Return the mean, every channel centred and scaled."""
+        latents = self._encode(video.to(self._device).transpose(0, 1)[None])
+        return latents[0].transpose(0, 1)
+
+    def decode(self, latents: Tensor) -> Iterator[Tensor]:
+        """Decode all at once: a frame depends on the latent frames before it."""
+        z = latents.to(self._device).transpose(0, 1)[None]
+        video = self.pipe.vae.decode(z * self._spread + self._mean).sample
+        yield from video[0].transpose(0, 1).split(1)
+
+    def predict(
+        self, latents: Tensor, time: Tensor, text: Tensor, condition: Condition | None
+    ) -> Tensor:
+        """(F', C, h, w): the network takes (1, C, F', h, w)."""
+        z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
+        picture = None
+        if condition is not None:
+            z = torch.cat([z, condition.channels], dim=1)
+            picture = condition.picture
+        network = self._network(float(time))
+        flow: Tensor = network(
+            hidden_states=z,
+            timestep=self._timesteps(network, time, z.shape),
+            encoder_hidden_states=text,
+            encoder_hidden_states_image=picture,
+            return_dict=False,
+        )[0]
+        return flow[0].transpose(0, 1)
+
+    def _timesteps(self, network: Any, time: Tensor, shape: torch.Size) -> Tensor:
+        """Return one noise level, or one for each token if the weights ask for it."""
+        time = time.to(self._device).expand(1)
+        if not self.pipe.config.get("expand_timesteps"):
+            return time
+        frames, height, width = (
+            side // patch
+            for side, patch in zip(shape[2:], network.config.patch_size, strict=True)
+        )
+        return time.expand(1, frames * height * width)
+
+    def _network(self, time: float) -> Any:
+        """Return the network for a noise level: Wan 2.2 has one for much and one for little."""
+        much, little = self.pipe.transformer, getattr(self.pipe, "transformer_2", None)
+        share = self.pipe.config.get("boundary_ratio")
+        if much is None or little is None or share is None:
+            return much if much is not None else little
+        edge = share * self._scheduler.config.num_train_timesteps
+        return much if time >= edge else little
+
+
+def trained(weights: tuple[str, ...]) -> Trained:
+    """Return what the configurations state."""
+    (one,) = weights
+    index = pipeline_index(one, WHAT)
+    check_pipeline_class(one, str(index.get("_class_name")), KNOWN, WHAT)
+    has_first = index.get("transformer", [None, None])[1]
+    part = "transformer" if has_first else "transformer_2"
+    vae, network = part_config(one, "vae", WHAT), part_config(one, part, WHAT)
+    cell = vae.get("scale_factor_spatial", 8)
+    stride = vae.get("scale_factor_temporal", 4)
+    side = cell * max(network.get("patch_size", [1, 2, 2])[1:])
+    window = 1 + (FRAMES - 1) // stride
+    most = 1 + (network.get("rope_max_seq_len", 1024) - 1) * stride
+    return Trained(Grid(cell, side, AREA, window, stride), most)
+
+
+def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
+    """Load the pipeline."""
+    pipe = load_pipeline(DiffusionPipeline, weights[0], dtype, WHAT, AutoencoderKLWan)
+    return Wan(pipe, device, dtype)
+
+
+KIND = Kind(NAME, WHAT, GUIDANCE, trained, load)
+
+
+def wan(setup: Setup) -> Sampler:
+    """Make the backend `wan`."""
+    return Sampler(KIND, setup)

@@ -1,0 +1,60 @@
+"""Objects that do not move are seen while the place of others is filled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physgen.perceive.perceive import nearest_labels
+from physgen.perceive.roles import Shadows
+from physgen.perceive.shadow.backgrounds import (
+    fill_backgrounds,
+    fill_before_scenery,
+    find_surroundings,
+)
+from physgen.photometry import DistantLight
+
+NO_SHADOWS = Shadows(
+    None, None, DistantLight((0.0, 0.0, 1.0), 1.0, 0.2), 4.0, 6.0, None, 0.0
+)
+
+
+def _row_mean(photo, hole):
+    """Fill a hole by the mean of what is known in each row."""
+    known = (~hole)[..., None]
+    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
+    mean = (photo * known).sum(axis=1, keepdims=True) / count
+    return np.where(hole[..., None], mean, photo).astype(np.uint8)
+
+
+def _cup_on_bench():
+    """Return a wall, a bench below it that the border cuts, and a cup before the bench."""
+    photo = np.full((120, 160, 3), 200, np.uint8)
+    photo[70:] = 60
+    labels = np.zeros((120, 160), np.uint16)
+    labels[70:, :] = 2
+    labels[50:90, 60:100] = 1
+    photo[50:90, 60:100] = 130
+    return photo, labels
+
+
+def test_place_of_a_cup_is_filled_with_its_bench():
+    photo, labels = _cup_on_bench()
+    coverage = (labels > 0).astype(np.float32)
+    scenery = nearest_labels(labels, [2]) & (coverage > 0)
+    around = find_surroundings(photo, coverage)
+    filled = fill_before_scenery(around, scenery, NO_SHADOWS, _row_mean)
+    together = fill_backgrounds(around, NO_SHADOWS, _row_mean)
+    place = np.s_[78:86, 66:94]
+    assert np.abs(filled.shaded[place].astype(int) - 60).max() < 8
+    assert np.abs(together.shaded[place].astype(int) - 60).min() > 8
+    wall = np.s_[54:62, 66:94]
+    assert np.abs(filled.shaded[wall].astype(int) - 200).max() < 8
+
+
+def test_nearest_labels_of_two_objects_do_not_overlap():
+    _, labels = _cup_on_bench()
+    bench = nearest_labels(labels, [2])
+    assert not (bench & nearest_labels(labels, [1])).any()
+    assert bench[labels == 2].all()
+    assert not bench[labels == 1].any()
+    assert not nearest_labels(labels, [3]).any()
