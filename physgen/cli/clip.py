@@ -14,6 +14,7 @@ from physgen.cli.arguments import (
     refuse_split_values,
 )
 from physgen.cli.clips import add_clips, add_overlays, job_maker
+from physgen.cli.clusters import add_cluster, add_ship, check_cluster
 from physgen.cli.output import Bar, print_line, print_problems
 from physgen.cli.perceive import (
     BEGIN,
@@ -33,6 +34,7 @@ def clip(options: argparse.Namespace) -> int:
     output = options.output or ("out/preview" if options.preview else "out")
     options.output = output
     # a wrong flag of the clip is reported before the photo is perceived
+    check_cluster(options)
     video = video_file(options)
     job_maker(options)
     if video is None:
@@ -93,6 +95,8 @@ def add(parser: Parser) -> None:
     add_backend_choices(parser)
     add_clips(parser)
     add_overlays(parser)
+    add_cluster(parser)
+    add_ship(parser)
     parser.set_defaults(refresh=None)
 
 

@@ -277,6 +277,7 @@ def test_an_unusable_cluster_is_one_message(lesson: Path, capsys, monkeypatch) -
     refused = message("--cluster", "local", "--ship", "unknown://a/b")
     assert refused.startswith('--ship: "unknown://a/b" is no store (')
     monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.delitem(sys.modules, cluster.__name__)
     refused = message("--cluster", "a.json")
     needs = '--cluster: "a.json" needs Dask, which is not installed; '
     assert refused == needs + install("cluster")

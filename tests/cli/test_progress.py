@@ -29,7 +29,7 @@ STAGES = {
     "render": "clip 2 of 2: render 3/3",
     "sweep": "clip 1 of 2: simulate",
     "export": "render 3/3",
-    "perceive": "inpaint 10/12",
+    "perceive": "inpaint 11/12",
     "evaluate": "/2",
 }
 

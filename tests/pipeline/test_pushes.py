@@ -611,7 +611,7 @@ def test_what_is_pushed_and_stuck_is_said_to_be_held(tmp_path: Path, capsys) -> 
 
 
 def test_a_push_that_sets_much_in_motion_is_preferred(tmp_path: Path) -> None:
-    """A ball with a free way to three heavy blocks is ranked first; the box behind it moves itself and the ball."""
+    """A ball has a free way to three heavy blocks; a push of these moves all three."""
     objects = "".join(
         f"  block-{k}: {{mass: 3000, shape: {{box: {{center: [{x}, 130], size: [20, 40]}}}}}}\n"
         for k, x in enumerate((20, 300, 325, 350))
@@ -631,7 +631,7 @@ def test_a_push_that_sets_much_in_motion_is_preferred(tmp_path: Path) -> None:
     poses = pipeline.simulate(
         pipeline.compile(pipeline.load(path, edits), None).world
     ).poses
-    assert (np.ptp(poses[..., 0], axis=0) > 40).sum() >= 2
+    assert (np.ptp(poses[..., 0], axis=0) > 16).sum() >= 3
 
 
 @pytest.mark.slow
