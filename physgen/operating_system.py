@@ -12,6 +12,7 @@ import sys
 import threading
 from _thread import interrupt_main
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING, Any
@@ -33,6 +34,8 @@ NEW_PROCESS_GROUP = 0x200
 """Windows' flag, as `subprocess` has it there."""
 PATH_BYTES = 1024
 """Buffer that macOS fills with the path of an open file: MAXPATHLEN."""
+RESET_PEAK = "5"
+"""What Linux's /proc/self/clear_refs takes to set VmHWM to the memory of now."""
 OTHER_USERS = 0o077
 """Permissions of a file's group and of everybody else."""
 
@@ -111,8 +114,14 @@ def installed_memory() -> int | None:
     return size if size > 0 else None
 
 
+def reset_peak_memory() -> None:
+    """Let `peak_memory` count from now on; other systems than Linux keep the peak of the whole process."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text(RESET_PEAK, encoding="ascii")
+
+
 def peak_memory() -> int:
-    """Return the most bytes that this process has held so far.
+    """Return the most bytes that this process has held so far, or since `reset_peak_memory`.
 
     On Linux from /proc; `getrusage` there includes the process that started this one.
     """

@@ -16,7 +16,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -599,31 +599,37 @@ def describe_error(error: Exception) -> str:
 
 
 def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
-    """List the rows as mappings: role, name, default, chosen, ready, missing, about.
+    """List the rows as mappings: role, name, default, chosen, ready, missing, about, weights.
 
     `chosen` rows are those of `plan`, `ready` ones would run now: nothing is in their list `missing`, which names
-    libraries, weights and settings with the way to get each. No model is imported, and nothing is fetched.
+    libraries, weights and settings with the way to get each; `weights` are the row's own, with size and licence. No
+    model is imported, and nothing is fetched.
     """
     plan = plan or Plan()
     rows: list[Mapping[str, Any]] = []
     for row in BACKENDS:
-        is_chosen = plan.row(row.role) is row
-        weights = ""
-        if is_chosen and row.role in plan.choices:
-            weights = plan.choices[row.role].weights
-        missing = list(_missing(row, weights, plan.options.get(row.name, {})))
+        missing = missing_parts(row, plan)
         rows.append(
             {
                 "role": row.role,
                 "name": row.name,
                 "default": row is find(row.role),
-                "chosen": is_chosen,
+                "chosen": plan.row(row.role) is row,
                 "ready": not missing,
                 "missing": missing,
                 "about": row.about,
+                "weights": [asdict(weights) for weights in row.weights],
             }
         )
     return rows
+
+
+def missing_parts(row: Backend, plan: Plan) -> list[str]:
+    """Return the fix of each part that a row lacks to run now, with the weights of the plan if it chooses the row."""
+    weights = ""
+    if plan.row(row.role) is row and row.role in plan.choices:
+        weights = plan.choices[row.role].weights
+    return list(_missing(row, weights, plan.options.get(row.name, {})))
 
 
 def _missing(row: Backend, choice: str, options: Mapping[str, Any]) -> Iterator[str]:
@@ -677,13 +683,36 @@ def in_hub_cache(weights: str) -> bool:
     return any((hub_folder(weights) / "snapshots").glob("*/*"))
 
 
+@contextmanager
+def offline_hub() -> Iterator[None]:
+    """Keep the hub's library from fetching anything meanwhile."""
+    constants = _hub_constants()
+    if constants is None:
+        yield
+        return
+    before = constants.HF_HUB_OFFLINE
+    constants.HF_HUB_OFFLINE = True
+    try:
+        yield
+    finally:
+        constants.HF_HUB_OFFLINE = before
+
+
 def hub_folder(weights: str) -> Path:
     """Return the folder of a hub id in the hub library's cache.
 
     A missing folder if the library is not installed.
     """
-    try:
-        from huggingface_hub.constants import HF_HUB_CACHE
-    except ModuleNotFoundError:
+    constants = _hub_constants()
+    if constants is None:
         return Path("/nowhere")
-    return Path(HF_HUB_CACHE) / f"models--{weights.replace('/', '--')}"
+    return Path(constants.HF_HUB_CACHE) / f"models--{weights.replace('/', '--')}"
+
+
+def _hub_constants() -> Any:
+    """Return the module with the settings of the hub's library, or None if it is not installed."""
+    try:
+        from huggingface_hub import constants
+    except ModuleNotFoundError:
+        return None
+    return constants

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from physgen import registry
-from physgen.cli.perceive import listing_lines
+from physgen.cli.backends import listing_lines
 from physgen.files import install
 from physgen.problems import InputError
 from physgen.registry import (

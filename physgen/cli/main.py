@@ -12,6 +12,7 @@ from errno import ENAMETOOLONG
 
 from physgen import __version__
 from physgen.cli import (
+    backends,
     clean,
     clip,
     dataset,
@@ -158,7 +159,7 @@ COMMANDS = {
         clean.CLEAN,
         evaluate.EVALUATE,
         verify.VERIFY,
-        perceive.BACKENDS,
+        backends.BACKENDS,
         SCHEMA,
     )
 }

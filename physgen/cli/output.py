@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import sys
@@ -46,8 +47,6 @@ def print_backup(kept: Path) -> None:
 
 def print_json(data: Any) -> None:
     """A result as JSON."""
-    import json
-
     print(json.dumps(data, indent=1, ensure_ascii=False, default=str))
 
 
@@ -178,8 +177,6 @@ class Bar:
             self._width = len(text)
 
     def _print_json(self, stage: str, done: int, total: int) -> None:
-        import json
-
         now = time.monotonic()
         if (
             stage != self._last[0]

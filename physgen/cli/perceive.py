@@ -1,10 +1,9 @@
-"""`perceive`, `import` and `backends`: photos, or folders of the paper's code, to scenes."""
+"""`perceive` and `import`: photos, or folders of the paper's code, to scenes."""
 
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,7 +24,6 @@ from physgen.cli.output import (
     Bar,
     print_backup,
     print_error,
-    print_json,
     print_problem,
     stdout_file,
     write_result,
@@ -230,10 +228,10 @@ def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
     from physgen.perceive.perceive import ROLES
     from physgen.registry import Backends
 
-    return Backends(replace(_plan(options), keep=keep).of(ROLES))
+    return Backends(replace(plan_of(options), keep=keep).of(ROLES))
 
 
-def _plan(options: argparse.Namespace) -> Plan:
+def plan_of(options: argparse.Namespace) -> Plan:
     """The backends that flags and a configuration file choose."""
     from physgen.registry import CONFIGURATION, load_plan
 
@@ -306,37 +304,6 @@ def import_(options: argparse.Namespace) -> int:
     )
     bar.clear()
     write_result(text, options.output, redirected)
-    return OK
-
-
-NAME_WIDTH = 24
-"""Characters of the column of names."""
-
-
-def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Lines of text: a role, its backends, and below each what is missing."""
-    role = None
-    for row in rows:
-        if row["role"] != role:
-            role = row["role"]
-            yield role
-        yield f"  {'*' if row['chosen'] else ' '} {row['name']:<{NAME_WIDTH}} {row['about']}"
-        yield from (f"{'':{NAME_WIDTH + 5}}[{line}]" for line in row["missing"])
-
-
-def list_backends(options: argparse.Namespace) -> int:
-    from physgen import registry
-
-    rows = registry.listing(_plan(options))
-    if options.json:
-        print_json({"backends": rows})
-        return OK
-    for line in listing_lines(rows):
-        print(line)
-    print(
-        "\n* is used unless --backend, --profile or --config chooses another",
-        file=sys.stderr,
-    )
     return OK
 
 
@@ -427,11 +394,6 @@ def add_import(parser: Parser) -> None:
     )
 
 
-def add_list(parser: Parser) -> None:
-    add_backends(parser)
-    parser.flag("--json", "print as JSON")
-
-
 PERCEIVE = Command(
     "perceive",
     "Perceives a photo and writes its scene file and assets.",
@@ -446,11 +408,4 @@ IMPORT = Command(
     "physgen import physgen data/pool -o pool.yaml",
     add_import,
     import_,
-)
-BACKENDS = Command(
-    "backends",
-    "Lists the backends of each step, and what is missing to use them.",
-    "physgen backends --json",
-    add_list,
-    list_backends,
 )

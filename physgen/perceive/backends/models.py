@@ -213,6 +213,10 @@ class ModelBackend:
     def _number_type(self, setup: Setup) -> torch.dtype:
         return dtype_of(setup, self._device)
 
+    def load(self) -> None:
+        """Load the model now."""
+        _ = self._model
+
     def close(self) -> None:
         """Free the model."""
         self.__dict__.pop("_model", None)

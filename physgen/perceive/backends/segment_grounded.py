@@ -105,6 +105,10 @@ class Grounded:
             self._device, self._dtype, ",".join(self._weights), self._counts
         )
 
+    def load(self) -> None:
+        """Load the models now."""
+        _ = self._dino, self._sam
+
     def close(self) -> None:
         """Free the models."""
         for name in ("_dino", "_sam"):

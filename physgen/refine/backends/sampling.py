@@ -423,6 +423,10 @@ class Sampler:
         }
         return run_note(self._device, self._dtype, ",".join(self._weights), note)
 
+    def load(self) -> None:
+        """Load the model now."""
+        _ = self._network
+
     def close(self) -> None:
         """The model goes."""
         self.__dict__.pop("_network", None)
