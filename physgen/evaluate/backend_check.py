@@ -359,13 +359,11 @@ def _write_map(role: str, sample: Sample, folder: Path) -> Path:
         path = folder / "background.png"
         cv2.imwrite(str(path), np.full_like(sample.rgb, 120))
         return path
-    maps = {
-        "depth": sample.depth,
-        "normals": sample.normals,
-        "intrinsic": sample.intrinsics.shading,
-    }
     path = folder / f"{role}.npy"
-    np.save(path, maps[role])
+    if role == "intrinsic":
+        np.save(path, sample.intrinsics.shading)
+    else:
+        np.save(path, getattr(sample, role))
     return path
 
 

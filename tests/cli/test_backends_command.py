@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -61,6 +62,42 @@ def test_backend_returning_nan_fails(capsys, monkeypatch: pytest.MonkeyPatch) ->
 
 def nan_depth():
     return lambda rgb: np.full(rgb.shape[:2], np.nan, np.float32)
+
+
+class Searcher:
+    """A segmenter that searches for nouns and takes prompts, and records each call."""
+
+    calls: ClassVar[list[tuple]] = []
+
+    def __call__(self, rgb, categories):
+        self.calls.append(("nouns", [one.noun for one in categories]))
+
+    def meant(self, rgb, boxes, points):
+        self.calls.append(("prompts", boxes, points))
+
+    def load(self):
+        self.calls.append(("load",))
+
+    def close(self):
+        self.calls.append(("close",))
+
+
+def test_segmenter_gets_nouns_box_and_point_between_load_and_close(
+    capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = f"{__name__}:Searcher"
+    row = Backend("segment", "searcher", target, "", uses=("categories",))
+    monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, row))
+    monkeypatch.setattr(Searcher, "calls", [])
+    code, _ = checks(capsys, "segment=searcher")
+    assert code == 0
+    loading, nouns, (_, (box,), (point,)), closing = Searcher.calls
+    assert (loading, closing) == (("load",), ("close",))
+    assert nouns == ("nouns", ["ball", "block"])
+    left, top, width, height = box
+    labels = Sample().labels
+    assert (labels[top : top + height, left : left + width] == 2).all()
+    assert labels[point[1], point[0]] == 1
 
 
 def test_unknown_and_map_choices_are_refused(capsys) -> None:

@@ -69,14 +69,10 @@ def test_missing_weights_are_no_failure(capsys, tmp_path: Path, weights: Path) -
     assert row["missing"] == [f"lacks {weights}"]
 
 
-@pytest.mark.parametrize(
-    ("role", "name"),
-    [("segment", "sam2"), ("segment", "sam3"), ("refine", "animatediff")],
-)
-def test_check_calls_a_role_as_its_models_take_it(role: str, name: str, tiny) -> None:
-    choice = Choice(name, str(tiny[role, name]))
+def test_check_runs_a_refiner_on_a_clip(tiny) -> None:
+    choice = Choice("animatediff", str(tiny["refine", "animatediff"]))
     plan = Plan(device="cpu", options=tiny.options)
-    (check,) = check_backends(plan, [(role, choice)])
+    (check,) = check_backends(plan, [("refine", choice)])
     assert (check.state, check.fault) == ("ready", "")
     assert check.load_seconds > 0
     assert check.run_seconds > 0
