@@ -163,8 +163,10 @@ def _stored_numbers(image: Image.Image, path: Path, mode: str) -> NDArray[Any]:
                 mode=mode,
                 writeable_output=False,
             )
-    except Exception as error:
-        raise _damaged(path, error) from None
+    except Exception:
+        # imageio reads EXIF data, too, which may be damaged in a sound picture
+        decode_picture(image, path)
+        numbers = np.asarray(image.convert(mode))
     return numbers[:, :, None] if numbers.ndim == 2 else numbers
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from PIL import Image
 
 from physgen.arrays import U8 as U8
 from physgen.phone_formats import recognise
@@ -275,17 +276,30 @@ def _pages(path: Path) -> Iterator[VideoFrame]:
     """Yield the frames of an animated picture."""
     import imageio.v3 as iio
 
-    with open_picture(path) as image:
-        count = int(getattr(image, "n_frames", 1))
-    with path.open("rb") as file, iio.imopen(file, "r", plugin="pillow") as opened:
+    with (
+        open_picture(path) as image,
+        path.open("rb") as file,
+        iio.imopen(file, "r", plugin="pillow") as opened,
+    ):
         reader: Any = opened  # its type lacks the plugin's arguments
-        for k in range(count):
+        for k in range(int(getattr(image, "n_frames", 1))):
             place = f"{path}: frame {k}"
             try:
                 rgba = reader.read(index=k, mode="RGBA")
                 duration = float(reader.metadata(index=k).get("duration") or 0)
-            except Exception:  # readers raise errors of many kinds
-                raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
+            except Exception:  # of damaged EXIF data, or of a damaged frame
+                rgba, duration = _decoded_page(image, k, place)
             yield VideoFrame(
                 over_white(rgba)[0], duration / 1000 or DEFAULT_DURATION, place
             )
+
+
+def _decoded_page(image: Image.Image, index: int, place: str) -> tuple[U8, float]:
+    """Return a frame (H, W, 4) and its duration, ms, without EXIF data. Raises InputError."""
+    try:
+        image.seek(index)
+        rgba = np.asarray(image.convert("RGBA"))
+        duration = float(image.info.get("duration") or 0)
+    except Exception:  # readers raise errors of many kinds
+        raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
+    return rgba, duration

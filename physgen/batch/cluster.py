@@ -8,6 +8,7 @@ process does one item at a time.
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import pickle
@@ -341,6 +342,13 @@ def _scheduler_place(address: str) -> dict[str, str]:
     if not path.is_file():
         fix = "start it: dask scheduler --scheduler-file FILE.json"
         raise InputError.of(FLAG, f'"{address}"', "is no scheduler file", fix)
+    try:
+        scheduler = json.loads(path.read_text(encoding="utf-8"))["address"]
+    except (OSError, ValueError, KeyError, TypeError):
+        scheduler = None
+    if not isinstance(scheduler, str):
+        fix = "name the file that `dask scheduler --scheduler-file FILE.json` writes"
+        raise InputError.of(FLAG, f'"{address}"', "names no scheduler", fix)
     return {"scheduler_file": str(path)}
 
 

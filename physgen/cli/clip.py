@@ -24,7 +24,12 @@ from physgen.cli.perceive import (
     perceive_photos,
     refuse_scenes,
 )
-from physgen.cli.render import add_motion_flags, render, video_file
+from physgen.cli.render import (
+    add_motion_flags,
+    refuse_stored_video,
+    render,
+    video_file,
+)
 from physgen.problems import InputError, Problem
 
 
@@ -36,6 +41,7 @@ def clip(options: argparse.Namespace) -> int:
     # a wrong flag of the clip is reported before the photo is perceived
     check_cluster(options)
     video = video_file(options)
+    refuse_stored_video(options, video)
     job_maker(options)
     if video is None:
         check_folder_name(output)

@@ -47,6 +47,9 @@ def check_cluster(options: argparse.Namespace) -> None:
     """Refuse flags that contradict each other. Raises InputError."""
     ship = getattr(options, "ship", None)
     jobs = getattr(options, "jobs", 1)
+    if ship == "":
+        fix = "write s3://BUCKET/NAME, or another URL of fsspec"
+        raise InputError.of("--ship", '""', "is no store", fix)
     if options.cluster is None and ship is not None:
         fix = "add --cluster ADDRESS"
         raise InputError.of("--ship", f'"{ship}"', "is for clusters", fix)

@@ -37,10 +37,8 @@ def render(options: argparse.Namespace) -> int:
     check_cluster(options)
     options.output = options.output or ("out/preview" if options.preview else "out")
     video = video_file(options)
+    refuse_stored_video(options, video)
     if video is not None:
-        if options.ship is not None:
-            found = "is a file, and clips go to a store"
-            raise InputError.of("-o", f'"{video}"', found, "name a folder")
         options.output = str(video.parent)
     jobs = list(jobs_of(options))
     if video is None:
@@ -52,6 +50,13 @@ def render(options: argparse.Namespace) -> int:
         print_problems(other_variants(path, options))
     gallery = options.part is None and video is None
     return make_all(jobs, len(jobs), options, gallery=gallery)
+
+
+def refuse_stored_video(options: argparse.Namespace, video: Path | None) -> None:
+    """Refuse a store together with the file of a video. Raises InputError."""
+    if video is not None and options.ship is not None:
+        found = "is a file, and clips go to a store"
+        raise InputError.of("-o", f'"{video}"', found, "name a folder")
 
 
 def video_file(options: argparse.Namespace) -> Path | None:

@@ -347,9 +347,10 @@ class _Run:
             backgrounds = fill_backgrounds(around, shadows, inpaint)
         if backgrounds.clean is None or shadows.faint or standing is None:
             return backgrounds
-        clean = remove_reflections(
-            backgrounds.clean, standing, around.coverage, inpaint
-        )
+        # scenery stays in the picture, and so do its reflections
+        movable = np.where(scenery_mask, np.uint16(0), standing)
+        coverage = np.where(scenery_mask, np.float32(0), around.coverage)
+        clean = remove_reflections(backgrounds.clean, movable, coverage, inpaint)
         return replace(backgrounds, clean=clean)
 
     def without_mirror_images(

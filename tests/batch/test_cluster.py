@@ -270,6 +270,11 @@ def test_an_unusable_cluster_is_one_message(lesson: Path, capsys, monkeypatch) -
     assert refused.startswith('--cluster: "tcp://127.0.0.1:9" is no scheduler that')
     refused = message("--cluster", "nowhere.json")
     assert refused.startswith('--cluster: "nowhere.json" is no scheduler file; ')
+    Path("empty.json").write_text("{}")
+    refused = message("--cluster", "empty.json")
+    assert refused.startswith('--cluster: "empty.json" names no scheduler; ')
+    refused = message("--ship", "")
+    assert refused.startswith('--ship: "" is no store; ')
     refused = message("--ship", "s3://a/b")
     assert refused == '--ship: "s3://a/b" is for clusters; add --cluster ADDRESS'
     refused = message("--cluster", "local", "--jobs", "2")
