@@ -19,7 +19,7 @@ from physgen.tables import Table
 TESTS = Path(__file__).parent
 PACKAGE = Path(physgen.__file__).parent
 IMPORT_ALL = """
-import diffusers, fastapi, filelock, torch, transformers, uvicorn
+import diffusers, distributed, fastapi, filelock, torch, transformers, uvicorn
 import importlib
 import pkgutil
 import without_posix

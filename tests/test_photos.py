@@ -247,6 +247,19 @@ def test_every_orientation(shown: U8, tmp_path: Path, orientation: int) -> None:
     assert (read_photo(tmp_path / "clear.png").rgb == 255).all()
 
 
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.webp"])
+@pytest.mark.parametrize("exif", [b"Exif\0\0XXXX", b"Exif\0\0II*\0\xff\xff\xff\x7f"])
+def test_damaged_exif_data_keep_the_picture(
+    name: str, exif: bytes, tmp_path: Path
+) -> None:
+    rgb = np.random.default_rng(0).integers(0, 255, (24, 32, 3)).astype(np.uint8)
+    picture = Image.fromarray(rgb)
+    picture.save(tmp_path / name, exif=exif)
+    with Image.open(tmp_path / name) as stored:
+        expected = np.asarray(stored.convert("RGB"))
+    assert np.array_equal(read_photo(tmp_path / name).rgb, expected)
+
+
 # ---- colour spaces ------------------------------------------------------------------------------------------------
 
 

@@ -16,7 +16,7 @@ from pytest import approx
 
 from physgen.export.video import Format, open_video
 from physgen.problems import InputError
-from physgen.videos import in_folder, read_video
+from physgen.videos import _pages, in_folder, read_video
 
 COLOURS = [
     (128, 128, 128),
@@ -302,3 +302,23 @@ def test_a_playlist_opens_no_other_file(tmp_path: Path) -> None:
     )
     for name in ("a.m3u8", "a.ffconcat", "b.ffconcat"):
         assert "is not a video that can be read" in told(tmp_path / name)
+
+
+def test_damaged_exif_data_keep_the_frames(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    pictures = []
+    for _ in range(2):
+        rgb = rng.integers(0, 255, (24, 32, 3)).astype(np.uint8)
+        pictures.append(Image.fromarray(rgb))
+    pictures[0].save(
+        tmp_path / "clip.webp",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=[100, 200],
+        lossless=True,
+        exif=b"Exif\0\0XXXX",
+    )
+    frames = list(_pages(tmp_path / "clip.webp"))
+    assert [frame.seconds for frame in frames] == [approx(0.1), approx(0.2)]
+    for frame, picture in zip(frames, pictures, strict=True):
+        assert np.array_equal(frame.rgb, np.asarray(picture))

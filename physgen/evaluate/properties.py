@@ -114,7 +114,7 @@ class Answer:
 
 def read_table(path: Path) -> Objects:
     """A table in YAML. Raises InputError."""
-    fix = "write a table as docs/evaluation.md describes"
+    fix = "write a table like physgen/evaluate/objects.yaml"
     try:
         data: Any = plain(
             read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 
-from physgen.perceive.perceive import nearest_labels
+from physgen.perceive.perceive import _Run, nearest_labels
 from physgen.perceive.roles import Shadows
 from physgen.perceive.shadow.backgrounds import (
     fill_backgrounds,
@@ -58,3 +61,30 @@ def test_nearest_labels_of_two_objects_do_not_overlap():
     assert bench[labels == 2].all()
     assert not bench[labels == 1].any()
     assert not nearest_labels(labels, [3]).any()
+
+
+def test_reflections_of_scenery_stay_in_the_background():
+    """A box that the border cuts stays in the picture, with its reflection in the floor."""
+    rng = np.random.default_rng(0)
+    photo = 150 + rng.normal(0, 1, (300, 400, 1)).repeat(3, axis=2)
+    labels = np.zeros((300, 400), np.uint16)
+    labels[60:150, 0:90] = 2
+    photo[60:150, 0:90] = (60, 40, 150)
+    photo[150:240, 0:90] = photo[150:240, 0:90] * 0.8 + np.array((60, 40, 150)) * 0.2
+    labels[110:150, 220:260] = 1
+    photo[110:150, 220:260] = (200, 60, 60)
+    rgb = np.clip(photo, 0, 255).astype(np.uint8)
+    coverage = (labels > 0).astype(np.float32)
+    around = find_surroundings(rgb, coverage)
+    shadows = replace(NO_SHADOWS, clean=around.guess)
+    run = SimpleNamespace(rgb=rgb, crew=_Crew())
+    backgrounds = _Run.fill(run, around, shadows, labels, labels == 2)
+    kept = backgrounds.clean[155:235, 5:85].astype(int)
+    assert np.abs(kept - rgb[155:235, 5:85]).max() <= 3
+
+
+class _Crew:
+    """Fills holes by the mean of each row."""
+
+    def call(self, role, photo, hole):
+        return _row_mean(photo, hole)
