@@ -17,6 +17,8 @@ ROOT = Path(__file__).resolve().parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 MOST_BYTES = 60_000
 """Of a notebook with its outputs."""
+RERUN = ("1 clip, unchanged",)
+"""Lines of a second run, which finds the clips of the first."""
 
 
 def texts(cells: Sequence[dict[str, Any]]) -> list[list[str]]:
@@ -28,12 +30,14 @@ def texts(cells: Sequence[dict[str, Any]]) -> list[list[str]]:
         shown = []
         for output in cell["outputs"]:
             assert output["output_type"] != "error"
-            for kind, data in output.get(
-                "data", {"stream": output.get("text")}
-            ).items():
+            if output.get("name") == "stderr":  # what libraries say of the machine
+                continue
+            kinds = output.get("data", {"stream": output.get("text")})
+            for kind, data in sorted(kinds.items()):
                 is_text = kind in ("stream", "text/plain")
                 shown.append("".join(data) if is_text else kind)
-        found.append("".join(shown).splitlines())
+        lines = "".join(shown).splitlines()
+        found.append([line for line in lines if line not in RERUN])
     return found
 
 

@@ -907,7 +907,7 @@ def test_a_push_that_moves_nothing_any_more_is_chosen_anew(
         )
         text = text.replace("boundaries:\n", f"boundaries:\n{walls}")
     if mine:
-        text = re.sub(r"velocity: \[-?[1-9].*", "velocity: [123, 0]", text, count=1)
+        text = re.sub(r"velocity: \[-?[\d.]+ m.*", "velocity: [123, 0]", text)
     path.write_text(text)
     capsys.readouterr()
     now, _ = refreshed(path)
