@@ -238,9 +238,7 @@ def perceive(
                 "unsure: the light seems to come from below, which is unlikely"
             )
         if slow > 1:
-            comments["render"] = (
-                f"slowed down {slow:g}x: at real speed the motion would soon be over"
-            )
+            comments["render"] = document.slow_motion_comment(slow)
         comments |= document.scene_comments(found, objects, specks, boundaries)
         comments |= reasons
         unknown = (

@@ -237,6 +237,7 @@ def _with_motion(
     Slow motion is what suits the time in which something moves.
     """
     from physgen.geometry.scale import story_slow_motion
+    from physgen.perceive.document import slow_motion_comment
     from physgen.pipeline.verdicts import outcome_doubts, with_doubts
 
     document, comments = perceived.document, dict(perceived.comments)
@@ -250,7 +251,9 @@ def _with_motion(
     usual = round(render.pop("slow", 1))
     slow = story_slow_motion(usual, outcome.seconds)
     render = ({"slow": slow} if slow > 1 else {}) | render
-    if slow == 1:
+    if slow > 1:
+        comments["render"] = slow_motion_comment(slow)
+    else:
         comments.pop("render", None)
     document = document | {"objects": objects}
     if render or "render" in document:

@@ -668,3 +668,19 @@ def test_trials_of_pushes_have_a_longest_time(
     default_push(scene, shapes_of(scene, None), {})
     assert ends
     assert max(ends) <= TRIAL.longest
+
+
+def test_comment_states_the_slow_motion_of_the_scene(tmp_path: Path) -> None:
+    rgb = np.full((140, 300, 3), (190, 186, 176), np.uint8)
+    labels = np.zeros((140, 300), np.uint8)
+    labels[70:110, 60:84] = 1
+    rgb[labels == 1] = (170, 40, 40)
+    rgb[110:] = (90, 60, 40)
+    cv2.imwrite(str(tmp_path / "photo.png"), rgb)
+    cv2.imwrite(str(tmp_path / "masks.png"), labels)
+    path = tmp_path / "scene.yaml"
+    masks = ["--masks", str(tmp_path / "masks.png")]
+    assert main(["perceive", str(tmp_path / "photo.png"), *masks, "-o", str(path)]) == 0
+    slow = pipeline.load(path).render.slow
+    assert slow > 1
+    assert f"# slowed down {slow:g}x" in path.read_text()
