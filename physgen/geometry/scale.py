@@ -462,6 +462,11 @@ def slow_motion(side: int, pixels_per_meter: float) -> int:
     return int(2 ** max(0, round(log(PLAYBACK.crossing / crossing, 2))))
 
 
+def slow_motion_comment(slow: float) -> str:
+    """Return the comment of a scene that plays `slow` times slower than real."""
+    return f"slowed down {slow:g}x: at real speed the motion would soon be over"
+
+
 def story_slow_motion(usual: int, seconds: float) -> int:
     """Return `render.slow` of a clip in which something moves for these s.
 

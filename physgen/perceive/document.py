@@ -185,11 +185,6 @@ def label_confidences(
     return {i: 1.0 if i in own else name.confidence for i, name in named.items()}
 
 
-def slow_motion_comment(slow: float) -> str:
-    """Return the comment of a scene that plays `slow` times slower than real."""
-    return f"slowed down {slow:g}x: at real speed the motion would soon be over"
-
-
 def unknown_label(label: str) -> Problem | None:
     """A warning about a label that the material table does not know; None for one that it knows."""
     what = kind(label)

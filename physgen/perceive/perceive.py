@@ -30,6 +30,7 @@ from physgen.geometry.scale import (
     photo_scale,
     scale_entry,
     slow_motion,
+    slow_motion_comment,
 )
 from physgen.maps import F32, Percepts
 from physgen.materials import kind
@@ -238,7 +239,7 @@ def perceive(
                 "unsure: the light seems to come from below, which is unlikely"
             )
         if slow > 1:
-            comments["render"] = document.slow_motion_comment(slow)
+            comments["render"] = slow_motion_comment(slow)
         comments |= document.scene_comments(found, objects, specks, boundaries)
         comments |= reasons
         unknown = (

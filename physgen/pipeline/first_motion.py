@@ -236,8 +236,7 @@ def _with_motion(
 
     Slow motion is what suits the time in which something moves.
     """
-    from physgen.geometry.scale import story_slow_motion
-    from physgen.perceive.document import slow_motion_comment
+    from physgen.geometry.scale import slow_motion_comment, story_slow_motion
     from physgen.pipeline.verdicts import outcome_doubts, with_doubts
 
     document, comments = perceived.document, dict(perceived.comments)

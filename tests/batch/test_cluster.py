@@ -260,6 +260,7 @@ def test_a_word_that_is_no_cluster_is_refused(name: str, lesson: Path, capsys) -
 
 def test_an_unusable_cluster_is_one_message(lesson: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(cluster, "TIMEOUT", 0.3)
+    monkeypatch.chdir(lesson.parent)
 
     def message(*flags: str) -> str:
         out = str(lesson.parent / "out")
