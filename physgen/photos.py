@@ -164,7 +164,8 @@ def _stored_numbers(image: Image.Image, path: Path, mode: str) -> NDArray[Any]:
                 writeable_output=False,
             )
     except Exception:
-        # imageio reads EXIF data, too, which may be damaged in a sound picture
+        # imageio reads EXIF data, too, which may be damaged in a sound picture;
+        # Pillow decides, and reports pixels that are damaged
         decode_picture(image, path)
         numbers = np.asarray(image.convert(mode))
     return numbers[:, :, None] if numbers.ndim == 2 else numbers

@@ -287,7 +287,8 @@ def _pages(path: Path) -> Iterator[VideoFrame]:
             try:
                 rgba = reader.read(index=k, mode="RGBA")
                 duration = float(reader.metadata(index=k).get("duration") or 0)
-            except Exception:  # of damaged EXIF data, or of a damaged frame
+            except Exception:
+                # damaged EXIF data raise errors of many kinds; a second reader decides
                 rgba, duration = _decoded_page(image, k, place)
             yield VideoFrame(
                 over_white(rgba)[0], duration / 1000 or DEFAULT_DURATION, place
@@ -300,6 +301,6 @@ def _decoded_page(image: Image.Image, index: int, place: str) -> tuple[U8, float
         image.seek(index)
         rgba = np.asarray(image.convert("RGBA"))
         duration = float(image.info.get("duration") or 0)
-    except Exception:  # readers raise errors of many kinds
+    except (EOFError, OSError, SyntaxError, ValueError):
         raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
     return rgba, duration

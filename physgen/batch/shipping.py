@@ -69,8 +69,13 @@ class Store:
     def put(self, path: Path, name: str) -> None:
         """Write a local file into the store."""
         parent = self._path(name).rpartition("/")[0]
-        self._files.makedirs(parent, exist_ok=True)
-        self._files.put_file(str(path), self._path(name))
+        try:
+            self._files.makedirs(parent, exist_ok=True)
+            self._files.put_file(str(path), self._path(name))
+        except OSError as error:
+            found = f"cannot be written ({error.strerror or error})"
+            fix = "name a store in which you may write"
+            raise InputError.of(FLAG, f'"{self.url}"', found, fix) from None
 
     def get(self, name: str, path: Path) -> None:
         """Read a file of the store into a local one. Raises FileNotFoundError."""

@@ -283,6 +283,8 @@ def test_an_unusable_cluster_is_one_message(lesson: Path, capsys, monkeypatch) -
     assert refused.startswith("--jobs: 2 is for one machine; leave it out")
     refused = message("--cluster", "local", "--ship", "unknown://a/b")
     assert refused.startswith('--ship: "unknown://a/b" is no store (')
+    refused = message("--cluster", "local:1", "--ship", "/proc/nowhere")
+    assert refused.startswith('--ship: "/proc/nowhere" cannot be written (')
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.delitem(sys.modules, cluster.__name__)
     refused = message("--cluster", "a.json")
