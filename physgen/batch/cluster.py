@@ -178,7 +178,7 @@ def run_on_cluster(
     """
     if ship is not None:
         yield from run_on_cluster(
-            address, *shipped(Store(ship), items, lost), report=report
+            address, *shipped(Store(ship), work, items, lost), report=report
         )
         return
     with _connected(address) as client:
