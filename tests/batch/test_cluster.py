@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -166,6 +167,29 @@ def test_the_clip_of_a_photo_is_made_on_a_cluster(
     assert capsys.readouterr().out == alone.replace("alone", "shared")
     assert contents(tmp_path / "alone") == contents(tmp_path / "shared")
     assert (tmp_path / "shared" / "photo" / "video.mp4").is_file()
+
+
+@pytest.mark.slow
+def test_the_script_of_the_docs_starts_a_cluster(
+    lesson: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    """With Dask's local cluster in place of Slurm's, and less work."""
+    page = (Path(__file__).parents[2] / "docs" / "batches.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?SLURMCluster.*?)```", page, re.DOTALL)
+    slurm = "from dask_jobqueue import SLURMCluster", "SLURMCluster(**size)"
+    local = "from distributed import LocalCluster", "LocalCluster(n_workers=1)"
+    changes = {**dict(zip(slurm, local, strict=True)), "scale(64)": "scale(1)"}
+    changes |= {"500:1000": "500:2", '"--cluster"': '"--preview", "--cluster"'}
+    for old, new in changes.items():
+        assert script.count(old) == 1
+        script = script.replace(old, new)
+    monkeypatch.chdir(tmp_path)
+    lesson.rename("scene.yaml")
+    with dask_processes.alarm():
+        exec(script, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert [Path(line).name for line in lines[:2]] == ["00,mass=10", "01,mass=500"]
+    assert Path(lines[-1]).name == "sweep.csv"
 
 
 @pytest.mark.slow
