@@ -104,7 +104,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     out.mkdir(parents=True, exist_ok=True)
     running: deque[Point] = deque()  # jobs end in the order in which they begin
     numbers = range(len(plan))[options.part or slice(None)]
-    previews = _Previews(plan, options)
+    previews = Previews(plan, options)
 
     def jobs() -> Iterator[Job]:
         for point in map(plan.__getitem__, numbers):
@@ -141,7 +141,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
         )
 
 
-class _Previews:
+class Previews:
     """The edits that make previews of the points of a sweep."""
 
     def __init__(self, plan: Sweep, options: argparse.Namespace) -> None:
