@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from physgen.cli.arguments import Parser
 from physgen.cli.output import print_error
@@ -89,21 +89,28 @@ def run_all(
 
 def stored_clips(options: argparse.Namespace) -> list[Path]:
     """Return the folders of all clips below those of the command, in its store. Raises InputError."""
-    with _dask_needed(options):
-        from physgen.batch import shipping
-    return shipping.stored_clips(shipping.Store(options.ship), options.folders)
+    shipping = _shipping(options)
+    folders: list[Path] = shipping.stored_clips(
+        shipping.Store(options.ship), options.folders
+    )
+    return folders
 
 
-def gather_clips(options: argparse.Namespace, how: Gathering) -> DatasetSummary:
-    """Make a data set of folders, or of clips in a store. Raises InputError."""
-    if options.ship is None:
-        from physgen.batch.dataset import gather
-
-        return gather(options.folders, options.output, how)
-    with _dask_needed(options):
-        from physgen.batch import shipping
+def gather_stored(options: argparse.Namespace, how: Gathering) -> DatasetSummary:
+    """Make a data set of clips in a store, in the store. Raises InputError."""
+    shipping = _shipping(options)
     store = shipping.Store(options.ship)
-    return shipping.gather_stored(store, options.folders, options.output, how)
+    summary: DatasetSummary = shipping.gather_stored(
+        store, options.folders, options.output, how
+    )
+    return summary
+
+
+def _shipping(options: argparse.Namespace) -> Any:
+    """Return the module that reads and writes stores. Raises InputError."""
+    with _dask_needed(options):
+        from physgen.batch import shipping
+    return shipping
 
 
 @contextmanager

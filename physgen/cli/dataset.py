@@ -20,7 +20,7 @@ from physgen.cli.clusters import (
     add_cluster,
     add_ship,
     check_cluster,
-    gather_clips,
+    gather_stored,
     run_all,
 )
 from physgen.cli.output import OK, print_error, print_line, print_problem
@@ -38,7 +38,7 @@ MAX_WARNINGS = 20
 
 
 def dataset(options: argparse.Namespace) -> int:
-    from physgen.batch.dataset import Gathering, lost_sample, read_splits
+    from physgen.batch.dataset import Gathering, gather, lost_sample, read_splits
 
     check_folder_name(options.output)
     check_cluster(options)
@@ -61,7 +61,10 @@ def dataset(options: argparse.Namespace) -> int:
         return run_all(options, copy, clips, 1, lost_sample)
 
     how = Gathering(splits, warn, progress, copies, options.layout, options.shard_clips)
-    done = gather_clips(options, how)
+    if options.ship is None:
+        done = gather(options.folders, options.output, how)
+    else:
+        done = gather_stored(options, how)
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
     _warn_of_empty_splits(done, options.output)
