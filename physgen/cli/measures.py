@@ -112,7 +112,7 @@ def find_plausibility(options: argparse.Namespace, bar: Bar) -> Findings:
     clips: list[Tracks] = []
     for path in options.clips:
         clips += read(path, options.fps, View(options.view))
-    verdicts = [judge(tracks.holding(options.held), options.skip) for tracks in clips]
+    verdicts = [judge(tracks.hold(options.held), options.skip) for tracks in clips]
     return findings(verdicts)
 
 
