@@ -155,13 +155,13 @@ def with_studio(findings: Findings, kinds: Sequence[Kind]) -> Findings:
         )
         for one in findings.sections
     )
-    more = {**findings.more, "studio": [_kind_row(one) for one in kinds]}
+    more = {**findings.extra, "studio": [_kind_row(one) for one in kinds]}
     sentence = "On the studio's photos the true masks and labels are given; whoever made the scenes set what is true."
     return replace(
         findings,
         rows=rows,
         sections=sections,
-        more=more,
+        extra=more,
         sentences=(*findings.sentences, sentence),
     )
 

@@ -81,12 +81,12 @@ def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
     scene = pipeline.load(
         options.scene, options.set, options.variant, options.allow_outside
     )
-    swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
+    pushes = sweep(scene, options.object, options.angles, options.sizes, bar.show)
     if options.output and find_spec("matplotlib"):
-        plot(swept, options.output / "paths.svg")
+        plot(pushes, options.output / "paths.svg")
     elif options.output:
         print_error("without matplotlib there is no plot of the paths")
-    return findings(swept)
+    return findings(pushes)
 
 
 def add_plausibility(parser: Parser) -> None:

@@ -395,7 +395,7 @@ def findings(found: Measured, skipped: int = 0) -> Findings:
         sentences,
         sections,
         rows(found),
-        more=more,
+        extra=more,
     )
 
 

@@ -335,7 +335,7 @@ def findings(answers: Answers, seed: int = 0) -> Findings:
             f"With fewer than {FEW} raters or videos, intervals are narrower than they should be."
         )
     title = f"Human evaluation of {counted(len(names), 'method')}"
-    return Findings("study", title, tuple(sentences), tuple(sections), rows, more=more)
+    return Findings("study", title, tuple(sentences), tuple(sections), rows, extra=more)
 
 
 def _mean_table(title: str, question: str, rows: Sequence[Mapping[str, Any]]) -> Table:

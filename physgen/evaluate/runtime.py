@@ -290,7 +290,7 @@ def findings(runs: Sequence[Run], here: str) -> Findings:
         sentences,
         tuple(sections),
         rows,
-        more=more,
+        extra=more,
     )
 
 

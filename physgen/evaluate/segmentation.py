@@ -438,7 +438,7 @@ def findings(found: Found) -> Findings:
     )
     title = "Are objects found?"
     return Findings(
-        "segmentation", title, sentences, sections, found.rows, more=found.as_dict()
+        "segmentation", title, sentences, sections, found.rows, extra=found.as_dict()
     )
 
 

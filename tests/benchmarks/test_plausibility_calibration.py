@@ -102,5 +102,5 @@ def test_balanced_accuracy_counts_right_and_wrong_alike() -> None:
         (8 / 9 + 0.5) / 2
     )  # what cannot be asked is not told rightly
     found = findings(rows, range(1000, 1001))
-    assert not found.passed
+    assert not found.has_passed
     assert "75.0 %" in found.sentences[0]

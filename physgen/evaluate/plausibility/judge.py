@@ -627,7 +627,7 @@ def findings(verdicts: Sequence[Verdict]) -> Findings:
         ),
         rows=[verdict.as_dict() for verdict in verdicts],
         bars=(Bar("clips called wrong", count, "0", has_passed),),
-        more={"even": EVEN},
+        extra={"even": EVEN},
     )
 
 
