@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.evaluate.fidelity import TRUTH, Truth, read_ids, replayed, truths
+from physgen.evaluate.fidelity import TRUTH, Truth, read_ids, replay, truths
 from physgen.export.flow import SEEN
 from physgen.photos import read_image
 from physgen.pipeline.clip import Labels
@@ -116,7 +116,7 @@ def export(truth: Truth, folder: Path) -> None:
     compiled = warm.compile(truth.scene, maps)
     labels = Labels.of(("davis", "flo"), truth.scene, maps.percepts)
     filming = Film(truth.scene, compiled, maps, record, warm)
-    labels.of_frames(filming, replayed(truth, compiled), folder, record, silent)
+    labels.of_frames(filming, replay(truth, compiled), folder, record, silent)
 
 
 def numbering(truth: Truth) -> Ids:

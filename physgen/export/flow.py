@@ -59,7 +59,7 @@ class Flo(Writer):
             )
 
 
-def coloured(moved: F32, full: float) -> NDArray[np.uint8]:
+def colour_flow(moved: F32, full: float) -> NDArray[np.uint8]:
     """(H, W, 3) sRGB in OpenCV's order, of a flow (H, W, 2); `full` px are full colour, rest is white."""
     place = moved * np.float32(GRID / full)
     place += np.float32(GRID)
