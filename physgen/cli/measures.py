@@ -33,7 +33,7 @@ def add_properties(parser: Parser) -> None:
 
 def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
     """Ask a backend of physics for the properties of objects."""
-    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, read_table
+    from physgen.evaluate.properties import SHIPPED, Origin, ask, findings, read_table
     from physgen.registry import Backends, choices, load_plan
 
     if others := set(choices(options.backend)) - {"physics"}:
@@ -45,8 +45,8 @@ def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
     backends = Backends(plan)
     answers = ask(table, backends, not options.hide_size, bar.show)
     backends.close()
-    asked = Asked(backends.name("physics"), not options.hide_size)
-    return findings(table, answers, asked)
+    origin = Origin(backends.name("physics"), not options.hide_size)
+    return findings(table, answers, origin)
 
 
 def add_controllability(parser: Parser) -> None:
