@@ -229,7 +229,7 @@ def run_study(options: argparse.Namespace) -> int:
     made = make(methods, options.videos or VIDEOS, options.seed, bar.show)
     bar.clear()
     key = write_study(made, page, print_backup)
-    if left_out := set(methods.scenes) - set(methods.complete):
+    if left_out := set(methods.scenes) - set(methods.common_scenes):
         print_error(
             f"left out, since not every method has made them: {', '.join(sorted(left_out))}"
         )
