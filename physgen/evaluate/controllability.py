@@ -309,7 +309,8 @@ class PushGroup:
         """
         sides = []
         for outcome in self.outcomes:
-            push, x = outcome.push, float(outcome.free_response[0])
+            push = outcome.push
+            x = float(outcome.free_response[0])
             is_sideways = abs(push.x) > 1e-6 * push.size
             if is_sideways and abs(x) >= CONSTANTS.min_length:
                 sides.append(push.x * x > 0)
@@ -514,12 +515,14 @@ def plot(pushes: PushSweep, path: Path) -> None:
 def _plot_limits(pushes: PushSweep) -> tuple[Array, Array]:
     """Return the least and largest x and y (px) of a plot: all paths with a margin, and the photo."""
     places = np.concatenate([outcome.path.places for outcome in pushes.outcomes])
-    low, high = places.min(axis=0), places.max(axis=0)
+    low = places.min(axis=0)
+    high = places.max(axis=0)
     margin = 0.04 * float((high - low).max()) + 1
     low, high = low - margin, high + margin
     if pushes.photo is not None:
         size = np.array(pushes.photo.shape[1::-1])
-        low, high = np.minimum(low, -0.5), np.maximum(high, size - 0.5)
+        low = np.minimum(low, -0.5)
+        high = np.maximum(high, size - 0.5)
     return low, high
 
 
@@ -538,7 +541,8 @@ def _plot_group(axes: Any, group: PushGroup, colour: tuple[float, ...]) -> None:
     count = len(group.outcomes)
     for k, outcome in enumerate(group.outcomes, 1):
         strength = k / count
-        places, width = outcome.path.places, 0.6 + 0.7 * strength
+        places = outcome.path.places
+        width = 0.6 + 0.7 * strength
         axes.plot(*places.T, color=colour, linewidth=width, zorder=2)
         size = 2 + 1.6 * strength
         axes.plot(*places[-1], "o", color=colour, markersize=size, zorder=3)

@@ -139,7 +139,8 @@ def perceive_truth(truth: Truth) -> tuple[Scene, Percepts]:
         from_masks(truth.maps.labels),
         known=KnownFacts(BoundaryGuess(world.view, 1.0, "as given", ())),
     )
-    light, document = perception.document["light"], perception.document["world"]
+    light = perception.document["light"]
+    document = perception.document["world"]
     direction = np.array(light["direction"], float)
     x, y, z = (direction / np.linalg.norm(direction)).tolist()
     softness = light.get("softness", 4.0)
@@ -243,8 +244,11 @@ def ssim(a: U8, b: U8) -> F32:
         return np.asarray(cv2.GaussianBlur(v, (11, 11), 1.5), np.float32)
 
     mx, my = mean(x), mean(y)
-    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
-    c1, c2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
+    vx = mean(x * x) - mx * mx
+    vy = mean(y * y) - my * my
+    vxy = mean(x * y) - mx * my
+    c1 = np.float32((0.01 * 255) ** 2)
+    c2 = np.float32((0.03 * 255) ** 2)
     similarity = ((2 * mx * my + c1) * (2 * vxy + c2)) / (
         (mx * mx + my * my + c1) * (vx + vy + c2)
     )
@@ -265,7 +269,8 @@ def compare(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
     for (true_frame, objects), frame in zip(truth.frames(), frames, strict=True):
         regions = _regions(truth, true_frame, objects)
         error = (frame.astype(np.float64) - true_frame) / 255
-        square, similarity = (error**2).mean(-1), ssim(frame, true_frame)
+        square = (error**2).mean(-1)
+        similarity = ssim(frame, true_frame)
         for name, region in regions.items():
             decibels = psnr(square, region)
             if decibels is not None:

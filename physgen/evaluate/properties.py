@@ -139,10 +139,12 @@ def _parse_table(path: Path) -> Objects:
     rankings = []
     for name in data.get("rankings", {}):
         for record in data["rankings"][Coefficient(name).value]:
-            label, source = record.get("about", ""), record.get("source", "")
+            label = record.get("about", "")
+            source = record.get("source", "")
             values = _ranked_values(record["values"], data["objects"])
             rankings.append(Ranking(name, label, source, values))
-    title, source = data.get("title", path.name), data.get("source", "")
+    title = data.get("title", path.name)
+    source = data.get("source", "")
     return Objects(title, source, tuple(items), tuple(rankings))
 
 
@@ -154,7 +156,8 @@ def _item(
     mass: float | None = None,
 ) -> Item:
     """Return an object. Raise ValueError or TypeError for a wrong value."""
-    shape, sides = Form(form), tuple(map(float, size))
+    shape = Form(form)
+    sides = tuple(map(float, size))
     if sides and len(sides) != LENGTHS[shape]:
         raise ValueError(
             f"{name}: the size is not {LENGTHS[shape]} lengths in mm, as a {form} has"
@@ -328,7 +331,8 @@ def silhouette(item: Item) -> tuple[Rgb, Outline]:
     The shape is a ball's disc, or the rectangle of the two longest sides; turned objects stand upright.
     """
     size = item.size or UNKNOWN_SIZES[item.form]
-    center, px_per_mm = np.full(2, CANVAS / 2), LONGEST / max(size)
+    center = np.full(2, CANVAS / 2)
+    px_per_mm = LONGEST / max(size)
     outline: Outline
     if item.form is Form.BALL:
         outline = Disc(center, size[0] / 2 * px_per_mm)

@@ -112,7 +112,8 @@ def _score_arrays(raters: Sequence[Rater], key: Key) -> dict[str, Scores]:
     for r, rater in enumerate(raters):
         for clip, scores in rater.scores.items():
             method, scene = key.clips[clip]
-            m, s = key.methods.index(method), key.scenes.index(scene)
+            m = key.methods.index(method)
+            s = key.scenes.index(scene)
             for name, score in scores.items():
                 arrays[name][r, m, s] = score
     return arrays
@@ -198,8 +199,10 @@ class Draws:
 
     def means(self, values: F64, weights: F64) -> list[Mean]:
         """Return the means of (R, M, S) values by method, over `weights`, with intervals."""
-        counts, totals = weights.sum(axis=(0, 2)), values.sum(axis=(0, 2))
-        drawn_totals, drawn_counts = self.sums(values), self.sums(weights)
+        counts = weights.sum(axis=(0, 2))
+        totals = values.sum(axis=(0, 2))
+        drawn_totals = self.sums(values)
+        drawn_counts = self.sums(weights)
         means = []
         for k, count in enumerate(counts):
             if not count:
@@ -277,7 +280,8 @@ ALPHA = (
 
 def findings(answers: Answers, seed: int = 0) -> Findings:
     """Return means, preferences and agreement."""
-    key, raters = answers.key, len(answers.raters)
+    key = answers.key
+    raters = len(answers.raters)
     rows = _method_rows(answers, seed)
     agreements = {}
     for question in QUESTIONS:
@@ -342,7 +346,8 @@ def _sentences(answers: Answers, rows: Sequence[Mapping[str, Any]]) -> Iterator[
             yield f"{question.name}: {method} scores highest, {value} of {POINTS}."
         else:
             yield f"{question.name}: no rater answered."
-    raters, videos = len(answers.raters), len(answers.key.scenes)
+    raters = len(answers.raters)
+    videos = len(answers.key.scenes)
     given = sum(int((scores > 0).sum()) for scores in answers.scores.values())
     possible = len(answers.key.clips) * raters * len(QUESTIONS)
     text = f"{counted(raters, 'rater')}, {counted(videos, 'video')} a method, {given} answers"

@@ -249,7 +249,8 @@ def findings(runs: Sequence[Run], here: str) -> Findings:
         machine_runs = [run for run in runs if run.machine == machine]
         parts, stages = _by_part(machine_runs), _by_stage(machine_runs)
         suffix = "" if len(machines) == 1 else f": {machine}"
-        part_table, stage_table = _part_table(machine_runs, parts), _stage_table(stages)
+        part_table = _part_table(machine_runs, parts)
+        stage_table = _stage_table(stages)
         sections += [
             Section(f"By the paper's parts{suffix}", (), (part_table,)),
             Section(f"Every stage{suffix}", (), (stage_table,)),

@@ -89,7 +89,8 @@ class Pair:
 
     def read(self) -> Truth:
         """Return photo and masks. Raise InputError if a file cannot be read, or the sizes differ."""
-        rgb, labels = read_photo(self.photo).rgb, read_labels(self.truth)
+        rgb = read_photo(self.photo).rgb
+        labels = read_labels(self.truth)
         if labels.shape != rgb.shape[:2]:
             found = f"{labels.shape[1]} x {labels.shape[0]} px"
             expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
@@ -139,7 +140,8 @@ def _warning(path: Path, expected: str, fix: str) -> Problem:
 
 def _find_pairs(paths: Sequence[Path]) -> tuple[list[Pair], list[Problem]]:
     """Return the photos that have a label map, and a warning for each other photo."""
-    photo_pairs, warnings = list[Pair](), list[Problem]()
+    photo_pairs = list[Pair]()
+    warnings = list[Problem]()
     for path in paths:
         if path.suffix.lower() not in ENDINGS or path.name.endswith(LABELS):
             continue
@@ -236,7 +238,8 @@ Annotation = dict[str, Any]
 
 def match(photos: Sequence[Photo]) -> Matches:
     """Match masks by falling confidence, each with the free true mask of largest overlap, a threshold or more."""
-    true_masks, detections = list[Annotation](), list[Annotation]()
+    true_masks = list[Annotation]()
+    detections = list[Annotation]()
     for k, photo in enumerate(photos):
         true_masks += [_annotation(k, mask) for mask in photo.true_masks]
         true_masks += [_annotation(k, mask, 1) for mask in photo.unknown_regions]
@@ -265,7 +268,8 @@ def _run_coco(
 
     # pycocotools prints its progress
     with contextlib.redirect_stdout(io.StringIO()):
-        truth, answers = _dataset(photos, true_masks), _dataset(photos, detections)
+        truth = _dataset(photos, true_masks)
+        answers = _dataset(photos, detections)
         judge = COCOeval(truth, answers, "segm")
         judge.params.iouThrs = np.array(THRESHOLDS)
         judge.params.maxDets = [max(len(detections), 1)]

@@ -277,7 +277,8 @@ def _parse_key(record: Mapping[str, Any]) -> Key:
     clips = {}
     for name, clip in record["clips"].items():
         clips[name] = (clip["method"], clip["scene"])
-    methods, scenes = tuple(record["methods"]), tuple(record["scenes"])
+    methods = tuple(record["methods"])
+    scenes = tuple(record["scenes"])
     return Key(record["study"], int(record["seed"]), methods, scenes, clips)
 
 
@@ -487,7 +488,8 @@ def _page_data(study: Study) -> dict[str, Any]:
         clips.append({"name": clip.name, "scene": number, "size": clip.size})
     scene_records = []
     for scene in scenes:
-        photo, words = study.photos.get(scene, ""), study.words.get(scene, "")
+        photo = study.photos.get(scene, "")
+        words = study.words.get(scene, "")
         scene_records.append({"photo": photo, "words": words})
     return {
         "form": ANSWERS,

@@ -71,7 +71,8 @@ def _room_corners(top: float) -> list[list[float]]:
 
 def _fast_ball(draw: Draw, side: int, top: float, surface: Document) -> Document:
     """Return a ball in the half at the left (-1) or the right (1) that flies towards the partition."""
-    radius, angle = draw.number(3, 6), np.radians(draw.number(-70, 70, 1))
+    radius = draw.number(3, 6)
+    angle = np.radians(draw.number(-70, 70, 1))
     speed = FAST[draw.index] * radius * 960
     center = (250 + side * draw.number(40, 180), top + draw.number(30, 130))
     velocity = [-side * speed * cos(angle), speed * sin(angle)]
@@ -164,9 +165,11 @@ def _hollow_outline(draw: Draw) -> list[Case]:
 
 def _rest_error(hollow: _Hollow, radius: float, run: Run) -> Errors:
     """Return 1 unless the ball ends inside the U, on its floor, to half a pixel."""
-    ball, body = run.track("ball"), run.track("hollow")
+    ball = run.track("ball")
+    body = run.track("hollow")
     x, y = ball.positions[-1] - body.displacements[-1]
-    low, high = hollow.left + radius - 0.5, hollow.right - radius + 0.5
+    low = hollow.left + radius - 0.5
+    high = hollow.right - radius + 0.5
     is_between_walls = low < x < high
     is_at_floor = abs(y - (hollow.bottom - radius)) < 0.5
     is_upright = abs(body.angle[-1]) < 0.01

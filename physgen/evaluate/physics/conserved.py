@@ -58,7 +58,8 @@ def _place_balls(draw: Draw) -> list[tuple[Point, float]]:
     balls: list[tuple[Point, float]] = []
     while len(balls) < BALLS:
         radius = draw.number(8, 16)
-        x, y = draw.number(38, 2 + width), draw.number(38, 2 + height)
+        x = draw.number(38, 2 + width)
+        y = draw.number(38, 2 + height)
         clearances = [hypot(x - a, y - b) - other for (a, b), other in balls]
         if all(clearance > radius + 1 for clearance in clearances):
             balls.append(((x, y), radius))
@@ -70,7 +71,8 @@ def _energy_error(names: Sequence[str], run: Run) -> Errors:
     half_room = np.array(ROOM) / 2
     kinetic = np.zeros(len(run.trajectory.times))
     for name in names:
-        track, body = run.track(name), run.body(name)
+        track = run.track(name)
+        body = run.body(name)
         energy = body.mass * track.speed**2 + body.moment * track.spin**2
         kinetic = kinetic + energy / 2
         offsets = np.abs(track.positions - (WALL + half_room))
@@ -107,7 +109,8 @@ def _momenta(draw: Draw) -> list[Case]:
     shapes = _draw_shapes(draw)
     first = draw.index % 4
     second = (draw.index + 1 + draw.index // 4) % 4
-    angle, speed = draw.angle(), draw.number(150, 300, 0)
+    angle = draw.angle()
+    speed = draw.number(150, 300, 0)
     keys = {"mass": draw.mass(), "velocity": list(vector(angle, speed)), **surface}
     offset = draw.sign() * draw.number(8, 16)
     start = place_along(MEETING_POINT, angle, -110, offset)
@@ -159,7 +162,8 @@ def _momenta_error(names: Sequence[str], run: Run) -> Errors:
     momentum_scale = angular_scale = 0.0
     spin_changes = []
     for name in names:
-        track, body = run.track(name), run.body(name)
+        track = run.track(name)
+        body = run.body(name)
         own_momentum = body.mass * track.velocity
         arm = track.positions - MEETING_POINT
         orbital = arm[:, 0] * own_momentum[:, 1] - arm[:, 1] * own_momentum[:, 0]

@@ -22,7 +22,9 @@ def integrate_ellipse(k: float) -> tuple[float, float]:
     """
     if k >= 1:
         return np.inf, 1.0
-    arithmetic, geometric, difference = 1.0, sqrt(1 - k * k), k
+    arithmetic = 1.0
+    geometric = sqrt(1 - k * k)
+    difference = k
     total, power = difference * difference / 2, 0.5
     while difference > MEAN_TOLERANCE:
         mean = (arithmetic + geometric) / 2

@@ -126,7 +126,8 @@ def _stack_hit(draw: Draw) -> Case:
 def _dominoes(draw: Draw) -> Case:
     """Return the case of seven dominoes, the first of them pushed."""
     surface = {"friction": draw.number(0.3, 0.6), "elasticity": draw.number(0, 0.3)}
-    height, mass = draw.number(60, 80, 0), draw.mass()
+    height = draw.number(60, 80, 0)
+    mass = draw.mass()
     distance = height * draw.number(0.4, 0.6)
     objects = {}
     for k in range(1, 8):
@@ -152,7 +153,8 @@ def _table(draw: Draw) -> Case:
         "elasticity": 0.9,
         "rolling": 0.01,
     }
-    angle, speed = np.radians(draw.number(-10, 10)), draw.number(350, 500, 0)
+    angle = np.radians(draw.number(-10, 10))
+    speed = draw.number(350, 500, 0)
     velocity = [speed * cos(angle), speed * sin(angle)]
     objects = {
         "cue": circle((90, 180), 16, velocity=velocity, roll="none", **ball),

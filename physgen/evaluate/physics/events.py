@@ -91,7 +91,9 @@ def _flight(
     track: Track, early: int, late: int, floor: float, gravity: float
 ) -> Flight:
     """Return the flight that contains the samples from `early` to `late`."""
-    vy, y, times = track.velocities[:, 1], track.y, track.times
+    vy = track.velocities[:, 1]
+    y = track.y
+    times = track.times
 
     def floor_speed(sample: int) -> float:
         squared_speed = vy[sample] ** 2 + 2 * gravity * (floor - y[sample])

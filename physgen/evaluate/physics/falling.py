@@ -267,19 +267,23 @@ def _air(draw: Draw) -> list[Case]:
     has_wind = draw.index % 2 == 1
     wind = draw.number(150, 400, 0)
     drag = draw.number(0.02, 0.08, 4)
-    radius, ball_mass = draw.number(10, 25), draw.mass()
-    side, box_mass = draw.number(20, 40), draw.mass()
+    radius = draw.number(10, 25)
+    ball_mass = draw.mass()
+    side = draw.number(20, 40)
+    box_mass = draw.mass()
     # the box is as wide as the disc of the same area
     bodies = {"ball": (ball_mass, 2 * radius), "box": (box_mass, 2 * side / sqrt(pi))}
     ball = circle((60, 60), radius, mass=ball_mass)
     if has_wind:
         air = _Air(drag, wind)
-        size, box_center = (420, 220), (60, 150)
+        size = (420, 220)
+        box_center = (60, 150)
         field = {"wind": [wind, 0], "drag": drag}
         world = FLOATING
     else:
         air = _Air(drag, None)
-        size, box_center = (220, 580), (140, 60)
+        size = (220, 580)
+        box_center = (140, 60)
         field = {"wind": [0, 0], "drag": drag}
         world = {}
     objects = {"ball": ball, "box": box(box_center, (side, side), mass=box_mass)}

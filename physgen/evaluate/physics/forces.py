@@ -61,7 +61,8 @@ class _Block:
         size = (draw.number(40, 70), draw.number(20, 40))
         tilt = draw.number(0, 180, 0)
         # times that are not on the engine's steps
-        start, duration = draw.number(0.05, 0.2, 3), draw.number(0.2, 0.35, 3)
+        start = draw.number(0.05, 0.2, 3)
+        duration = draw.number(0.2, 0.35, 3)
         arm = draw.number(0.3, 0.5) * size[0] * _unit(radians(tilt))
         angle = radians(tilt + draw.sign() * draw.number(50, 90, 0))
         center = np.array([160 + 240 * (k % 2), 130 + 240 * (k // 2)])
@@ -136,7 +137,8 @@ class _Ride:
 
     def spin(self, track: Track) -> float:
         """Return the last spin (rad/s) of a motion by the work done: I w²/2 = F x (displacement of the point)."""
-        c, s = cos(track.angle[-1]), sin(track.angle[-1])
+        c = cos(track.angle[-1])
+        s = sin(track.angle[-1])
         rotation = np.array([[c, -s], [s, c]])
         work = float(self.force @ (rotation @ self.arm - self.arm))
         speed = sqrt(max(2 * work / self.moment, 0.0))
@@ -234,7 +236,8 @@ def _orbits(draw: Draw) -> list[Case]:
     }
     objects, orbits = {}, {}
     for name, (axis, eccentricity) in ellipses.items():
-        angle, side = draw.angle(), draw.sign()
+        angle = draw.angle()
+        side = draw.sign()
         farthest = axis * (1 + eccentricity)
         speed = side * sqrt(strength * (2 / farthest - 1 / axis))
         outward = np.array([cos(angle), sin(angle)])

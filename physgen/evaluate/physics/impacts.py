@@ -84,7 +84,8 @@ def _head_on(draw: Draw) -> list[Case]:
     objects, collisions = {}, []
     elasticities = (0.0, 0.3, draw.number(0.4, 0.9), 1.0)
     for k, center in enumerate(_four_centers(260.0)):
-        angle, speed = draw.angle(), draw.number(150, 300, 0)
+        angle = draw.angle()
+        speed = draw.number(150, 300, 0)
         mass = draw.number(20, 200, 0)
         collision = _Collision(angle, speed, elasticities[k])
         surface = {
@@ -136,7 +137,8 @@ def _row_of_balls(draw: Draw) -> list[Case]:
     # along an axis, whole px and a rounded direction: a gap of 0 is 0 to the last bit
     c = round(float(np.cos(np.radians(angle))), 15)
     s = round(float(np.sin(np.radians(angle))), 15)
-    speed, radius = draw.number(200, 350, 0), draw.number(12, 16, 0)
+    speed = draw.number(200, 350, 0)
+    radius = draw.number(12, 16, 0)
     ball = {
         "solid": "sphere",
         "mass": draw.mass(),
@@ -183,11 +185,9 @@ def _oblique(draw: Draw) -> list[Case]:
     """Return the case of four pairs of equal balls that hit each other off-centre."""
     objects, center_lines = {}, []
     for k, center in enumerate(_four_centers(300.0)):
-        angle, speed, radius = (
-            draw.angle(),
-            draw.number(250, 400, 0),
-            draw.number(10, 20),
-        )
+        angle = draw.angle()
+        speed = draw.number(250, 400, 0)
+        radius = draw.number(10, 20)
         offset = draw.sign() * 2 * radius * draw.number(0.15, 0.85)
         ball = {"mass": draw.mass(), "friction": 0.0, "elasticity": 1.0}
         start = place_along(center, angle, -90, offset)
@@ -231,7 +231,8 @@ class _RoundBody:
     @classmethod
     def random(cls, draw: Draw) -> _RoundBody:
         """Return a body of a draw."""
-        mass, radius = draw.mass(), draw.number(12, 24)
+        mass = draw.mass()
+        radius = draw.number(12, 24)
         return cls(mass, radius, SOLIDS[draw.count(0, 2)])
 
     @property
@@ -269,10 +270,12 @@ class _Hit:
 
     def tangential_mass(self) -> float:
         """Return the impulse that changes the sliding speed by 1 px/s, g."""
-        m, k = self.body.mass, self.body.inertia
+        m = self.body.mass
+        k = self.body.inertia
         if self.partner is None:
             return m / (1 + 1 / k)
-        m2, k2 = self.partner.mass, self.partner.inertia
+        m2 = self.partner.mass
+        k2 = self.partner.inertia
         return 1 / (1 / m + 1 / m2 + 1 / (k * m) + 1 / (k2 * m2))
 
     def friction_limit(self) -> float:
@@ -313,7 +316,8 @@ def _spin_transfer(draw: Draw) -> list[Case]:
 
 
 def _draw_hit(draw: Draw, has_partner: bool) -> _Hit:
-    friction, elasticity = draw.number(0.1, 0.4, 3), draw.number(0.3, 1.0)
+    friction = draw.number(0.1, 0.4, 3)
+    elasticity = draw.number(0.3, 1.0)
     speed = draw.number(150, 300, 0)
     body = _RoundBody.random(draw)
     partner = _RoundBody.random(draw) if has_partner else None

@@ -53,9 +53,11 @@ def _pendulum(draw: Draw) -> list[Case]:
     objects: dict[str, Document] = {}
     joints, swings = {}, {}
     for k, (name, lowest, highest) in enumerate((("bob", 20, 80), ("rod", 80, 130))):
-        degrees, side = draw.number(lowest, highest, 1), draw.sign()
+        degrees = draw.number(lowest, highest, 1)
+        side = draw.sign()
         pivot = np.array([130.0 + 310 * k, 190.0])
-        arm, mass = draw.number(50, 90, 1), draw.mass()
+        arm = draw.number(50, 90, 1)
+        mass = draw.mass()
         direction = np.array([side * sin(radians(degrees)), cos(radians(degrees))])
         center = pivot + arm * direction
         if name == "bob":
@@ -63,7 +65,8 @@ def _pendulum(draw: Draw) -> list[Case]:
             objects[name] = circle(center, radius, mass=mass)
             moment = mass * radius**2 / 2
         else:
-            width, height = draw.number(10, 20), round(2 * arm + 10, 1)
+            width = draw.number(10, 20)
+            height = round(2 * arm + 10, 1)
             objects[name] = box(center, (width, height), -side * degrees, mass=mass)
             moment = mass * (width**2 + height**2) / 12
         joints[f"{name}-pin"] = {"objects": [name], "pivot": pivot.tolist()}
@@ -111,13 +114,18 @@ def _springs(draw: Draw) -> list[Case]:
 
     Their reduced mass m1 m2/(m1 + m2) is the mass of the closed form.
     """
-    objects, joints, springs = {}, {}, {}
+    objects = {}
+    joints = {}
+    springs = {}
     lanes = {"free": 0.0, "damped": draw.number(0.03, 0.1, 3), "pair": 0.0}
     for k, (lane, damping_part) in enumerate(lanes.items()):
-        y, mass, length = 80.0 + 110 * k, draw.mass(), draw.number(120, 160, 0)
+        y = 80.0 + 110 * k
+        mass = draw.mass()
+        length = draw.number(120, 160, 0)
         stretch = draw.sign() * draw.number(20, 50, 0)
         frequency = draw.number(1.5, 3)
-        anchor, center = [ANCHOR_X, y], [ANCHOR_X + length + stretch, y]
+        anchor = [ANCHOR_X, y]
+        center = [ANCHOR_X + length + stretch, y]
         names, swinging_mass = [lane], mass
         if lane == "pair":
             partner_mass = draw.mass()
@@ -151,10 +159,12 @@ def _spring_errors(springs: Mapping[str, _Spring], run: Run) -> Errors:
     frequencies, amplitudes = [], []
     for lane, spring in springs.items():
         track = run.track(lane)
-        x, rate = track.x - ANCHOR_X - spring.length, track.velocities[:, 0]
+        x = track.x - ANCHOR_X - spring.length
+        rate = track.velocities[:, 0]
         if lane == "pair":
             partner = run.track("partner")
-            x, rate = x + ANCHOR_X - partner.x, rate - partner.velocities[:, 0]
+            x = x + ANCHOR_X - partner.x
+            rate = rate - partner.velocities[:, 0]
         y = (rate + spring.decay * x) / spring.omega
         time = track.times[-1]
         phase = np.unwrap(np.arctan2(-y, x))
@@ -238,8 +248,10 @@ def _seesaw(draw: Draw) -> list[Case]:
 def _draw_weights(draw: Draw, thickness: float, part: float) -> tuple[_Weight, _Weight]:
     """Return the weights at the left and right of a plank; the right one has `part` times the left one's torque."""
     left_arm = draw.number(60, 90, 1)
-    left_side, right_side = draw.number(22, 34, 0), draw.number(22, 34, 0)
-    left_mass, right_arm = draw.number(60, 200, 0), draw.number(60, 90, 1)
+    left_side = draw.number(22, 34, 0)
+    right_side = draw.number(22, 34, 0)
+    left_mass = draw.number(60, 200, 0)
+    right_arm = draw.number(60, 90, 1)
     right_mass = part * left_mass * left_arm / right_arm
     return (
         _Weight(left_arm, thickness / 2 + left_side / 2, left_side, left_mass),
@@ -259,7 +271,8 @@ def _seesaw_errors(tilt: _Tilt, run: Run) -> Errors:
     track = run.track("far-plank")
     end = track.sample(SEESAW_TIME)
     deviations = (abs(track.angle[end] / angle - 1), abs(track.spin[end] / spin - 1))
-    light, heavy = run.track("light-plank"), run.track("heavy-plank")
+    light = run.track("light-plank")
+    heavy = run.track("heavy-plank")
     tips_rightly = light.angle[-1] < 0 < heavy.angle[-1]
     return {"acceleration": worst(deviations), "balance": float(not tips_rightly)}
 
@@ -282,21 +295,26 @@ def _motor(draw: Draw) -> list[Case]:
 
     The second motor's moment acts on wheel and base, with 1/I = 1/I1 + 1/I2.
     """
-    objects, joints, ramps = {}, {}, {}
+    objects = {}
+    joints = {}
+    ramps = {}
     for k, name in enumerate(("wheel", "fan")):
-        center, radius = [110.0 + 200 * k, 110.0], draw.number(30, 55)
+        center = [110.0 + 200 * k, 110.0]
+        radius = draw.number(30, 55)
         mass = draw.mass()
         solid = MOTOR_SOLIDS[draw.count(0, 2)]
         objects[name] = circle(center, radius, solid=solid, mass=mass)
         inverse_moment = 1 / (INERTIA[solid] * mass * radius**2)
         names = [name]
         if name == "fan":
-            width, height = draw.number(30, 60), draw.number(90, 140)
+            width = draw.number(30, 60)
+            height = draw.number(90, 140)
             base_mass = draw.mass()
             objects["base"] = box(center, (width, height), mass=base_mass)
             inverse_moment += 12 / (base_mass * (width**2 + height**2))
             names.append("base")
-        speed, time = draw.sign() * draw.number(300, 900, 0), draw.number(0.4, 0.8, 3)
+        speed = draw.sign() * draw.number(300, 900, 0)
+        time = draw.number(0.4, 0.8, 3)
         joints[f"{name}-motor"] = {
             "objects": names,
             "motor": center,
@@ -390,8 +408,10 @@ def _weld(draw: Draw) -> list[Case]:
 
     A ball of mass m at v hits boxes of M at b beside their centre: the impulse is (1 + e) v/(1/m + 1/M + b²/I).
     """
-    elasticity, speed = draw.number(0.2, 1.0), draw.number(150, 300, 0)
-    ball_mass, radius = draw.mass(), draw.number(10, 18)
+    elasticity = draw.number(0.2, 1.0)
+    speed = draw.number(150, 300, 0)
+    ball_mass = draw.mass()
+    radius = draw.number(10, 18)
     surface = {"friction": 0.0, "elasticity": elasticity}
     upper_size = (draw.number(24, 60, 0), draw.number(50, 80, 0))
     lower_size = (draw.number(24, 60, 0), draw.number(50, 80, 0))
@@ -417,7 +437,8 @@ def _weld(draw: Draw) -> list[Case]:
     }
     weld = {"objects": ["upper", "lower"], "weld": welded.seam_center()}
     joints = {"weld": weld}
-    offset, moment = y - welded.center()[1], welded.moment()
+    offset = y - welded.center()[1]
+    moment = welded.moment()
     softness = 1 / ball_mass + 1 / welded.mass + offset**2 / moment
     impulse = side * (1 + elasticity) * speed / softness
     hit = _WeldHit(
@@ -431,7 +452,8 @@ def _weld(draw: Draw) -> list[Case]:
 
 def _weld_errors(welded: _Welded, hit: _WeldHit, run: Run) -> Errors:
     """Return the errors of both spins, and of the velocity of the common centre, over one rigid body's."""
-    upper, lower = run.track("upper"), run.track("lower")
+    upper = run.track("upper")
+    lower = run.track("lower")
     sample = upper.sample(hit.time)
     first, second = welded.masses
     momentum = first * upper.velocity[sample] + second * lower.velocity[sample]

@@ -40,7 +40,9 @@ class _Roll:
 
 def _rolling(draw: Draw) -> list[Case]:
     """Return the case of three round bodies on slopes."""
-    objects, walls, rolls = {}, {}, {}
+    objects = {}
+    walls = {}
+    rolls = {}
     for j, (solid, k) in enumerate(INERTIA.items()):
         side = draw.sign()
         tangent = tan(np.radians(draw.number(10, 35)))
@@ -73,10 +75,16 @@ def _rolling_error(rolls: Mapping[str, _Roll], run: Run) -> Errors:
 
 def _slide_to_roll(draw: Draw) -> list[Case]:
     """Return the case of three round bodies that slide at first."""
-    objects, walls, final_velocities, times = {}, {}, {}, []
+    objects = {}
+    walls = {}
+    final_velocities = {}
+    times = []
     for j, (solid, k) in enumerate(INERTIA.items()):
-        side, mu, radius = draw.sign(), draw.number(0.2, 0.5, 3), draw.number(12, 28)
-        speed, y = draw.number(100, 300, 0), 80 + 80 * j
+        side = draw.sign()
+        mu = draw.number(0.2, 0.5, 3)
+        radius = draw.number(12, 28)
+        speed = draw.number(100, 300, 0)
+        y = 80 + 80 * j
         surface = {"friction": mu, "elasticity": draw.number(0, 0.5)}
         objects[solid] = circle(
             (320 - 260 * side, y - radius),
@@ -120,10 +128,15 @@ class _Brake:
 
 def _rolling_resistance(draw: Draw) -> list[Case]:
     """Return the case of three round bodies that roll to rest."""
-    objects, walls, brakes = {}, {}, {}
+    objects = {}
+    walls = {}
+    brakes = {}
     for j, (solid, k) in enumerate(INERTIA.items()):
-        side, radius, y = draw.sign(), draw.number(12, 28), 80 + 80 * j
-        resistance, time = draw.number(0.06, 0.2, 3), draw.number(0.8, 1.5)
+        side = draw.sign()
+        radius = draw.number(12, 28)
+        y = 80 + 80 * j
+        resistance = draw.number(0.06, 0.2, 3)
+        time = draw.number(0.8, 1.5)
         deceleration = resistance * GRAVITY / (1 + k)
         speed = round(deceleration * time, 1)
         surface = {"friction": 0.8, "elasticity": draw.number(0, 0.5)}
@@ -148,7 +161,9 @@ def _resistance_error(brakes: Mapping[str, _Brake], run: Run) -> Errors:
     """Return the largest error of the distance to rest, and of the speed after half the time over the first speed."""
     errors = []
     for name, brake in brakes.items():
-        side, speed, deceleration = brake.side, brake.speed, brake.deceleration
+        side = brake.side
+        speed = brake.speed
+        deceleration = brake.deceleration
         track = run.track(name)
         half_time = track.sample(speed / deceleration / 2)
         expected = speed - deceleration * track.times[half_time]
@@ -171,7 +186,8 @@ def _platform(draw: Draw) -> list[Case]:
     The script's speed rises by a x KNOT at each knot. Friction of over twice a k/(1 + k) lets the balls catch up in
     less than half an interval, and then they have exactly k/(1 + k) of the platform's speed.
     """
-    acceleration, side = draw.number(200, 500, 0), draw.sign()
+    acceleration = draw.number(200, 500, 0)
+    side = draw.sign()
     left = 330 if side > 0 else 570
     path = []
     for n in range(KNOTS + 1):

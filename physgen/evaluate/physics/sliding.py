@@ -40,9 +40,12 @@ class _Slide:
 
 def _to_rest(draw: Draw) -> list[Case]:
     """Return the case of two blocks that slide to rest, one to the right and one to the left."""
-    objects, floors, slides = {}, {}, {}
+    objects = {}
+    floors = {}
+    slides = {}
     for name, y, side in (("lower", 330, 1), ("upper", 160, -1)):
-        mu, speed = draw.number(0.25, 0.7, 3), draw.number(150, 350, 0)
+        mu = draw.number(0.25, 0.7, 3)
+        speed = draw.number(150, 350, 0)
         size = (draw.number(30, 60, 0), draw.number(15, 30, 0))
         surface = {"friction": mu, "elasticity": draw.number(0, 0.5)}
         center = (320 - 260 * side, y - size[1] / 2)
@@ -98,9 +101,12 @@ INCLINES = _Slopes(left=60, distance=300, width=240, top=60, length=260)
 
 def _incline(draw: Draw) -> list[Case]:
     """Return the case of blocks on slopes of 0.99, 1.01 and 1.5 to 2.5 times the friction."""
-    mu, steep = draw.number(0.2, 0.45, 3), draw.number(1.5, 2.5)
+    mu = draw.number(0.2, 0.45, 3)
+    steep = draw.number(1.5, 2.5)
     surface = {"friction": mu, "elasticity": draw.number(0, 0.5)}
-    objects, walls, slopes = {}, {}, {}
+    objects = {}
+    walls = {}
+    slopes = {}
     parts = {"holds": 0.99, "slips": 1.01, "slides": steep}
     for k, (name, part) in enumerate(parts.items()):
         slope = INCLINES.slope(k, part * mu, draw.sign())
@@ -164,7 +170,8 @@ def _tipping(draw: Draw) -> list[Case]:
 
 def _tipping_error(run: Run) -> Errors:
     """Return 1 unless one block holds and the other tips."""
-    holds, tips = run.track("holds"), run.track("tips")
+    holds = run.track("holds")
+    tips = run.track("tips")
     is_upright = np.abs(holds.angle).max() < 0.01
     is_in_place = np.hypot(*holds.displacements.T).max() < 0.5
     is_tipping = np.abs(tips.angle).max() > 0.3
@@ -182,7 +189,8 @@ RIDERS = {"on-segments": 80, "on-pieces": 180, "on-one-outline": 280}
 def _seams(draw: Draw) -> list[Case]:
     """Return the case of floors made of segments, of separate pieces, and of one outline that is cut into pieces."""
     gap = SEAMS[draw.index] if draw.index < len(SEAMS) else draw.number(0, 0.5, 3)
-    mu, speed = draw.number(0.25, 0.4, 3), draw.number(280, 330, 0)
+    mu = draw.number(0.25, 0.4, 3)
+    speed = draw.number(280, 330, 0)
     size = (draw.number(28, 40, 0), 20.0)
     surface = {"friction": mu, "elasticity": draw.number(0, 0.3)}
     distance = speed**2 / (2 * mu * GRAVITY)
@@ -255,9 +263,11 @@ SLAB_WIDTH = 360.0
 
 def _pulled_slab(draw: Draw) -> list[Case]:
     """Return the case of a stack whose lowest block is pulled out."""
-    mu, upper_blocks = draw.number(0.15, 0.35, 3), draw.count(2, 3)
+    mu = draw.number(0.15, 0.35, 3)
+    upper_blocks = draw.count(2, 3)
     surface = {"friction": mu, "elasticity": draw.number(0, 0.3)}
-    width, height = draw.number(100, 120, 0), draw.number(16, 24, 0)
+    width = draw.number(100, 120, 0)
+    height = draw.number(16, 24, 0)
     masses = [draw.mass() for _ in range(upper_blocks + 1)]
     side = draw.sign()
     objects = {}

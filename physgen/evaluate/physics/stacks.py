@@ -114,13 +114,15 @@ def _dominoes(draw: Draw) -> list[Case]:
     thickness, height = size
     distance = round(height * draw.number(0.45, 0.6))
     surface = {"friction": draw.number(0.3, 0.5), "elasticity": draw.number(0, 0.2)}
-    mass, floor_y = draw.number(10, 60, 0), 160.0
+    mass = draw.number(10, 60, 0)
+    floor_y = 160.0
     # between balance and touching the second
     lean = (atan2(thickness, height) + asin((distance - thickness) / height)) / 2
     objects = {}
     for k in range(1, DOMINOES + 1):
         corner_x = 40.0 + k * distance + thickness / 2
-        center, tilt = (40.0 + k * distance, floor_y - height / 2), 0.0
+        center = (40.0 + k * distance, floor_y - height / 2)
+        tilt = 0.0
         if k == 1:
             center = _leaning_center((corner_x, floor_y), size, lean)
             tilt = degrees(lean)
@@ -147,7 +149,8 @@ def _draw_domino(draw: Draw) -> Point:
 
 def _leaning_center(corner: Point, size: Point, lean: float) -> Point:
     """Return the centre (px) of a domino that stands on its lower right corner and leans by an angle (rad)."""
-    half_thickness, half_height = size[0] / 2, size[1] / 2
+    half_thickness = size[0] / 2
+    half_height = size[1] / 2
     x = corner[0] - half_thickness * cos(lean) + half_height * sin(lean)
     y = corner[1] - half_thickness * sin(lean) - half_height * cos(lean)
     return x, y
@@ -241,12 +244,14 @@ def _falling_plank(draw: Draw) -> list[Case]:
 
 def _plank_error(plank: _Plank, run: Run) -> Errors:
     """Return the largest error of the spin over its last value, and of the way aside over the length."""
-    track, body = run.track("plank"), run.body("plank")
+    track = run.track("plank")
+    body = run.body("plank")
     angle = plank.lean + plank.side * track.angle
     # only the samples up to the first one that is beyond the last angle
     is_beyond = ~(angle < LAST_ANGLE)
     end = int(np.argmax(is_beyond)) or len(angle)
-    angle, spin = angle[:end], plank.side * track.spin[:end]
+    angle = angle[:end]
+    spin = plank.side * track.spin[:end]
     fall = np.maximum(plank.height(plank.lean) - plank.height(angle), 0)
     inertia = body.moment / body.mass + plank.lever(angle) ** 2
     expected = np.sqrt(2 * GRAVITY * fall / inertia)

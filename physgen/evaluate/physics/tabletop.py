@@ -82,7 +82,8 @@ def _mirror_error(
             return {"mirror": UNBROKEN}
     error = 0.0
     for name, partner in mirror_pairs:
-        track, mirror_track = run.track(name), run.track(partner)
+        track = run.track(name)
+        mirror_track = run.track(partner)
         dx = track.x - mirror_track.x
         dy = track.y + mirror_track.y - 2 * AXIS_Y
         error = max(error, float(np.hypot(dx, dy).max()))
@@ -98,7 +99,8 @@ def _puck(draw: Draw) -> list[Case]:
         speed = draw.number(150, 320, 0)
         velocity = [speed * cos(angle), speed * sin(angle)]
         keys = {"mass": draw.mass(), "friction": mu, "velocity": velocity}
-        center, size = (320 + 60 - 120 * k, 270), draw.number(12, 28)
+        center = (320 + 60 - 120 * k, 270)
+        size = draw.number(12, 28)
         if name == "disc":
             objects[name] = circle(center, size, **keys)
         else:
@@ -148,7 +150,8 @@ def _spinning(draw: Draw) -> list[Case]:
     """Return the case of a disc and a plate that spin in place."""
     mu = draw.number(0.1, 0.3, 3)
     radius = draw.number(16, 32)
-    width, height = draw.number(30, 60), draw.number(30, 60)
+    width = draw.number(30, 60)
+    height = draw.number(30, 60)
     arm = mean_distance(width, height)
     decelerations = {
         "disc": 4 * mu * GRAVITY / (3 * radius),
@@ -200,12 +203,14 @@ class _Puck:
     @classmethod
     def random(cls, draw: Draw) -> _Puck:
         """Return a disc whose sliding speed and surface speed have a ratio of 0.3 to 3."""
-        speed, radius = draw.number(120, 300, 0), draw.number(15, 30)
+        speed = draw.number(120, 300, 0)
+        radius = draw.number(15, 30)
         angle = radians(draw.number(-60, 60, 0))
         return cls(speed, speed / radius / draw.number(0.3, 3), radius, angle)
 
 
-FARKAS, FARKAS_FRICTION = _Puck(speed=300.0, spin=15.0, radius=20.0), 0.25
+FARKAS = _Puck(speed=300.0, spin=15.0, radius=20.0)
+FARKAS_FRICTION = 0.25
 """The first disc of the first draw: it slides 234 px."""
 
 
@@ -246,12 +251,14 @@ def _coupled_error(stops: Mapping[str, _CoupledStop], run: Run) -> Errors:
     """Return the largest error of distance, angle and times to rest, and of speed and spin over their first values."""
     errors: list[float] = []
     for name, end in stops.items():
-        track, motion = run.track(name), end.motion
+        track = run.track(name)
+        motion = end.motion
         direction = (cos(end.angle), sin(end.angle))
         deviation = track.displacements[-1] / motion.distance - direction
         errors.append(np.hypot(*deviation))
         errors.append(abs(track.angle[-1] / motion.rotation - 1))
-        speeds, spins = motion.speeds, np.abs(motion.spins)
+        speeds = motion.speeds
+        spins = np.abs(motion.spins)
         errors += _decay_errors(track.times, track.speed, motion.times, speeds)
         errors += _decay_errors(track.times, np.abs(track.spin), motion.times, spins)
     return {"motion": worst(np.abs(errors).tolist())}
@@ -300,12 +307,14 @@ STRIKES = {
 
 def _struck_balls(draw: Draw) -> Case:
     """Return the case of back spin, top spin, and a roll across the way, which bends it, in three lanes."""
-    mu, lane_angle = draw.number(0.15, 0.3, 3), draw.angle()
+    mu = draw.number(0.15, 0.3, 3)
+    lane_angle = draw.angle()
     c, s = cos(lane_angle), sin(lane_angle)
     objects, last_velocities, longest = {}, {}, 0.0
     for name, strike in STRIKES.items():
         angle = lane_angle + radians(draw.number(-8, 8, 0))
-        speed, radius = draw.number(100, 250, 0), draw.number(12, 24)
+        speed = draw.number(100, 250, 0)
+        radius = draw.number(12, 24)
         part = draw.number(0.4, 1.0)
         velocity = speed * np.array([cos(angle), sin(angle)])
         sideways = velocity[::-1] * (-1, 1)
@@ -348,7 +357,8 @@ def _follow_shot(draw: Draw) -> Case:
     """
     mu = draw.number(0.15, 0.3, 3)
     angle = radians(draw.number(-25, 25, 0))
-    speed, radius = draw.number(200, 320, 0), draw.number(12, 20)
+    speed = draw.number(200, 320, 0)
+    radius = draw.number(12, 20)
     ball = {
         "solid": "sphere",
         "mass": draw.mass(),

@@ -32,7 +32,8 @@ class Distances:
 
     def _measure_gap(self, first: int, second: int) -> Array:
         tracks = self.tracks
-        outline, other_outline = tracks.forms[first], tracks.forms[second]
+        outline = tracks.forms[first]
+        other_outline = tracks.forms[second]
         offsets = tracks.places[:, first] - tracks.places[:, second]
         gap = np.hypot(*offsets.T) - outline.reach - other_outline.reach
         if outline.is_round and other_outline.is_round:
@@ -67,7 +68,8 @@ class Distances:
         angles: Array = np.zeros(len(self.tracks.times))
         if self.tracks.angles is not None:
             angles = self.tracks.angles[:, body]
-        c, s = np.cos(angles), np.sin(angles)
+        c = np.cos(angles)
+        s = np.sin(angles)
         return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1)
 
 

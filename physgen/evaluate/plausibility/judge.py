@@ -216,7 +216,8 @@ def ask_energy(motion: Motion) -> list[Evidence]:
             # they touched each other, or each something without a track: the kinder reading counts
             gain = min(gain, _relative_gain(motion, impact))
         names = _join_names(motion.tracks, impact.bodies)
-        parting, closing = max(gain.parting, 0), max(gain.closing, 0)
+        parting = max(gain.parting, 0)
+        closing = max(gain.closing, 0)
         text = f"{names}: parts at {parting:.0f} px/s, came at {closing:.0f} px/s"
         evidence.append(Evidence(gain.deviation, impact.frame, impact.bodies, text))
     return evidence
@@ -263,7 +264,8 @@ def _gain(
     size = float(np.hypot(*change))
     if size == 0:
         return NO_GAIN
-    closing, parting = float(-before @ change) / size, float(after @ change) / size
+    closing = float(-before @ change) / size
+    parting = float(after @ change) / size
     allowed_speed = np.sqrt(max(closing, 0.0) ** 2 + spin_energy)
     excess = max(0.0, parting - allowed_speed - TUNING.certainty * error)
     deviation = excess / max(closing, TUNING.slow_part * usual_speed)
@@ -283,13 +285,15 @@ def ask_overlap(motion: Motion) -> list[Evidence]:
     paths = [_dense_path(motion, k) for k in range(len(tracks.names))]
     for pair in combinations(range(len(tracks.names)), 2):
         first, second = pair
-        outline, other_outline = tracks.forms[first], tracks.forms[second]
+        outline = tracks.forms[first]
+        other_outline = tracks.forms[second]
         gap = motion.gap(first, second)
         width = min(outline.width, other_outline.width)
         is_guided = set(pair) <= tracks.guided_bodies
         if is_guided or width <= 0 or not np.isfinite(gap).any():
             continue
-        depth, frame = float(-np.nanmin(gap)), int(np.nanargmin(gap))
+        depth = float(-np.nanmin(gap))
+        frame = int(np.nanargmin(gap))
         if outline.is_round and other_outline.is_round:
             distances = np.hypot(*(paths[first] - paths[second]).T)
             depths = outline.reach + other_outline.reach - distances
@@ -356,7 +360,9 @@ def _worst_step(motion: Motion, body: int, first: int, last: int) -> Evidence:
             continue
         deviation = _step_deviation(motion, body, first, k, steps, offset)
         if deviation > worst:
-            worst, frame, distance = deviation, first + k + 1, offset
+            worst = deviation
+            frame = first + k + 1
+            distance = offset
     name = motion.tracks.names[body]
     text = f"{name}: is {distance:.1f} px from where it could be at frame {frame}"
     return Evidence(worst, frame, (body,), text)
@@ -366,7 +372,8 @@ def _step_deviation(
     motion: Motion, body: int, first: int, k: int, steps: Array, offset: float
 ) -> float:
     """Return the deviation of step `k` after frame `first`, whose place is `offset` px from where it could be."""
-    sigma, outline = float(motion.sigma[body]), motion.tracks.forms[body]
+    sigma = float(motion.sigma[body])
+    outline = motion.tracks.forms[body]
     lengths = np.hypot(*steps.T)
     lengths_nearby = np.concatenate(
         [lengths[max(k - 3, 0) : k], lengths[k + 2 : k + 5]]
@@ -534,7 +541,9 @@ class Verdict:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
-        tracks, gravity, overall = self.tracks, self.motion.gravity, self.overall
+        tracks = self.tracks
+        gravity = self.motion.gravity
+        overall = self.overall
         noise = {}
         for name, sigma in zip(tracks.names, self.motion.sigma, strict=True):
             noise[name] = round(float(sigma), 4)

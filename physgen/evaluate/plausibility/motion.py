@@ -126,10 +126,12 @@ class Motion:
         return [self._segments_of(k) for k in range(len(self.tracks.names))]
 
     def _segments_of(self, body: int) -> list[Segment]:
-        tracks, sigma = self.tracks, float(self.sigma[body])
+        tracks = self.tracks
+        sigma = float(self.sigma[body])
         segments = []
         for first, last in find_runs(tracks.visible[:, body]):
-            path, times = tracks.places[first:last, body], tracks.times[first:last]
+            path = tracks.places[first:last, body]
+            times = tracks.times[first:last]
             segments += split_segments(path, times, first, sigma)
         return segments
 
@@ -151,7 +153,8 @@ class Motion:
         return turns
 
     def _turn(self, body: int, before: Segment, after: Segment) -> Turn:
-        times, step = self.tracks.times, self.tracks.step
+        times = self.tracks.times
+        step = self.tracks.step
         earliest = times[before.last] - step / 2
         latest = times[after.first] + step / 2
         ticks = np.linspace(earliest, latest, TICKS)
@@ -161,7 +164,8 @@ class Motion:
     def _is_sudden(self, turn: Turn) -> bool:
         """Return whether a velocity changes by more than noise and smooth accelerations explain."""
         step = self.tracks.step
-        a, b = turn.before.acceleration, turn.after.acceleration
+        a = turn.before.acceleration
+        b = turn.after.acceleration
         acceleration = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2)
         smooth_change = acceleration * step
         frames = turn.after.first - turn.before.last
@@ -193,7 +197,8 @@ class Motion:
         return self._fit_frames(body, before), self._fit_frames(body, after)
 
     def _fit_frames(self, body: int, frames: np.ndarray) -> Segment:
-        path, times = self.tracks.places[frames, body], self.tracks.times[frames]
+        path = self.tracks.places[frames, body]
+        times = self.tracks.times[frames]
         return fit_segment(path, times, int(frames[0]), float(self.sigma[body]))
 
     def has_sudden_turn(self, body: int, time: float, frames: float) -> bool:
@@ -253,7 +258,8 @@ class Motion:
     def _is_flight(self, body: int, segment: Segment) -> bool:
         """Return whether a segment is curved or vertical, smooth all along, and no known body touches its body."""
         times = self.tracks.times
-        begin, end = times[segment.first], times[segment.last]
+        begin = times[segment.first]
+        end = times[segment.last]
         is_short = end - begin < TUNING.flight_time
         if segment.count < TUNING.flight_frames or is_short:
             return False
@@ -302,7 +308,8 @@ class Motion:
 
     def neighbours(self, body: int, first: int, last: int) -> list[int]:
         """Return the bodies that may have touched a body between two frames, however fast they were."""
-        first, last = max(first, 0), min(last, len(self.tracks.times) - 1)
+        first = max(first, 0)
+        last = min(last, len(self.tracks.times) - 1)
         neighbours = []
         for other in range(len(self.tracks.names)):
             if other == body:
@@ -392,7 +399,8 @@ def _is_single(impact: Impact, step: float) -> bool:
 
 def _impact(motion: Motion, turn: Turn) -> Impact | None:
     """Return the impact of a turn; None if the bodies in it are not known, or more than two."""
-    first, last = turn.before.last, turn.after.first
+    first = turn.before.last
+    last = turn.after.first
     partners = []
     for body in motion.neighbours(turn.body, first, last):
         partner = _partner(motion, body, turn)
@@ -421,7 +429,8 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
 
 def _has_third_body(motion: Motion, turn: Turn, partner: Turn) -> bool:
     """Return whether another body may have touched the partner at the same time."""
-    first, last = turn.before.last, turn.after.first
+    first = turn.before.last
+    last = turn.after.first
     for body in set(motion.neighbours(partner.body, first, last)) - {turn.body}:
         gap = motion.gap(partner.body, body)[first : last + 1]
         if motion.has_sudden_turn(body, turn.time, TUNING.late_time):

@@ -176,11 +176,15 @@ def _parabola_basis(length: int) -> Array:
 
 def fit_segment(path: Array, times: Array, first: int, sigma: float) -> Segment:
     """Return the segment of all frames of a path, (n, 2) px at (n,) s; `sigma` is their noise, px."""
-    n, middle = len(path), float(times.mean())
-    s, order = times - middle, min(n, 3)
+    n = len(path)
+    middle = float(times.mean())
+    s = times - middle
+    order = min(n, 3)
     columns = np.stack([np.ones(n), s, s * s / 2], axis=1)[:, :order]
     inverse = np.linalg.pinv(columns)
-    terms, spread, residual = np.zeros((3, 2)), np.full((3, 3), np.inf), 0.0
+    terms = np.zeros((3, 2))
+    spread = np.full((3, 3), np.inf)
+    residual = 0.0
     terms[:order] = inverse @ path
     if n >= TUNING.min_frames:
         squared_error = ((path - columns @ terms) ** 2).sum() / (2 * (n - 3))

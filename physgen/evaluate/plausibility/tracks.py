@@ -286,7 +286,8 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     places = np.full((count, len(names), 2), np.nan)
     radii: list[list[float]] = [[] for _ in names]
     for owner, row in zip(owners, rows, strict=True):
-        frame, k = int(row["frame"] - first), names.index(owner)
+        frame = int(row["frame"] - first)
+        k = names.index(owner)
         if np.isfinite(places[frame, k, 0]):
             fault = f"is twice in frame {row['frame']:g}"
             fix = "give each body a name of its own"
