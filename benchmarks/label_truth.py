@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from physgen.evaluate.fidelity import TRUTH, Truth, read_ids, replay, truths
-from physgen.export.flow import SEEN
+from physgen.export.flow import VISIBLE
 from physgen.photos import read_image
 from physgen.pipeline.clip import Labels
 from physgen.pipeline.stages import Film, Keep, Stages
@@ -81,7 +81,7 @@ def compared(truth: Truth, folder: Path) -> Row:
                 str(folder / f"flo/visible/forward/{k + 1:05d}.png"),
                 cv2.IMREAD_UNCHANGED,
             )
-            == SEEN
+            == VISIBLE
         )
         moves = told & (np.hypot(*np.moveaxis(flow, 2, 0)) > MOVES)
         apart = np.abs(warped(rgb[k + 1], flow).astype(int) - rgb[k]).mean(axis=2)
