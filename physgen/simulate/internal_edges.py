@@ -424,9 +424,19 @@ def internal_edges(
 def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
     """Return whether an edge has an end near a shape, or a corner of the shape near it."""
     ends = edge.ends
+    if _are_apart(ends, corners, 0) or _are_apart(ends, corners, 1):
+        return False
     return any(_distance(corners, end) < NEIGHBOURS for end in ends) or any(
         _distance(ends, corner) < NEIGHBOURS for corner in corners
     )
+
+
+def _are_apart(first: Sequence[Spot], second: Sequence[Spot], axis: int) -> bool:
+    """Return whether points are farther from others than neighbours along an axis."""
+    places = [point[axis] for point in first]
+    others = [point[axis] for point in second]
+    gap = max(min(places) - max(others), min(others) - max(places))
+    return gap > NEIGHBOURS
 
 
 def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
