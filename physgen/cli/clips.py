@@ -152,9 +152,9 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     checks: list[Callable[[], Any]] = [partial(_refining, options)]
     if options.export:
-        from physgen.export.formats import chosen_formats
+        from physgen.export.formats import choose_formats
 
-        checks.append(partial(chosen_formats, options.export, "--export"))
+        checks.append(partial(choose_formats, options.export, "--export"))
     refiner, overrides = collect(checks)[0]
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
