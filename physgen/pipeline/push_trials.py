@@ -52,6 +52,8 @@ class TrialLimits:
     """Score up to which a push is no story, whatever its grade."""
     work: float = 2500.0
     """Work of all trials together, in steps of the engine: about half a second."""
+    more_work: float = 7500.0
+    """The same while no calm push moves an object by `travel`."""
     one: float = 1500.0
     """Work of one trial, after which it ends: objects that are jammed take long."""
     longest: float = 6.0
@@ -308,7 +310,7 @@ def _candidates(
     world = replace(trials.world, steps_per_second=TRIAL.rate)
     ranked = rank_pushes(trials, confidence)[: TRIAL.more]
     highest = _highest_score(trials)
-    work, count, has_story = 0.0, 0, False
+    work, count, has_story, is_visible = 0.0, 0, False, False
     for order, pair in enumerate(ranked):
         if has_story and order >= TRIAL.pairs:
             return
@@ -321,7 +323,9 @@ def _candidates(
             score = outcome.score * confidence.get(candidate.item.name, 1.0)
             is_best = outcome.grade is Grade.STORY and score >= TRIAL.enough * highest
             most = TRIAL.most if has_story else 2 * TRIAL.most
-            if is_best or work > TRIAL.work or count >= most:
+            is_visible |= outcome.is_calm and outcome.travel >= TRIAL.travel
+            most_work = TRIAL.work if is_visible else TRIAL.more_work
+            if is_best or work > most_work or count >= most:
                 return
 
 
