@@ -137,18 +137,16 @@ def _whole_outline(
     is_ball = kind(item.label).form in ROLLING_FORMS
     if is_ball:
         disc = _circle(border, own, by)
-        if disc is None:
+        if disc is None or _hidden_share(disc, own, by) < HIDDEN.least_of_ball:
             return None
-        if _hidden_share(disc, own, by) >= HIDDEN.least_of_ball:
-            return Disc(disc.center + corner, disc.radius)
+        return Disc(disc.center + corner, disc.radius)
     hidden = _ellipse(border, own, by)
     if hidden is None:
         hidden = _bays(own, by)
     whole = own | (hidden & by)
     gained = np.count_nonzero(whole) - np.count_nonzero(own)
     area = np.count_nonzero(own)
-    least = HIDDEN.least_of_ball if is_ball else HIDDEN.least
-    if not least * area <= gained <= HIDDEN.most * area:
+    if not HIDDEN.least * area <= gained <= HIDDEN.most * area:
         return None
     full = np.zeros(labels.shape, np.uint16)
     rows, columns = np.nonzero(whole)

@@ -361,8 +361,10 @@ def _search(
     best, halvings = 0.0, 0
     while speed <= hardest and halvings <= TRIAL.halvings:
         candidate = tried(speed)
-        yield candidate
         outcome = candidate.outcome
+        if outcome.grade is Grade.STORY and calm and outcome.travel > TRIAL.far:
+            yield tried(sqrt(calm * speed))  # what goes too far uncovers much
+        yield candidate
         if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best:
             if calm and outcome.travel > TRIAL.slide:
                 yield tried(sqrt(calm * speed))

@@ -31,7 +31,7 @@ LIGHT_ERROR = 0.01
 """-log of light by which the extended shadows may be off."""
 GRAIN = 5.0
 """px: standard deviation of the blur against texture, before fills are compared."""
-SCENERY_REACH = 0.1
+SCENERY_REACH = 0.015
 """Share of the longer side between an object and what it may stand on or before."""
 DARKEST = 2e-3
 """Linear light that is added before ratios: black has none."""

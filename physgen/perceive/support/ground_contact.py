@@ -31,7 +31,6 @@ from physgen.geometry.polygon import (
 from physgen.geometry.simplify import crossings
 from physgen.materials import kind
 from physgen.perceive.roles import Labels, PhotoObject
-from physgen.perceive.spheres import has_round_form
 from physgen.perceive.support.equilibrium import contacts
 
 STEEP = 0.15  # slope above which a line is no level floor
@@ -583,7 +582,7 @@ def needs_base(foot: Foot) -> bool:
     outline = foot.item.outline
     if isinstance(outline, Disc) or foot.item.cut:
         return False
-    if has_round_form(kind(foot.item.label)) and _is_nearly_round(outline):
+    if kind(foot.item.label).form == "ball" and _is_nearly_round(outline):
         return False
     x0, _, x1, _ = bounds(outline)
     middle = float(mass_properties(outline).center[0])
