@@ -359,11 +359,12 @@ def _search(
     speed, hardest = speeds
     calm, leaving = 0.0, inf
     best, halvings = 0.0, 0
+    previous = NO_MOTION
     while speed <= hardest and halvings <= TRIAL.halvings:
         candidate = tried(speed)
         outcome = candidate.outcome
-        if outcome.grade is Grade.STORY and calm and outcome.travel > TRIAL.far:
-            yield tried(sqrt(calm * speed))  # what goes too far uncovers much
+        if calm and _is_too_hard(outcome, previous):
+            yield tried(sqrt(calm * speed))
         yield candidate
         if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best:
             if calm and outcome.travel > TRIAL.slide:
@@ -373,6 +374,7 @@ def _search(
             leaving = speed
         else:
             calm = speed
+            previous = outcome
         if outcome.grade is not Grade.LEAVES:
             best = max(best, outcome.score)
         if leaving < inf:
@@ -380,6 +382,17 @@ def _search(
             speed = sqrt(calm * leaving) if calm else leaving / 2
         else:
             speed = calm * _next_step(trials, outcome)
+
+
+def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
+    """Return whether a push between two may tell more than the harder one.
+
+    What goes too far uncovers much, and what rocks for long may be pushed less.
+    """
+    if outcome.grade is Grade.STORY:
+        return outcome.travel > TRIAL.far
+    is_short = gentler.grade is Grade.SHORT and gentler.travel < TRIAL.travel
+    return is_short and outcome.grade is Grade.RESTLESS
 
 
 def _next_step(trials: TrialScene, outcome: Outcome) -> float:
