@@ -17,23 +17,26 @@ BOXES = [(0, 0, 60, 100), (0, 0, 100, 60), (40, 0, 100, 100), (0, 40, 100, 100)]
 """x0, y0, x1, y1 px of shade at the left, top, right and bottom of a photo."""
 
 
+SIDE = 100
+
+
+def _shade_around(box) -> np.ndarray:
+    """Return shade of 0.2 in a box of a photo, with a photo's width on each side."""
+    rest = np.full((SIDE, SIDE), 0.2, np.float32)
+    claim = np.ones((box[3] - box[1], box[2] - box[0]), np.float32)
+    (left, top, right, bottom), own = _owned(rest, (box, claim), np.ones_like(rest))
+    canvas = np.zeros((3 * SIDE, 3 * SIDE), np.float32)
+    canvas[top + SIDE : bottom + SIDE, left + SIDE : right + SIDE] = own
+    return canvas
+
+
 @pytest.mark.parametrize("turn", range(4))
 def test_shade_at_the_border_fades_beyond_the_photo(turn: int) -> None:
     """Moved into the picture it shows no edge: no step is larger than the fade's."""
-    size = 100
-    rest = np.full((size, size), 0.2, np.float32)
-    everywhere = np.ones_like(rest)
-    box = BOXES[turn]
-    x0, y0, x1, y1 = box
-    claim = everywhere[y0:y1, x0:x1]
-    (left, top, right, bottom), own = _owned(rest, (box, claim), everywhere)
-    assert own.shape == (bottom - top, right - left)
-    canvas = np.zeros((3 * size, 3 * size), np.float32)
-    canvas[top + size : bottom + size, left + size : right + size] = own
-    turned = np.rot90(canvas, turn)  # the border that shade reaches is on the left
-    row = turned[size + size // 2]
-    assert np.abs(np.diff(row[: size + 50])).max() <= 0.2 / (BEYOND * size) + 1e-6
-    assert row[size : size + 50 - EDGE].min() > 0.15
+    turned = np.rot90(_shade_around(BOXES[turn]), turn)  # it reaches the left border
+    row = turned[SIDE + SIDE // 2]
+    assert np.abs(np.diff(row[: SIDE + 50])).max() <= 0.2 / (BEYOND * SIDE) + 1e-6
+    assert row[SIDE : SIDE + 50 - EDGE].min() > 0.15
     assert row[0] == 0
 
 
