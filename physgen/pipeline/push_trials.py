@@ -390,7 +390,7 @@ def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
     What goes too far uncovers much, and what rocks for long may be pushed less.
     """
     if outcome.grade is Grade.STORY:
-        return outcome.travel > TRIAL.far
+        return gentler.grade is not Grade.STORY and outcome.travel > TRIAL.far
     is_short = gentler.grade is Grade.SHORT and gentler.travel < TRIAL.travel
     return is_short and outcome.grade is Grade.RESTLESS
 
