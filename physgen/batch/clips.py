@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from physgen.problems import InputError
+from physgen.problems import InputError, Problem
 from physgen.report.folders import looks_like_clip
 from physgen.text import natural
 
@@ -31,19 +31,32 @@ def checked_folders(roots: Sequence[Path]) -> list[Path]:
         if not root.is_dir():
             fix = "name folders that were rendered or exported into"
             problems += InputError.of(str(root), "", "is no folder", fix).problems
+    problems += _repeated_roots(roots)
+    if problems:
+        raise InputError(problems)
+    return list(roots)
+
+
+def check_distinct(roots: Sequence[Path]) -> None:
+    """Refuse folders within others. Raises InputError."""
+    problems = _repeated_roots(roots)
+    if problems:
+        raise InputError(problems)
+
+
+def _repeated_roots(roots: Sequence[Path]) -> list[Problem]:
+    """Return a problem for each pair of folders of which one holds the other."""
     real = {root: root.resolve() for root in roots}
+    problems: list[Problem] = []
     for n, root in enumerate(roots):
         for other in roots[:n]:
             if real[root].is_relative_to(real[other]) or real[other].is_relative_to(
                 real[root]
             ):
                 found = f"and {other} hold the same clips"
-                problems += InputError.of(
-                    str(root), "", found, "name only one of them"
-                ).problems
-    if problems:
-        raise InputError(problems)
-    return list(roots)
+                fix = "name only one of them"
+                problems += InputError.of(str(root), "", found, fix).problems
+    return problems
 
 
 def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
