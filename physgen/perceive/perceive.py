@@ -60,6 +60,7 @@ from physgen.perceive.shadow.backgrounds import (
     Surroundings,
     fill_backgrounds,
     fill_before_scenery,
+    find_scenery,
     find_surroundings,
 )
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
@@ -190,7 +191,8 @@ def perceive(
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
         # the fill takes as long as all that does not need it
         # what the border cuts off stays where it is, as scenery for all others
-        fixed = [item.id for item in objects if item.cut]
+        cut = [item.id for item in objects if item.cut]
+        fixed = find_scenery(filled, cut)
         scenery_mask = nearest_labels(filled, fixed) & (coverage > 0)
         filling = beside.submit(run.fill, around, shadows, standing, scenery_mask)
         labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
