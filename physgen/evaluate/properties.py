@@ -112,12 +112,20 @@ class Answer:
     reason: str = ""
 
 
+TABLE_START = "`objects:` and one line per object, e.g. `cup: {label: cup, mass: 118}`"
+"""First keys of a table, as messages name them."""
+
+
 def read_table(path: Path) -> Objects:
     """A table in YAML. Raises InputError."""
     fix = "write a table like physgen/evaluate/objects.yaml"
     try:
         data: Any = plain(
-            read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
+            read(
+                decode(path.read_bytes(), str(path)),
+                Source(str(path), path.parent),
+                start=TABLE_START,
+            )
         )
         objects = tuple(_item(name, **row) for name, row in data["objects"].items())
         rankings = tuple(

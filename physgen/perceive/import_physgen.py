@@ -399,9 +399,14 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
     return values
 
 
+SIM_START = "`obj_info:` and one entry per object"
+"""First key of the file, as messages name it."""
+
+
 def read_sim(path: Path) -> Sim:
     """Raises InputError with every wrong line."""
-    root = read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
+    source = Source(str(path), path.parent)
+    root = read(decode(path.read_bytes(), str(path)), source, start=SIM_START)
     data, known = plain(root), _schema()["properties"]
     of_object = known["obj_info"]["additionalProperties"]["properties"]
     problems = [

@@ -74,7 +74,7 @@ def test_the_second_weights_alone_can_be_named(tiny, tmp_path):
 
 def test_a_device_that_is_not_here_is_refused():
     assert models.device_of(Setup(device="auto")) in ("cpu", "cuda", "mps")
-    with pytest.raises(InputError, match='"tpu" is no device; choose auto or'):
+    with pytest.raises(InputError, match='"tpu" is not a device; choose auto or'):
         models.device_of(Setup(device="tpu"))
     if not torch.cuda.is_available():
         with pytest.raises(InputError, match='"cuda:1" is not here'):

@@ -1,29 +1,35 @@
-"""Each wrong scene of cases/ -> exactly the messages of the .txt file beside it."""
+"""Each wrong scene of cases/ -> the problems of the .txt file beside it: place, path, code.
+
+A line of a .txt file is `place: path: code`, and `; fix` if the fix is computed from the scene. Sentences are those of
+the templates: a sentence can be rewritten without a change here.
+"""
 
 from __future__ import annotations
 
+import re
 import shlex
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from physgen.problems import InputError, Problem, by_place
+from physgen.messages import Message
+from physgen.problems import InputError, Limit, Problem, by_place
 from physgen.scene.load import Opened
 
 CASES = Path(__file__).parent / "cases"
 NAMES = sorted(path.stem for path in CASES.glob("*.yaml"))
+FIELD = re.compile(r"\\\{\w+(?:\\?![rs])?(?::[^}]*)?\\\}")
+"""A field of a template, after `re.escape`."""
 
 
-def messages(name: str) -> list[str]:
-    """What `load` says of a case, `# flags: ...` on its first line being the flags of the command."""
+def problems_of(name: str) -> list[Problem]:
+    """What `load` finds in a case, `# flags: ...` on its first line being the flags of the command."""
     path = Path(f"{name}.yaml")
     first = path.read_text(encoding="utf-8").partition("\n")[0]
-    flags = (
-        shlex.split(first.removeprefix("# flags: "))
-        if first.startswith("# flags: ")
-        else []
-    )
+    flags = []
+    if first.startswith("# flags: "):
+        flags = shlex.split(first.removeprefix("# flags: "))
     overrides = [value for flag, value in pairwise(flags) if flag == "--set"]
     variant = flags[flags.index("--variant") + 1] if "--variant" in flags else None
     problems: list[Problem] = []
@@ -33,20 +39,53 @@ def messages(name: str) -> list[str]:
         opened.scene(overrides, variant)
     except InputError as error:
         problems += error.problems
-    return [str(problem) for problem in by_place(dict.fromkeys(problems))]
+    return by_place(dict.fromkeys(problems))
 
 
-def test_there_are_many() -> None:
-    assert len(NAMES) >= 60
+def line_of(problem: Problem) -> str:
+    """Place, path and code of a problem, and its fix if that is computed."""
+    parts = [str(problem.place)]
+    if problem.variant:
+        parts.append(f"variant {problem.variant}")
+    if problem.path:
+        parts.append(problem.path)
+    parts.append(problem.code)
+    line = ": ".join(parts)
+    is_computed = template_of(problem)[1].startswith("{fix}")
+    return f"{line}; {problem.fix}" if is_computed else line
+
+
+def template_of(problem: Problem) -> tuple[str, str]:
+    """The sentence and the fix of the template with the code of a problem."""
+    for limit in Limit:
+        if limit.code == problem.code:
+            return limit.expected, f"{limit.fix}{{example}}"
+    by_code = {message.code: message.value for message in Message}
+    return by_code[problem.code]
+
+
+def fits(text: str, template: str) -> bool:
+    """Whether a text is the template, with any values in its fields."""
+    plain = template.replace("{{", "\0").replace("}}", "\1")
+    pattern = FIELD.sub(".*", re.escape(plain))
+    pattern = pattern.replace("\0", r"\{").replace("\1", r"\}")
+    return re.fullmatch(pattern, text, re.DOTALL) is not None
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_exact_messages(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_problems_have_code_and_place(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(CASES)
-    said = messages(name)
-    assert said
-    assert said == (CASES / f"{name}.txt").read_text(encoding="utf-8").splitlines()
-    for message in said:
+    problems = problems_of(name)
+    lines = [line_of(problem) for problem in problems]
+    assert lines == (CASES / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+    assert problems
+    for problem in problems:
+        expected, fix = template_of(problem)
+        assert fits(problem.expected, expected), problem
+        assert fits(problem.fix, fix), problem
+        message = str(problem)
         assert "Traceback" not in message
         assert str(CASES.parent.parent) not in message
         assert message.isprintable()
