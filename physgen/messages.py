@@ -356,6 +356,403 @@ class Message(Enum):
         "the YAML is written in a form that edits cannot change",
         "edit the YAML beside",
     )
+
+    # Commands and their flags
+
+    VALUE_SPLIT = (
+        "has spaces, which end the value of a flag",
+        'write {flag} "{value}"',
+    )
+    NOT_A_FOLDER_NAME = ("is not a name for a folder", "name a folder, e.g. {example}")
+    NOT_A_SCENE_NAME = (
+        "is not a name for a scene file",
+        "end it in .yaml; without -o the scene is printed",
+    )
+    NOTHING_TO_CLEAN = ("does not exist", "name a scene or a folder")
+    ONE_FILE_FOR_CLIPS = ("is one file for {count} clips", "name a folder")
+    CLIPS_CALLED_ALIKE = (
+        "would be written over {other}: both are called {name}",
+        "render them into two folders",
+    )
+    STORE_EMPTY = ("is not a store", "write s3://BUCKET/NAME, or another URL of fsspec")
+    STORE_WITHOUT_CLUSTER = ("is only for clusters", "add --cluster ADDRESS")
+    JOBS_WITH_CLUSTER = (
+        "is only for one machine",
+        "leave it out: a cluster runs one job per worker",
+    )
+    DASK_MISSING = ("needs Dask, which is not installed", "{install}")
+    SPLIT_EMPTY = (
+        "has no clip in {empty}: {there}",
+        (
+            "splits are by photo: take more photos, another --seed, or other shares"
+            " with --split"
+        ),
+    )
+    EDITOR_PACKAGES_MISSING = ("needs {packages}, which is not installed", "{install}")
+    MERGE_NEEDS_TWO = (
+        "is one name; two or more are merged",
+        "write physgen merge {path} {name}, and the parts of it",
+    )
+    SCENE_NOT_FIRST = (
+        "is not a scene file: the scene is the first argument",
+        "write physgen {command} {arguments}",
+    )
+    SEVERAL_NAMES_IN_ONE = (
+        "is more than one name",
+        "put spaces between the names: {parts}",
+    )
+    NAME_OF_ANOTHER_KIND = (
+        "is a {kind}, not an object",
+        "edit its lines in the file, or use physgen edit",
+    )
+    ROLE_NOT_SEGMENT = ("is not used here", "write segment=NAME")
+    FRAMES_TOO_LARGE = (
+        "makes frames that do not fit into memory",
+        "give a smaller --size, or fewer --frames",
+    )
+    METHODS_CALLED_ALIKE = (
+        'are equal names, or "reference"',
+        "give each method's folder a name of its own",
+    )
+    KEY_MISSING = (
+        "is missing: answers are read with it",
+        "name the key that was made with the page, e.g. --key study.key.json",
+    )
+    SECOND_FOLDER = (
+        "is a second folder",
+        "name one folder with the folders of all methods",
+    )
+    VIDEOS_WITH_KEY = (
+        "is not used to read answers",
+        "leave it out, or leave --key out",
+    )
+    NOT_A_PAGE_NAME = ("is not a name for a page", "end it in .html, e.g. -o {example}")
+    NO_PHYSGEN_CLIPS = (
+        "has no clips of physgen",
+        "make some: physgen render scene.yaml -o DIR",
+    )
+    ROLE_NOT_PHYSICS = ("is not used here", "write physics=NAME")
+    VARIANT_ALL = ("names more than one variant", "write one name")
+    NO_PHOTO = ("has no photo", "name one, or a scene: --refresh SCENE")
+    REFRESH_NEEDS_OUTPUT = (
+        "needs -o",
+        "name the new scene file, which gets its maps beside it: -o NEW.yaml",
+    )
+    PUSH_AND_STILL = ("cannot be used with --still", "leave --push or --still out")
+    SMALLEST_WITHOUT_POINT = ("is only for --point", "add --point X,Y, or leave it out")
+    VIDEO_FOR_STORE = ("is a file, but clips in a store need a folder", "name a folder")
+    NOT_A_VIDEO_NAME = (
+        "is not a name for a video",
+        "end it in {suffixes}, or name a folder",
+    )
+    VIDEO_AND_FORMAT = (
+        "does not match --format {formats}",
+        "leave --format out, or write --format {name},{formats}",
+    )
+    NOT_A_TRAJECTORY_NAME = (
+        "is not a name for a trajectory",
+        "end it in .npz, .csv or .json",
+    )
+    VARIANT_ALL_SIMULATED = (
+        "names more than one variant",
+        "write one name, or use render",
+    )
+    SWEEP_WITHOUT_SCENE = (
+        "is not a scene file",
+        "the scene comes first: physgen sweep scene.yaml KEY=VALUES",
+    )
+    TABLE_IS_FOLDER = (
+        "has a folder sweep.csv, but the table needs that name",
+        "name another",
+    )
+    NOT_MOVABLE = ("is not an object that can move", "{fix}")
+    IN_PERCENT = ("is in percent", "{fix}")
+    NOT_COORDINATES = ("is not {count} numbers", "{fix}")
+    DOUBTFUL_FIRST = ("is a doubtful region, not an object", "{fix}")
+    INCEPTION_NEEDS = ("needs {package}, which is not installed", "{install}")
+    SCENE_FOR_PHOTO = ("is a scene file, not a photo", "{fix}")
+    FLAG_OF_ONE_PHOTO = ("is for one photo", "leave it out, or name one photo")
+    PHOTOS_NEED_FOLDER = ("need a folder", "name it: -o FOLDER")
+    PHOTO_MISSING = ("does not exist", "name a photo")
+    PHOTOS_CALLED_ALIKE = ("is the name of two photos", "rename one")
+    NOT_WITH_REFRESH = (
+        "cannot be used with --refresh",
+        "leave {flag} or --refresh out",
+    )
+
+    # Perception, clips and reports
+    WEIGHTS_NOT_A_FILE = (
+        "does not exist: the weights of {model}",
+        "write {form}, or OWNER/NAME of the hub",
+    )
+    WEIGHTS_OFFLINE = (
+        "has the weights of {model}, and is not on this machine; the hub cannot be asked",
+        "{fix}",
+    )
+    WEIGHTS_ABSENT = (
+        "has the weights of {model}, and is not on this machine ({cause})",
+        "{fix}",
+    )
+    WEIGHTS_TOO_LARGE = (
+        "does not fit into the memory: {cause}",
+        'choose a smaller model, or write dtype = "bfloat16" or device = "cpu" in '
+        "physgen.toml",
+    )
+    WEIGHTS_BROKEN = ("does not load as {model} ({cause})", "{fix}")
+    SERVER_FAILED = (
+        "{failure}",
+        "check {url} (mostly with /v1), {model} (one that takes pictures), {key} and "
+        "[vlm] timeout",
+    )
+    NOT_IN_MASK = ("has no pixel in mask.png", "remove it, or paint its mask")
+    UNKNOWN_SIM_KEY = ("is not a key of sim.yaml", "{fix}")
+    NOT_A_LABEL_MAP = (
+        "is not a label map: it has {count}",
+        "give each object one id or colour, without soft borders, saved as PNG",
+    )
+    MASKS_OF_SPECKS = (
+        "shows no object of {least} px or more",
+        "mark them with --masks FILE, --box x,y,w,h or --point x,y",
+    )
+    MASKS_EMPTY = (
+        "shows no object",
+        "mark them with --masks FILE, --box x,y,w,h or --point x,y",
+    )
+    PROMPT_IN_SHARES = ("is less than a pixel", "{fix}")
+    BOX_NEGATIVE = ("has a negative side", "{fix}")
+    BOX_TOO_SMALL = ("is under {least:.3g} px wide or high", "{fix}")
+    PROMPT_OFF_PHOTO = ("is outside the {width:g} x {height:g} photo", "{fix}")
+    BOX_BEYOND_PHOTO = (
+        "reaches {excess:g} px beyond the {width:g} x {height:g} photo",
+        "{fix}",
+    )
+    PROMPT_REPEATED = ("shows the same object as another box or point", "leave one out")
+    POINT_SHOWS_NOTHING = (
+        "shows no object with a border around it",
+        "draw a box around it: --box x,y,w,h",
+    )
+    NOT_A_DIRECTION = ("is not a direction", "{fix}")
+    IMPACTS_INEXACT = (
+        "needed more work than a run may do: later ones are less exact",
+        "bring their masses closer",
+    )
+    STEPS_INEXACT = (
+        "needed more work than a run may do: later steps are less exact",
+        "look for a corner that reaches far out, or slow it down",
+    )
+    CLIP_REPLACED = (
+        "the earlier clip of {scene} is replaced",
+        "rename a scene, or choose another folder with -o, to have both",
+    )
+    FILES_REPLACED = (
+        "{files} of an earlier run is removed",
+        "name all formats at once, or choose another folder with -o, to have both",
+    )
+    KICK_WITHOUT_OBJECTS = (
+        "hits no object: the scene has none",
+        "add one: physgen perceive PHOTO --box X,Y,W,H or --point X,Y, or an entry of "
+        "objects",
+    )
+    NOTHING_MOVES = ("nothing moves in this clip", "{fix}")
+    NOTHING_TO_MOVE = ("nothing moves in this clip: the scene has no objects", "{fix}")
+
+    NO_DEPTH_FOR_BOUNDARY = (
+        "gives no depth for boundary=depth-normals",
+        "add --backend depth=marigold",
+    )
+    DEPTH_NOT_FINITE = ("gives no finite depth", 'write dtype = "float32"')
+    MAP_FILE_MISSING = ("names no file", "write {role}=file:PATH")
+    MAP_FILE_LOST = ("does not exist", "name a file, .npy or a picture")
+    MAP_FILE_UNREADABLE = ("is not a {kind}", "save {content} {form}")
+    NOT_A_MAP = ("is not a map of {content}", "save {shape} finite numbers")
+    PROPORTIONS_DIFFER = (
+        "has other proportions than the photo's {width} x {height} px",
+        "save it in the photo's size",
+    )
+    FILL_WITHHELD = (
+        "is withheld by the safety checker of the weights",
+        "choose another seed or prompt, or inpaint=fill",
+    )
+    COLOURS_NOT_FINITE = ("paints no finite colours", 'write dtype = "float32"')
+    LAMA_NOT_A_FILE = (
+        "is not a file",
+        "write inpaint=lama:PATH, the path of big-lama.pt",
+    )
+    LAMA_UNREADABLE = ("{reason}", "write inpaint=lama:PATH, the path of big-lama.pt")
+    WRONG_PIPELINE = ("is a {name}: not for {role}", "{fix}")
+    PREDICTION_NOT_FINITE = (
+        "leaves no finite {role} on {device}",
+        'write dtype = "float32"',
+    )
+    NO_ALBEDO = (
+        "gives {outputs}, no albedo",
+        "choose prs-eth/marigold-iid-lighting-v1-1",
+    )
+    TOO_MANY_WEIGHTS = (
+        "names {count} weights for {name}",
+        "write at most {most}, with a comma between",
+    )
+    NOT_A_DEVICE = ("is not a device", "choose auto or {best}")
+    DEVICE_MISSING = ("is missing: torch {version} finds none", "choose auto or {best}")
+    NO_SERVER = (
+        "has no server or no model to ask",
+        (
+            "set {url} and {model} (its key in {key}), or write url and model below"
+            " [vlm] in physgen.toml"
+        ),
+    )
+    SERVER_NOT_ADDRESS = (
+        "has a {url} that is not an address",
+        "write e.g. http://localhost:8000/v1",
+    )
+    LABEL_WITHOUT_NAME = ("is not NAME=TEXT", "{fix}")
+    LABEL_OF_NO_OBJECT = ("matches no object", "{fix}")
+    UNKNOWN_LABEL = (
+        "is not in the material table, as an object or a material",
+        "{fix}",
+    )
+    IMPORT_NOT_FOLDER = ("is not a folder", "name one with {needed}")
+    IMPORT_FILE_MISSING = ("no such file", "the folder needs {needed}")
+    IMPORT_SIZE = ("differs from original.png's {size}", "make them one size")
+    ARRAY_UNREADABLE = (
+        "is not an array that can be read ({reason})",
+        "save it with numpy.save",
+    )
+    ARRAY_WRONG = ("is not an array of {wanted} numbers", "save it at the photo's size")
+    ARRAY_NOT_FINITE = ("is among its numbers", "replace these numbers")
+    NOT_IN_OBJ_INFO = ("is not in obj_info", "obj_info has {names}")
+    SIM_VALUE_MISSING = ("is missing", "write {wanted}")
+    SIM_VALUE_WRONG = ("has the wrong form", "write {wanted}")
+    NAMES_FOLLOW_LABELS = (
+        "in the scene, since names follow labels",
+        "use the new names; physgen rename gives others",
+    )
+    PHOTO_TOO_SMALL = (
+        "is too small to find objects in",
+        "use a photo of at least {least} px a side",
+    )
+    REMAINS_BEHIND = (
+        "may be a part of it that stays behind when it moves",
+        "add it with --box around the whole object, or in physgen edit by the brush",
+    )
+    BOX_EMPTY = (
+        "shows no object",
+        "draw it closer around an object, or give the object's mask: --masks FILE",
+    )
+    BOX_OFF_PHOTO = (
+        "is outside the {width} x {height} photo",
+        "write x,y,width,height in px",
+    )
+    BOX_TOO_LITTLE = (
+        "has under 4 px of the {width} x {height} photo",
+        "write x,y,width,height in px",
+    )
+    POINT_OFF_PHOTO = ("is outside the {width} x {height} photo", "write x,y in px")
+    FILES_WOULD_BE_LOST = (
+        "has {files} of an earlier run, which would be removed",
+        "name all formats at once, or choose another folder with -o",
+    )
+    ENERGY_ERROR = ("has an error of {error} of the energy that flows", "{fix}")
+    ALL_LEFT = (
+        "all that moves has left the picture by {time:.2g} s of {duration:g} s",
+        (
+            "write boundaries that stop it, a lower velocity, or a shorter "
+            "world.duration"
+        ),
+    )
+    RATE_REDUCED = (
+        "is more than a {format} file can play: it gets {fastest:g}",
+        "write {fastest:g} or less, or choose mp4, to have all frames",
+    )
+    NOTHING_UNCERTAIN = (
+        (
+            "nothing in the scene is uncertain, so every draw would be the same and"
+            " none is made"
+        ),
+        (
+            "write the source and confidence of a number, as perceive does: from: "
+            '{{mass: "by eye 0.6"}}'
+        ),
+    )
+    CLIP_KEPT = ("{content}", "correct that, then run the same command again")
+    NAME_NOT_PRINTABLE = (
+        "has characters in its name that cannot be shown",
+        "rename the file: its name becomes that of a folder",
+    )
+    PUSH_MOVES_NOTHING = ("moves nothing now", "{fix}")
+    OBJECTS_GIVEN_TWICE = (
+        "has the objects in more than one way",
+        "choose --masks, or --box and --point",
+    )
+    PROFILE_UNUSABLE = ("cannot be used", "save it as sRGB if its colours look wrong")
+    PHOTO_MADE_SMALLER = ("was made {size}", "--side {width} keeps its size")
+    MASKS_SIZE = (
+        "differs from the {width} x {height} px of {image}",
+        "draw the masks on this photo, in its size",
+    )
+    FIND_HAS_NO_EFFECT = (
+        "has no effect: no backend here finds named objects",
+        "choose e.g. --backend segment=grounding-dino+sam",
+    )
+    CATEGORIES_HAVE_NO_EFFECT = (
+        "has no effect: segment={name} needs no categories",
+        "choose e.g. --backend segment=grounding-dino+sam, or leave it out",
+    )
+    VALUE_OF_OTHER_PHOTO = (
+        "is of the photo with other proportions, and is left out",
+        "set it again for the new photo",
+    )
+    NO_OBJECT_FOUND_AGAIN = (
+        "none of the objects is found in the photo of other proportions",
+        "restore the photo, or perceive it anew with --masks, --box or --point",
+    )
+    OBJECT_NOT_FOUND_AGAIN = (
+        "is not found by this name in the photo of other proportions",
+        "compare it with the objects that were found, or point at it",
+    )
+    REFRESH_WITHOUT_PHOTO = ("has no photo", "name a scene with image:")
+    POINTED_PART_LOST = (
+        "is part of an object that was pointed at, and is removed",
+        "leave the box or point out to keep it",
+    )
+    DIRECTION_FIRST = (
+        "has the direction before the object",
+        "write --push {name}={direction}",
+    )
+    NO_DIRECTION = ("has no direction", "write --push {name}=right")
+    PUSH_WITHOUT_SIGN = ("has no =", "write --push {name}={rest}")
+    CANNOT_FALL = (
+        "cannot fall: the photo is seen from above",
+        "write --push {name}=right",
+    )
+    PUSHED_NAME_UNKNOWN = ("is not an object", "{fix}")
+    NOT_A_SPEED = ("is not a speed", "write e.g. @2 m/s or @300 px/s")
+    NOT_TWO_LENGTHS = ("is not two lengths", "write e.g. 120,80 or 6 cm,4 cm")
+    KICK_MISSES = (
+        "hits no object",
+        "name a point of an object; the nearest: {point} of {name}",
+    )
+    EXTENDED_SCENE_CHANGED = (
+        "extends another scene, and the photo or assets of that scene have changed",
+        "perceive that scene again",
+    )
+    OBJECT_LOST = (
+        "is not found again in the photo",
+        "write prompt: {{box: [x, y, width, height]}} there, or remove the object",
+    )
+    NOT_A_CLIP_FOLDER = (
+        "is not a folder",
+        "name folders that physgen rendered into, e.g. out",
+    )
+    FOLDER_OF_OTHERS = (
+        "exists already and was not made by physgen",
+        "choose another folder with -o",
+    )
+    FILES_OF_OTHERS = (
+        "would be replaced, but has {files}, which physgen did not make",
+        "move these files, or choose another folder with -o",
+    )
+    FOLDER_FOR_PAGE = ("is a folder", "name a file, e.g. -o out/index.html")
     # End of the templates
 
     def __init__(self, expected: str, fix: str) -> None:
@@ -420,4 +817,6 @@ class Message(Enum):
     def impossible(self, **values: object) -> EditError:
         """Return the error of an edit that this scene does not allow."""
         refusal = self.refusal(**values)
-        return EditError(Why.IMPOSSIBLE, refusal.expected, refusal.fix)
+        return EditError(
+            Why.IMPOSSIBLE, refusal.expected, refusal.fix, code=refusal.code
+        )

@@ -79,6 +79,10 @@ class Problem:
         # A file may contain control characters, which could drive a terminal.
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
+    def refusal(self) -> RefusedError:
+        """Return the refusal of the value, without its place."""
+        return RefusedError(self.expected, self.fix, self.code)
+
     def as_dict(self) -> dict[str, object]:
         """Return the problem as JSON, for `--json`."""
         return {
@@ -295,10 +299,15 @@ class EditError(Exception):
     """
 
     def __init__(
-        self, why: Why, message: str, fix: str, more: Mapping[str, Any] | None = None
+        self,
+        why: Why,
+        message: str,
+        fix: str,
+        more: Mapping[str, Any] | None = None,
+        code: str = "",
     ) -> None:
         super().__init__(message)
-        self.why, self.message, self.fix = why, message, fix
+        self.why, self.message, self.fix, self.code = why, message, fix, code
         self.more: Mapping[str, Any] = more or {}
 
     def body(self) -> dict[str, Any]:

@@ -18,7 +18,8 @@ from physgen.cli.arguments import (
 )
 from physgen.cli.clusters import add_cluster, check_cluster, run_all
 from physgen.cli.output import OK, print_error, print_line, print_problem
-from physgen.problems import Place, Problem, Severity
+from physgen.messages import Message
+from physgen.problems import Place, Problem
 from physgen.text import counted
 
 if TYPE_CHECKING:
@@ -69,10 +70,10 @@ def dataset(options: argparse.Namespace) -> int:
     if empty := [name for name, count in done.counts.items() if not count]:
         photos = len(done.photos)
         there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
-        fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
-        expected = f"has no clip in {', '.join(empty)}: {there}"
         print_problem(
-            Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING)
+            Message.SPLIT_EMPTY.warning(
+                Place(str(options.output)), empty=", ".join(empty), there=there
+            )
         )
     if options.json:
         line = {

@@ -24,6 +24,7 @@ from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
 from physgen.geometry.scale import slow_motion
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
 from physgen.materials import kind, nouns
+from physgen.messages import Message, did_you_mean
 from physgen.perceive.occlusion import drawing_layers, occlusion_orders
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -41,7 +42,7 @@ from physgen.perceive.roles import (
 from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.perceive.wheels import Vehicle
 from physgen.photometry import DistantLight
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Place, Problem
 from physgen.scene.files import (
     MAPS,
     OUTLINES,
@@ -160,13 +161,13 @@ def renamed_labels(
             known = ", ".join(list(called.values())[:8]) + (
                 ", ..." if len(called) > 8 else ""
             )
-            fix = (
-                f"did you mean {near[0]}?"
-                if near and near[0] != name
-                else f"the objects are {known}"
-            )
-            expected = "names no object" if sign and text else "is not NAME=TEXT"
-            problems += InputError.of("--label", f'"{rename}"', expected, fix).problems
+            fix = f"the objects are {known}"
+            if near and near[0] != name:
+                fix = did_you_mean(near[0])
+            wrong = Message.LABEL_WITHOUT_NAME
+            if sign and text:
+                wrong = Message.LABEL_OF_NO_OBJECT
+            problems.append(wrong.problem(Place("--label"), "", f'"{rename}"', fix=fix))
         (exact if own else labels).update(dict.fromkeys(hits, text))
     return labels | exact, problems
 
@@ -196,13 +197,10 @@ def unknown_label(label: str) -> Problem | None:
         for text in (label.lower(), label.lower().split()[-1])
     )
     close = next((match for match in matches if match), None)
-    fix = (
-        f"did you mean {close[0]}?"
-        if close
-        else "name a material, too, as in: wooden spoon"
-    )
-    expected = "is no object or material of the material table"
-    return Problem(Place("--label"), "", f'"{label}"', expected, fix, Severity.WARNING)
+    fix = "name a material, too, as in: wooden spoon"
+    if close:
+        fix = did_you_mean(close[0])
+    return Message.UNKNOWN_LABEL.warning(Place("--label"), "", f'"{label}"', fix=fix)
 
 
 # entries

@@ -242,8 +242,7 @@ def image_size(path: Path, written: str) -> tuple[int, int]:
         with open_picture(path, SCENE_FORMATS) as image:
             size, turn = image.size, orientation(image)
     except InputError as error:
-        problem = error.problems[0]
-        raise RefusedError(problem.expected, problem.fix, problem.code) from None
+        raise error.problems[0].refusal() from None
     if turn != 1:
         raise Message.PICTURE_TURNED.refusal()
     return size
