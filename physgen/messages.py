@@ -61,7 +61,6 @@ class Message(Enum):
     # Any value
     NO_SUCH_FILE = ("no such file", "{fix}")
     IS_MISSING = ("missing", "{fix}")
-    TWICE_IN_LIST = ("has {value} twice", "keep one")
     TOO_MANY_PROBLEMS = ("more problems follow", "fix these first")
 
     # Pictures, videos, maps and backends
@@ -346,17 +345,160 @@ class Message(Enum):
     DIRECTION_ZERO = ("has no length", "{fix}")
     RANGE_ORDER = ("has the larger number first", "write the smaller number first")
 
-    # The YAML of the editor
+    # Simulation and refinement
+    MOTION_DIVERGED = (
+        "becomes larger than any number by t = {time:.3f} s",
+        "raise steps_per_second, or look for a force, spring or joint that is too "
+        "strong for its mass",
+    )
+
+    MASS_TOO_LARGE = (
+        "and a moment of inertia of {moment:.2g} g·px² cannot be simulated",
+        "make it lighter or smaller",
+    )
+    MASS_TOO_SMALL = (
+        "and a moment of inertia of {moment:.2g} g·px² cannot be simulated",
+        "make it heavier or larger",
+    )
+    MASSES_FAR_APART = (
+        "masses 10^9 apart or more cannot be simulated together",
+        "bring them nearer",
+    )
+    OUTLINE_UNUSABLE = ("{reason}", "draw it with a larger area")
+    KNOT_ELSEWHERE = ("is not at the object", "begin with [{time:g}, {x:.2f}, {y:.2f}]")
+    HIDDEN_BY_MASKS = (
+        "is hidden behind the masks of others",
+        "write its shape, or give it a layer in front of theirs",
+    )
+    WHEELS_ON_CIRCLE = (
+        "are on an object that is a circle and rolls itself",
+        "remove wheels, or write its shape as a polygon",
+    )
+    WHEEL_TWICE = ("is written twice", "remove one of them")
+    WHEEL_FAR = (
+        (
+            "is {distance:.0f} px from the object, which is at x {x0:.0f} to "
+            "{x1:.0f}, y {y0:.0f} to {y1:.0f}"
+        ),
+        "write a center inside it",
+    )
+    NOT_AN_ADAPTER = (
+        "is a {kind}, not a motion adapter",
+        "name a motion adapter first, e.g. {example}",
+    )
+    BASE_DOES_NOT_FIT = (
+        "is a {kind} that the adapter does not fit",
+        "name weights of Stable Diffusion 1.5 after the comma",
+    )
+    WEIGHTS_RUN_CODE = (
+        "would run {kind} for its {part}",
+        "name weights of plain parts",
+    )
+    WRONG_WEIGHTS = (
+        "is a {kind}: not for {purpose}",
+        "name weights of a {known}, or the backend of these",
+    )
+    TOO_MANY_FRAMES = (
+        "is more than the {most} frames that the model can see",
+        "write at most {most}",
+    )
+    REFINED_NOT_FINITE = (
+        "gives no finite picture",
+        'write dtype = "float32" in physgen.toml',
+    )
+    REFINING_TOO_LARGE = (
+        "do not fit into the memory of the device",
+        (
+            "write a smaller resolution in the backend's section of physgen.toml, "
+            "or refine fewer frames"
+        ),
+    )
+    REFINER_FAILED = ("failed ({error})", "see what failed, or choose another backend")
+    SPRING_TOO_STIFF = (
+        "needs every step divided into {parts:,} parts",
+        (
+            "make it softer, the objects on it heavier, or steps_per_second larger:"
+            " at most {most_parts} parts"
+        ),
+    )
+    # The editor
+
+    NO_SUCH_VARIANT = ("the scene has no variant {name}", "choose one of its variants")
+    PORT_UNUSABLE = (
+        "cannot be listened on: {reason}",
+        "leave it out, and a free port of this machine is taken",
+    )
+    NOTHING_LEFT = (
+        "no pixel would be left of {name}",
+        "delete it first, or merge the two",
+    )
+    NO_ID_LEFT = ("the label map has no id left", "merge objects, or delete some")
+    DRAFT_IMPOSSIBLE = (
+        "cannot have a draft beside it: {reason}",
+        "copy the scene to a folder that you may write to",
+    )
+    DRAFT_STRANGE = ("{fault}", "move the folder, or remove it")
+    NAME_UNKNOWN = ("no object is called {name!r}", "choose an object")
+    OPERATION_MALFORMED = ("{reason}", "see docs/editor.md")
+    STROKE_CHANGES_NOTHING = ("the stroke changes nothing", "paint over its border")
+    MERGE_WITH_ITSELF = ("an object is named twice", "name each object once")
+    SPLIT_AT_POINT = ("the line is a point", "draw it across the object")
+    MASK_TOO_SMALL = (
+        "{part} would have fewer than {least} px",
+        "mark more of it, or delete the object",
+    )
+    STROKE_TOO_LONG = ("the stroke is too long for its width", "paint it in parts")
+    SCENE_HAS_ERROR = ("the scene has an error: {problem}", "correct it first")
+    NO_PHOTO_TO_MASK = (
+        "the scene has no photo, so there is nothing to mask",
+        "draw the object's shape",
+    )
+    UNKNOWN_OPERATION = (
+        "this operation does not exist",
+        'send {{"set": [...], "value": ...}}',
+    )
+    UNUSABLE_VALUE = ("{reason}", "send values of scene files")
+    VARIANT_SECTION_FIXED = ("a variant cannot change {path}", "edit the file itself")
+    EXISTS_ALREADY = ("{path} exists already", "choose another name, or set it")
+    SENT_NOT_FINITE = ("a number is not finite", "send a finite number")
+    SENT_TOO_LARGE = ("a number is too large", "send a finite number")
+    PART_MISSING = ("{owner} has no {key}", "set the whole of it")
+    ITEM_MISSING = ("{path} does not exist", "set the whole list")
+    FILE_EXTENDS = (
+        "the file extends another one",
+        "edit its YAML beside the photo, or that file",
+    )
+    VARIANT_MISSING = (
+        "the scene has no variant {variant}",
+        "make it first, or edit the file itself",
+    )
+    VARIANT_NOT_WRITABLE = (
+        "variant {variant} cannot be changed in this way",
+        "edit the file itself",
+    )
+    EDITOR_NOT_THERE = ("{path} is not there", "ask for the state and edit again")
+    VARIANT_CANNOT_RENAME = ("a variant cannot rename", "rename in the file itself")
+    NOT_RENAMABLE = (
+        "{path} is not a name that can be changed",
+        "name an object, a joint, ...",
+    )
+    NEW_NAME_WRONG = ("the new name is not a name", "write {form}")
+    NAME_TAKEN = ("{name} exists already", "choose another name")
+    NO_VARIANT_CHOSEN = ("no variant is chosen", "choose at least one")
+    UNKNOWN_VIDEO_FORMAT = (
+        "this format does not exist",
+        "choose mp4, gif, webp or png",
+    )
+    NOTHING_TO_UNDO = ("there is nothing to {step}", "edit something first")
+    FILE_REMOVED = ("the file was removed", "save to write it again")
     EDITOR_UNREADABLE = (
         "the file cannot be read{where}: {reason}",
         "correct the YAML, or undo",
     )
-    EDITOR_NOT_THERE = ("{path} is not there", "ask for the state and edit again")
     EDITOR_UNWRITABLE = (
         "the YAML is written in a form that edits cannot change",
         "edit the YAML beside",
     )
-
     # Commands and their flags
 
     VALUE_SPLIT = (
@@ -480,6 +622,256 @@ class Message(Enum):
         "leave {flag} or --refresh out",
     )
 
+    # Batches and clusters
+
+    AXIS_WITHOUT_VALUES = (
+        "has no =",
+        (
+            "write KEY=VALUES, in quotes if it has spaces, e.g. "
+            "objects.ball.mass=100,200"
+        ),
+    )
+    AXIS_IS_TEXT = ("is plain text", "a distribution begins with ~: {key}=~{values}")
+    NOT_A_FOLDER_OF_CLIPS = (
+        "is not a folder",
+        "name folders that were rendered or exported into",
+    )
+    FOLDERS_SHARE_CLIPS = ("and {other} have the same clips", "name only one of them")
+    NOT_RENDERED_INTO = ("is not a folder", "name folders that were rendered into")
+    NO_CLIP_IN_FOLDER = (
+        "has no clip",
+        "name a folder that physgen rendered into, e.g. out",
+    )
+    MANIFEST_DAMAGED = (
+        "is damaged: it is not a manifest that can be read",
+        "render the scene again",
+    )
+    WORKER_LACKS_FOLDER = (
+        "does not exist on a worker, {node}",
+        "run this from a folder that workers share, or add --ship URL",
+    )
+    WORKER_VERSION = (
+        "has {version}, but this machine has {here}: its results would differ",
+        "install the same on both",
+    )
+    WORKER_WITHOUT_PHYSGEN = (
+        "has no physgen, or another one ({error})",
+        "install the same on both",
+    )
+    NO_SCHEDULER_ANSWERS = (
+        "is not a scheduler that answers within {timeout:g} s ({reason})",
+        (
+            "check that it runs and that this machine reaches it; `dask scheduler` "
+            "starts one"
+        ),
+    )
+    NOT_A_SCHEDULER_FILE = (
+        "is not a scheduler file",
+        "start it: dask scheduler --scheduler-file FILE.json",
+    )
+    NO_SCHEDULER_IN_FILE = (
+        "has no scheduler",
+        "name the file that `dask scheduler --scheduler-file FILE.json` writes",
+    )
+    NOT_A_SPLIT = (
+        "is not a split with its share of the photos",
+        "write e.g. train=0.8,validation=0.1,test=0.1",
+    )
+    SPLITS_NOT_ONE = ("adds up to {total:.6g}", "make the shares add up to 1")
+    NO_MANIFEST = ("has no manifest that can be read", "render it again")
+    SAMPLE_MANIFEST_DAMAGED = ("has a damaged manifest", "render it again")
+    NO_VIDEO_IN_CLIP = ("has no {file}", "render it with --export")
+    FILE_OF_CLIP_MISSING = ("is missing", "render the clip again")
+    SAMPLE_FAILED = ("failed: {error}", "run the command again")
+    NO_USABLE_CLIP = (
+        "has no clip that can be used",
+        "name folders that physgen rendered or exported into",
+    )
+    SAMPLES_CALLED_ALIKE = (
+        "is called {name}, as another clip is",
+        "give one of their folders another name",
+    )
+    OUTPUT_AMONG_INPUTS = (
+        "{place} {root}, which is read",
+        "name a folder beside it with -o",
+    )
+    OUTPUT_NOT_EMPTY = ("is not empty", "choose another folder with -o, or remove it")
+    OUTPUT_NOT_REPLACEABLE = ("cannot be replaced", "name a new folder in it with -o")
+    WEBDATASET_MISSING = ("needs webdataset, which is not installed", "{install}")
+    NOT_A_STORE = (
+        "is not a store ({reason})",
+        "write e.g. s3://BUCKET/NAME, and install the package for it",
+    )
+    STORE_UNWRITABLE = (
+        "cannot be written ({reason})",
+        "name a store in which you may write",
+    )
+    OUTSIDE_WORKING_FOLDER = (
+        "is outside the working folder",
+        "with --ship, run the command in a folder that has the scenes and results",
+    )
+    NO_CLIP_IN_STORE = (
+        "has no clip in {url}",
+        "name a folder below {url} that has clips",
+    )
+    VALUES_NOT_YAML = (
+        "is not YAML with commas between the values",
+        (
+            "close brackets and quotes, and put text with such a character in "
+            "quotes within quotes"
+        ),
+    )
+    VALUES_WITH_COMMENT = (
+        "has # after a space, which begins a comment",
+        "put text with # in quotes within quotes",
+    )
+    VALUES_MIXED = (
+        "mixes values and a distribution",
+        "write the distribution alone, or ~choice(...)",
+    )
+    VALUES_MISSING = (
+        "has no values",
+        "write some, with commas between them; null removes a key",
+    )
+    TWICE_IN_LIST = ("has {value} twice", "keep one")
+    RANGE_WITHOUT_LENGTH = (
+        "ends where it begins",
+        "write {value} alone, or another end",
+    )
+    RANGE_WITHOUT_LOGARITHM = (
+        "has no logarithm: its ends are 0, or on both sides of 0",
+        "take both above 0, or both below",
+    )
+    UNKNOWN_DISTRIBUTION = ("is not a known distribution", "{fix}")
+    SOURCE_MOVED = (
+        "does not exist",
+        "the clip or the scene was moved; name it with --scene FILE",
+    )
+    # Measures
+    PHOTO_WITHOUT_LABELS = ("is left out: it has no label map", "{fix}")
+    NO_LABELLED_PHOTO = ("has no photo with a label map", "{fix}")
+    MAP_OF_ONE_PHOTO = (
+        "names a map, which belongs to its own photo",
+        "write {role}={name} to check the reader",
+    )
+    NO_NETWORK_FILE = (
+        "no such file",
+        (
+            "name inception-2015-12-05.pt, the TorchScript file that NVIDIA "
+            "published with StyleGAN2-ADA"
+        ),
+    )
+    NOT_INCEPTION = (
+        "has no input return_features: it is another network",
+        (
+            "name inception-2015-12-05.pt, the TorchScript file that NVIDIA "
+            "published with StyleGAN2-ADA"
+        ),
+    )
+    INCEPTION_SHAPE = (
+        "gives {shape}, not {wanted}: it is another network",
+        (
+            "name inception-2015-12-05.pt, the TorchScript file that NVIDIA "
+            "published with StyleGAN2-ADA"
+        ),
+    )
+    CLIP_FRAME_SIZE = (
+        "differs from the {size} of the first frame",
+        "make all frames of a clip the same size",
+    )
+    NO_FILE_OR_FOLDER = ("no such file or folder", "check the path")
+    FOLDER_WITHOUT_CLIPS = (
+        "has no clips",
+        "name a folder of videos, or of folders of frames",
+    )
+    CLIP_WITHOUT_FRAME = ("has no frame{after}", "leave it out")
+    CLIP_TOO_SHORT = (
+        "are fewer than --frames {count}",
+        "give --frames {frames}, or leave the clip out",
+    )
+    NOTHING_PUSHABLE = ("has no object that can be pushed", "give it a dynamic object")
+    CLIP_SHAPES_DIFFER = (
+        "and {path} is {value:.3g} times",
+        "crop the clips to one shape",
+    )
+    TOO_FEW_PICTURES = (
+        "make fewer than two pictures of motion",
+        "name more clips, of two frames or more",
+    )
+    FEATURES_NOT_FINITE = ("gives numbers that are not finite", "name another file")
+    NO_TRUTH_VIDEOS = (
+        "has no truth videos",
+        ("name the folder of the studio's truth, studio/truth in physgen's repository"),
+    )
+    NO_TRUTH_VIDEO = ("has no truth video", "choose from {names}")
+    NOT_A_ROW = ("is not a row", "choose from 1 to {most}")
+    CARD_FOLDER_IS_FILE = ("is a file", "name a folder with -o")
+    TRACKS_UNREADABLE = ("cannot be read: {error}", "render the clip again")
+    BODY_TWICE_IN_FRAME = (
+        "is twice in frame {row:g}",
+        "give each body a name of its own",
+    )
+    NO_TRACKS = ("has no tracks", "write one line per frame and body")
+    TRACK_CELL_WRONG = (
+        "is not a {kind} from {low:g} to {high:g}",
+        "write px, and count frames",
+    )
+    NOTHING_TO_COMPARE = (
+        "has nothing to compare answers with",
+        "give objects a mass in g, or write a ranking",
+    )
+    RATER_TWICE = (
+        "has other answers in {file}",
+        'leave one file out, or, if they are two people, change "rater" in one',
+    )
+    NO_ANSWER = ("has no answer to any question", "rate clips on the page, then save")
+    NO_RATER = ("has no name of a rater, or no answers", "save the page again")
+    NO_RUNS = ("has no clips", "name folders that physgen render or sweep made")
+    LABELS_SIZE = (
+        "differs from the {width} x {height} px of {photo}",
+        "make it the photo's size",
+    )
+    NO_SUCH_FOLDER = ("no such folder", "check the path")
+    NOT_A_PHOTO_FOLDER = ("is not a folder", "name the folder of the photos")
+    TWO_PHOTOS_FIT = ("could both be its photo", "keep one of them")
+    LABELS_WITHOUT_PHOTO = ("has no photo", "give both the same name")
+    NOT_A_METHODS_FOLDER = (
+        "is not a folder",
+        "name a folder with a folder for each method",
+    )
+    CLIP_FOR_METHOD = (
+        "is a clip, not a method: its folder has the clips of one method",
+        "name the folder above it, with one folder per method",
+    )
+    SCENE_TWICE = ('are two clips of the scene "{scene}"', "leave one there")
+    NO_METHODS = (
+        "has no methods",
+        "put clips at METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it",
+    )
+    ONE_FRAME = ("has one frame: it is not a video", "make at least two frames")
+    NO_RATE = ("does not say how fast it plays", "save it as MP4")
+    KEY_CHANGED = (
+        "is a key that was changed: parts are missing or do not fit",
+        "use the file as it was made",
+    )
+    NO_SUCH_RECORD = ("no such file", "check the path")
+    RECORD_VERSION = (
+        "has a form that this physgen does not know (it knows {version})",
+        "use the physgen that made it",
+    )
+    NO_COMMON_SCENE = (
+        "have no scene in common",
+        "give all methods a clip of the same scene, under the same name",
+    )
+    NOT_A_STUDY_PAGE = (
+        "is not a name for a page",
+        "end it in .html, e.g. -o study.html",
+    )
+    SIDE_TOO_LONG = (
+        "is over the {most} px per side of this format",
+        "render with --format png",
+    )
+    ENCODING_REFUSED = ("could not be encoded ({reason})", "render with --format png")
     # Perception, clips and reports
     WEIGHTS_NOT_A_FILE = (
         "does not exist: the weights of {model}",

@@ -312,7 +312,7 @@ class EditError(Exception):
 
     def body(self) -> dict[str, Any]:
         """Return the answer as JSON."""
-        error = {"message": self.message, "fix": self.fix}
+        error = {"code": self.code, "message": self.message, "fix": self.fix}
         return {"error": error, "problems": [], **self.more}
 
 

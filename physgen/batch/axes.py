@@ -13,6 +13,7 @@ from physgen.batch.values import (
     read_distribution,
     read_values,
 )
+from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem, RefusedError
 from physgen.scene.overlay import parse_key
 from physgen.text import KeyPath, quoted
@@ -84,19 +85,14 @@ def _read_axis(argument: str) -> Axis:
     """Raises RefusedError."""
     key, equals, values = (part.strip() for part in argument.partition("="))
     if not equals:
-        raise RefusedError(
-            "has no =",
-            f"write KEY=VALUES, in quotes where it has spaces, e.g. {EXAMPLE}",
-        )
+        raise Message.AXIS_WITHOUT_VALUES.refusal()
     if parse_key(key) is None:
         found = f"{quoted(key)} is not a dotted key" if key else "has no key"
         raise RefusedError(found, f"write e.g. {EXAMPLE}")
     if values.startswith("~"):
         return Drawn(key, argument, read_distribution(values))
     if (call := re.match(r"(\w+)\s*\(", values)) and call[1] in EXAMPLES:
-        raise RefusedError(
-            "is text as it stands", f"a distribution begins with ~: {key}=~{values}"
-        )
+        raise Message.AXIS_IS_TEXT.refusal(key=key, values=values)
     return Listed(key, argument, read_values(values))
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
 from physgen.files import install
-from physgen.problems import InputError
+from physgen.messages import Message
 
 ROWS, ABOUT = "metadata.jsonl", "clip.json"
 VIDEO = "video.mp4"
@@ -86,8 +86,9 @@ class Shards:
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
         """Raises InputError if webdataset is not installed."""
         if find_spec("webdataset") is None:
-            found = "needs webdataset, which is not installed"
-            raise InputError.of("--layout", '"webdataset"', found, install("labels"))
+            raise Message.WEBDATASET_MISSING.error(
+                "--layout", '"webdataset"', install=install("labels")
+            )
         self._root, self._stack, self._shard_clips = root, stack, shard_clips
         self._writers: dict[str, Any] = {}
 

@@ -16,6 +16,7 @@ import numpy as np
 from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
 from physgen.batch.run import describe_failure
+from physgen.messages import Message
 from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.problems import InputError, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, versions
@@ -208,8 +209,7 @@ def _source(manifest: Manifest, folder: Path) -> Path:
     """The scene file that the manifest names. Raises InputError where it is not there."""
     path = Path(folder.resolve(), manifest.source)
     if not path.is_file():
-        fix = "the clip or the scene was moved; name it with --scene FILE"
-        raise InputError.of(str(folder / manifest.source), "", "is not there", fix)
+        raise Message.SOURCE_MOVED.error(str(folder / manifest.source))
     return path.parent.resolve() / path.name
 
 

@@ -19,6 +19,7 @@ from physgen.geometry.fitting import fit_outlines, without_specks
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, mass_properties
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.regions import fit_regions
+from physgen.messages import Message
 from physgen.problems import InputError, Problem
 from physgen.scene.scene import (
     Auto,
@@ -111,10 +112,7 @@ def _mask_problem(
 
 def _hidden(scene: Scene, item: Object) -> Problem:
     path = f"objects.{item.name}.mask"
-    fix = "write its shape, or give it a layer in front of theirs"
-    return Problem(
-        scene.place(path), path, item.name, "is hidden behind the masks of others", fix
-    )
+    return Message.HIDDEN_BY_MASKS.problem(scene.place(path), path, item.name)
 
 
 @dataclass(frozen=True)

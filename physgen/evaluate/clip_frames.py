@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from physgen.messages import Message
 from physgen.problems import InputError, collect
 from physgen.text import natural
 from physgen.videos import SUFFIXES, U8, video_frames
@@ -39,9 +40,9 @@ class Source:
         size: tuple[int, ...] | None = None
         for shown in islice(video_frames(self.path), self.skip, None):
             if size is not None and shown.rgb.shape != size:
-                expected = f"differs from the {_px(size)} of the first frame"
-                fix = "make all frames of a clip the same size"
-                raise InputError.of(shown.place, _px(shown.rgb.shape), expected, fix)
+                raise Message.CLIP_FRAME_SIZE.error(
+                    shown.place, _px(shown.rgb.shape), size=_px(size)
+                )
             size = shown.rgb.shape
             yield shown.rgb
 
@@ -63,9 +64,7 @@ def clips_in(path: Path) -> list[Source]:
     """
     if not path.is_dir():
         if not path.is_file():
-            raise InputError.of(
-                str(path), "", "no such file or folder", "check the path"
-            )
+            raise Message.NO_FILE_OR_FOLDER.error(str(path))
         return [Source(path)]
     for name in RENDERED:
         if (path / name).exists():
@@ -87,12 +86,7 @@ def clips_in(path: Path) -> list[Source]:
         return [source for source in found if source.filmed] or found
     if any(part.suffix.lower() in SUFFIXES for part in inside):
         return [Source(path)]
-    raise InputError.of(
-        str(path),
-        "",
-        "holds no clips",
-        "name a folder of videos, or of folders of frames",
-    )
+    raise Message.FOLDER_WITHOUT_CLIPS.error(str(path))
 
 
 def _px(shape: tuple[int, ...]) -> str:
@@ -115,16 +109,13 @@ class Rule:
         frames = [self.sized(frame) for frame in source.frames()]
         if not frames:
             after = f" after the first {source.skip}" if source.skip else ""
-            raise InputError.of(
-                str(source.path), "", f"has no frame{after}", "leave it out"
-            )
+            raise Message.CLIP_WITHOUT_FRAME.error(str(source.path), after=after)
         if self.count is None:
             return frames
         if len(frames) < self.count:
             found = f"{len(frames)} frame{'s' * (len(frames) != 1)}"
-            fix = f"give --frames {len(frames)}, or leave the clip out"
-            raise InputError.of(
-                str(source.path), found, f"are fewer than --frames {self.count}", fix
+            raise Message.CLIP_TOO_SHORT.error(
+                str(source.path), found, count=self.count, frames=len(frames)
             )
         return [
             frames[k]

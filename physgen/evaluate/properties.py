@@ -22,6 +22,7 @@ from physgen.geometry import raster
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.geometry.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
 from physgen.materials import kind as kind_of
+from physgen.messages import Message
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
 from physgen.problems import InputError
 from physgen.registry import Backends
@@ -150,8 +151,7 @@ def read_table(path: Path) -> Objects:
             str(path), "", f"is no table of objects ({error})", fix
         ) from None
     if not table.weighed and not rankings:
-        fix = "give objects a mass in g, or write a ranking"
-        raise InputError.of(str(path), "", "has nothing to compare answers with", fix)
+        raise Message.NOTHING_TO_COMPARE.error(str(path))
     return table
 
 

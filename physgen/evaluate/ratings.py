@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from physgen.evaluate.measure import Findings, Section, Table, interval, number
 from physgen.evaluate.study import ANSWERS, QUESTIONS, Key, read_record
+from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem
 from physgen.text import counted, natural, shown
 
@@ -79,12 +80,10 @@ def read_answers(files: Sequence[Path], key: Key) -> Answers:
             continue
         before = raters.setdefault(rater.name.casefold(), rater)
         if before.session != rater.session:
-            expected = f"has other answers in {before.file}"
-            fix = (
-                'leave one file out, or, if they are two people, change "rater" in one'
-            )
             problems.append(
-                Problem(Place(str(file)), "rater", f'"{rater.name}"', expected, fix)
+                Message.RATER_TWICE.problem(
+                    Place(str(file)), "rater", f'"{rater.name}"', file=before.file
+                )
             )
         raters[rater.name.casefold()] = max(before, rater, key=lambda one: one.saved)
     if problems:
@@ -95,12 +94,7 @@ def read_answers(files: Sequence[Path], key: Key) -> Answers:
     )
     if not kept:
         place = ", ".join(map(str, files[:3])) or "ANSWERS"
-        raise InputError.of(
-            place,
-            "",
-            "holds no answer to any question",
-            "rate clips on the page, then save",
-        )
+        raise Message.NO_ANSWER.error(place)
     shape = len(kept), len(key.methods), len(key.scenes)
     arrays = {question.key: np.zeros(shape, np.int64) for question in QUESTIONS}
     for r, rater in enumerate(kept):
@@ -126,9 +120,7 @@ def _rater(file: Path, key: Key) -> Rater:
     )
     given = record.get("answers")
     if not name or not isinstance(given, dict):
-        raise InputError.of(
-            str(file), "", "names no rater, or has no answers", "save the page again"
-        )
+        raise Message.NO_RATER.error(str(file))
     problems: list[Problem] = []
     scores: dict[str, dict[str, int]] = {}
     for clip, answer in given.items():

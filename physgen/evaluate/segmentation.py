@@ -22,9 +22,10 @@ from physgen import registry
 from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.files import install
 from physgen.maps import read_labels
+from physgen.messages import Message
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
-from physgen.problems import InputError, Place, Problem, Severity, collect
+from physgen.problems import InputError, Place, Problem, collect
 from physgen.text import counted
 
 Mask = NDArray[np.bool_]
@@ -90,9 +91,12 @@ class Pair:
         rgb, labels = read_photo(self.photo).rgb, read_labels(self.truth)
         if labels.shape != rgb.shape[:2]:
             found = f"{labels.shape[1]} x {labels.shape[0]} px"
-            expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
-            raise InputError.of(
-                str(self.truth), found, expected, "make it the photo's size"
+            raise Message.LABELS_SIZE.error(
+                str(self.truth),
+                found,
+                photo=self.photo.name,
+                width=rgb.shape[1],
+                height=rgb.shape[0],
             )
         ids = [i for i in np.unique(labels).tolist() if i not in (0, UNJUDGED)]
         return Truth(
@@ -103,11 +107,9 @@ class Pair:
 def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     """By name, with warnings of photos and label maps without a partner. Raises InputError where there is no pair."""
     if not folder.exists():
-        raise InputError.of(str(folder), "", "no such folder", "check the path")
+        raise Message.NO_SUCH_FOLDER.error(str(folder))
     if not folder.is_dir():
-        raise InputError.of(
-            str(folder), "", "is not a folder", "name the folder that holds the photos"
-        )
+        raise Message.NOT_A_PHOTO_FOLDER.error(str(folder))
     found, warnings = list[Pair](), list[Problem]()
     files = [
         path
@@ -125,28 +127,20 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
         if truth is not None and truth.is_file():
             found.append(Pair(path, truth))
         else:
-            expected = "is left out: it has no label map"
-            warnings.append(
-                Problem(Place(str(path)), "", "", expected, HOW, Severity.WARNING)
-            )
+            place, unlabelled = Place(str(path)), Message.PHOTO_WITHOUT_LABELS
+            warnings.append(unlabelled.warning(place, fix=HOW))
     if not found:
-        raise InputError.of(str(folder), "", "holds no photo with a label map", HOW)
+        raise Message.NO_LABELLED_PHOTO.error(str(folder), fix=HOW)
     matched: dict[Path, Path] = {}
     for one in found:
         other = matched.setdefault(one.truth, one.photo)
         if other != one.photo:
             names = f"{other.name} and {one.photo.name}"
-            raise InputError.of(
-                str(one.truth), names, "could both be its photo", "keep one of them"
-            )
+            raise Message.TWO_PHOTOS_FIT.error(str(one.truth), names)
     for path in files:
         if path.name.endswith(LABELS) and path not in matched:
             place = Place(str(path))
-            warnings.append(
-                Problem(
-                    place, "", "", "has no photo", "name both alike", Severity.WARNING
-                )
-            )
+            warnings.append(Message.LABELS_WITHOUT_PHOTO.warning(place))
     return _named(found, folder), warnings
 
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.messages import Message
 from physgen.problems import InputError, Problem
 
 U8 = NDArray[np.uint8]
@@ -94,13 +95,7 @@ def open_video(
     most = LONGEST.get(kind)
     if most is not None and max(size) > most:
         found = f"{size[0]} x {size[1]} px"
-        fix = "render with --format png"
-        raise InputError.of(
-            f"--format {kind.value}",
-            found,
-            f"is over the {most} px that it allows a side",
-            fix,
-        )
+        raise Message.SIDE_TOO_LONG.error(f"--format {kind.value}", found, most=most)
     source_rate = Fraction(fps).limit_denominator(1001)
     rate = min(source_rate, Fraction(FASTEST.get(kind, source_rate)))
     opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[
@@ -122,9 +117,8 @@ def open_video(
                 error.errno, error.strerror, str(folder / kind.file)
             ) from None
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
-        expected = f"could not be encoded ({error.strerror or error})"
-        raise InputError.of(
-            f"--format {kind.value}", found, expected, "render with --format png"
+        raise Message.ENCODING_REFUSED.error(
+            f"--format {kind.value}", found, reason=error.strerror or error
         ) from None
 
 

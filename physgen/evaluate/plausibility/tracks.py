@@ -15,7 +15,8 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.problems import InputError, Place, Problem
+from physgen.messages import Message
+from physgen.problems import InputError, Place
 from physgen.scene.scene import Motion, Solid, View
 from physgen.text import natural
 
@@ -165,9 +166,7 @@ def from_clip(folder: Path) -> Tracks:
         with np.load(path, allow_pickle=False) as file:
             times, names, poses = (file[key] for key in ("times", "names", "poses"))
     except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise InputError.of(
-            str(path), "", f"cannot be read: {error}", "render the clip again"
-        ) from None
+        raise Message.TRACKS_UNREADABLE.error(str(path), error=error) from None
     names = tuple(map(str, names))
     source = Path(folder.resolve(), manifest.source or "")
     if source.is_file():
@@ -292,9 +291,8 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     for owner, row in zip(owners, rows, strict=True):
         frame, k = int(row["frame"] - first), names.index(owner)
         if np.isfinite(places[frame, k, 0]):
-            fix = "give each body a name of its own"
-            raise InputError.of(
-                str(path), f'"{owner}"', f"is twice in frame {row['frame']:g}", fix
+            raise Message.BODY_TWICE_IN_FRAME.error(
+                str(path), f'"{owner}"', row=row["frame"]
             )
         places[frame, k] = row["x"], row["y"]
         radii[k] += [row["radius"]] if "radius" in row else []
@@ -324,9 +322,7 @@ def _lines(path: Path) -> list[dict[str, str]]:
         found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,radius"
         raise InputError.of(str(path), found, f"lack {', '.join(missing)}", fix)
     if not lines:
-        raise InputError.of(
-            str(path), "", "has no tracks", "write a line a frame and body"
-        )
+        raise Message.NO_TRACKS.error(str(path))
     return lines
 
 
@@ -344,17 +340,8 @@ def _row(path: Path, number: int, line: dict[str, str]) -> dict[str, float]:
         whole = column != "frame" or found[column] % 1 == 0
         if not (low <= found[column] <= high and whole):
             kind = "whole number" if column == "frame" else "number"
-            expected = f"is no {kind} from {low:g} to {high:g}"
             place = Place(str(path), number, 1)
-            raise InputError(
-                [
-                    Problem(
-                        place,
-                        column,
-                        f'"{cell[:40]}"',
-                        expected,
-                        "write px, and count frames",
-                    )
-                ]
+            raise Message.TRACK_CELL_WRONG.error_at(
+                place, column, f'"{cell[:40]}"', kind=kind, low=low, high=high
             )
     return found
