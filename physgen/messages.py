@@ -345,7 +345,116 @@ class Message(Enum):
     DIRECTION_ZERO = ("has no length", "{fix}")
     RANGE_ORDER = ("has the larger number first", "write the smaller number first")
 
+    # Warnings of a scene
+    TABLE_FROM_SIDE = (
+        "has no effect seen from the side",
+        "remove it, or write view: top",
+    )
+    NO_EFFECT_ON_MOTION = (
+        "has no effect on an object whose motion is {motion}",
+        "remove it, or write motion: dynamic",
+    )
+    WHEELS_FROM_ABOVE = ("have no effect seen from above", "remove them")
+    ROLLING_HAS_NO_EFFECT = ("has no effect: only {shapes} roll", "remove it")
+    ROLL_HAS_NO_EFFECT = (
+        "has no effect: only dynamic spheres on a tabletop with friction roll",
+        "remove it",
+    )
+    FORCE_HAS_NO_EFFECT = (
+        "has no effect: the motion of {name} is {motion}",
+        "remove it, or write motion: dynamic",
+    )
+    FORCE_AFTER_END = (
+        "begins after the end of the clip at {end:g} s",
+        "begin earlier or lengthen the duration",
+    )
+    MOVES_NO_OBJECT = (
+        "has no effect: none of its objects is dynamic",
+        "remove it, or write motion: dynamic",
+    )
+    JOINTS_EXCLUDE_START = (
+        "is not possible with the joints of the object",
+        "write velocity: [{x:.4g}, {y:.4g}] and spin: {spin:.4g}, with which it starts",
+    )
+    GRAVITY_WEAK = (
+        "px/s² is {strength:.2g} m/s², in which objects float",
+        "did you mean m/s²? write [{x:g} m/s², {y:g} m/s²]",
+    )
+    SHAPE_INVISIBLE = (
+        "is smaller than a pixel and is not visible",
+        "sizes are in pixels; did you mean meters? write e.g. 0.5 m",
+    )
+    SCALE_CHANGED = (
+        "is not the perceived {perceived:g} px/m, on which masses, pushes and playback "
+        "depend",
+        "perceive --refresh writes them",
+    )
+    SCALE_OF_NEW_LABELS = (
+        "is the scale by the changed labels, not the {perceived:g} px/m of this line",
+        "perceive --refresh writes it",
+    )
+    LABEL_CHANGED = (
+        "is not the perceived label, and gives {values}",
+        "perceive --refresh writes them",
+    )
+    CLIP_LONG = (
+        "makes {frames:,} frames, {length:.3g} min of video, in about {minutes:.2g} min",
+        "write auto, which ends the clip after all rest, or try --preview first",
+    )
+    VIEW_AT_BORDER = (
+        "is too near the photo's border for zoom {zoom:g}: the view stops at "
+        "[{x:g}, {y:g}]",
+        "zoom in further, or move the center there",
+    )
+    VIEW_AFTER_END = (
+        "is after the end of the motion at {end:g} s: this view is never reached",
+        "make it earlier, or lengthen the duration",
+    )
+    PHOTO_EDITED = (
+        "differs from background.png in {count:,} px beside the objects ({place}), "
+        "but the clip shows background.png",
+        "if the photo was edited, physgen perceive --refresh makes the maps again",
+    )
+    DOUBTFUL_IS_OBJECT = (
+        "is the mask of the object {name}",
+        "delete this entry, or objects.{name}",
+    )
+    DOUBTFUL_ID_MISSING = (
+        "is not an id in masks.png",
+        "write the mask that the object had",
+    )
+    SHAPE_MISSES_MASK = ("misses {share} of its mask", "{fix}")
+    SHAPE_BEYOND_MASK = ("reaches {share} beyond its mask", "{fix}")
+    OVERLAP_AT_START = (
+        "overlaps {other} by {depth:.1f} px at t = 0",
+        "move or shrink one of them, or they are pushed apart",
+    )
+    ACROSS_BOUNDARY = (
+        "reaches {depth:.1f} px across boundary {name} at t = 0",
+        "move the boundary or the object",
+    )
+    MORE_OVERLAPS = (
+        "are so near that they may overlap, too",
+        "move or shrink one of them, or they are pushed apart",
+    )
+    UNSUPPORTED = (
+        "is supported by nothing and falls at once",
+        "put a boundary under it, hold it with a joint, or write motion: static",
+    )
+
     # Simulation and refinement
+    TOO_MANY_SAMPLES = (
+        "from duration times fps{slow} are too many",
+        "write render.frames, {most}, or a smaller {keys}",
+    )
+    MASK_OF_NO_PIXEL = (
+        "covers no pixel",
+        "write an id of masks.png, or an outline inside the photo",
+    )
+    ID_WITHOUT_PHOTO = (
+        "is an id, but the scene has no photo and so no masks.png",
+        "write image: photo.png, or an outline",
+    )
     MOTION_DIVERGED = (
         "becomes larger than any number by t = {time:.3f} s",
         "raise steps_per_second, or look for a force, spring or joint that is too "
@@ -422,6 +531,8 @@ class Message(Enum):
         ),
     )
     # The editor
+    EDIT_MAKES_PROBLEM = ("after this edit, {reason}", "{fix}")
+    MARK_REFUSED = ("the marked part {reason}", "{fix}")
 
     NO_SUCH_VARIANT = ("the scene has no variant {name}", "choose one of its variants")
     PORT_UNUSABLE = (
@@ -623,6 +734,24 @@ class Message(Enum):
     )
 
     # Batches and clusters
+    AXIS_COVERED = (
+        "replaces all of {other}",
+        "keep one; several values go into one argument: {key}=VALUE,VALUE",
+    )
+    AXIS_WITHOUT_KEY = ("has no key", "write e.g. {example}")
+    AXIS_KEY_WRONG = ("{key} is not a dotted key", "write e.g. {example}")
+    FILE_KEPT = ("differed from the new one and is kept as {backup}", "")
+    JOB_FAILED = ("{reason}", "{fix}")
+    VALUE_NOT_YAML = ("{value}: {reason}", "{fix}")
+    NOT_A_RANGE = (
+        "is not start:end:count",
+        "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes",
+    )
+    RANGE_COUNT = (
+        "has no count from 2 to {most:,} after its ends",
+        "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes",
+    )
+    DISTRIBUTION_WRONG = ("{fault}", "write e.g. {example}")
 
     AXIS_WITHOUT_VALUES = (
         "has no =",
@@ -747,7 +876,64 @@ class Message(Enum):
         "does not exist",
         "the clip or the scene was moved; name it with --scene FILE",
     )
-    # Measures
+    # Measures and labels
+    DISTANCE_DOUBTFUL = ("{fault}", "{fix}")
+    TOO_FEW_FRAMES = ("are too few to judge motion", "give {least} frames or more")
+    UNKNOWN_BODY = ("is not one of its bodies", "it has {names}")
+    NOT_TRACKS = (
+        "is not a kind of tracks",
+        "give a clip's folder, a scene file, or a CSV of frame,name,x,y",
+    )
+    TRACKS_MISSING = (
+        "does not exist",
+        "give a clip's folder, a scene file, or a CSV of frame,name,x,y",
+    )
+    TRACKS_WITHOUT_MOTION = (
+        "have no motion",
+        "give 2 frames or more, up to {most:,} cells",
+    )
+    TRACKS_TOO_LARGE = (
+        "are too many",
+        "give 2 frames or more, up to {most:,} cells",
+    )
+    NOT_CSV = ("cannot be read as CSV: {reason}", "save it as UTF-8 with commas")
+    COLUMNS_MISSING = ("need {names}, too", "begin with frame,name,x,y,radius")
+    OTHER_STUDY = (
+        'is another study than "{study}" of the key',
+        "name the key of this study with --key",
+    )
+    NOT_A_CLIP_OF_STUDY = (
+        "is not a clip of this study with its answers",
+        "leave it out",
+    )
+    NOT_A_SCORE = (
+        "is not a score from 1 to {most}",
+        "write a whole number, or leave it out",
+    )
+    NOT_JSON = ("cannot be read as JSON", "{fix}")
+    NOT_A_RECORD = ("is not {kind}", "{fix}")
+    LIBRARY_MISSING = ("needs {library}, which is not installed", "{install}")
+    TABLE_UNREADABLE = (
+        "cannot be read ({reason})",
+        "write a table like physgen/evaluate/objects.yaml",
+    )
+    NOT_A_TABLE = (
+        "is not a table of objects ({reason})",
+        "write a table like physgen/evaluate/objects.yaml",
+    )
+    UNKNOWN_FORMAT = ("is not a format", "{fix}")
+    TOO_MANY_FOR_FORMAT = (
+        "are more than {format} can number: {most}",
+        "choose coco, which has no limit, or leave objects out",
+    )
+    FORMAT_WITHOUT_PHOTO = (
+        "is made from the maps of a photo, but the scene has no photo",
+        "leave {format} out",
+    )
+    FORMAT_WITHOUT_MAP = (
+        "is made from {map}.png, which does not exist",
+        "make it: physgen perceive --refresh {scene}{option} -o NEW.yaml",
+    )
     PHOTO_WITHOUT_LABELS = ("is left out: it has no label map", "{fix}")
     NO_LABELLED_PHOTO = ("has no photo with a label map", "{fix}")
     MAP_OF_ONE_PHOTO = (

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from physgen.messages import Message
-from physgen.problems import InputError, RefusedError
+from physgen.problems import InputError
 from physgen.scene.document import Source, plain, read
 from physgen.tables import Cell
 from physgen.text import listed, nearest, number, quoted
@@ -99,8 +99,10 @@ def _read_value(text: str) -> Value:
         return parse_yaml(text)
     except InputError as error:
         problem = error.problems[0]
-        raise RefusedError(
-            f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix
+        reason = f"{problem.found} {problem.expected}"
+        wrong = Message.VALUE_NOT_YAML
+        raise wrong.refusal(
+            value=quoted(text), reason=reason, fix=problem.fix
         ) from None
 
 
@@ -117,16 +119,15 @@ def number_value(data: int | float) -> Value:
 def _read_range(text: str) -> list[Value]:
     """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises RefusedError."""
     parts = text.split(":")
-    fix = "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes"
     if (
         len(parts) not in (3, 4)
         or not all(map(_DECIMAL, parts[:2]))
         or parts[3:] not in ([], ["log"])
     ):
-        raise RefusedError("is not start:end:count", fix)
+        raise Message.NOT_A_RANGE.refusal()
     count = int(parts[2]) if re.fullmatch("[0-9]{1,18}", parts[2]) else 0
     if not 2 <= count <= MAX_COUNT:
-        raise RefusedError(f"has no count from 2 to {MAX_COUNT:,} behind its ends", fix)
+        raise Message.RANGE_COUNT.refusal(most=MAX_COUNT)
     begin, end = map(Fraction, parts[:2])
     if begin == end:
         raise Message.RANGE_WITHOUT_LENGTH.refusal(value=parts[0])
@@ -200,7 +201,8 @@ def read_distribution(text: str) -> Distribution:
         )
         fault = _fault(found, len(parts))
     if fault:
-        raise RefusedError(fault, f"write e.g. {EXAMPLES[name]}")
+        wrong = Message.DISTRIBUTION_WRONG
+        raise wrong.refusal(fault=fault, example=EXAMPLES[name])
     return found
 
 

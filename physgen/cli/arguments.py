@@ -178,7 +178,7 @@ def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
     def read(text: str) -> Any:
         if not text.strip() or "\0" in text:
             raise argparse.ArgumentTypeError(
-                "is no name; write the path of a new file or folder"
+                "is not a name; write the path of a new file or folder"
             )
         long = max(len(os.fsencode(part)) for part in text.split("/"))
         if long > LONGEST_NAME:

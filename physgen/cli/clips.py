@@ -429,7 +429,7 @@ def part(text: str) -> slice:
     if first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step):
         return slice(int(first) - 1, None, int(step))
     raise argparse.ArgumentTypeError(
-        f"{text} is no part; write e.g. 2/8, the second of 8 machines"
+        f"{text} is not a part; write e.g. 2/8, the second of 8 machines"
     )
 
 

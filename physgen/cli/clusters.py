@@ -27,7 +27,7 @@ def address(text: str) -> str:
     if ADDRESS.fullmatch(text):
         return text
     raise argparse.ArgumentTypeError(
-        f"{text} is no cluster; write tcp://HOST:8786, a scheduler's FILE.json, or local:4"
+        f"{text} is not a cluster; write tcp://HOST:8786, a scheduler's FILE.json, or local:4"
     )
 
 

@@ -268,10 +268,9 @@ def frame_times(scene: Scene, duration: float) -> Array:
         found = f"{rate * duration:,.0f} frames"
         slow = " times slow" if render.slow != 1 else ""
         smaller = "duration, fps or slow" if slow else "duration or fps"
-        fix = f"write render.frames, {Limit.FRAMES.fix}, or a smaller {smaller}"
         place = scene.place("render.slow" if slow else "render.fps")
-        expected = f"from duration times fps{slow} {Limit.FRAMES.expected}"
-        raise InputError([Problem(place, "render", found, expected, fix)])
+        values = {"slow": slow, "most": Limit.FRAMES.fix, "keys": smaller}
+        raise Message.TOO_MANY_SAMPLES.error_at(place, "render", found, **values)
     if render.frames is not None:
         return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
     return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate

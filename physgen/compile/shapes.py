@@ -100,14 +100,8 @@ def _mask_problem(
 ) -> Problem:
     """The mask at `path` has no pixel; None: it is an id, and the scene has no photo."""
     found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
-    expected, fix = (
-        "covers no pixel",
-        "write an id that masks.png holds, or an outline inside the photo",
-    )
-    if mask is None:
-        expected = "is an id, and masks.png is read beside a photo only"
-        fix = "write image: photo.png, or an outline"
-    return Problem(scene.place(path), path, found, expected, fix)
+    message = Message.ID_WITHOUT_PHOTO if mask is None else Message.MASK_OF_NO_PIXEL
+    return message.problem(scene.place(path), path, found)
 
 
 def _hidden(scene: Scene, item: Object) -> Problem:

@@ -42,7 +42,7 @@ from physgen.perceive import document
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
-from physgen.problems import InputError, impossible
+from physgen.problems import InputError
 from physgen.scene.files import OUTLINES, OVERVIEW, RECORD, read_record
 from physgen.scene.scene import MaskId
 from physgen.scene.yaml_edit import without_comments
@@ -120,10 +120,10 @@ def correct(
             shutil.rmtree(out, ignore_errors=True)
         if isinstance(error, InputError):
             problem = error.problems[0]
-            message = (
-                f"then {problem.path or 'the scene'} {problem.found} {problem.expected}"
-            )
-            raise impossible(message, problem.fix) from error
+            owner = problem.path or "the scene"
+            reason = f"{owner} {problem.found} {problem.expected}"
+            wrong = Message.EDIT_MAKES_PROBLEM
+            raise wrong.impossible(reason=reason, fix=problem.fix) from error
         raise
     made, changed = next(iter(work.fresh), None), next(iter(work.masks), None)
     return Corrected(new, what, made, out, changed if made is None else None)

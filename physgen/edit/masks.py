@@ -40,7 +40,7 @@ from physgen.perceive.roles import (
 from physgen.perceive.segment.prompts import Segmenter, segment_box, segment_point
 from physgen.pipeline.pushes import NEAR
 from physgen.pipeline.stages import Recent
-from physgen.problems import InputError, impossible
+from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.text import listed
 
@@ -345,7 +345,8 @@ def _edit_errors() -> Iterator[None]:
         fix = "draw a box close around it" if "--" in problem.fix else problem.fix
         if fix.startswith("write x,y"):
             fix = "mark it on the photo"
-        raise impossible(f"what is marked {problem.expected}", fix) from error
+        wrong = Message.MARK_REFUSED
+        raise wrong.impossible(reason=problem.expected, fix=fix) from error
 
 
 def stroke(

@@ -333,11 +333,9 @@ class Session:
         if text == self.now.text:
             return
         if len(text.encode()) > Limit.BYTES.most:
-            raise EditError(
-                Why.TOO_LARGE,
-                f"the file would be {Limit.BYTES.expected}",
-                Limit.BYTES.fix,
-            )
+            limit = Limit.BYTES
+            message = f"the file would be {limit.expected}"
+            raise EditError(Why.TOO_LARGE, message, limit.fix, code=limit.code)
         tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
         self._add(State(text, request.what or what, tag, time.time()))
         self._changed()

@@ -21,7 +21,7 @@ from physgen.evaluate.clip_frames import Rule, Source, one_shape
 from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.export.flow import coloured
 from physgen.messages import Message
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Place, Problem
 from physgen.text import counted
 from physgen.videos import U8
 
@@ -345,7 +345,8 @@ def _add_clip(
 def _warnings(truth: Side, sides: Mapping[str, Side], wide: int) -> Iterator[Problem]:
     def warn(side: Side, found: str, expected: str, fix: str) -> Problem:
         place = Place("--reference" if side is truth else side.name)
-        return Problem(place, "", found, expected, fix, Severity.WARNING)
+        doubtful = Message.DISTANCE_DOUBTFUL
+        return doubtful.warning(place, "", found, fault=expected, fix=fix)
 
     for side in (truth, *sides.values()):
         for kind in KINDS:

@@ -111,9 +111,8 @@ def _rater(file: Path, key: Key) -> Rater:
     """Raises InputError with all problems of one file."""
     record = read_record(file, ANSWERS)
     if record.get("study") != key.study:
-        expected = f'is another study than the key\'s "{key.study}"'
-        fix = "name the key of this study with --key"
-        raise InputError.of(str(file), shown(record.get("study")), expected, fix)
+        found, other = shown(record.get("study")), Message.OTHER_STUDY
+        raise other.error(str(file), found, study=key.study)
     name, session, saved = (
         str(record.get(word) or "").strip()[:80]
         for word in ("rater", "session", "saved")
@@ -125,30 +124,18 @@ def _rater(file: Path, key: Key) -> Rater:
     scores: dict[str, dict[str, int]] = {}
     for clip, answer in given.items():
         if clip not in key.clips or not isinstance(answer, dict):
-            expected = "is no clip of this study with its answers"
-            problems.append(
-                Problem(
-                    Place(str(file)),
-                    f"answers.{clip}"[:60],
-                    "",
-                    expected,
-                    "leave it out",
-                )
-            )
+            place, answers = Place(str(file)), f"answers.{clip}"[:60]
+            problems.append(Message.NOT_A_CLIP_OF_STUDY.problem(place, answers))
             continue
         for question in QUESTIONS:
             value = answer.get(question.key)
             if type(value) is int and 1 <= value <= POINTS:
                 scores.setdefault(clip, {})[question.key] = value
             elif value is not None:
-                path, expected = (
-                    f"answers.{clip}.{question.key}",
-                    f"is no score from 1 to {POINTS}",
-                )
-                fix = "write a whole number, or leave it out"
-                problems.append(
-                    Problem(Place(str(file)), path, shown(value), expected, fix)
-                )
+                place, path = Place(str(file)), f"answers.{clip}.{question.key}"
+                wrong = Message.NOT_A_SCORE
+                problem = wrong.problem(place, path, shown(value), most=POINTS)
+                problems.append(problem)
     if problems:
         raise InputError(problems)
     return Rater(name, file, session, saved, scores)

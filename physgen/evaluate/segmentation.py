@@ -25,7 +25,7 @@ from physgen.maps import read_labels
 from physgen.messages import Message
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
-from physgen.problems import InputError, Place, Problem, collect
+from physgen.problems import Place, Problem, collect
 from physgen.text import counted
 
 Mask = NDArray[np.bool_]
@@ -57,8 +57,9 @@ def require_pycocotools() -> None:
     try:
         import pycocotools.cocoeval  # noqa: F401
     except ModuleNotFoundError as error:
-        found, fix = f"needs {error.name}, which is not installed", install("labels")
-        raise InputError.of("evaluate segmentation", "", found, fix) from None
+        missing, command = Message.LIBRARY_MISSING, install("labels")
+        values = {"library": error.name, "install": command}
+        raise missing.error("evaluate segmentation", **values) from None
 
 
 def runs(mask: Mask) -> Runs:

@@ -264,9 +264,9 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
-        raise InputError.of(str(path), "", "cannot be read as JSON", fix) from None
+        raise Message.NOT_JSON.error(str(path), fix=fix) from None
     if not isinstance(record, dict) or kind not in record:
-        raise InputError.of(str(path), "", f"is not {what}", fix)
+        raise Message.NOT_A_RECORD.error(str(path), kind=what, fix=fix)
     if record[kind] != VERSION:
         raise Message.RECORD_VERSION.error(
             str(path), f"{kind} {shown(record[kind])}", version=VERSION

@@ -22,9 +22,9 @@ from physgen.export.tapvid import Tapvid
 from physgen.export.trajectory import TrajectoryTables
 from physgen.files import install
 from physgen.maps import Percepts
-from physgen.problems import InputError, Problem
+from physgen.messages import Message, one_of
+from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Scene
-from physgen.text import listed, nearest
 
 
 @dataclass(frozen=True)
@@ -103,19 +103,12 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
     for name in dict.fromkeys(names):
         kind = known.get(name)
         if kind is None:
-            close = nearest(name, known)
-            fix = (
-                f'did you mean "{close}"?'
-                if close
-                else f"write any of {listed(list(known))}"
-            )
-            problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
+            unknown, fix = Message.UNKNOWN_FORMAT, one_of(name, list(known))
+            problems.append(unknown.problem(Place(flag), "", f'"{name}"', fix=fix))
         elif kind.library and find_spec(kind.library) is None:
-            what, fix = (
-                f"needs {kind.library}, which is not installed",
-                install("labels"),
-            )
-            problems += InputError.of(flag, f'"{name}"', what, fix).problems
+            missing = Message.LIBRARY_MISSING
+            values = {"library": kind.library, "install": install("labels")}
+            problems.append(missing.problem(Place(flag), "", f'"{name}"', **values))
     if problems:
         raise InputError(problems)
     return [known[name] for name in dict.fromkeys(names)]
@@ -128,34 +121,30 @@ def check_fits(
     count, problems = len(scene.objects), []
     for kind in chosen:
         if kind.most is not None and count > kind.most:
-            expected = (
-                f"are more than the format {kind.name} can number, which is {kind.most}"
+            place, found = scene.place("objects"), f"{count:,} objects"
+            many, values = Message.TOO_MANY_FOR_FORMAT, (kind.name, kind.most)
+            problem = many.problem(
+                place, "objects", found, format=values[0], most=values[1]
             )
-            fix = "take coco, which has no limit, or leave objects out"
-            problems.append(
-                Problem(
-                    scene.place("objects"),
-                    "objects",
-                    f"{count:,} objects",
-                    expected,
-                    fix,
-                )
-            )
+            problems.append(problem)
         found = f'--format "{kind.name}"'
         if kind.needs and maps is None:
-            expected, fix = (
-                "is made of a photo's maps, and there is no photo",
-                f"leave {kind.name} out",
-            )
-            problems.append(Problem(scene.place("size"), "", found, expected, fix))
+            without, place = Message.FORMAT_WITHOUT_PHOTO, scene.place("size")
+            problems.append(without.problem(place, "", found, format=kind.name))
         elif kind.needs and getattr(maps, kind.needs) is None:
             place = scene.place("assets")
             option = (
                 " --backend depth=NAME" if kind.needs == "depth" else ""
             )  # not made by default
-            fix = f"have it made: physgen perceive --refresh {place.file}{option} -o NEW.yaml"
-            expected = f"is made of {kind.needs}.png, which is not there"
-            problems.append(Problem(place, "assets", found, expected, fix))
+            problem = Message.FORMAT_WITHOUT_MAP.problem(
+                place,
+                "assets",
+                found,
+                map=kind.needs,
+                scene=place.file,
+                option=option,
+            )
+            problems.append(problem)
     if problems:
         raise InputError(problems)
 

@@ -202,9 +202,8 @@ class FormatWriter:
         if isinstance(error, InputError):
             return error
         reason = str(error) or type(error).__name__
-        expected = f"could not be encoded ({reason})"
-        fix = "render with --format png"
-        return InputError.of(f"--format {self._format}", "", expected, fix)
+        refused = Message.ENCODING_REFUSED
+        return refused.error(f"--format {self._format}", reason=reason)
 
     def _abandon(self, error: InputError) -> None:
         """Note why this format failed, and remove its file."""

@@ -148,7 +148,7 @@ def test_names_stay_apart_and_inside(tmp_path: Path) -> None:
         ("missing", "no such folder; check the path"),
         (
             "empty",
-            "holds no photo with a label map; put NAME.labels.png beside each NAME.png",
+            "has no photo with a label map; put NAME.labels.png beside each NAME.png",
         ),
         (
             "size",
@@ -156,7 +156,7 @@ def test_names_stay_apart_and_inside(tmp_path: Path) -> None:
         ),
         ("broken", "is not a picture that can be read"),
         ("twins", "could both be its photo; keep one of them"),
-        ("backend", '--backend: "label" has no part in this; write segment=NAME'),
+        ("backend", '--backend: "label" is not used here; write segment=NAME'),
         ("output", "is a file"),
     ],
 )

@@ -178,7 +178,7 @@ def test_only_three_files_are_needed(tmp_path: Path):
         (
             "[1, 95]]",
             "[1]]",
-            "edge_list[1][1]: a list is not what is read here; write [x, y]",
+            "edge_list[1][1]: a list has the wrong form; write [x, y]",
         ),
     ],
 )

@@ -103,11 +103,8 @@ class Tracks:
     def holding(self, names: Sequence[str]) -> Tracks:
         """With these bodies held. Raises InputError for names that are not there."""
         if unknown := set(names) - set(self.names):
-            found, fix = (
-                f'"{", ".join(sorted(unknown))}"',
-                f"it has {', '.join(self.names[:8])}",
-            )
-            raise InputError.of(self.name, found, "is none of its bodies", fix)
+            found, names = ", ".join(sorted(unknown)), ", ".join(self.names[:8])
+            raise Message.UNKNOWN_BODY.error(self.name, f'"{found}"', names=names)
         return replace(
             self, held=self.held | {self.names.index(name) for name in names}
         )
@@ -128,9 +125,8 @@ def read(
     elif scene.is_file() and scene.suffix.lower() in (".yaml", ".yml"):
         yield from_scene(scene)
     else:
-        expected = "is no kind of tracks" if path.exists() else "is not there"
-        fix = "give a clip's folder, a scene file, or a CSV of frame,name,x,y"
-        raise InputError.of(str(path), "", expected, fix)
+        wrong = Message.NOT_TRACKS if path.exists() else Message.TRACKS_MISSING
+        raise wrong.error(str(path))
 
 
 # ---- clips and scenes of physgen ---------------------------------------------------------------------------------
@@ -276,16 +272,11 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     first = min(row["frame"] for row in rows)
     count = int(max(row["frame"] for row in rows) - first) + 1
     if count == 1 or count * len(names) > LIMITS.cells:
-        found, expected = (
-            f"{count:,} frames of {len(names):,} bodies",
-            "are no motion, or too many",
+        found = f"{count:,} frames of {len(names):,} bodies"
+        wrong = (
+            Message.TRACKS_WITHOUT_MOTION if count == 1 else Message.TRACKS_TOO_LARGE
         )
-        raise InputError.of(
-            str(path),
-            found,
-            expected,
-            f"give 2 frames or more, up to {LIMITS.cells:,} cells",
-        )
+        raise wrong.error(str(path), found, most=LIMITS.cells)
     places = np.full((count, len(names), 2), np.nan)
     radii: list[list[float]] = [[] for _ in names]
     for owner, row in zip(owners, rows, strict=True):
@@ -314,13 +305,11 @@ def _lines(path: Path) -> list[dict[str, str]]:
             ]
             lines = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        fix = "save it as UTF-8 with commas"
-        raise InputError.of(
-            str(path), "", f"cannot be read as CSV: {error}", fix
-        ) from None
+        raise Message.NOT_CSV.error(str(path), reason=error) from None
     if missing := [column for column in ("frame", "x", "y") if column not in heads]:
-        found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,radius"
-        raise InputError.of(str(path), found, f"lack {', '.join(missing)}", fix)
+        found = f'columns "{", ".join(heads)}"'
+        names = ", ".join(missing)
+        raise Message.COLUMNS_MISSING.error(str(path), found, names=names)
     if not lines:
         raise Message.NO_TRACKS.error(str(path))
     return lines
