@@ -741,7 +741,7 @@ class Message(Enum):
     AXIS_WITHOUT_KEY = ("has no key", "write e.g. {example}")
     AXIS_KEY_WRONG = ("{key} is not a dotted key", "write e.g. {example}")
     FILE_KEPT = ("differed from the new one and is kept as {backup}", "")
-    JOB_FAILED = ("{reason}", "{fix}")
+    JOB_FAILED = ("{failure}", "{fix}")
     VALUE_NOT_YAML = ("{value}: {reason}", "{fix}")
     NOT_A_RANGE = (
         "is not start:end:count",
@@ -911,7 +911,7 @@ class Message(Enum):
         "write a whole number, or leave it out",
     )
     NOT_JSON = ("cannot be read as JSON", "{fix}")
-    NOT_A_RECORD = ("is not {kind}", "{fix}")
+    NOT_A_RECORD = ("is not {record}", "{fix}")
     LIBRARY_MISSING = ("needs {library}, which is not installed", "{install}")
     TABLE_UNREADABLE = (
         "cannot be read ({reason})",

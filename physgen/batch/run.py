@@ -234,9 +234,9 @@ def failed(
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
     else:
-        reason, fix = describe_failure(error)
-        failure = Message.JOB_FAILED
-        problems = [failure.problem(Place(job.scene), reason=reason, fix=fix)]
+        failure, fix = describe_failure(error)
+        message = Message.JOB_FAILED
+        problems = [message.problem(Place(job.scene), failure=failure, fix=fix)]
     disk_full = isinstance(error, OSError) and error.errno in NO_ROOM
     can_write = not isinstance(error, OutputError)
     return Done(

@@ -160,9 +160,9 @@ def verify(
 
 def failed(request: VerifyRequest, error: Exception) -> Verdict:
     """The verdict where the machine or physgen failed, not the scene."""
-    reason, fix = describe_failure(error)
-    folder, failure = str(request.folder), Message.JOB_FAILED
-    problem = failure.problem(Place(folder), reason=reason, fix=fix)
+    failure, fix = describe_failure(error)
+    folder, message = str(request.folder), Message.JOB_FAILED
+    problem = message.problem(Place(folder), failure=failure, fix=fix)
     return Verdict(folder, Outcome.UNKNOWN, problems=(problem,))
 
 

@@ -99,6 +99,8 @@ class Parser(argparse.ArgumentParser):
         """As argparse; an unknown flag is reported by its command, with the nearest flag that the command has."""
         options, unknown = self.parse_known_args(args, namespace)
         command = self.commands.get(getattr(options, "command", ""), self)
+        # a measure of `evaluate` is a command with its own flags and example
+        command = command.commands.get(getattr(options, "what", ""), command)
         if not unknown and not command.wrong:
             return options
         flags = [

@@ -364,7 +364,7 @@ def add(parser: Parser) -> None:
             epilog=f"example: physgen evaluate {measure.example}",
         )
         sub.flag("--json", "print as JSON")
-        sub.wrong = parser.wrong  # reported by the command
+        parser.commands[measure.name] = sub
         measure.add(sub)
 
 

@@ -76,9 +76,8 @@ def clips_in(path: Path) -> list[Source]:
             try:
                 found += clips_in(part)
             except InputError as error:
-                if any(
-                    problem.expected != "holds no clips" for problem in error.problems
-                ):
+                codes = {problem.code for problem in error.problems}
+                if codes != {Message.FOLDER_WITHOUT_CLIPS.code}:
                     raise
         elif part.suffix.lower() in FILMS:
             found.append(Source(part))

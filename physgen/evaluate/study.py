@@ -266,7 +266,7 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     except (ValueError, RecursionError):
         raise Message.NOT_JSON.error(str(path), fix=fix) from None
     if not isinstance(record, dict) or kind not in record:
-        raise Message.NOT_A_RECORD.error(str(path), kind=what, fix=fix)
+        raise Message.NOT_A_RECORD.error(str(path), record=what, fix=fix)
     if record[kind] != VERSION:
         raise Message.RECORD_VERSION.error(
             str(path), f"{kind} {shown(record[kind])}", version=VERSION
