@@ -52,4 +52,6 @@ def test_sentences_are_verb_phrases_without_a_full_stop() -> None:
             assert not sentence.endswith(".") or sentence.endswith("...")
             assert "  " not in sentence
             # words of the project's own language
-            assert not re.search(r"\b(is no|holds no|went|take it out|lacks)\b", sentence)
+            assert not re.search(
+                r"\b(is no|holds no|went|take it out|lacks)\b", sentence
+            )

@@ -24,12 +24,20 @@ FIELD = re.compile(r"\\\{\w+(?:\\?![rs])?(?::[^}]*)?\\\}")
 
 
 def problems_of(name: str) -> list[Problem]:
-    """What `load` finds in a case, `# flags: ...` on its first line being the flags of the command."""
+    """What `load` finds in a case; each line `# flags: ...` at its top is one command with these flags."""
     path = Path(f"{name}.yaml")
-    first = path.read_text(encoding="utf-8").partition("\n")[0]
-    flags = []
-    if first.startswith("# flags: "):
-        flags = shlex.split(first.removeprefix("# flags: "))
+    lines = path.read_text(encoding="utf-8").splitlines()
+    commands = [
+        line.removeprefix("# flags: ") for line in lines if line.startswith("# flags: ")
+    ]
+    problems = []
+    for flags in commands or [""]:
+        problems += problems_with(path, shlex.split(flags))
+    return problems
+
+
+def problems_with(path: Path, flags: list[str]) -> list[Problem]:
+    """What `load` finds in a file with the flags of one command."""
     overrides = [value for flag, value in pairwise(flags) if flag == "--set"]
     variant = flags[flags.index("--variant") + 1] if "--variant" in flags else None
     problems: list[Problem] = []
