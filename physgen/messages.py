@@ -55,6 +55,81 @@ MOST_NAMES = 30
 
 
 @unique
+class Note(Enum):
+    """Sentences of summaries and doubts, which are no problems of an input."""
+
+    # Doubts about a photo
+    FEW_SURE_OBJECTS = "few sure objects"
+    MAY_BE_OBJECTS = "{share} of the photo may be objects, too"
+    NO_LOOSE_OBJECTS = "it looks like a photo without loose objects at rest"
+    IMMOVABLE = "{share} of the photo looks immovable"
+    LIKE_SKY = "{share} of the background is blue like the sky"
+    LIKE_FOLIAGE = "{share} of the background looks like leaves or grass"
+    CLUTTERED = "{share} of the background is cluttered"
+    MARKED_IMMOVABLE = "the marked object looks immovable"
+    MARKED_FAINT = "the marked object hardly stands out"
+    FILLS_PHOTO = "one object fills {share} of the photo"
+    NO_SUPPORT = "no support is visible beneath {count} of {objects}"
+    VIEW_UNCERTAIN = "the view is uncertain: from the side or from above"
+
+    # Doubts about the motion of a clip
+    PUSH_MOVES_NOTHING = "the push of {names} moves nothing visibly"
+    REBOUNDS = "{names} would rebound from a wall that the photo does not show"
+    LEAVES_PICTURE = "{names} leaves the picture, also at the gentlest push"
+    RESTLESS = "something moves for too long, or climbs an obstacle"
+    MOTION_BRIEF = "the motion takes only {seconds:.1f} s of video"
+    MUCH_FILLED = "{share} of the photo must be filled in behind moving objects"
+    BUSY_FILLED = "{share} of the photo must be filled in behind moving objects, beside fine detail"
+    NOTHING_MOVES = "no push moves anything"
+    CUT_BY_BORDER = (
+        "no push moves anything: {names} {verb} cut off by the photo's border"
+    )
+    LIVING = "{names}: {kinds}, never pushed"
+    LIVING_OR_TOY = (
+        '{names}: {kinds}, never pushed; if it is a toy, label it "toy {noun}"'
+    )
+    TAKEN_FOR_TOY = "{names} {verb}"
+
+    # The summary of a perceived photo
+    NO_OBJECTS = "none; {fix}"
+    SCALE = (
+        "{scale:g} px/m, {reason}; to correct it, name an object by --label, or set "
+        "world.pixels_per_meter"
+    )
+    NO_BOUNDARY = "no boundary is visible"
+    STATIC = "{boundaries}; held where they are: {names}"
+    PUSHED = "{name} is pushed {way}"
+    NOTHING_PUSHED = "nothing is pushed"
+    UNSURE = "unsure {names}: not an object? move it to doubtful, as {{mask: N}}"
+    ONE_REGION = "1 region may be an object, too: to use one, move {name} to objects"
+    SEVERAL_REGIONS = (
+        "{count} regions may be objects, too: to use one, move {name} ... to objects"
+    )
+
+    # Reports of files
+    BACKUP = "the previous {name} is kept as {backup}"
+    EDITED = "{edit}; backup: {backup}"
+
+    @property
+    def fields(self) -> frozenset[str]:
+        """Names of the values that the sentence contains."""
+        return _fields(self.value)
+
+    def text(self, **values: object) -> str:
+        """Return the sentence.
+
+        >>> Note.IMMOVABLE.text(share="8 %")
+        '8 % of the photo looks immovable'
+        """
+        return str(self.value).format(**values)
+
+
+def _fields(template: str) -> frozenset[str]:
+    """Return the names of the fields of a template."""
+    return frozenset(name for _, name, _, _ in Formatter().parse(template) if name)
+
+
+@unique
 class Message(Enum):
     """The templates, by package; each is the sentence and the fix."""
 
@@ -1344,8 +1419,7 @@ class Message(Enum):
     @property
     def fields(self) -> frozenset[str]:
         """Names of the values that the sentence and the fix contain."""
-        parts = Formatter().parse(self._expected + self._fix)
-        return frozenset(name for _, name, _, _ in parts if name)
+        return _fields(self._expected + self._fix)
 
     def refusal(self, **values: object) -> RefusedError:
         """Return the refusal of a value whose place its caller knows."""

@@ -8,22 +8,23 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import physgen
-from physgen.messages import Message
+from physgen.messages import Message, Note
 
 PACKAGE = Path(physgen.__file__).parent
-METHODS = {"refusal", "problem", "warning", "error", "error_at", "impossible"}
+METHODS = {"refusal", "problem", "warning", "error", "error_at", "impossible", "text"}
 
 
-def calls() -> Iterator[tuple[Message, ast.Call, str]]:
+def calls() -> Iterator[tuple[Message | Note, ast.Call, str]]:
     """Each call of a template by its name, with its place in the code."""
     for path in sorted(PACKAGE.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.Call):
                 continue
-            name = re.fullmatch(r"Message\.(\w+)\.(\w+)", ast.unparse(node.func))
-            if name is not None and name[2] in METHODS:
+            name = re.fullmatch(r"(Message|Note)\.(\w+)\.(\w+)", ast.unparse(node.func))
+            if name is not None and name[3] in METHODS:
                 place = f"{path.relative_to(PACKAGE)}:{node.lineno}"
-                yield Message[name[1]], node, place
+                kind = Message if name[1] == "Message" else Note
+                yield kind[name[2]], node, place
 
 
 def test_calls_give_the_fields_of_their_template() -> None:
@@ -31,7 +32,7 @@ def test_calls_give_the_fields_of_their_template() -> None:
     for message, call, place in calls():
         names = {keyword.arg for keyword in call.keywords}
         if None not in names and names != message.fields:
-            wrong.append((place, message.code, names, message.fields))
+            wrong.append((place, message.name, names, message.fields))
     assert not wrong
 
 
@@ -41,8 +42,8 @@ def test_every_template_is_used() -> None:
         for path in PACKAGE.rglob("*.py")
         if path.name != "messages.py"
     )
-    names = set(re.findall(r"\bMessage\.([A-Z]\w+)", text))
-    assert {message.name for message in Message} - names == set()
+    names = set(re.findall(r"\b(?:Message|Note)\.[A-Z]\w+", text))
+    assert {str(one) for one in (*Message, *Note)} - names == set()
 
 
 def test_sentences_are_verb_phrases_without_a_full_stop() -> None:

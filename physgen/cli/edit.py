@@ -24,7 +24,7 @@ from physgen.cli.output import (
 )
 from physgen.cli.perceive import BEGIN, add_backends, crew_of
 from physgen.files import check_writable, install
-from physgen.messages import Message
+from physgen.messages import Message, Note
 from physgen.problems import InputError, Place, RefusedError
 from physgen.text import quoted
 
@@ -142,7 +142,9 @@ def edit_file(options: argparse.Namespace) -> int:
     save_scene(
         path.resolve(),
         made.text.encode("utf-8"),
-        lambda kept: print_error(f"{_past_tense(made.what)}; backup: {kept.name}"),
+        lambda kept: print_error(
+            Note.EDITED.text(edit=_past_tense(made.what), backup=kept.name)
+        ),
     )
     print_line(str(path))
     return OK

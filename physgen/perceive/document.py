@@ -24,7 +24,7 @@ from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
 from physgen.geometry.scale import slow_motion
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
 from physgen.materials import kind, nouns
-from physgen.messages import Message, did_you_mean
+from physgen.messages import Message, Note, did_you_mean
 from physgen.perceive.occlusion import drawing_layers, occlusion_orders
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -505,7 +505,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     suits = f"{perceived.suitability}{check if unsure and str(perceived.suitability) == 'good' else ''}"
     first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
     if not objects:
-        lines = [first, f"  objects   none; {ADD_OBJECT}"]
+        lines = [first, f"  objects   {Note.NO_OBJECTS.text(fix=ADD_OBJECT)}"]
         if doubts := _doubtful_row(perceived, unsure):
             lines.append(f"  doubtful  {doubts}")
         return lines
@@ -513,24 +513,28 @@ def summary(perceived: PerceivedScene) -> list[str]:
         "objects": label_counts(
             {k: item["label"] for k, item in enumerate(objects.values())}
         ),
-        "scale": f"{world['pixels_per_meter']:g} px/m, {comments.get('world.pixels_per_meter', '')}; to correct it, "
-        "name an object by --label, or set world.pixels_per_meter",
+        "scale": Note.SCALE.text(
+            scale=world["pixels_per_meter"],
+            reason=comments.get("world.pixels_per_meter", ""),
+        ),
         "view": f"{world['view']}: {comments.get('world.view', '').partition(': ')[2]}",
     }
     walls = [name for name in document["boundaries"] if name != "bottom"]
     static = [name for name, item in objects.items() if item.get("motion") == "static"]
-    table["support"] = ", ".join(walls) or "no boundary is seen"
+    table["support"] = ", ".join(walls) or Note.NO_BOUNDARY.text()
     if static:
-        table["support"] += f"; held where they are: {', '.join(static)}"
+        names = ", ".join(static)
+        table["support"] = Note.STATIC.text(boundaries=table["support"], names=names)
     pushed = [name for name, item in objects.items() if any(item.get("velocity", ()))]
     ways = {
         name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1]
         for name in pushed
     }
     table["motion"] = "; ".join(
-        f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items()
+        Note.PUSHED.text(name=name, way=way.partition(";")[0])
+        for name, way in ways.items()
     )
-    table["motion"] = table["motion"] or "nothing is pushed"
+    table["motion"] = table["motion"] or Note.NOTHING_PUSHED.text()
     if doubts := _doubtful_row(perceived, unsure):
         table["doubtful"] = doubts
     return [
@@ -544,8 +548,7 @@ def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
     document, comments = perceived.document, perceived.comments
     doubts: list[str] = []
     if unsure:
-        fix = "not an object? move it to doubtful, as {mask: N}"
-        doubts.append(f"unsure {', '.join(unsure)}: {fix}")
+        doubts.append(Note.UNSURE.text(names=", ".join(unsure)))
     # a user's regions have no confidence
     regions = [
         name
@@ -553,12 +556,11 @@ def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
         if "confidence" in one
     ]
     if regions:
-        count = "1 region may be an object"
-        names = regions[0]
+        name = regions[0]
+        doubt = Note.ONE_REGION.text(name=name)
         if len(regions) > 1:
-            count = f"{len(regions)} regions may be objects"
-            names += " ..."
-        doubts.append(f"{count}, too: to use one, move {names} to objects")
+            doubt = Note.SEVERAL_REGIONS.text(count=len(regions), name=name)
+        doubts.append(doubt)
     reasons: dict[str, list[str]] = {}
     for name in regions:
         if reason := comments.get(f"doubtful.{name}"):
