@@ -220,8 +220,8 @@ def test_a_strange_manifest_of_an_earlier_run_loses_no_clip(
 def test_an_emptied_scene_says_what_empties_it(lesson: Path, capsys) -> None:
     lesson.write_text("")  # as the shell's > does before a refresh begins
     assert main(["perceive", "--refresh", str(lesson)]) == 2
-    assert "lesson.yaml: empty" in (told := capsys.readouterr().err)
-    assert "if > emptied it: --refresh writes into the scene without >" in told
+    assert "lesson.yaml: the file is empty" in (told := capsys.readouterr().err)
+    assert "if `> FILE` emptied it: --refresh writes into the scene without >" in told
 
 
 def test_check_tells_all(lesson: Path, capsys) -> None:

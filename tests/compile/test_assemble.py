@@ -235,6 +235,6 @@ def test_a_path_begins_where_its_object_is(tmp_path: Path) -> None:
     body = f"objects: {{a: {{{box}, motion: {{path: [[0, 60, 50], [1, 100, 50]]}}}}}}"
     with pytest.raises(
         InputError,
-        match=r"3:\d+: objects.a.motion.path: the first knot is not where the object is; begin with",
+        match=r"3:\d+: objects.a.motion.path: the first knot is not at the object; begin with",
     ):
         compiled(tmp_path, body)

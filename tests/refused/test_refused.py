@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+import physgen.scene
 from physgen.messages import Message
 from physgen.problems import InputError, Limit, Problem, by_place
 from physgen.scene.load import Opened
@@ -97,3 +99,87 @@ def test_problems_have_code_and_place(
         assert "Traceback" not in message
         assert str(CASES.parent.parent) not in message
         assert message.isprintable()
+
+
+FILES = {
+    "picture-for-scene": b"\x89PNG\r\n\x1a\n\xff",
+    "zip-for-scene": b"PK\x03\x04\xff",
+    "not-utf8": b"physgen: \xff",
+}
+"""Code of a problem -> the bytes of a file that is not a scene file."""
+
+
+@pytest.mark.parametrize("code", FILES)
+def test_other_files_are_named(code: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_bytes(FILES[code])
+    with pytest.raises(InputError) as error:
+        Opened(path)
+    assert [problem.code for problem in error.value.problems] == [code]
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [(".", "is-folder"), ("none.yaml", "no-such-file"), ("a\0b", "cannot-read")],
+)
+def test_paths_without_a_scene_are_named(
+    name: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as error:
+        Opened(Path(name))
+    assert [problem.code for problem in error.value.problems] == [code]
+
+
+ASSETS = {
+    "outlines-unreadable": ("photo.assets", "outlines.json", "{"),
+    "outline-missing": ("photo.assets", "outlines.json", '{"1": {}}'),
+    "photo-changed": ("small.assets", "perceived.json", '{"objects": {"1": {}}}'),
+}
+"""Code of a problem -> a folder of maps, and a file in it with its text."""
+
+
+@pytest.mark.parametrize("code", ASSETS)
+def test_wrong_assets_are_named(code: str, tmp_path: Path) -> None:
+    folder, name, text = ASSETS[code]
+    shutil.copytree(CASES / folder, tmp_path / folder)
+    shutil.copy(CASES / "photo.png", tmp_path)
+    (tmp_path / folder / name).write_text(text, encoding="utf-8")
+    scene = (
+        f"physgen: 1\nimage: photo.png\nassets: {folder}\nobjects: {{a: {{mask: 1}}}}\n"
+    )
+    path = tmp_path / "scene.yaml"
+    path.write_text(scene, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        Opened(path).scene()
+    assert [problem.code for problem in error.value.problems] == [code]
+
+
+ELSEWHERE = {
+    "extends-not-file": "a race: the file is another one between two looks",
+    "file-empty": "of tables; scene-empty is the same sentence",
+    "is-pipe": "test_hostile.py",
+    "path-broken": "file systems that fail while a link is followed",
+    "picture-turned": "tests/scene/test_scene_load.py",
+    "too-many-keys": "test_hostile.py: the limit of objects comes first",
+    "too-many-problems": "test_hostile.py",
+}
+"""Codes of the package `scene` that no case has, with the test or the reason."""
+
+
+def test_every_code_of_scenes_has_a_case() -> None:
+    folder = Path(physgen.scene.__file__).parent
+    used = set()
+    for path in folder.glob("*.py"):
+        names = re.findall(r"\bMessage\.([A-Z]\w+)", path.read_text(encoding="utf-8"))
+        used |= {Message[name].code for name in names}
+    used -= {code for code in used if code.startswith("editor-")}
+    lines = "\n".join(path.read_text(encoding="utf-8") for path in CASES.glob("*.txt"))
+    cases = set(re.findall(r": ([a-z0-9-]+)(?:;.*)?$", lines, re.MULTILINE))
+    tested = (
+        cases
+        | FILES.keys()
+        | ASSETS.keys()
+        | {"is-folder", "no-such-file", "cannot-read"}
+    )
+    assert used - tested == ELSEWHERE.keys()
