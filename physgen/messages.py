@@ -398,12 +398,7 @@ class Message(Enum):
     )
     UNKNOWN_OBJECT = ("is not an object of this scene", "{fix}")
     KEY_NEEDED = ("missing, but {kind} needs it", "{fix}")
-    KEY_OF_OTHER_KIND = ("is only for {owner}, and this is {kind}", "remove it")
-    TORQUE_WITH_POINT = (
-        "has no effect: a torque turns the body as a whole",
-        "remove it",
-    )
-    IMPULSE_WITH_DURATION = ("has no effect: an impulse takes no time", "remove it")
+    HAS_NO_EFFECT = ("has no effect here: {why}", "remove it")
     VIDEO_TOO_LARGE = (
         "makes a video of {width} x {height}, which {limit}",
         "write at most {most:g}",
@@ -952,50 +947,7 @@ class Message(Enum):
         "the clip or the scene was moved; name it with --scene FILE",
     )
     # Measures and labels
-    DISTANCE_DOUBTFUL = ("{fault}", "{fix}")
-    TOO_FEW_FRAMES = ("are too few to judge motion", "give {least} frames or more")
-    UNKNOWN_BODY = ("is not one of its bodies", "it has {names}")
-    NOT_TRACKS = (
-        "is not a kind of tracks",
-        "give a clip's folder, a scene file, or a CSV of frame,name,x,y",
-    )
-    TRACKS_MISSING = (
-        "does not exist",
-        "give a clip's folder, a scene file, or a CSV of frame,name,x,y",
-    )
-    TRACKS_WITHOUT_MOTION = (
-        "have no motion",
-        "give 2 frames or more, up to {most:,} cells",
-    )
-    TRACKS_TOO_LARGE = (
-        "are too many",
-        "give 2 frames or more, up to {most:,} cells",
-    )
-    NOT_CSV = ("cannot be read as CSV: {reason}", "save it as UTF-8 with commas")
-    COLUMNS_MISSING = ("need {names}, too", "begin with frame,name,x,y,radius")
-    OTHER_STUDY = (
-        'is another study than "{study}" of the key',
-        "name the key of this study with --key",
-    )
-    NOT_A_CLIP_OF_STUDY = (
-        "is not a clip of this study with its answers",
-        "leave it out",
-    )
-    NOT_A_SCORE = (
-        "is not a score from 1 to {most}",
-        "write a whole number, or leave it out",
-    )
-    NOT_JSON = ("cannot be read as JSON", "{fix}")
-    NOT_A_RECORD = ("is not {record}", "{fix}")
     LIBRARY_MISSING = ("needs {library}, which is not installed", "{install}")
-    TABLE_UNREADABLE = (
-        "cannot be read ({reason})",
-        "write a table like physgen/evaluate/objects.yaml",
-    )
-    NOT_A_TABLE = (
-        "is not a table of objects ({reason})",
-        "write a table like physgen/evaluate/objects.yaml",
-    )
     UNKNOWN_FORMAT = ("is not a format", "{fix}")
     TOO_MANY_FOR_FORMAT = (
         "are more than {format} can number: {most}",
@@ -1008,125 +960,6 @@ class Message(Enum):
     FORMAT_WITHOUT_MAP = (
         "is made from {map}.png, which does not exist",
         "make it: physgen perceive --refresh {scene}{option} -o NEW.yaml",
-    )
-    PHOTO_WITHOUT_LABELS = ("is left out: it has no label map", "{fix}")
-    NO_LABELLED_PHOTO = ("has no photo with a label map", "{fix}")
-    MAP_OF_ONE_PHOTO = (
-        "names a map, which belongs to its own photo",
-        "write {role}={name} to check the reader",
-    )
-    NO_NETWORK_FILE = (
-        "no such file",
-        (
-            "name inception-2015-12-05.pt, the TorchScript file that NVIDIA "
-            "published with StyleGAN2-ADA"
-        ),
-    )
-    NOT_INCEPTION = (
-        "has no input return_features: it is another network",
-        (
-            "name inception-2015-12-05.pt, the TorchScript file that NVIDIA "
-            "published with StyleGAN2-ADA"
-        ),
-    )
-    INCEPTION_SHAPE = (
-        "gives {shape}, not {wanted}: it is another network",
-        (
-            "name inception-2015-12-05.pt, the TorchScript file that NVIDIA "
-            "published with StyleGAN2-ADA"
-        ),
-    )
-    CLIP_FRAME_SIZE = (
-        "differs from the {size} of the first frame",
-        "make all frames of a clip the same size",
-    )
-    NO_FILE_OR_FOLDER = ("no such file or folder", "check the path")
-    FOLDER_WITHOUT_CLIPS = (
-        "has no clips",
-        "name a folder of videos, or of folders of frames",
-    )
-    CLIP_WITHOUT_FRAME = ("has no frame{after}", "leave it out")
-    CLIP_TOO_SHORT = (
-        "are fewer than --frames {count}",
-        "give --frames {frames}, or leave the clip out",
-    )
-    NOTHING_PUSHABLE = ("has no object that can be pushed", "give it a dynamic object")
-    CLIP_SHAPES_DIFFER = (
-        "and {path} is {value:.3g} times",
-        "crop the clips to one shape",
-    )
-    TOO_FEW_PICTURES = (
-        "make fewer than two pictures of motion",
-        "name more clips, of two frames or more",
-    )
-    FEATURES_NOT_FINITE = ("gives numbers that are not finite", "name another file")
-    NO_TRUTH_VIDEOS = (
-        "has no truth videos",
-        ("name the folder of the studio's truth, studio/truth in physgen's repository"),
-    )
-    NO_TRUTH_VIDEO = ("has no truth video", "choose from {names}")
-    NOT_A_ROW = ("is not a row", "choose from 1 to {most}")
-    CARD_FOLDER_IS_FILE = ("is a file", "name a folder with -o")
-    TRACKS_UNREADABLE = ("cannot be read: {error}", "render the clip again")
-    BODY_TWICE_IN_FRAME = (
-        "is twice in frame {row:g}",
-        "give each body a name of its own",
-    )
-    NO_TRACKS = ("has no tracks", "write one line per frame and body")
-    TRACK_CELL_WRONG = (
-        "is not a {kind} from {low:g} to {high:g}",
-        "write px, and count frames",
-    )
-    NOTHING_TO_COMPARE = (
-        "has nothing to compare answers with",
-        "give objects a mass in g, or write a ranking",
-    )
-    RATER_TWICE = (
-        "has other answers in {file}",
-        'leave one file out, or, if they are two people, change "rater" in one',
-    )
-    NO_ANSWER = ("has no answer to any question", "rate clips on the page, then save")
-    NO_RATER = ("has no name of a rater, or no answers", "save the page again")
-    NO_RUNS = ("has no clips", "name folders that physgen render or sweep made")
-    LABELS_SIZE = (
-        "differs from the {width} x {height} px of {photo}",
-        "make it the photo's size",
-    )
-    NO_SUCH_FOLDER = ("no such folder", "check the path")
-    NOT_A_PHOTO_FOLDER = ("is not a folder", "name the folder of the photos")
-    TWO_PHOTOS_FIT = ("could both be its photo", "keep one of them")
-    LABELS_WITHOUT_PHOTO = ("has no photo", "give both the same name")
-    NOT_A_METHODS_FOLDER = (
-        "is not a folder",
-        "name a folder with a folder for each method",
-    )
-    CLIP_FOR_METHOD = (
-        "is a clip, not a method: its folder has the clips of one method",
-        "name the folder above it, with one folder per method",
-    )
-    SCENE_TWICE = ('are two clips of the scene "{scene}"', "leave one there")
-    NO_METHODS = (
-        "has no methods",
-        "put clips at METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it",
-    )
-    ONE_FRAME = ("has one frame: it is not a video", "make at least two frames")
-    NO_RATE = ("does not say how fast it plays", "save it as MP4")
-    KEY_CHANGED = (
-        "is a key that was changed: parts are missing or do not fit",
-        "use the file as it was made",
-    )
-    NO_SUCH_RECORD = ("no such file", "check the path")
-    RECORD_VERSION = (
-        "has a form that this physgen does not know (it knows {version})",
-        "use the physgen that made it",
-    )
-    NO_COMMON_SCENE = (
-        "have no scene in common",
-        "give all methods a clip of the same scene, under the same name",
-    )
-    NOT_A_STUDY_PAGE = (
-        "is not a name for a page",
-        "end it in .html, e.g. -o study.html",
     )
     SIDE_TOO_LONG = (
         "is over the {most} px per side of this format",

@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from physgen.messages import Message
 from physgen.problems import InputError, collect
 from physgen.text import natural
 from physgen.videos import SUFFIXES, U8, video_frames
@@ -40,9 +39,9 @@ class Source:
         size: tuple[int, ...] | None = None
         for shown in islice(video_frames(self.path), self.skip, None):
             if size is not None and shown.rgb.shape != size:
-                raise Message.CLIP_FRAME_SIZE.error(
-                    shown.place, _px(shown.rgb.shape), size=_px(size)
-                )
+                expected = f"differs from the {_px(size)} of the first frame"
+                fix = "make all frames of a clip the same size"
+                raise InputError.of(shown.place, _px(shown.rgb.shape), expected, fix)
             size = shown.rgb.shape
             yield shown.rgb
 
@@ -64,7 +63,9 @@ def clips_in(path: Path) -> list[Source]:
     """
     if not path.is_dir():
         if not path.is_file():
-            raise Message.NO_FILE_OR_FOLDER.error(str(path))
+            raise InputError.of(
+                str(path), "", "no such file or folder", "check the path"
+            )
         return [Source(path)]
     for name in RENDERED:
         if (path / name).exists():
@@ -76,8 +77,9 @@ def clips_in(path: Path) -> list[Source]:
             try:
                 found += clips_in(part)
             except InputError as error:
-                codes = {problem.code for problem in error.problems}
-                if codes != {Message.FOLDER_WITHOUT_CLIPS.code}:
+                if any(
+                    problem.expected != "holds no clips" for problem in error.problems
+                ):
                     raise
         elif part.suffix.lower() in FILMS:
             found.append(Source(part))
@@ -85,7 +87,12 @@ def clips_in(path: Path) -> list[Source]:
         return [source for source in found if source.filmed] or found
     if any(part.suffix.lower() in SUFFIXES for part in inside):
         return [Source(path)]
-    raise Message.FOLDER_WITHOUT_CLIPS.error(str(path))
+    raise InputError.of(
+        str(path),
+        "",
+        "holds no clips",
+        "name a folder of videos, or of folders of frames",
+    )
 
 
 def _px(shape: tuple[int, ...]) -> str:
@@ -108,13 +115,16 @@ class Rule:
         frames = [self.sized(frame) for frame in source.frames()]
         if not frames:
             after = f" after the first {source.skip}" if source.skip else ""
-            raise Message.CLIP_WITHOUT_FRAME.error(str(source.path), after=after)
+            raise InputError.of(
+                str(source.path), "", f"has no frame{after}", "leave it out"
+            )
         if self.count is None:
             return frames
         if len(frames) < self.count:
             found = f"{len(frames)} frame{'s' * (len(frames) != 1)}"
-            raise Message.CLIP_TOO_SHORT.error(
-                str(source.path), found, count=self.count, frames=len(frames)
+            fix = f"give --frames {len(frames)}, or leave the clip out"
+            raise InputError.of(
+                str(source.path), found, f"are fewer than --frames {self.count}", fix
             )
         return [
             frames[k]

@@ -21,7 +21,6 @@ from physgen.compile.world import Body, World
 from physgen.compile.world import Push as WorldPush
 from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import Array
-from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.registry import suggestion
 from physgen.scene.scene import Load, Motion, Scene, Solid, View
@@ -176,7 +175,9 @@ def pushed(scene: Scene, world: World, name: str | None) -> int:
     free = [body.name for body in world.bodies if body.motion is Motion.DYNAMIC]
     if not free:
         place = str(scene.place("objects").file)
-        raise Message.NOTHING_PUSHABLE.error(place)
+        raise InputError.of(
+            place, "", "has no object that can be pushed", "give it a dynamic object"
+        )
     if name is None:
         forced = [world.bodies[push.body].name for push in world.pushes]
         moving = [body.name for body in world.bodies if np.hypot(*body.velocity) > 0]

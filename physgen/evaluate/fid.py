@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from physgen.evaluate.clip_frames import Rule, Source, one_shape
 from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.export.flow import coloured
-from physgen.messages import Message
-from physgen.problems import InputError, Place, Problem
+from physgen.problems import InputError, Place, Problem, Severity
 from physgen.text import counted
 from physgen.videos import U8
 
@@ -299,14 +298,10 @@ def _check(
             first, other = shape = shape or (size, clip)
             if not one_shape(size, first):
                 found = f"is {size[1] / size[0]:.3g} times as wide as high"
+                expected = f"and {other.path} is {first[1] / first[0]:.3g} times"
+                fix = "crop the clips to one shape"
                 problems.append(
-                    Message.CLIP_SHAPES_DIFFER.problem(
-                        Place(str(clip.path)),
-                        "",
-                        found,
-                        path=other.path,
-                        value=first[1] / first[0],
-                    )
+                    Problem(Place(str(clip.path)), "", found, expected, fix)
                 )
             elif name == REFERENCE:
                 for moved in flows(frames):
@@ -325,7 +320,10 @@ def _too_few(name: str, lengths: Sequence[int]) -> list[Problem]:
         return []
     place = Place("--reference" if name == REFERENCE else name)
     found = f"{counted(sum(lengths), 'frame')} in {counted(len(lengths), 'clip')}"
-    return [Message.TOO_FEW_PICTURES.problem(place, "", found)]
+    expected = "make fewer than two pictures of motion"
+    return [
+        Problem(place, "", found, expected, "name more clips, of two frames or more")
+    ]
 
 
 def _add_clip(
@@ -338,15 +336,15 @@ def _add_clip(
         if pictures:
             found = features(np.stack(pictures))
             if not np.isfinite(found).all():
-                raise Message.FEATURES_NOT_FINITE.error("--inception")
+                expected = "gives numbers that are not finite"
+                raise InputError.of("--inception", "", expected, "name another file")
             side.features[kind].append(found)
 
 
 def _warnings(truth: Side, sides: Mapping[str, Side], wide: int) -> Iterator[Problem]:
     def warn(side: Side, found: str, expected: str, fix: str) -> Problem:
         place = Place("--reference" if side is truth else side.name)
-        doubtful = Message.DISTANCE_DOUBTFUL
-        return doubtful.warning(place, "", found, fault=expected, fix=fix)
+        return Problem(place, "", found, expected, fix, Severity.WARNING)
 
     for side in (truth, *sides.values()):
         for kind in KINDS:

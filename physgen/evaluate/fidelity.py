@@ -22,12 +22,12 @@ from physgen.compile.compile import Compiled
 from physgen.evaluate.measure import Bar, Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import rotation
 from physgen.maps import F32, U8, Percepts
-from physgen.messages import Message
 from physgen.perceive.perceive import KnownFacts, perceive
 from physgen.perceive.roles import BoundaryGuess
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import DistantLight, decode, encode_u8, sphere_normals
 from physgen.photos import read_image
+from physgen.problems import InputError
 from physgen.scene.scene import Light, Scene, Settings, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
@@ -78,11 +78,15 @@ def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
         for path in sorted(folder.glob("*/film/film.json"))
     }
     if not found:
-        raise Message.NO_TRUTH_VIDEOS.error("--truth", str(folder))
+        fix = "name the folder of the studio's truth, studio/truth in physgen's repository"
+        raise InputError.of("--truth", str(folder), "holds no truth videos", fix)
     wrong = [name for name in names if name not in found]
     if wrong:
-        raise Message.NO_TRUTH_VIDEO.error(
-            "--scenes", ", ".join(wrong), names=", ".join(found)
+        raise InputError.of(
+            "--scenes",
+            ", ".join(wrong),
+            "has no truth video",
+            f"choose from {', '.join(found)}",
         )
     result = []
     for name in names or found:

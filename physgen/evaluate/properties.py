@@ -22,8 +22,8 @@ from physgen.geometry import raster
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.geometry.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
 from physgen.materials import kind as kind_of
-from physgen.messages import Message
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
+from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.scene.document import Source, decode, plain, read
 from physgen.simulate.uncertainty import wilson
@@ -118,6 +118,7 @@ TABLE_START = "`objects:` and one line per object, e.g. `cup: {label: cup, mass:
 
 def read_table(path: Path) -> Objects:
     """A table in YAML. Raises InputError."""
+    fix = "write a table like physgen/evaluate/objects.yaml"
     try:
         data: Any = plain(
             read(
@@ -141,12 +142,16 @@ def read_table(path: Path) -> Objects:
             data.get("title", path.name), data.get("source", ""), objects, rankings
         )
     except OSError as error:
-        reason = error.strerror
-        raise Message.TABLE_UNREADABLE.error(str(path), reason=reason) from None
+        raise InputError.of(
+            str(path), "", f"cannot be read ({error.strerror})", fix
+        ) from None
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise Message.NOT_A_TABLE.error(str(path), reason=error) from None
+        raise InputError.of(
+            str(path), "", f"is no table of objects ({error})", fix
+        ) from None
     if not table.weighed and not rankings:
-        raise Message.NOTHING_TO_COMPARE.error(str(path))
+        fix = "give objects a mass in g, or write a ranking"
+        raise InputError.of(str(path), "", "has nothing to compare answers with", fix)
     return table
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from physgen.evaluate.measure import Findings, Section, Table, interval, number
 from physgen.evaluate.study import ANSWERS, QUESTIONS, Key, read_record
-from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem
 from physgen.text import counted, natural, shown
 
@@ -80,10 +79,12 @@ def read_answers(files: Sequence[Path], key: Key) -> Answers:
             continue
         before = raters.setdefault(rater.name.casefold(), rater)
         if before.session != rater.session:
+            expected = f"has other answers in {before.file}"
+            fix = (
+                'leave one file out, or, if they are two people, change "rater" in one'
+            )
             problems.append(
-                Message.RATER_TWICE.problem(
-                    Place(str(file)), "rater", f'"{rater.name}"', file=before.file
-                )
+                Problem(Place(str(file)), "rater", f'"{rater.name}"', expected, fix)
             )
         raters[rater.name.casefold()] = max(before, rater, key=lambda one: one.saved)
     if problems:
@@ -94,7 +95,12 @@ def read_answers(files: Sequence[Path], key: Key) -> Answers:
     )
     if not kept:
         place = ", ".join(map(str, files[:3])) or "ANSWERS"
-        raise Message.NO_ANSWER.error(place)
+        raise InputError.of(
+            place,
+            "",
+            "holds no answer to any question",
+            "rate clips on the page, then save",
+        )
     shape = len(kept), len(key.methods), len(key.scenes)
     arrays = {question.key: np.zeros(shape, np.int64) for question in QUESTIONS}
     for r, rater in enumerate(kept):
@@ -111,31 +117,46 @@ def _rater(file: Path, key: Key) -> Rater:
     """Raises InputError with all problems of one file."""
     record = read_record(file, ANSWERS)
     if record.get("study") != key.study:
-        found, other = shown(record.get("study")), Message.OTHER_STUDY
-        raise other.error(str(file), found, study=key.study)
+        expected = f'is another study than the key\'s "{key.study}"'
+        fix = "name the key of this study with --key"
+        raise InputError.of(str(file), shown(record.get("study")), expected, fix)
     name, session, saved = (
         str(record.get(word) or "").strip()[:80]
         for word in ("rater", "session", "saved")
     )
     given = record.get("answers")
     if not name or not isinstance(given, dict):
-        raise Message.NO_RATER.error(str(file))
+        raise InputError.of(
+            str(file), "", "names no rater, or has no answers", "save the page again"
+        )
     problems: list[Problem] = []
     scores: dict[str, dict[str, int]] = {}
     for clip, answer in given.items():
         if clip not in key.clips or not isinstance(answer, dict):
-            place, answers = Place(str(file)), f"answers.{clip}"[:60]
-            problems.append(Message.NOT_A_CLIP_OF_STUDY.problem(place, answers))
+            expected = "is no clip of this study with its answers"
+            problems.append(
+                Problem(
+                    Place(str(file)),
+                    f"answers.{clip}"[:60],
+                    "",
+                    expected,
+                    "leave it out",
+                )
+            )
             continue
         for question in QUESTIONS:
             value = answer.get(question.key)
             if type(value) is int and 1 <= value <= POINTS:
                 scores.setdefault(clip, {})[question.key] = value
             elif value is not None:
-                place, path = Place(str(file)), f"answers.{clip}.{question.key}"
-                wrong = Message.NOT_A_SCORE
-                problem = wrong.problem(place, path, shown(value), most=POINTS)
-                problems.append(problem)
+                path, expected = (
+                    f"answers.{clip}.{question.key}",
+                    f"is no score from 1 to {POINTS}",
+                )
+                fix = "write a whole number, or leave it out"
+                problems.append(
+                    Problem(Place(str(file)), path, shown(value), expected, fix)
+                )
     if problems:
         raise InputError(problems)
     return Rater(name, file, session, saved, scores)

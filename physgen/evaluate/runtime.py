@@ -20,7 +20,6 @@ import numpy as np
 from physgen.batch.clips import MANIFEST, checked_folders, find_clips
 from physgen.environment import Machine
 from physgen.evaluate.measure import Findings, Section, Table, number
-from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.report.record import TIMING
 from physgen.scene.files import RECORD, read_record
@@ -125,7 +124,8 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
                 replace(problem, severity=Severity.ERROR)
                 for problem in left[:MOST_PROBLEMS]
             )
-        raise Message.NO_RUNS.error(", ".join(map(str, roots)))
+        fix = "name folders that physgen render or sweep made"
+        raise InputError.of(", ".join(map(str, roots)), "", "holds no clips", fix)
     for problem in left[:MOST_PROBLEMS]:
         warn(problem)
     return found

@@ -22,10 +22,9 @@ from physgen import registry
 from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.files import install
 from physgen.maps import read_labels
-from physgen.messages import Message
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
-from physgen.problems import Place, Problem, collect
+from physgen.problems import InputError, Place, Problem, Severity, collect
 from physgen.text import counted
 
 Mask = NDArray[np.bool_]
@@ -57,9 +56,8 @@ def require_pycocotools() -> None:
     try:
         import pycocotools.cocoeval  # noqa: F401
     except ModuleNotFoundError as error:
-        missing, command = Message.LIBRARY_MISSING, install("labels")
-        values = {"library": error.name, "install": command}
-        raise missing.error("evaluate segmentation", **values) from None
+        found, fix = f"needs {error.name}, which is not installed", install("labels")
+        raise InputError.of("evaluate segmentation", "", found, fix) from None
 
 
 def runs(mask: Mask) -> Runs:
@@ -92,12 +90,9 @@ class Pair:
         rgb, labels = read_photo(self.photo).rgb, read_labels(self.truth)
         if labels.shape != rgb.shape[:2]:
             found = f"{labels.shape[1]} x {labels.shape[0]} px"
-            raise Message.LABELS_SIZE.error(
-                str(self.truth),
-                found,
-                photo=self.photo.name,
-                width=rgb.shape[1],
-                height=rgb.shape[0],
+            expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
+            raise InputError.of(
+                str(self.truth), found, expected, "make it the photo's size"
             )
         ids = [i for i in np.unique(labels).tolist() if i not in (0, UNJUDGED)]
         return Truth(
@@ -108,9 +103,11 @@ class Pair:
 def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     """By name, with warnings of photos and label maps without a partner. Raises InputError where there is no pair."""
     if not folder.exists():
-        raise Message.NO_SUCH_FOLDER.error(str(folder))
+        raise InputError.of(str(folder), "", "no such folder", "check the path")
     if not folder.is_dir():
-        raise Message.NOT_A_PHOTO_FOLDER.error(str(folder))
+        raise InputError.of(
+            str(folder), "", "is not a folder", "name the folder that holds the photos"
+        )
     found, warnings = list[Pair](), list[Problem]()
     files = [
         path
@@ -128,20 +125,28 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
         if truth is not None and truth.is_file():
             found.append(Pair(path, truth))
         else:
-            place, unlabelled = Place(str(path)), Message.PHOTO_WITHOUT_LABELS
-            warnings.append(unlabelled.warning(place, fix=HOW))
+            expected = "is left out: it has no label map"
+            warnings.append(
+                Problem(Place(str(path)), "", "", expected, HOW, Severity.WARNING)
+            )
     if not found:
-        raise Message.NO_LABELLED_PHOTO.error(str(folder), fix=HOW)
+        raise InputError.of(str(folder), "", "holds no photo with a label map", HOW)
     matched: dict[Path, Path] = {}
     for one in found:
         other = matched.setdefault(one.truth, one.photo)
         if other != one.photo:
             names = f"{other.name} and {one.photo.name}"
-            raise Message.TWO_PHOTOS_FIT.error(str(one.truth), names)
+            raise InputError.of(
+                str(one.truth), names, "could both be its photo", "keep one of them"
+            )
     for path in files:
         if path.name.endswith(LABELS) and path not in matched:
             place = Place(str(path))
-            warnings.append(Message.LABELS_WITHOUT_PHOTO.warning(place))
+            warnings.append(
+                Problem(
+                    place, "", "", "has no photo", "name both alike", Severity.WARNING
+                )
+            )
     return _named(found, folder), warnings
 
 

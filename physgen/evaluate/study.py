@@ -25,7 +25,6 @@ import numpy as np
 from physgen.evaluate.measure import Progress
 from physgen.export.video import Format, open_video
 from physgen.files import check_writable, resource, write_with_backup
-from physgen.messages import Message
 from physgen.photos import read_photo
 from physgen.problems import InputError, collect
 from physgen.report.html import script_json, template, webp
@@ -107,22 +106,30 @@ class Methods:
 def methods_in(folder: Path) -> Methods:
     """Folders in `folder` that hold clips are methods; raises InputError where there are none, or one scene twice."""
     if not folder.is_dir():
-        raise Message.NOT_A_METHODS_FOLDER.error(str(folder))
+        raise InputError.of(
+            str(folder),
+            "",
+            "is no folder",
+            "name a folder with a folder for each method",
+        )
     beside = folder / PHOTOS
     films: dict[tuple[str, str], Path] = {}
     for home in _sorted(folder):
         if not home.is_dir() or home == beside:
             continue
         if (home / "manifest.json").is_file() and any(home.glob("video.*")):
-            raise Message.CLIP_FOR_METHOD.error(str(home))
+            expected = "is a clip, and no method: its folder holds the clips of one method alone"
+            fix = "name the folder above it, in which each method has one"
+            raise InputError.of(str(home), "", expected, fix)
         for scene, film in _films(home):
             before = films.setdefault((home.name, scene), film)
             if before != film:
-                raise Message.SCENE_TWICE.error(
-                    str(home), f'"{before}" and "{film}"', scene=scene
+                expected = f'are two clips of the scene "{scene}"'
+                raise InputError.of(
+                    str(home), f'"{before}" and "{film}"', expected, "leave one there"
                 )
     if not films:
-        raise Message.NO_METHODS.error(str(folder))
+        raise InputError.of(str(folder), "", "holds no methods", FORM)
     names, scenes = (
         tuple(sorted({pair[k] for pair in films}, key=natural)) for k in (0, 1)
     )
@@ -177,9 +184,13 @@ def read_clip(path: Path) -> tuple[Video, float]:
     """A clip and its frames a second. Raises InputError for one that is no video."""
     clip = read_video(path)
     if clip.count < 2:
-        raise Message.ONE_FRAME.error(str(path))
+        raise InputError.of(
+            str(path), "", "has one frame: it is no video", "make at least two frames"
+        )
     if clip.fps is None:
-        raise Message.NO_RATE.error(str(path))
+        raise InputError.of(
+            str(path), "", "does not say how fast it plays", "save it as MP4"
+        )
     return clip, clip.fps
 
 
@@ -246,7 +257,8 @@ def read_key(path: Path) -> Key:
     except (KeyError, TypeError, ValueError, AttributeError):
         key = None
     if key is None or not key.fits:
-        raise Message.KEY_CHANGED.error(str(path))
+        expected = "is a key that was changed: parts are missing or do not fit"
+        raise InputError.of(str(path), "", expected, "use the file as it was made")
     return key
 
 
@@ -260,16 +272,20 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
         ANSWERS: ("a rater's answers", "name files that the page of a study saved"),
     }[kind]
     if not path.is_file():
-        raise Message.NO_SUCH_RECORD.error(str(path))
+        raise InputError.of(str(path), "", "no such file", "check the path")
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
-        raise Message.NOT_JSON.error(str(path), fix=fix) from None
+        raise InputError.of(str(path), "", "cannot be read as JSON", fix) from None
     if not isinstance(record, dict) or kind not in record:
-        raise Message.NOT_A_RECORD.error(str(path), record=what, fix=fix)
+        raise InputError.of(str(path), "", f"is not {what}", fix)
     if record[kind] != VERSION:
-        raise Message.RECORD_VERSION.error(
-            str(path), f"{kind} {shown(record[kind])}", version=VERSION
+        expected = f"is of a form that this physgen does not know (it knows {VERSION})"
+        raise InputError.of(
+            str(path),
+            f"{kind} {shown(record[kind])}",
+            expected,
+            "use the physgen that made it",
         )
     return record
 
@@ -302,8 +318,12 @@ def choose(methods: Methods, videos: int, seed: int) -> list[str]:
     """At most `videos` of the scenes that every method has made, drawn with `seed`. Raises InputError without any."""
     scenes = methods.complete
     if not scenes:
-        raise Message.NO_COMMON_SCENE.error(
-            str(methods.folder), ", ".join(methods.names)
+        fix = "give all methods a clip of the same scene, under the same name"
+        raise InputError.of(
+            str(methods.folder),
+            ", ".join(methods.names),
+            "have no scene in common",
+            fix,
         )
     if len(scenes) <= videos:
         return list(scenes)
@@ -376,7 +396,12 @@ def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
 def check_page(page: Path) -> None:
     """Raises InputError where no page can be written."""
     if page.is_dir() or page.suffix.lower() not in (".html", ".htm"):
-        raise Message.NOT_A_STUDY_PAGE.error("-o", f'"{page}"')
+        raise InputError.of(
+            "-o",
+            f'"{page}"',
+            "is no name for a page",
+            "end it in .html, e.g. -o study.html",
+        )
     check_writable(page.parent)
 
 

@@ -131,7 +131,7 @@ class _Rules:
         self.ground = Ground()
         self.map_sizes: dict[str, tuple[int, int]] = {}
         """Width and height of each map, px."""
-        self.add = findings.add
+        self.report = findings.report
 
     def check(self) -> Ground:
         self.canvas()
@@ -166,10 +166,10 @@ class _Rules:
     def canvas(self) -> None:
         image, size = self.top.get("image"), self.top.get("size")
         if image and size:
-            self.add(Message.EXCLUDES.problem(size.key_place, "size", other="image"))
+            self.report(Message.EXCLUDES.problem(size.key_place, "size", other="image"))
         meant = misspelt_keys(self.top, at("")["properties"])
         if image is None and size is None and not meant & {"image", "size"}:
-            self.add(Message.NO_CANVAS.problem(self.root.place, "image"))
+            self.report(Message.NO_CANVAS.problem(self.root.place, "image"))
         good = self.good(self.root)
         if image and "image" in good:
             folder = image.source.folder
@@ -182,7 +182,7 @@ class _Rules:
             except RefusedError as error:
                 if self.is_in_missing_assets(image):
                     return
-                self.add(error.problem(image.place, "image", shown(image.value)))
+                self.report(error.problem(image.place, "image", shown(image.value)))
         elif not image and "size" in good:
             width, height = whole(good["size"])
             if width * height > Limit.PIXELS.most:
@@ -218,7 +218,7 @@ class _Rules:
                     fix = similar(str(node.value), folder, ("/",), fix)
                 raise Message.ASSETS_NOT_FOLDER.refusal(fix=fix)
         except RefusedError as error:
-            self.add(error.problem(node.place, "assets", found))
+            self.report(error.problem(node.place, "assets", found))
             return
         self.ground.assets = folder
         for file in ASSETS:
@@ -229,7 +229,7 @@ class _Rules:
                     use(confined(file, folder, home, self.files.allow_outside))
                 except RefusedError as error:
                     found = quoted(f"{node.value}/{file}")
-                    self.add(error.problem(node.place, "assets", found))
+                    self.report(error.problem(node.place, "assets", found))
         self.check_map_sizes(node)
 
     def check_map_sizes(self, assets: Node) -> None:
@@ -250,7 +250,7 @@ class _Rules:
                 size=now,
                 perceived=_size_text(size),
             )
-            self.add(problem)
+            self.report(problem)
             return
         for file, size in self.map_sizes.items():
             if size != canvas:
@@ -258,7 +258,7 @@ class _Rules:
                 problem = Message.MAP_SIZE.problem(
                     assets.place, "assets", found, size=_size_text(size), canvas=now
                 )
-                self.add(problem)
+                self.report(problem)
 
     def outlines(self, path: Path) -> None:
         """Reads the stored shapes; they are checked as those in the file are."""
@@ -333,7 +333,7 @@ class _Rules:
                     problem = taken.problem(
                         mask.place, path, shown(id_), owner=owner[id_]
                     )
-                    self.add(problem)
+                    self.report(problem)
                 owner.setdefault(
                     id_, name if section == "objects" else f"boundary {name}"
                 )
@@ -343,10 +343,10 @@ class _Rules:
 
     def no_masks(self, mask: Node, path: KeyPath, id_: int) -> None:
         if self.ground.assets is None:
-            self.add(Message.NO_ASSETS.problem(mask.place, path, shown(id_)))
+            self.report(Message.NO_ASSETS.problem(mask.place, path, shown(id_)))
         else:
             assets, missing = self.top["assets"], Message.ASSETS_WITHOUT_MASKS
-            self.add(missing.problem(assets.place, "assets", shown(assets.value)))
+            self.report(missing.problem(assets.place, "assets", shown(assets.value)))
 
     # Objects and boundaries
 
@@ -357,7 +357,7 @@ class _Rules:
         if "mass" in parts and "density" in parts:
             place = parts["density"].key_place
             where: KeyPath = (*path, "density")
-            self.add(Message.EXCLUDES.problem(place, where, other="mass"))
+            self.report(Message.EXCLUDES.problem(place, where, other="mass"))
         is_bad = shape is not None and "shape" not in good
         kinds_of_shape = at("objects.*.shape")["properties"]
         is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
@@ -370,7 +370,7 @@ class _Rules:
             message = Message.NO_MASK_FOR_SHAPE
             if shape is None:
                 message = Message.NO_MASK_NOR_SHAPE
-            self.add(message.problem(node.place, path, fix=fix))
+            self.report(message.problem(node.place, path, fix=fix))
         kinds = children(good.get("shape"))
         solid = good.get("solid")
         if (
@@ -385,7 +385,7 @@ class _Rules:
                 shown(solid.value),
                 kind=next(iter(kinds)),
             )
-            self.add(problem)
+            self.report(problem)
         for where, outline, crossing in _outlines(good.get("mask"), kinds):
             self.outline(outline, (*path, *where), crossing)
         self.areas(kinds, path)
@@ -399,7 +399,7 @@ class _Rules:
     def outline(self, node: Node, path: KeyPath, crossing: bool) -> None:
         refusal = outline_fault(_points(node), crossing)
         if refusal is not None:
-            self.add(refusal.problem(node.place, dotted(path)))
+            self.report(refusal.problem(node.place, dotted(path)))
 
     def areas(self, kinds: dict[str, Node], path: KeyPath) -> None:
         """Add a problem for each outline of a shape that is too small to simulate."""
@@ -413,7 +413,7 @@ class _Rules:
             problem = Message.OUTLINE_SMALL.problem(
                 node.place, (*path, *where), area=area, least=LEAST_AREA
             )
-            self.add(problem)
+            self.report(problem)
 
     def extents(self, kinds: dict[str, Node], path: KeyPath) -> None:
         """Add a problem if the shape is far larger than the photo."""
@@ -431,7 +431,7 @@ class _Rules:
                 longest=longest,
                 times=LONGEST_EXTENT,
             )
-            self.add(problem)
+            self.report(problem)
 
     def _extent(self, kind: str, node: Node) -> float:
         """Return the length of a shape, px; 0 if its numbers are not valid."""
@@ -459,7 +459,7 @@ class _Rules:
                     for (low, high), side in zip(box, sides, strict=True)
                 ):
                     where: KeyPath = (*path, "shape", "polygons", index, "holes", hole)
-                    self.add(Message.HOLE_OUTSIDE.problem(node.place, where))
+                    self.report(Message.HOLE_OUTSIDE.problem(node.place, where))
 
     def rising(self, knots: list[Node], path: KeyPath) -> None:
         """Times of knots start at 0 and rise; the first wrong one is reported."""
@@ -469,7 +469,7 @@ class _Rules:
             where: KeyPath = (*path, index, 0)
             now: Any = time.value
             if before is None and now != 0:
-                self.add(Message.PATH_START.problem(time.place, where, shown(now)))
+                self.report(Message.PATH_START.problem(time.place, where, shown(now)))
                 return
             if before is not None and now <= before:
                 self.not_rising(time, where, before, "knots")
@@ -481,17 +481,17 @@ class _Rules:
         problem = Message.TIMES_NOT_RISING.problem(
             time.place, path, shown(time.value), before=number(before), items=kind
         )
-        self.add(problem)
+        self.report(problem)
 
     def boundary(self, node: Node, path: KeyPath) -> None:
         parts = children(node)
         given = [key for key in ("segment", "polyline", "mask") if key in parts]
         if not given:
-            self.add(Message.NO_LINE.problem(node.place, path))
+            self.report(Message.NO_LINE.problem(node.place, path))
             return
         if len(given) > 1:
             keys = listed(given, "and")
-            self.add(Message.SEVERAL_LINES.problem(node.place, path, keys=keys))
+            self.report(Message.SEVERAL_LINES.problem(node.place, path, keys=keys))
             return
         line = self.good(node).get(given[0])
         if line is None:
@@ -511,7 +511,7 @@ class _Rules:
             ):
                 where: KeyPath = (*path, given[0], index)
                 place = items(line)[index].place
-                self.add(Message.POINT_REPEATED.problem(place, where))
+                self.report(Message.POINT_REPEATED.problem(place, where))
                 return
 
     # Forces, joints and fields
@@ -525,12 +525,14 @@ class _Rules:
                 self.is_object(node.value["object"], (*path, "object"))
             kind = self.one_of(node, path, FORCES)
             if kind == "torque" and "at" in node.value:
-                place = node.value["at"].key_place
-                self.add(Message.TORQUE_WITH_POINT.problem(place, (*path, "at")))
+                self.senseless(
+                    node.value["at"],
+                    (*path, "at"),
+                    "a torque turns the body as a whole",
+                )
             if kind == "impulse" and "duration" in node.value:
-                place = node.value["duration"].key_place
-                where = (*path, "duration")
-                self.add(Message.IMPULSE_WITH_DURATION.problem(place, where))
+                why = "an impulse is given at once"
+                self.senseless(node.value["duration"], (*path, "duration"), why)
 
     def joints(self, section: str) -> None:
         for name, node in children(self.root, section).items():
@@ -550,7 +552,7 @@ class _Rules:
             if len(names) == 2 and names[0] == names[1]:
                 place = children(node)["objects"].place
                 itself, where = Message.JOINED_TO_ITSELF, (*path, "objects")
-                self.add(itself.problem(place, where, shown(names[0])))
+                self.report(itself.problem(place, where, shown(names[0])))
 
     def is_object(self, node: Node, path: KeyPath) -> None:
         """Adds a problem where a value names no object of the scene."""
@@ -560,7 +562,7 @@ class _Rules:
         if self.objects:
             fix = one_of(str(node.value), list(self.objects))
         unknown = Message.UNKNOWN_OBJECT
-        self.add(unknown.problem(node.place, path, shown(node.value), fix=fix))
+        self.report(unknown.problem(node.place, path, shown(node.value), fix=fix))
 
     def one_of(self, node: Node, path: KeyPath, kinds: tuple[str, ...]) -> str | None:
         """The one kind that a mapping has; a problem where it has none or several."""
@@ -575,7 +577,7 @@ class _Rules:
         problem = Message.NOT_ONE_KEY.problem(
             node.place, path, content=content, kinds=listed(kinds, "and")
         )
-        self.add(problem)
+        self.report(problem)
         return None
 
     def kind(self, node: Node, path: KeyPath, section: str) -> None:
@@ -588,13 +590,16 @@ class _Rules:
             fix = advice(at(f"{section}.*")["properties"][needed])
             where: KeyPath = (*path, needed)
             missing = Message.KEY_NEEDED
-            self.add(missing.problem(node.place, where, kind=_a(kind), fix=fix))
+            self.report(missing.problem(node.place, where, kind=_a(kind), fix=fix))
         for key, owner in OWNER.items():
             if key in parts and owner != kind:
-                problem = Message.KEY_OF_OTHER_KIND.problem(
-                    parts[key].key_place, (*path, key), owner=_a(owner), kind=_a(kind)
-                )
-                self.add(problem)
+                why = f"only {_a(owner)} has it, and this is {_a(kind)}"
+                self.senseless(parts[key], (*path, key), why)
+
+    def senseless(self, node: Node, path: KeyPath, why: str) -> None:
+        """Add the problem of a key without an effect."""
+        message = Message.HAS_NO_EFFECT
+        self.report(message.problem(node.key_place, path, why=why))
 
     # The video and the rest
 
@@ -638,7 +643,7 @@ class _Rules:
             first, *rest = [key for key in group if key in parts] or [""]
             for key in rest:
                 place = parts[key].key_place
-                self.add(Message.EXCLUDES.problem(place, (*path, key), other=first))
+                self.report(Message.EXCLUDES.problem(place, (*path, key), other=first))
 
     def video_size(self, good: dict[str, Node]) -> None:
         """A video is no larger than a photo may be."""
@@ -665,13 +670,13 @@ class _Rules:
                     limit=Limit.PIXELS.expected,
                     most=most,
                 )
-                self.add(problem)
+                self.report(problem)
 
     def too_many_pixels(self, size: Node, path: str, example: str) -> None:
         """Add the problem of a canvas or a video that is too large."""
         width, height = whole(size)
         problem = Limit.PIXELS.problem(size.place, path, f"{width} x {height}")
-        self.add(replace(problem, fix=f"{problem.fix}, e.g. {example}"))
+        self.report(replace(problem, fix=f"{problem.fix}, e.g. {example}"))
 
     def in_photo(self, node: Node, path: KeyPath, photo: tuple[int, int]) -> None:
         x, y = _point(node)
@@ -688,7 +693,7 @@ class _Rules:
                 x=width // 2,
                 y=height // 2,
             )
-            self.add(problem)
+            self.report(problem)
 
     def refine(self) -> None:
         """The backend is known, and its strength leaves at least one step to run."""
@@ -718,14 +723,14 @@ class _Rules:
                 steps=shown(steps),
                 least=number(ceil(50 / steps) / 100),
             )
-            self.add(problem)
+            self.report(problem)
 
     def light(self) -> None:
         direction = self.good(self.top.get("light")).get("direction")
         if direction is not None and not any(item.value for item in items(direction)):
             fix = advice(at("light.direction"))
             zero = Message.DIRECTION_ZERO
-            self.add(zero.problem(direction.place, "light.direction", fix=fix))
+            self.report(zero.problem(direction.place, "light.direction", fix=fix))
 
     def map_range(self, name: str, node: Node) -> None:
         if node in self.findings.bad:
@@ -733,7 +738,7 @@ class _Rules:
         low, high = _point(node)
         if low >= high:
             found = f"[{shown(low)}, {shown(high)}]"
-            self.add(Message.RANGE_ORDER.problem(node.place, ("maps", name), found))
+            self.report(Message.RANGE_ORDER.problem(node.place, ("maps", name), found))
 
 
 def _number(node: Node) -> float:

@@ -69,7 +69,7 @@ class Findings:
         self._texts: dict[Place, set[tuple[str, ...]]] = {}
         self.bad: set[Node] = set()
 
-    def add(self, problem: Problem) -> None:
+    def report(self, problem: Problem) -> None:
         """Keep a problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
         place = problem.place
         key = problem.path.rpartition(".")[2]
@@ -87,7 +87,7 @@ class Findings:
         if node not in self.bad:
             self.bad.add(node)
             written = shown(node.value) if node.text is None else quoted(node.text)
-            self.add(refusal.problem(node.place, dotted(path), written))
+            self.report(refusal.problem(node.place, dotted(path), written))
 
 
 def check_schema(root: Node, findings: Findings) -> None:
@@ -486,7 +486,7 @@ class _Fault:
         problem = Message.LIST_LENGTH.problem(
             self.node.place, self.path, items=count, fix=fix
         )
-        findings.add(problem)
+        findings.report(problem)
 
     def _missing(self, findings: Findings) -> None:
         value = self.node.value
@@ -497,7 +497,7 @@ class _Fault:
                 fix = advice(self.schema["properties"][key])
                 where = (*self.path, key)
                 missing = Message.IS_MISSING
-                findings.add(missing.problem(self.node.place, where, fix=fix))
+                findings.report(missing.problem(self.node.place, where, fix=fix))
 
     def _several(self, findings: Findings) -> None:
         value, parts = self.node.value, self.schema.get("properties", {})
@@ -511,7 +511,7 @@ class _Fault:
             refusal = Message.NOT_ONE_KEY.refusal(content=content, kinds=kinds)
         else:
             return  # the message is that of the unknown key
-        findings.add(refusal.problem(self.node.place, dotted(self.path)))
+        findings.report(refusal.problem(self.node.place, dotted(self.path)))
 
     def _name(self, findings: Findings) -> None:
         key, names = str(self.error.instance), self.schema["propertyNames"]
@@ -520,7 +520,7 @@ class _Fault:
         if "\u00a0" in key:
             fix = "write plain spaces in place of no-break spaces"
         place, where = self.node.value[key].key_place, (*self.path, key)
-        findings.add(Message.NOT_A_NAME.problem(place, where, quoted(key), fix=fix))
+        findings.report(Message.NOT_A_NAME.problem(place, where, quoted(key), fix=fix))
 
     def _unknown(self, findings: Findings) -> None:
         value, known = self.node.value, list(self.schema["properties"])
@@ -531,7 +531,7 @@ class _Fault:
             fix = self._fix_of_key(key, value)
             where = (*self.path, key)
             unknown = Message.UNKNOWN_KEY
-            findings.add(unknown.problem(child.key_place, where, fix=fix))
+            findings.report(unknown.problem(child.key_place, where, fix=fix))
             findings.bad.add(child)
         if (
             self.schema.get("maxProperties") == 1

@@ -142,7 +142,7 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["objects.ball.mass"], "objects.ball.mass: has no =; write KEY=VALUES, in quotes where it"),
+        (["objects.ball.mass"], "objects.ball.mass: has no =; write KEY=VALUES, in quotes if it"),
         (["=1,2"], "=1,2: has no key; write e.g. objects.ball.mass=100,200"),
         (["a..b=1,2"], 'a..b=1,2: "a..b" is not a dotted key; write e.g. objects.ball.mass=100,200'),
         (

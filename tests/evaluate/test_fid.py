@@ -226,7 +226,7 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
     return {
         "absent": ([str(root / "nowhere")], ["no such file or folder"]),
         "two faults": ([str(root / "nowhere"), "--inception", "/nowhere.pt"], ["nowhere: no such", '"/nowhere.pt" no']),
-        "hollow": ([str(root / "hollow")], ["has no clips"]),
+        "hollow": ([str(root / "hollow")], ["holds no clips"]),
         "broken": ([str(root / "broken")], ["x.mp4: is not a video that can be read"]),
         "uneven": ([str(root / "uneven")], ["22 x 20 px differs from the 20 x 20 px of the first frame"]),
         "shapes": ([str(root / "wide")], ["is 2 times as wide as high", "crop the clips to one shape"]),

@@ -148,7 +148,7 @@ def test_names_stay_apart_and_inside(tmp_path: Path) -> None:
         ("missing", "no such folder; check the path"),
         (
             "empty",
-            "has no photo with a label map; put NAME.labels.png beside each NAME.png",
+            "holds no photo with a label map; put NAME.labels.png beside each NAME.png",
         ),
         (
             "size",

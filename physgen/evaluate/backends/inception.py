@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from physgen.messages import Message
 from physgen.perceive.backends.models import Flag, device_of, load_weights, run_note
+from physgen.problems import InputError
 from physgen.registry import Setup
 from physgen.videos import U8
 
@@ -37,7 +37,7 @@ class Inception:
     def __init__(self, path: Path) -> None:
         self._path = path.expanduser()
         if not self._path.is_file():
-            raise Message.NO_NETWORK_FILE.error(FLAG, f'"{path}"')
+            raise InputError.of(FLAG, f'"{path}"', "no such file", GET)
         self._device = device_of(Setup())
 
     @cached_property
@@ -46,7 +46,9 @@ class Inception:
             self._load, str(self._path), "Inception", Flag(FLAG, "PATH")
         )
         if KEY not in [argument.name for argument in model.forward.schema.arguments]:
-            raise Message.NOT_INCEPTION.error(FLAG, f'"{self._path}"')
+            raise InputError.of(
+                FLAG, f'"{self._path}"', f"takes no {KEY}: is not that network", GET
+            )
         return model
 
     def _load(self, weights: str) -> Any:
@@ -72,9 +74,8 @@ class Inception:
         )
         wanted = (len(batch), WIDE)
         if shape != wanted or not isinstance(answer, torch.Tensor):
-            raise Message.INCEPTION_SHAPE.error(
-                FLAG, f'"{self._path}"', shape=shape, wanted=wanted
-            )
+            found = f"answers {shape}, not {wanted}: is not that network"
+            raise InputError.of(FLAG, f'"{self._path}"', found, GET)
         return np.asarray(answer.double().cpu().numpy(), np.float64)
 
     def note(self) -> Mapping[str, Any]:

@@ -25,7 +25,6 @@ from physgen import pipeline
 from physgen.compile.world import Body, World
 from physgen.evaluate.measure import Bar, Findings, Section, Table
 from physgen.files import write_atomic
-from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.scene.write import scene_text
 from physgen.simulate.trajectory import Trajectory
@@ -189,7 +188,9 @@ def choose(rows: Sequence[Row], numbers: Sequence[int]) -> tuple[Row, ...]:
     known = {row.number: row for row in rows}
     for number in numbers:
         if number not in known:
-            raise Message.NOT_A_ROW.error("--rows", str(number), most=max(known))
+            raise InputError.of(
+                "--rows", str(number), "is no row", f"choose from 1 to {max(known)}"
+            )
     return tuple(
         row for number, row in known.items() if not numbers or number in numbers
     )
@@ -342,7 +343,7 @@ def evaluate(
     `steps` are those of the convergence columns, none to leave them out. With `keep`, scene files stay there.
     """
     if keep is not None and keep.exists() and not keep.is_dir():
-        raise Message.CARD_FOLDER_IS_FILE.error(str(keep))
+        raise InputError.of(str(keep), "", "is a file", "name a folder with -o")
     with tempfile.TemporaryDirectory(prefix="physgen-") as scratch:
         folder = keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)

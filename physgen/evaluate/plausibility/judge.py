@@ -16,7 +16,7 @@ import numpy as np
 from physgen.evaluate.measure import Bar, Findings, Section, Table, number
 from physgen.evaluate.plausibility.motion import Motion, Segment, Turn, runs
 from physgen.evaluate.plausibility.tracks import Array, Tracks
-from physgen.messages import Message
+from physgen.problems import InputError
 from physgen.scene.scene import View
 from physgen.text import counted
 
@@ -478,8 +478,8 @@ class Verdict:
 def judge(tracks: Tracks, without: Collection[str] = ()) -> Verdict:
     """Ask everything but what is left out. Raises InputError for fewer frames than can be judged."""
     if len(tracks.times) < FEWEST:
-        found = f"{len(tracks.times)} frames"
-        raise Message.TOO_FEW_FRAMES.error(tracks.name, found, least=FEWEST)
+        found, fix = f"{len(tracks.times)} frames", f"give {FEWEST} frames or more"
+        raise InputError.of(tracks.name, found, "are too few to judge motion by", fix)
     motion = Motion(tracks)
     answers = {
         name: sorted(question.ask(motion), key=lambda e: -e.deviation)

@@ -15,8 +15,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.messages import Message
-from physgen.problems import InputError, Place
+from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Motion, Solid, View
 from physgen.text import natural
 
@@ -103,8 +102,11 @@ class Tracks:
     def holding(self, names: Sequence[str]) -> Tracks:
         """With these bodies held. Raises InputError for names that are not there."""
         if unknown := set(names) - set(self.names):
-            found, names = ", ".join(sorted(unknown)), ", ".join(self.names[:8])
-            raise Message.UNKNOWN_BODY.error(self.name, f'"{found}"', names=names)
+            found, fix = (
+                f'"{", ".join(sorted(unknown))}"',
+                f"it has {', '.join(self.names[:8])}",
+            )
+            raise InputError.of(self.name, found, "is none of its bodies", fix)
         return replace(
             self, held=self.held | {self.names.index(name) for name in names}
         )
@@ -125,8 +127,9 @@ def read(
     elif scene.is_file() and scene.suffix.lower() in (".yaml", ".yml"):
         yield from_scene(scene)
     else:
-        wrong = Message.NOT_TRACKS if path.exists() else Message.TRACKS_MISSING
-        raise wrong.error(str(path))
+        expected = "is no kind of tracks" if path.exists() else "is not there"
+        fix = "give a clip's folder, a scene file, or a CSV of frame,name,x,y"
+        raise InputError.of(str(path), "", expected, fix)
 
 
 # ---- clips and scenes of physgen ---------------------------------------------------------------------------------
@@ -162,7 +165,9 @@ def from_clip(folder: Path) -> Tracks:
         with np.load(path, allow_pickle=False) as file:
             times, names, poses = (file[key] for key in ("times", "names", "poses"))
     except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise Message.TRACKS_UNREADABLE.error(str(path), error=error) from None
+        raise InputError.of(
+            str(path), "", f"cannot be read: {error}", "render the clip again"
+        ) from None
     names = tuple(map(str, names))
     source = Path(folder.resolve(), manifest.source or "")
     if source.is_file():
@@ -272,18 +277,24 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     first = min(row["frame"] for row in rows)
     count = int(max(row["frame"] for row in rows) - first) + 1
     if count == 1 or count * len(names) > LIMITS.cells:
-        found = f"{count:,} frames of {len(names):,} bodies"
-        wrong = (
-            Message.TRACKS_WITHOUT_MOTION if count == 1 else Message.TRACKS_TOO_LARGE
+        found, expected = (
+            f"{count:,} frames of {len(names):,} bodies",
+            "are no motion, or too many",
         )
-        raise wrong.error(str(path), found, most=LIMITS.cells)
+        raise InputError.of(
+            str(path),
+            found,
+            expected,
+            f"give 2 frames or more, up to {LIMITS.cells:,} cells",
+        )
     places = np.full((count, len(names), 2), np.nan)
     radii: list[list[float]] = [[] for _ in names]
     for owner, row in zip(owners, rows, strict=True):
         frame, k = int(row["frame"] - first), names.index(owner)
         if np.isfinite(places[frame, k, 0]):
-            raise Message.BODY_TWICE_IN_FRAME.error(
-                str(path), f'"{owner}"', row=row["frame"]
+            fix = "give each body a name of its own"
+            raise InputError.of(
+                str(path), f'"{owner}"', f"is twice in frame {row['frame']:g}", fix
             )
         places[frame, k] = row["x"], row["y"]
         radii[k] += [row["radius"]] if "radius" in row else []
@@ -305,13 +316,17 @@ def _lines(path: Path) -> list[dict[str, str]]:
             ]
             lines = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise Message.NOT_CSV.error(str(path), reason=error) from None
+        fix = "save it as UTF-8 with commas"
+        raise InputError.of(
+            str(path), "", f"cannot be read as CSV: {error}", fix
+        ) from None
     if missing := [column for column in ("frame", "x", "y") if column not in heads]:
-        found = f'columns "{", ".join(heads)}"'
-        names = ", ".join(missing)
-        raise Message.COLUMNS_MISSING.error(str(path), found, names=names)
+        found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,radius"
+        raise InputError.of(str(path), found, f"lack {', '.join(missing)}", fix)
     if not lines:
-        raise Message.NO_TRACKS.error(str(path))
+        raise InputError.of(
+            str(path), "", "has no tracks", "write a line a frame and body"
+        )
     return lines
 
 
@@ -329,8 +344,17 @@ def _row(path: Path, number: int, line: dict[str, str]) -> dict[str, float]:
         whole = column != "frame" or found[column] % 1 == 0
         if not (low <= found[column] <= high and whole):
             kind = "whole number" if column == "frame" else "number"
+            expected = f"is no {kind} from {low:g} to {high:g}"
             place = Place(str(path), number, 1)
-            raise Message.TRACK_CELL_WRONG.error_at(
-                place, column, f'"{cell[:40]}"', kind=kind, low=low, high=high
+            raise InputError(
+                [
+                    Problem(
+                        place,
+                        column,
+                        f'"{cell[:40]}"',
+                        expected,
+                        "write px, and count frames",
+                    )
+                ]
             )
     return found
