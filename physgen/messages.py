@@ -938,7 +938,7 @@ class Message(Enum):
         "write {value} alone, or another end",
     )
     RANGE_WITHOUT_LOGARITHM = (
-        "has no logarithm: its ends are 0, or on both sides of 0",
+        "has no logarithm: an end is 0, or 0 is between the ends",
         "take both above 0, or both below",
     )
     UNKNOWN_DISTRIBUTION = ("is not a known distribution", "{fix}")

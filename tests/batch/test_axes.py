@@ -155,7 +155,7 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
         ),
         (
             ["a.b=0:2:5:log"],
-            "a.b=0:2:5:log: has no logarithm: 0 lies between its ends, or is one; take both above 0, or both below",
+            "a.b=0:2:5:log: has no logarithm: an end is 0, or 0 is between the ends; take both above 0, or both below",
         ),
         (["a.b=1,,2"], "a.b=1,,2: is not YAML with commas between the values; close brackets and quotes"),
         (["a.b=red #2, blue"], "a.b=red #2, blue: has # after a space, which begins a comment; put text with"),
