@@ -56,4 +56,3 @@ def test_sentences_are_verb_phrases_without_a_full_stop() -> None:
             assert not re.search(
                 r"\b(is no|holds no|went|take it out|lacks)\b", sentence
             )
-

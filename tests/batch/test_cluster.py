@@ -222,11 +222,11 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
         start({**ours, "numpy": "1.0", "sources": "0" * 64})
     (problem,) = error.value.problems
     assert problem.found.startswith("a worker on ")
-    expected = (
-        f"has numpy {ours['numpy']}, but this machine has numpy 1.0: its results would differ"
-    )
+    expected = f"has numpy {ours['numpy']}, but this machine has numpy 1.0: its results would differ"
     assert problem.expected == expected
-    sources = f"has sources {ours['sources'][:12]}, but this machine has sources 000000000000"
+    sources = (
+        f"has sources {ours['sources'][:12]}, but this machine has sources 000000000000"
+    )
     with pytest.raises(InputError, match=sources):
         start({**ours, "sources": "0" * 64})
 

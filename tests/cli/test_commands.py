@@ -198,9 +198,11 @@ def test_two_scenes_of_one_name_are_refused(
             == 0
         )
         told.append(capsys.readouterr().err)
-    assert [
-        f"the earlier clip of {lesson} is replaced" in text for text in told
-    ] == [False, False, True]
+    assert [f"the earlier clip of {lesson} is replaced" in text for text in told] == [
+        False,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("damage", [{"source": None}, {"source": 5}, {"files": 5}])
@@ -418,7 +420,10 @@ def test_perceive_on_stdout_puts_assets_beside(
             "is not a name for a trajectory; end it in .npz, .csv or .json",
         ),
         (["perceive", "{photo}", "--point=-1,3"], "is outside the 160 x 120 photo"),
-        (["perceive", "{photo}", "--box=200,3,50,50"], "is outside the 160 x 120 photo"),
+        (
+            ["perceive", "{photo}", "--box=200,3,50,50"],
+            "is outside the 160 x 120 photo",
+        ),
         (
             ["perceive", "{photo}", "--box=10,10,0,5"],
             "--box 10,10,0,5: is under 4 px wide or high",

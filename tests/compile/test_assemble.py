@@ -225,7 +225,8 @@ objects:
     )
     for thing in ("objects: {a: {mask: 1}}", "boundaries: {a: {mask: 1}}"):
         with pytest.raises(
-            InputError, match=r"1 is an id, but the scene has no photo and so no masks\.png"
+            InputError,
+            match=r"1 is an id, but the scene has no photo and so no masks\.png",
         ):
             compiled(tmp_path, thing, "size: [200, 150]\nassets: photo.assets")
 

@@ -30,8 +30,7 @@ def test_too_many_objects(tmp_path, capsys) -> None:
     )
     said = capsys.readouterr().err
     assert (
-        "objects: 255 objects are more than davis can number: 254; choose coco"
-        in said
+        "objects: 255 objects are more than davis can number: 254; choose coco" in said
     )
     assert not (tmp_path / "out/crowd").exists()
 

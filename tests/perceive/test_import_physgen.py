@@ -167,7 +167,7 @@ def test_only_three_files_are_needed(tmp_path: Path):
         (
             "num_steps: 120",
             "num_step: 120",
-            '"num_step" is not a key of sim.yaml; did you mean num_steps?',
+            '"num_step" is not a key of sim.yaml; did you mean "num_steps"?',
         ),
         ("mass: 170, ", "", "obj_info.1: a mapping is missing; write its mass, in g"),
         (

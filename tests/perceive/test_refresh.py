@@ -441,9 +441,7 @@ def test_a_changed_label_or_scale_counts_at_once_as_after_a_refresh(
     assert main(["check", str(scene), "--strict"]) == 2
     said = capsys.readouterr().err
     assert "perceive --refresh writes them" in said
-    by_labels = (
-        "is the scale by the changed labels, not the 600 px/m of this line"
-    )
+    by_labels = "is the scale by the changed labels, not the 600 px/m of this line"
     assert (by_labels in said) is ("billiard" in edit[1])
     at_once = pipeline.load(scene)
     after, _ = refreshed(scene)

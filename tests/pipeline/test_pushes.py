@@ -375,7 +375,7 @@ def test_shorthands_are_edits(row: Path) -> None:
             motion_edits(scene, compiled, [], [], [far])
     for pushes, word in (
         (["domino-1=sideways"], "direction"),
-        (["dominoe-1=left"], "did you mean domino-1"),
+        (["dominoe-1=left"], 'did you mean "domino-1"'),
     ):
         with pytest.raises(InputError, match=word):
             motion_edits(scene, compiled, pushes, [], [])

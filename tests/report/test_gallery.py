@@ -255,7 +255,9 @@ def test_a_page_that_is_somebody_else_s_is_kept(tmp_path: Path, capsys) -> None:
 
 def test_an_empty_gallery_says_so(tmp_path: Path, capsys) -> None:
     assert main(["gallery", str(tmp_path), "--title", "Nothing"]) == 2
-    assert "has no clips of physgen; make some: physgen render" in capsys.readouterr().err
+    assert (
+        "has no clips of physgen; make some: physgen render" in capsys.readouterr().err
+    )
     assert not (tmp_path / "index.html").exists()
 
 
