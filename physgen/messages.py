@@ -38,14 +38,16 @@ def did_you_mean(name: str) -> str:
     return f"did you mean {quoted(name)}?"
 
 
-def one_of(name: str, known: Sequence[str]) -> str:
+def one_of(name: str, names: Sequence[str]) -> str:
     """Return the fix of an unknown name: a similar one, or the names that exist.
 
     >>> one_of("bal", ["ball", "cup"]), one_of("moon", ["ball", "cup"])
     ('did you mean "ball"?', 'write ball or cup')
     """
-    close = nearest(name, known)
-    return did_you_mean(close) if close else f"write {listed(known[:MOST_NAMES])}"
+    similar = nearest(name, names)
+    if similar:
+        return did_you_mean(similar)
+    return f"write {listed(names[:MOST_NAMES])}"
 
 
 CONVERT = "save it as MP4, GIF or WebP, or as a folder of PNG"
@@ -1263,41 +1265,41 @@ class Message(Enum):
         self,
         place: Place,
         path: str | KeyPath = "",
-        found: str = "",
+        value_text: str = "",
         /,
         **values: object,
     ) -> Problem:
         """Return the problem of a value at its place."""
         where = path if isinstance(path, str) else dotted(path)
-        return self.refusal(**values).problem(place, where, found)
+        return self.refusal(**values).problem(place, where, value_text)
 
     def warning(
         self,
         place: Place,
         path: str | KeyPath = "",
-        found: str = "",
+        value_text: str = "",
         /,
         **values: object,
     ) -> Problem:
         """Return the warning about a value at its place."""
         where = path if isinstance(path, str) else dotted(path)
         refusal = self.refusal(**values)
-        return refusal.problem(place, where, found, Severity.WARNING)
+        return refusal.problem(place, where, value_text, Severity.WARNING)
 
-    def error(self, file: str, found: str = "", /, **values: object) -> InputError:
+    def error(self, file: str, value_text: str = "", /, **values: object) -> InputError:
         """Return the error of one problem with a whole file or a flag."""
-        return InputError([self.problem(Place(file), "", found, **values)])
+        return InputError([self.problem(Place(file), "", value_text, **values)])
 
     def error_at(
         self,
         place: Place,
         path: str | KeyPath = "",
-        found: str = "",
+        value_text: str = "",
         /,
         **values: object,
     ) -> InputError:
         """Return the error of one problem with a value at its place."""
-        return InputError([self.problem(place, path, found, **values)])
+        return InputError([self.problem(place, path, value_text, **values)])
 
     def impossible(self, **values: object) -> EditError:
         """Return the error of an edit that this scene does not allow."""

@@ -456,7 +456,7 @@ def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
         ),
         ({"kind": "box", "box": [500, 500, 20, 20]}, "is outside the"),
         ({"kind": "point", "point": [1e9, 3]}, "point.0: .* less than"),
-        ({"kind": "point", "point": [-5, 3]}, "off the 240 x 160 photo"),
+        ({"kind": "point", "point": [-5, 3]}, "outside the 240 x 160 photo"),
         ({"kind": "polygon", "polygon": [[1, 1], [2, 2]]}, "at least 3 items"),
         (
             {"kind": "polygon", "polygon": [[300, 1], [302, 2], [301, 5]]},
@@ -486,7 +486,7 @@ def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
             {"kind": "eraser", "object": "DISC", "strokes": [[70, 60]], "radius": 90},
             "fewer than 12 px",
         ),
-        ({"kind": "merge", "objects": ["DISC", "DISC"]}, "are one"),
+        ({"kind": "merge", "objects": ["DISC", "DISC"]}, "named twice"),
         ({"kind": "merge", "objects": "DISC"}, "objects: .* list"),
         ({"kind": "split", "object": "DISC", "line": [[1, 1], [1, 1]]}, "is a point"),
         ({"kind": "relabel", "object": "DISC", "label": " "}, "label: .* pattern"),

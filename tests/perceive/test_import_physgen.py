@@ -173,7 +173,7 @@ def test_only_three_files_are_needed(tmp_path: Path):
         (
             "  2: [-50, 0]",
             "  4: [-50, 0]",
-            "init_acc.4: 4 is not among obj_info; it has 1, 2",
+            "init_acc.4: 4 is not in obj_info; obj_info has 1, 2",
         ),
         (
             "[1, 95]]",
