@@ -120,10 +120,12 @@ def correct(
             shutil.rmtree(out, ignore_errors=True)
         if isinstance(error, InputError):
             problem = error.problems[0]
-            owner = problem.path or "the scene"
-            reason = f"{owner} {problem.found} {problem.expected}"
-            wrong = Message.EDIT_MAKES_PROBLEM
-            raise wrong.impossible(reason=reason, fix=problem.fix) from error
+            message = (
+                f"{problem.path or 'the scene'} {problem.found} {problem.expected}"
+            )
+            raise Message.EDIT_MAKES_PROBLEM.impossible(
+                reason=message, fix=problem.fix
+            ) from error
         raise
     made, changed = next(iter(work.fresh), None), next(iter(work.masks), None)
     return Corrected(new, what, made, out, changed if made is None else None)

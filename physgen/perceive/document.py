@@ -519,28 +519,38 @@ def summary(perceived: PerceivedScene) -> list[str]:
         ),
         "view": f"{world['view']}: {comments.get('world.view', '').partition(': ')[2]}",
     }
-    walls = [name for name in document["boundaries"] if name != "bottom"]
-    static = [name for name, item in objects.items() if item.get("motion") == "static"]
-    table["support"] = ", ".join(walls) or Note.NO_BOUNDARY.text()
-    if static:
-        names = ", ".join(static)
-        table["support"] = Note.STATIC.text(boundaries=table["support"], names=names)
-    pushed = [name for name, item in objects.items() if any(item.get("velocity", ()))]
-    ways = {
-        name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1]
-        for name in pushed
-    }
-    table["motion"] = "; ".join(
-        Note.PUSHED.text(name=name, way=way.partition(";")[0])
-        for name, way in ways.items()
-    )
-    table["motion"] = table["motion"] or Note.NOTHING_PUSHED.text()
+    table["support"] = _support_row(document)
+    table["motion"] = _motion_row(perceived)
     if doubts := _doubtful_row(perceived, unsure):
         table["doubtful"] = doubts
     return [
         first,
         *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items()),
     ]
+
+
+def _support_row(document: Mapping[str, Any]) -> str:
+    """Return the names of the boundaries, and of the objects that do not move."""
+    walls = [name for name in document["boundaries"] if name != "bottom"]
+    row = ", ".join(walls) or Note.NO_BOUNDARY.text()
+    static = []
+    for name, item in document["objects"].items():
+        if item.get("motion") == "static":
+            static.append(name)
+    if not static:
+        return row
+    return Note.STATIC.text(boundaries=row, names=", ".join(static))
+
+
+def _motion_row(perceived: PerceivedScene) -> str:
+    """Return the pushes of the summary."""
+    pushes = []
+    for name, item in perceived.document["objects"].items():
+        if any(item.get("velocity", ())):
+            comment = perceived.comments.get(f"objects.{name}.velocity", ", as before")
+            direction = comment.split(", ")[1].partition(";")[0]
+            pushes.append(Note.PUSHED.text(name=name, way=direction))
+    return "; ".join(pushes) or Note.NOTHING_PUSHED.text()
 
 
 def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:

@@ -269,8 +269,9 @@ class _Rules:
         try:
             tree = self.files.outlines(path, name)
         except InputError as error:
-            reason = error.problems[0]
-            raise Message.OUTLINES_UNREADABLE.refusal(reason=reason) from None
+            raise Message.OUTLINES_UNREADABLE.refusal(
+                reason=error.problems[0]
+            ) from None
         for key, entry in children(tree).items():
             crc, shape, solid = (
                 children(entry).get(part) for part in ("crc", "shape", "solid")
@@ -372,20 +373,7 @@ class _Rules:
                 message = Message.NO_MASK_NOR_SHAPE
             self.report(message.problem(node.place, path, fix=fix))
         kinds = children(good.get("shape"))
-        solid = good.get("solid")
-        if (
-            solid is not None
-            and kinds
-            and "circle" not in kinds
-            and solid.value != "plate"
-        ):
-            problem = Message.SOLID_NEEDS_CIRCLE.problem(
-                solid.place,
-                (*path, "solid"),
-                shown(solid.value),
-                kind=next(iter(kinds)),
-            )
-            self.report(problem)
+        self.solid(good.get("solid"), kinds, path)
         for where, outline, crossing in _outlines(good.get("mask"), kinds):
             self.outline(outline, (*path, *where), crossing)
         self.areas(kinds, path)
@@ -395,6 +383,14 @@ class _Rules:
         self.rising(
             items(children(good.get("motion")).get("path")), (*path, "motion", "path")
         )
+
+    def solid(self, node: Node | None, kinds: dict[str, Node], path: KeyPath) -> None:
+        """Add the problem of a round solid whose shape is not a circle."""
+        if node is None or not kinds or "circle" in kinds or node.value == "plate":
+            return
+        where: KeyPath = (*path, "solid")
+        kind, message = next(iter(kinds)), Message.SOLID_NEEDS_CIRCLE
+        self.report(message.problem(node.place, where, shown(node.value), kind=kind))
 
     def outline(self, node: Node, path: KeyPath, crossing: bool) -> None:
         refusal = outline_fault(_points(node), crossing)
