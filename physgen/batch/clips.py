@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from physgen.messages import Message
-from physgen.problems import InputError
+from physgen.problems import InputError, Problem
 from physgen.report.folders import looks_like_clip
 from physgen.text import natural
 
@@ -31,18 +31,31 @@ def checked_folders(roots: Sequence[Path]) -> list[Path]:
     for root in roots:
         if not root.is_dir():
             problems += Message.NOT_A_FOLDER_OF_CLIPS.error(str(root)).problems
+    problems += _repeated_roots(roots)
+    if problems:
+        raise InputError(problems)
+    return list(roots)
+
+
+def check_distinct(roots: Sequence[Path]) -> None:
+    """Refuse folders within others. Raises InputError."""
+    problems = _repeated_roots(roots)
+    if problems:
+        raise InputError(problems)
+
+
+def _repeated_roots(roots: Sequence[Path]) -> list[Problem]:
+    """Return a problem for each pair of folders of which one holds the other."""
     real = {root: root.resolve() for root in roots}
+    problems: list[Problem] = []
     for n, root in enumerate(roots):
         for other in roots[:n]:
             if real[root].is_relative_to(real[other]) or real[other].is_relative_to(
                 real[root]
             ):
-                problems += Message.FOLDERS_SHARE_CLIPS.error(
-                    str(root), other=other
-                ).problems
-    if problems:
-        raise InputError(problems)
-    return list(roots)
+                shared = Message.FOLDERS_SHARE_CLIPS
+                problems += shared.error(str(root), other=other).problems
+    return problems
 
 
 def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:

@@ -15,7 +15,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -23,7 +23,15 @@ from typing import Any
 
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
-from physgen.batch.layouts import LAYOUTS, SHARD_CLIPS, VIDEO, Copier, card
+from physgen.batch.layouts import (
+    LAYOUTS,
+    SHARD_CLIPS,
+    VIDEO,
+    Copier,
+    Layout,
+    Members,
+    card,
+)
 from physgen.batch.values import parse_yaml
 from physgen.files import check_writable
 from physgen.messages import Message
@@ -215,17 +223,18 @@ class Sample:
 
     about: Mapping[str, Any]
     members: Mapping[str, Path] = field(default_factory=dict)
+    folder: Path | None = None  # of its copy
     problems: tuple[Problem, ...] = ()
 
 
-def copy_sample(splits: Splits, copy: Copier, clip: FoundClip) -> Sample:
-    """Read the metadata of a clip, and copy its files."""
+def copy_sample(splits: Splits, copier: Copier, root: Path, clip: FoundClip) -> Sample:
+    """Read the metadata of a clip, and copy its files into the data set at `root`."""
     try:
         members, about = read_sample(clip, splits)
-        copy(members, about)
+        folder = copier(root, members, about)
     except InputError as error:
         return Sample({}, problems=tuple(error.problems))
-    return Sample(about, members)
+    return Sample(about, members, folder)
 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
@@ -240,64 +249,98 @@ Copies = Callable[
 """Calls a function for each clip, in order, as `map` does."""
 
 
-def gather(
-    roots: Sequence[Path],
-    out: Path,
-    splits: Splits,
-    warn: Callable[[Problem], None],
-    progress: Callable[[int], None] = lambda count: None,
-    copies: Copies = map,
-    layout: str = "folder",
-    shard_clips: int = SHARD_CLIPS,
-) -> DatasetSummary:
-    """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
+@dataclass(frozen=True)
+class Gathering:
+    """How clips become a data set."""
 
-    `copies` runs the copying of clips, here or on a cluster. `layout` is a name of LAYOUTS.
-    Clips that cannot be used are warned of and left out. Raises InputError if the folders or
-    `out` cannot be used, or if there is no clip.
-    """
-    roots = checked_folders(roots)
-    _check_output(out, roots)
-    summary = DatasetSummary(Counter(dict.fromkeys(splits.names, 0)))
+    splits: Splits
+    warn: Callable[[Problem], None]
+    progress: Callable[[int], None] = lambda count: None
+    copies: Copies = map
+    """Copies clips, here or on a cluster."""
+    layout: str = "folder"  # a name of LAYOUTS
+    shard_clips: int = SHARD_CLIPS
+    root: Path | None = None
+    """The data set where clips are copied, if it is not that of the tables."""
+    fetched: Callable[[Members], AbstractContextManager[Members]] = nullcontext
+    """Brings the files of a clip here while they are read."""
 
-    def reject(problems: Sequence[Problem]) -> None:
-        summary.left_out += 1
-        for problem in problems:
-            warn(problem)
+    def write(self, folder: Path, clips: Iterator[FoundClip]) -> DatasetSummary:
+        """Write the clips into the new folder of a data set.
 
-    with atomic_folder(out.resolve()) as folder:
+        Clips that cannot be used are warned of and left out. Raises InputError if there is no clip.
+        """
+        summary = DatasetSummary(Counter(dict.fromkeys(self.splits.names, 0)))
+
+        def reject(problems: Sequence[Problem]) -> None:
+            summary.left_out += 1
+            for problem in problems:
+                self.warn(problem)
+
         with ExitStack() as stack:
-            writer = LAYOUTS[layout](folder, stack, shard_clips)
-            copy = partial(copy_sample, splits, writer.copier())
-            for sample in copies(copy, _distinct_clips(roots, reject)):
+            writer = LAYOUTS[self.layout](folder, stack, self.shard_clips)
+            copy = partial(copy_sample, self.splits, writer.copier, self.root or folder)
+            for sample in self.copies(copy, _distinct_clips(clips, reject)):
                 if sample.problems:
                     reject(sample.problems)
                     continue
-                writer.add(sample.members, sample.about)
+                self._add(writer, sample)
                 summary.counts[sample.about["split"]] += 1
                 summary.photos.add(sample.about["photo"])
-                progress(summary.total)
-        if not summary.total:
-            raise Message.NO_USABLE_CLIP.error(", ".join(map(str, roots)))
-        files = writer.files()
-        names = [name for name in splits.names if summary.counts[name]]
-        (folder / CARD).write_text(card(names, writer.patterns), encoding="utf-8")
-        settings = {"dataset": 1, "seed": splits.seed, "splits": dict(splits.shares)}
-        if layout != "folder":
-            settings["layout"] = layout
+                self.progress(summary.total)
+        if summary.total:
+            summary.files = writer.files()
+            self._write_card(folder, summary, writer.patterns)
+        return summary
+
+    def _add(self, writer: Layout, sample: Sample) -> None:
+        if not writer.reads_clips:
+            writer.add(sample.members, sample.about)
+            return
+        with self.fetched(sample.members) as members:
+            writer.add(members, sample.about)
+
+    def _write_card(
+        self, folder: Path, summary: DatasetSummary, patterns: Sequence[str]
+    ) -> None:
+        """Write the files that describe the data set."""
+        names = [name for name in self.splits.names if summary.counts[name]]
+        (folder / CARD).write_text(card(names, patterns), encoding="utf-8")
+        shares = dict(self.splits.shares)
+        settings = {"dataset": 1, "seed": self.splits.seed, "splits": shares}
+        if self.layout != "folder":
+            settings["layout"] = self.layout
         content = {**settings, "physgen": __version__, "clips": summary.counts}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")
-    summary.files = [out / path.relative_to(folder) for path in files]
+
+
+def gather(roots: Sequence[Path], out: Path, how: Gathering) -> DatasetSummary:
+    """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
+
+    Raises InputError if the folders or `out` cannot be used, or if there is no clip.
+    """
+    roots = checked_folders(roots)
+    _check_output(out, roots)
+    with atomic_folder(out.resolve()) as folder:
+        summary = how.write(folder, find_clips(roots))
+        check_clips(summary, roots)
+    summary.files = [out / path.relative_to(folder) for path in summary.files]
     return summary
 
 
+def check_clips(summary: DatasetSummary, roots: Sequence[Path]) -> None:
+    """Refuse a data set without clips. Raises InputError."""
+    if not summary.total:
+        raise Message.NO_USABLE_CLIP.error(", ".join(map(str, roots)))
+
+
 def _distinct_clips(
-    roots: Sequence[Path], reject: Callable[[Sequence[Problem]], None]
+    clips: Iterator[FoundClip], reject: Callable[[Sequence[Problem]], None]
 ) -> Iterator[FoundClip]:
     """Yield clips whose keys differ; the others are rejected."""
     keys: set[str] = set()
-    for clip in find_clips(roots):
+    for clip in clips:
         name = key(clip.name)
         if name in keys:
             reject(
@@ -311,12 +354,17 @@ def _distinct_clips(
 def _check_output(out: Path, roots: Sequence[Path]) -> None:
     """The folder must be empty or new, and apart from those that are read. Raises InputError."""
     check_writable(out)
+    check_apart(out, roots)
+    if out.exists() and any(out.iterdir()):
+        raise Message.OUTPUT_NOT_EMPTY.error(str(out))
+    if out.is_mount() or out.resolve() == Path.cwd():
+        raise Message.OUTPUT_NOT_REPLACEABLE.error(str(out))
+
+
+def check_apart(out: Path, roots: Sequence[Path]) -> None:
+    """Refuse a data set within folders that are read, or around them. Raises InputError."""
     for root in roots:
         mine, read = out.resolve(), root.resolve()
         if mine.is_relative_to(read) or read.is_relative_to(mine):
             place = "holds" if mine in read.parents else "lies in"
             raise Message.OUTPUT_AMONG_INPUTS.error(str(out), place=place, root=root)
-    if out.exists() and any(out.iterdir()):
-        raise Message.OUTPUT_NOT_EMPTY.error(str(out))
-    if out.is_mount() or out.resolve() == Path.cwd():
-        raise Message.OUTPUT_NOT_REPLACEABLE.error(str(out))

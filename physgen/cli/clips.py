@@ -153,9 +153,9 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     checks: list[Callable[[], Any]] = [partial(_refining, options)]
     if options.export:
-        from physgen.export.formats import chosen_formats
+        from physgen.export.formats import choose_formats
 
-        checks.append(partial(chosen_formats, options.export, "--export"))
+        checks.append(partial(choose_formats, options.export, "--export"))
     refiner, overrides = collect(checks)[0]
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
@@ -450,7 +450,7 @@ def add_clips(parser: Parser) -> None:
     )
     parser.option("--fan", "N", draws, about, 0)
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
-    about = "refine the clip by a video diffusion model: animatediff, wan, or none; see physgen backends"
+    about = "refine the clip by a video diffusion model: animatediff, wan, ltx-video, or none; see physgen backends"
     parser.option("--refine", "NAME[:WEIGHTS]", str, about)
     parser.option(
         "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"

@@ -53,7 +53,7 @@ def show(findings: Findings, options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import as_json, text
 
     sys.stdout.write(as_json(findings) if options.json else text(findings))
-    return OK if findings.passed else FAILED
+    return OK if findings.has_passed else FAILED
 
 
 def hand_over(findings: Findings, options: argparse.Namespace) -> int:
@@ -219,7 +219,7 @@ def run_study(options: argparse.Namespace) -> int:
     made = make(methods, options.videos or VIDEOS, options.seed, bar.show)
     bar.clear()
     key = write_study(made, page, print_backup)
-    if left_out := set(methods.scenes) - set(methods.complete):
+    if left_out := set(methods.scenes) - set(methods.common_scenes):
         print_error(
             f"left out, since not every method has made them: {', '.join(sorted(left_out))}"
         )

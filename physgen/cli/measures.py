@@ -33,7 +33,7 @@ def add_properties(parser: Parser) -> None:
 
 def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
     """Ask a backend of physics for the properties of objects."""
-    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, read_table
+    from physgen.evaluate.properties import SHIPPED, Origin, ask, findings, read_table
     from physgen.registry import Backends, choices, load_plan
 
     if others := set(choices(options.backend)) - {"physics"}:
@@ -44,8 +44,8 @@ def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
     backends = Backends(plan)
     answers = ask(table, backends, not options.hide_size, bar.show)
     backends.close()
-    asked = Asked(backends.name("physics"), not options.hide_size)
-    return findings(table, answers, asked)
+    origin = Origin(backends.name("physics"), not options.hide_size)
+    return findings(table, answers, origin)
 
 
 def add_controllability(parser: Parser) -> None:
@@ -79,12 +79,12 @@ def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
     scene = pipeline.load(
         options.scene, options.set, options.variant, options.allow_outside
     )
-    swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
+    pushes = sweep(scene, options.object, options.angles, options.sizes, bar.show)
     if options.output and find_spec("matplotlib"):
-        plot(swept, options.output / "paths.svg")
+        plot(pushes, options.output / "paths.svg")
     elif options.output:
         print_error("without matplotlib there is no plot of the paths")
-    return findings(swept)
+    return findings(pushes)
 
 
 def add_plausibility(parser: Parser) -> None:
@@ -110,7 +110,7 @@ def find_plausibility(options: argparse.Namespace, bar: Bar) -> Findings:
     clips: list[Tracks] = []
     for path in options.clips:
         clips += read(path, options.fps, View(options.view))
-    verdicts = [judge(tracks.holding(options.held), options.skip) for tracks in clips]
+    verdicts = [judge(tracks.hold(options.held), options.skip) for tracks in clips]
     return findings(verdicts)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from physgen.export.video import FASTEST, U8, Format
+from physgen.export.video import MAX_RATES, U8, Format
 from physgen.files import file_stamp
 from physgen.messages import Message
 from physgen.pipeline.refining import (
@@ -138,9 +138,9 @@ class Labels:
         """Raises InputError where a format is unknown, or does not fit the scene."""
         if not formats:
             return cls((), None)
-        from physgen.export.formats import check_fits, chosen_formats
+        from physgen.export.formats import check_fits, choose_formats
 
-        chosen = chosen_formats(formats)
+        chosen = choose_formats(formats)
         check_fits(chosen, scene, maps)
         return cls(chosen, maps if any(kind.needs for kind in chosen) else None)
 
@@ -179,7 +179,7 @@ class Labels:
             len(shot.order),
             shot,
             record.inputs,
-            stood=starting_labels(compiled.labels, labels, compiled.scenery),
+            photo_ids=starting_labels(compiled.labels, labels, compiled.scenery),
         )
         queues: list[MomentQueue] = []
         with ExitStack() as held:
@@ -324,7 +324,7 @@ def reduced_rates(scene: Scene, formats: Sequence[Format]) -> list[Problem]:
     fps = scene.render.fps
     problems = []
     for kind in formats:
-        fastest = FASTEST.get(kind, fps)
+        fastest = MAX_RATES.get(kind, fps)
         if fps <= fastest:
             continue
         found = f"{fps:g} frames/s"
@@ -411,7 +411,7 @@ class _Run:
         self.paged = bool(options.formats) and options.page is not Page.NONE
         self.film = Film(scene, compiled, maps, record, stages)
         self.labels = Labels.of(options.export, scene, maps.percepts)
-        self.film.keeps_layers = any(kind.in_layers for kind in self.labels.kinds)
+        self.film.keeps_layers = any(kind.has_layers for kind in self.labels.kinds)
         if options.export and not options.formats:
             self.labels.check_kept(self.final)
         self.aside = Aside(record, scene.size)
@@ -662,7 +662,7 @@ class _Run:
         )
         world, shot = film.compiled.world, film.shot(trajectory)
         name = "video" if record.frames else "unrefined"
-        names = [kind.named(name) for kind in kinds]
+        names = [kind.file_name(name) for kind in kinds]
         made = [video for video in names if (folder / video).exists()]
         shown = linked_film(made)
         if (
