@@ -121,7 +121,7 @@ def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
     )
     said = capsys.readouterr().err
     assert '--format: "davos" is not a format; did you mean "davis"?' in said
-    assert '--format: "zip" is not a format; write any of frames, flo' in said
+    assert '--format: "zip" is not a format; write frames, flo' in said
     assert not (tmp_path / "out").exists()
 
 
