@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from physgen.cli.arguments import Parser
 from physgen.cli.output import print_error
 from physgen.files import install
-from physgen.problems import InputError
+from physgen.messages import Message
 
 if TYPE_CHECKING:
     from physgen.batch.dataset import DatasetSummary, Gathering
@@ -30,7 +30,7 @@ def address(text: str) -> str:
     if ADDRESS.fullmatch(text):
         return text
     raise argparse.ArgumentTypeError(
-        f"{text} is no cluster; write tcp://HOST:8786, a scheduler's FILE.json, or local:4"
+        f"{text} is not a cluster; write tcp://HOST:8786, a scheduler's FILE.json, or local:4"
     )
 
 
@@ -51,14 +51,11 @@ def check_cluster(options: argparse.Namespace) -> None:
     ship = getattr(options, "ship", None)
     jobs = getattr(options, "jobs", 1)
     if ship == "":
-        fix = "write s3://BUCKET/NAME, or another URL of fsspec"
-        raise InputError.of("--ship", '""', "is no store", fix)
+        raise Message.STORE_EMPTY.error("--ship", '""')
     if options.cluster is None and ship is not None:
-        fix = "add --cluster ADDRESS"
-        raise InputError.of("--ship", f'"{ship}"', "is for clusters", fix)
+        raise Message.STORE_WITHOUT_CLUSTER.error("--ship", f'"{ship}"')
     if options.cluster is not None and jobs > 1:
-        fix = "leave it out: the cluster has as many as it has workers"
-        raise InputError.of("--jobs", str(jobs), "is for one machine", fix)
+        raise Message.JOBS_WITH_CLUSTER.error("--jobs", str(jobs))
 
 
 def is_parallel(options: argparse.Namespace, count: int) -> bool:
@@ -119,6 +116,7 @@ def _dask_needed(options: argparse.Namespace) -> Iterator[None]:
     try:
         yield
     except ImportError:
-        found = "needs Dask, which is not installed"
         place = f'"{options.cluster}"'
-        raise InputError.of("--cluster", place, found, install("cluster")) from None
+        raise Message.DASK_MISSING.error(
+            "--cluster", place, install=install("cluster")
+        ) from None

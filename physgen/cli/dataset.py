@@ -24,7 +24,8 @@ from physgen.cli.clusters import (
     run_all,
 )
 from physgen.cli.output import OK, print_error, print_line, print_problem
-from physgen.problems import Place, Problem, Severity
+from physgen.messages import Message
+from physgen.problems import Place, Problem
 from physgen.text import counted
 
 if TYPE_CHECKING:
@@ -79,10 +80,9 @@ def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
         return
     photos = len(done.photos)
     there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
-    fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
-    expected = f"has no clip in {', '.join(empty)}: {there}"
     place = Place(str(output))
-    print_problem(Problem(place, "", "", expected, fix, Severity.WARNING))
+    names = ", ".join(empty)
+    print_problem(Message.SPLIT_EMPTY.warning(place, empty=names, there=there))
 
 
 def _print_summary(done: DatasetSummary, options: argparse.Namespace) -> None:
