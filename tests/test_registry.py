@@ -204,7 +204,8 @@ def test_every_wrong_option_is_told_at_once():
     assert list(map(str, error.value.problems)) == [
         "physgen.toml: marigold.prompt: 4 is not of type 'string'; the default is ''",
         "physgen.toml: marigold.steps: 0 is less than the minimum of 1; leave it out",
-        'physgen.toml: marigold.stepz: "stepz" is not a key of this table; did you mean steps? choose from steps, prompt',
+        'physgen.toml: marigold.stepz: "stepz" is not a key of this table; '
+        "did you mean steps? choose from steps, prompt",
     ]
 
 
