@@ -39,7 +39,16 @@ from physgen.geometry.polygon import (
 from physgen.problems import InputError, Limit, Problem
 from physgen.scene import scene as model
 from physgen.scene.load import EARTH
-from physgen.scene.scene import Auto, Load, Motion, Object, Scene, Solid, View
+from physgen.scene.scene import (
+    Auto,
+    JointKind,
+    Load,
+    Motion,
+    Object,
+    Scene,
+    Solid,
+    View,
+)
 
 
 def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
@@ -75,9 +84,19 @@ def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
 
 def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Joint:
     first, second = (ends[0], ends[1]) if len(ends) == 2 else (ends[0], None)
-    here, there = (
-        np.array(point, np.float64) for point in (item.points[0], item.points[-1])
-    )
+    points = np.array(item.points or ((0.0, 0.0),), np.float64)
+    here, there = points[0], points[-1]
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    guide: tuple[Array, ...] = ()
+    if item.kind is JointKind.SLIDER:
+        along = there - here
+        part = (bodies[first].center - here) @ along / (along @ along)
+        guide, there = (along,), here
+        here = here + part * along
+    elif item.kind is JointKind.PULLEY:
+        guide = tuple(points[1:3])
+    elif item.kind is JointKind.GEAR:
+        here = bodies[first].center
     return Joint(
         name=item.name,
         kind=item.kind,
@@ -85,12 +104,21 @@ def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Jo
         second=second,
         first_at=here - bodies[first].center,
         second_at=there if second is None else there - bodies[second].center,
-        length=float(np.hypot(*(there - here))) if item.length is None else item.length,
+        length=length if item.length is None else item.length,
         stiffness=item.stiffness,
         damping=item.damping,
         speed=radians(item.speed),
         limit=inf if item.limit is None else item.limit,
         collide=item.collide,
+        guide=guide,
+        ratio=item.gear,
+        limits=None
+        if item.limits is None
+        else (radians(item.limits[0]), radians(item.limits[1])),
+        friction=item.friction,
+        drive=item.drive,
+        force=inf if item.force is None else item.force,
+        breaks=inf if item.breaks is None else item.breaks,
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import radians, sqrt
+from math import inf, radians, sqrt
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -210,6 +210,21 @@ class Joint:
     """g·px²/s²; infinite: as much as it takes."""
     collide: bool
     """Whether the two bodies also bump into each other."""
+    guide: tuple[Array, ...] = ()
+    """Each (2,) px. Of a slider: the way along its rail from `second_at`, in the second body's frame. Of a pulley: its
+    two points, of the photo."""
+    ratio: float = 1.0
+    """Turning of the first for each turn of the second."""
+    limits: tuple[float, float] | None = None
+    """rad: least and greatest turning of the first against the second."""
+    friction: float = 0.0
+    """g·px²/s² of dry friction in a pin."""
+    drive: float | None = None
+    """px/s along the rail."""
+    force: float = inf
+    """g·px/s² of the drive; infinite: as much as it takes."""
+    breaks: float = inf
+    """g·px/s²; infinite: never."""
 
 
 @dataclass(frozen=True)

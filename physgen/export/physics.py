@@ -7,7 +7,7 @@ from typing import Any
 
 from physgen.compile.world import Body, Joint, Push, World, pairings
 from physgen.export.labels import Clip, Scale, Writer, write_json
-from physgen.scene.scene import Load, Object, Scene
+from physgen.scene.scene import JointKind, Load, Object, Scene
 
 UNITS = {
     "size, place, radius, length": "px",
@@ -168,10 +168,11 @@ def _push(push: Push, world: World) -> dict[str, Any]:
 
 
 def _joint(joint: Joint, world: World) -> dict[str, Any]:
+    row: dict[str, Any]
     second = None if joint.second is None else world.bodies[joint.second]
     first = world.bodies[joint.first]
     other = joint.second_at if second is None else second.center + joint.second_at
-    return {
+    row = {
         "name": joint.name,
         "kind": joint.kind.value,
         "objects": [first.name] if second is None else [first.name, second.name],
@@ -183,3 +184,18 @@ def _joint(joint: Joint, world: World) -> dict[str, Any]:
         "limit": joint.limit if isfinite(joint.limit) else None,
         "collide": joint.collide,
     }
+    if joint.kind is JointKind.SLIDER:
+        row["rail"] = joint.guide[0].tolist()
+        row["drive"] = joint.drive
+        row["force"] = joint.force if isfinite(joint.force) else None
+    elif joint.kind is JointKind.PULLEY:
+        row["wheels"] = [wheel.tolist() for wheel in joint.guide]
+    elif joint.kind is JointKind.GEAR:
+        row["ratio"] = joint.ratio
+    if joint.limits is not None:
+        row["limits"] = [degrees(limit) for limit in joint.limits]
+    if joint.friction > 0:
+        row["friction"] = joint.friction
+    if isfinite(joint.breaks):
+        row["breaks"] = joint.breaks
+    return row

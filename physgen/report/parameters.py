@@ -149,6 +149,16 @@ def _settings(joint: Joint) -> str:
             f"damping {damping} g/s",
             f"length {rounded(length, 4)} px",
         ]
+    elif joint.kind is JointKind.GEAR:
+        parts = [f"{value_text(joint.gear)} turns for one"]
+    elif joint.kind in (JointKind.ROPE, JointKind.PULLEY):
+        if joint.length is not None:
+            parts = [f"length {value_text(joint.length)} px"]
+    elif joint.kind is JointKind.SLIDER:
+        if joint.drive is not None:
+            parts = [f"{value_text(joint.drive)} px/s"]
+        if joint.force is not None:
+            parts.append(f"at most {value_text(joint.force)} g·px/s²")
     elif joint.kind is JointKind.MOTOR:
         parts = [f"{value_text(joint.speed)} °/s"]
         parts += (
@@ -156,6 +166,13 @@ def _settings(joint: Joint) -> str:
             if joint.limit is None
             else [f"at most {value_text(joint.limit)} g·px²/s²"]
         )
+    if joint.limits is not None:
+        least, most = map(value_text, joint.limits)
+        parts.append(f"from {least}° to {most}°")
+    if joint.friction > 0:
+        parts.append(f"friction {value_text(joint.friction)} g·px²/s²")
+    if joint.breaks is not None:
+        parts.append(f"breaks at {value_text(joint.breaks)} g·px/s²")
     return ", ".join(
         [*parts, *(["the two bump into each other"] if joint.collide else [])]
     )

@@ -635,11 +635,24 @@ def _force(item: Mapping[str, Any]) -> parts.Force:
     return _make(parts.Force, {"torque": 0, **item}, load=load, vector=vector)
 
 
+LINES = (
+    parts.JointKind.SPRING,
+    parts.JointKind.SLIDER,
+    parts.JointKind.ROPE,
+    parts.JointKind.PULLEY,
+)
+"""Joints along several points."""
+
+
 def _joint(name: str, item: Mapping[str, Any]) -> parts.Joint:
     (kind,) = (kind for kind in parts.JointKind if kind.value in item)
-    spring = kind is parts.JointKind.SPRING
-    points = _points(item["spring"]) if spring else (_pair(item[kind.value]),)
-    item = {"stiffness": 0, "damping": 0, "speed": 0, **item}
+    points: parts.Points = ()
+    if kind in LINES:
+        points = _points(item[kind.value])
+    elif kind is not parts.JointKind.GEAR:
+        points = (_pair(item[kind.value]),)
+    defaults = {"stiffness": 0, "damping": 0, "speed": 0, "gear": 1, "friction": 0}
+    item = {**defaults, **item}
     return _make(parts.Joint, item, name=name, kind=kind, points=points)
 
 

@@ -7,7 +7,8 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from math import ceil, floor, sqrt
+from itertools import pairwise
+from math import ceil, floor, hypot, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,16 @@ from physgen.text import KeyPath, listed, nearest, number, quoted, shown
 
 FORCES = ("impulse", "force", "torque")
 KINDS = {
-    "joints": ("pivot", "spring", "weld", "motor"),
+    "joints": (
+        "pivot",
+        "spring",
+        "weld",
+        "motor",
+        "slider",
+        "rope",
+        "pulley",
+        "gear",
+    ),
     "fields": ("wind", "attractor"),
 }
 NEEDED = {
@@ -43,12 +53,16 @@ NEEDED = {
 }
 """Kind of a joint or field -> the key without which it has no effect."""
 OWNER = {
-    **dict.fromkeys(("stiffness", "damping", "length"), "spring"),
-    **dict.fromkeys(("speed", "limit"), "motor"),
-    "drag": "wind",
-    **dict.fromkeys(("strength", "soften"), "attractor"),
+    **dict.fromkeys(("stiffness", "damping"), ("spring",)),
+    "length": ("spring", "rope", "pulley"),
+    **dict.fromkeys(("speed", "limit"), ("motor",)),
+    "limits": ("pivot", "motor"),
+    "friction": ("pivot",),
+    **dict.fromkeys(("drive", "force"), ("slider",)),
+    "drag": ("wind",),
+    **dict.fromkeys(("strength", "soften"), ("attractor",)),
 }
-"""Key of a joint or field -> the only kind that it belongs to."""
+"""Key of a joint or field -> the only kinds that it belongs to."""
 ONE_OF_TWO = "write only one of the two"
 LEAST_AREA = 0.01
 """px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
@@ -592,6 +606,53 @@ class _Rules:
                     "is joined to itself",
                     fix,
                 )
+            if section == "joints":
+                self.joint(node, path, names)
+
+    def joint(self, node: Node, path: KeyPath, names: list[Any]) -> None:
+        """Add problems of a gear of one object, a rail without length, and a drive that is missing."""
+        parts, good = children(node), self.good(node)
+        if "gear" in parts and len(names) == 1:
+            place = parts["objects"].place
+            fix = "name two, each on a pin of its own"
+            self.add(
+                place,
+                (*path, "objects"),
+                "",
+                "is one object, and a gear turns two",
+                fix,
+            )
+        if "gear" in good and good["gear"].value == 0:
+            fix = "write e.g. -2: the first turns twice as fast, the other way"
+            self.add(good["gear"].place, (*path, "gear"), "0", "turns nothing", fix)
+        for kind in ("slider", "pulley"):
+            ends = _points(good[kind]) if kind in good else []
+            for one, other in pairwise(ends[:2] if kind == "slider" else ends):
+                if (
+                    max(abs(a - b) for a, b in zip(one, other, strict=True))
+                    < SAME_POINT
+                ):
+                    what = "has two points at the same place"
+                    self.add(good[kind].place, (*path, kind), "", what, "move one")
+                    break
+        for kind in ("rope", "pulley"):
+            if kind not in good or "length" not in good:
+                continue
+            least = sum(
+                hypot(one[0] - other[0], one[1] - other[1])
+                for one, other in pairwise(_points(good[kind]))
+            )
+            if _number(good["length"]) < least - SAME_POINT * least:
+                what = f"is less than the {least:.6g} px between its points"
+                fix = "lengthen it, or move its ends"
+                place = good["length"].place
+                shown_length = shown(good["length"].value)
+                self.add(place, (*path, "length"), shown_length, what, fix)
+        if "force" in parts and "drive" not in parts and "slider" in parts:
+            fix = advice(at("joints.*")["properties"]["drive"])
+            self.add(
+                node.place, (*path, "drive"), "", "missing, and its force needs it", fix
+            )
 
     def is_object(self, node: Node, path: KeyPath) -> None:
         """Adds a problem where a value names no object of the scene."""
@@ -639,8 +700,9 @@ class _Rules:
                 fix,
             )
         for key, owner in OWNER.items():
-            if key in parts and owner != kind:
-                why = f"it belongs to {_a(owner)}, and this is {_a(kind)}"
+            if key in parts and kind not in owner:
+                owners = listed([_a(one) for one in owner])
+                why = f"it belongs to {owners}, and this is {_a(kind)}"
                 self.senseless(parts[key], (*path, key), why)
 
     def senseless(self, node: Node, path: KeyPath, why: str) -> None:

@@ -319,6 +319,14 @@ class JointKind(Enum):
     """Held in place and in angle."""
     MOTOR = "motor"
     """A pin whose two sides are turned against each other at a speed, with at most a limit of torque."""
+    SLIDER = "slider"
+    """A rail on which the first side slides without turning, between two ends."""
+    ROPE = "rope"
+    """A greatest distance between two points."""
+    PULLEY = "pulley"
+    """A rope over two points of the world."""
+    GEAR = "gear"
+    """Two sides that turn at a ratio."""
 
 
 @dataclass(frozen=True)
@@ -330,9 +338,10 @@ class Joint:
     objects: tuple[str, ...]
     """One name (joined to the world) or two."""
     points: Points
-    """Points of the photo at t = 0: where it is pinned; a spring has two, its ends on the first and the second side."""
+    """Points of the photo at t = 0: where it is pinned; a spring and a rope have two, their ends on the first and the
+    second side, a slider the ends of its rail, a pulley four along its rope, a gear none."""
     length: float | None
-    """px at rest; None: as long as at t = 0."""
+    """px at rest, or of a rope; None: as long as at t = 0."""
     stiffness: float
     """g/s²."""
     damping: float
@@ -343,6 +352,18 @@ class Joint:
     """g·px²/s²; None: unlimited."""
     collide: bool
     """Whether the two objects also bump into each other."""
+    gear: float = 1.0
+    """Turning of the first object for each turn of the second."""
+    limits: Point | None = None
+    """degrees: least and greatest turning since t = 0, of a pin."""
+    friction: float = 0.0
+    """g·px²/s² of dry friction in a pin."""
+    drive: float | None = None
+    """px/s along a rail; None: it slides freely."""
+    force: float | None = None
+    """g·px/s² of a drive; None: unlimited."""
+    breaks: float | None = None
+    """g·px/s²; None: never."""
 
 
 class FieldKind(Enum):

@@ -123,6 +123,8 @@ class ForceFields:
         self._width = np.array(
             [2 * np.sqrt(area(b) / pi) for b in bodies if self._winds]
         )
+        self._broken: list[tuple[Joint, float]] = []
+        """Springs that pull no more, and since when, s."""
         self._dampers: dict[int, int] = {}
         for spring in self._springs:
             for body in (spring.first, spring.second):
@@ -135,6 +137,18 @@ class ForceFields:
         self.busy = bool(
             self._pushes or self._springs or self._winds or self._attractors
         )
+
+    def release(self, joint: Joint, pose: Array, time: float) -> float:
+        """Let a spring pull no more from a time on, s; return the energy that it has then."""
+        if joint not in self._springs:
+            return 0.0
+        self._springs = [spring for spring in self._springs if spring is not joint]
+        self._broken.append((joint, time))
+        return self._stored(joint, pose)
+
+    def _stored(self, spring: Joint, pose: Array) -> float:
+        length = float(np.hypot(*self._ends(spring, pose)[2]))
+        return spring.stiffness / 2 * (length - spring.length) ** 2
 
     def pace(self, pose: Array, velocity: Array) -> float:
         """1/s: how fast the pull of an attractor changes, at most; 0 without attractors."""
@@ -190,9 +204,12 @@ class ForceFields:
             total.drive[on, :2] += (self._mass[on] * part / h)[:, None] * rush
         return total
 
-    def potential(self, pose: Array) -> float:
-        """Energy stored in springs and attractors, g·px²/s²."""
+    def potential(self, pose: Array, time: float) -> float:
+        """Energy stored in springs and attractors at a time, s: g·px²/s²."""
         stored = 0.0
+        for spring, end in self._broken:
+            if time < end:
+                stored += self._stored(spring, pose)
         for spring in self._springs:
             between = self._ends(spring, pose)[2]
             stored += (
@@ -298,6 +315,10 @@ class StepForces:
         """What the table does in the next steps while nothing touches, the last first."""
         self.pushes = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
+
+    def release(self, joint: Joint, pose: Array, time: float) -> EnergyEvent:
+        """Let a spring pull no more from a time on, s; its energy is lost."""
+        return EnergyEvent(time, self._loads.release(joint, pose, time), 0.0)
 
     def end(self, load: Forces) -> None:
         """The step is over: one that was taken again started from where it began."""

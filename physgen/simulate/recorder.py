@@ -645,7 +645,7 @@ class Recorder:
             blown[first_after:] += flow
         balance = balance0 + part[:, None] * (smooth[s] - balance0) + blown
         self._balance[first:done] = np.column_stack(
-            [*self._energy(x, v, roll), balance]
+            [*self._energy(time, x, v, roll), balance]
         )
         self.done = done
         for _, lost, work in self._struck:
@@ -675,14 +675,17 @@ class Recorder:
             v[bodies] = step.before[changed]
             x[bodies] = pose1[bodies] - step.before[changed] * (h - since)
 
-    def _energy(self, pose: Array, velocity: Array, roll: Array) -> tuple[Array, Array]:
+    def _energy(
+        self, times: Array, pose: Array, velocity: Array, roll: Array
+    ) -> tuple[Array, Array]:
         """(S,) kinetic and potential energy of the dynamic bodies in S poses (S, N, 3)."""
         square = velocity[..., 0] ** 2 + velocity[..., 1] ** 2
         turning = velocity[..., 2] ** 2 + (roll**2).sum(axis=-1)
         kinetic = (self._mass * square + self._moment * turning).sum(axis=1) / 2
         height = -(self._mass * (pose[..., :2] @ self.world.gravity)).sum(axis=1)
         return kinetic, height + [
-            self.loads.potential(x) if self.loads.busy else 0.0 for x in pose
+            self.loads.potential(x, time) if self.loads.busy else 0.0
+            for time, x in zip(times.tolist(), pose, strict=True)
         ]
 
     def trajectory(

@@ -94,7 +94,8 @@ class Space:
         self._bodies = bodies
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
-        _add_joints(space, world.joints, bodies, self._anchor)
+        self._parts = _add_joints(space, world.joints, bodies, self._anchor)
+        """Name of a joint -> what holds it in the engine."""
         ids = np.array(
             [body.id for body in (*bodies, *walls)], np.uint64
         )  # memory addresses
@@ -315,6 +316,11 @@ class Space:
         self._orders[listed] = Order(pairs)
         return self._orders[listed]
 
+    def release(self, joint: Joint) -> None:
+        """Let a joint hold no more; its bodies go on passing through each other."""
+        for part in self._parts.get(joint.name, ()):
+            part.max_force = 0.0
+
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
         self._space.gravity = tuple((self._gravity * part).tolist())
@@ -474,19 +480,56 @@ def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]
     return found
 
 
+GUIDES = (JointKind.SLIDER, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
+ENDLESS = 1e6
+"""px that the engine's rail goes on beyond its ends, which bounds.py holds."""
+
+
+def _add_guide(
+    space: pymunk.Space, joint: Joint, bodies: list[pymunk.Body], world: pymunk.Body
+) -> list[pymunk.Constraint]:
+    """Add a slider or a gear, or, for a rope and a pulley, what keeps two bodies from bumping into each other."""
+    first = bodies[joint.first]
+    second = world if joint.second is None else bodies[joint.second]
+    parts: list[pymunk.Constraint] = []
+    if joint.kind is JointKind.SLIDER:
+        way = joint.guide[0] / float(np.hypot(*joint.guide[0])) * ENDLESS
+        ends = [(joint.second_at + sign * way).tolist() for sign in (-1, 1)]
+        parts = [
+            pymunk.GrooveJoint(
+                second, first, ends[0], ends[1], joint.first_at.tolist()
+            ),
+            pymunk.GearJoint(first, second, 0.0, 1.0),
+        ]
+    elif joint.kind is JointKind.GEAR:
+        parts = [pymunk.GearJoint(first, second, 0.0, joint.ratio)]
+    elif joint.second is not None:
+        parts = [pymunk.SlideJoint(first, second, (0, 0), (0, 0), 0, joint.length)]
+        parts[0].max_force = 0.0
+    for part in parts:
+        part.error_bias = 1.0
+        part.collide_bodies = joint.collide
+        space.add(part)
+    return parts
+
+
 def _add_joints(
     space: pymunk.Space,
     joints: tuple[Joint, ...],
     bodies: list[pymunk.Body],
     world: pymunk.Body,
-) -> None:
+) -> dict[str, list[pymunk.Constraint]]:
     """Pins and welds, so that contacts are solved with them. They keep velocities only: where joints are, and motors,
     is for joined.py, which solves them exactly after each step; springs are loads.
 
     Where a weld sits does not matter; between the two centres it turns by the shortest levers.
     """
+    added: dict[str, list[pymunk.Constraint]] = {}
     for joint in joints:
         if joint.kind is JointKind.SPRING:
+            continue
+        if joint.kind in GUIDES:
+            added[joint.name] = _add_guide(space, joint, bodies, world)
             continue
         a = bodies[joint.first]
         b = world if joint.second is None else bodies[joint.second]
@@ -506,7 +549,9 @@ def _add_joints(
         ]
         if joint.kind is JointKind.WELD:
             parts.append(pymunk.GearJoint(a, b, 0.0, 1.0))
+        added[joint.name] = parts
         for part in parts:
             part.error_bias = 1.0
             part.collide_bodies = joint.collide
             space.add(part)
+    return added

@@ -5,7 +5,8 @@ import { named, pathOf } from "./app.js";
 import { written } from "./dragging.js";
 import { makeMaterials } from "./materials.js";
 
-export const HOLDS = ["pivot", "spring", "weld", "motor"];
+export const HOLDS = ["pivot", "spring", "weld", "motor", "slider", "rope", "pulley", "gear"];
+const ENDS = { spring: ["from", "to"], slider: ["from", "to"], rope: ["from", "to"], pulley: ["from", "over", "and", "to"], gear: [] };
 
 // `kit` makes rows, titles and deeds
 export function makePanels(editor, { row, title, heading, deeds, erase, renamed, odd, si }) {
@@ -182,12 +183,12 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         kind = HOLDS.find((k) => item[k]),
         names = Object.keys(scene().objects);
       const at =
-        kind === "spring"
-          ? [0, 1].map((k) =>
-              row([...path, "spring", k], k ? "to" : "from", {
+        ENDS[kind]
+          ? ENDS[kind].map((label, k) =>
+              row([...path, kind, k], label, {
                 spec: { prefixItems: [{}, {}], "x-unit": "px" },
                 required: true,
-                edits: (value) => [{ set: [...path, "spring"], value: named(entry).spring.map((p, n) => (n === k ? value : p)) }],
+                edits: (value) => [{ set: [...path, kind], value: named(entry)[kind].map((p, n) => (n === k ? value : p)) }],
               }),
             )
           : [row([...path, kind], "at", { required: true })];
@@ -213,6 +214,10 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
             spring: "spring with a damper",
             weld: "weld: neither moves against the other",
             motor: "motor: it turns the first",
+            slider: "slider: the first runs along a rail",
+            rope: "rope: no farther apart than its length",
+            pulley: "pulley: a rope over two points",
+            gear: "gear: the two turn at a ratio",
           }[kind],
         ),
         deeds(erase(entry)),
@@ -235,6 +240,16 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               row([...path, "limit"], "limit", { says: (v) => (v == null ? "as much as it takes" : "") }),
             ]
           : []),
+        ...(kind === "rope" || kind === "pulley" ? [row([...path, "length"], "length", { says: (v) => (v == null ? "as at the start" : "") })] : []),
+        ...(kind === "gear" ? [row([...path, "gear"], "ratio", { required: true })] : []),
+        ...(kind === "slider"
+          ? [
+              row([...path, "drive"], "drive", { says: (v) => (v == null ? "slides freely" : "") }),
+              row([...path, "force"], "force", { says: (v) => (v == null ? "as much as it takes" : "") }),
+            ]
+          : []),
+        ...(kind === "pivot" ? [row([...path, "friction"], "friction")] : []),
+        row([...path, "breaks"], "breaks at", { says: (v) => (v == null ? "never" : "") }),
         row([...path, "collide"], "bump", { spec: { type: "boolean", description: "Whether the two objects also collide with each other." } }),
       ];
     },

@@ -12,6 +12,7 @@ from physgen.evaluate.physics import (
     forces,
     impacts,
     joints,
+    machines,
     rolling,
     sliding,
     stacks,
@@ -30,6 +31,7 @@ _GROUPS = (
     stacks,
     forces,
     joints,
+    machines,
     energy,
 )
 ROWS: tuple[Row, ...] = tuple(
