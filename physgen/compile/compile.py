@@ -24,9 +24,11 @@ from physgen.compile.world import (
     Joint,
     Push,
     World,
+    passages,
     placed_outline,
     rest_pose,
     surface,
+    surface_of,
 )
 from physgen.geometry.convex import convex_pieces
 from physgen.geometry.polygon import (
@@ -245,12 +247,14 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
     )
     outlines = tuple(map(placed_outline, shown, scene.objects))
     problems: list[Problem] = []
-    bodies = []
+    bodies, passing = [], passages(scene)
     for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
         try:
             body = replace(
                 _body(item, outline, scene), rest=rest_pose(before, item, scene)
             )
+            passage = passing.get(f"objects.{item.name}")
+            body = body if passage is None else replace(body, passage=passage)
             bodies.append(with_wheels(body, item, outline, before, scene))
         except InputError as error:
             problems += error.problems
@@ -344,7 +348,7 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         radius=radius,
         pieces=pieces,
         rings=rings,
-        surface=surface(item.friction, item.elasticity, scene.world.combine),
+        surface=surface_of(item, scene.world.combine),
         solid=solid or (Solid.DISC if radius is not None else Solid.PLATE),
         rolling=item.rolling,
         patch=1.5 * mean_distance(outline, center),

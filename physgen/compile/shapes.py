@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Wall, surface
+from physgen.compile.world import Passage, Wall, passages, surface_of
 from physgen.geometry.fitting import fit_outlines, without_specks
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, mass_properties
 from physgen.geometry.raster import coverage_box
@@ -170,6 +170,7 @@ def fit_masks(
 
 def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
     """The boundaries as chains; `regions` are those of masks, by index."""
+    passing = passages(scene)
 
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
         if k not in regions:
@@ -182,7 +183,8 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
         Wall(
             item.name,
             chains(k, item),
-            surface(item.friction, item.elasticity, scene.world.combine),
+            surface_of(item, scene.world.combine),
+            passing.get(f"boundaries.{item.name}", Passage()),
         )
         for k, item in enumerate(scene.boundaries)
     )

@@ -20,7 +20,7 @@ from physgen.maps import U8, Percepts
 from physgen.problems import Problem, Severity, by_place
 from physgen.scene.files import equal
 from physgen.scene.load import EARTH
-from physgen.scene.scene import Auto, Motion, Scene, Solid, View, held
+from physgen.scene.scene import Auto, Motion, Scene, Solid, View, collides, held
 from physgen.text import quoted
 
 Mask = NDArray[np.bool_]
@@ -443,7 +443,7 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             near = near[:0]
         for j in near.tolist():
             other = scene.objects[j].name
-            if {item.name, other} not in through:
+            if {item.name, other} not in through and collides(item, scene.objects[j]):
                 depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
                 if depth > LIMITS.overlap:
                     named += 1
@@ -454,7 +454,10 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                         f"overlaps {other} by {depth:.1f} px at t = 0",
                         fix,
                     )
-        for wall in compiled.world.walls if item.motion is Motion.DYNAMIC else ():
+        for edge, wall in zip(scene.boundaries, compiled.world.walls, strict=True):
+            is_passed = not collides(item, edge) or edge.one_way is not None
+            if item.motion is not Motion.DYNAMIC or is_passed:
+                continue
             depth = max(
                 (
                     depth_across(shapes[i], shapely.LineString(chain))

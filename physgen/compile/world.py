@@ -26,7 +26,9 @@ from physgen.geometry.polygon import (
 )
 from physgen.materials import is_billiard_ball
 from physgen.scene.scene import (
+    MAIN_GROUP,
     Auto,
+    Boundary,
     Combine,
     FieldKind,
     JointKind,
@@ -49,6 +51,26 @@ class Surface:
 
     friction: float
     elasticity: float
+    static_friction: float | None = None
+    """Factor while nothing slides; None: as friction."""
+    conveyor: float = 0.0
+    """px/s at which the surface runs around the body or wall, to the right on its top."""
+
+
+EVERY_GROUP = 0xFFFFFFFF
+"""Bits of all collision groups."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What passes through a body or a wall."""
+
+    group: int = 1
+    """Bit of its own collision group."""
+    collides_with: int = EVERY_GROUP
+    """Bits of the groups that it collides with."""
+    one_way: tuple[float, float] | None = None
+    """Direction in which others pass."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +119,7 @@ class Body:
     """(K, 4): s, x px, y px, rad; empty unless scripted."""
     rest: Array | None = None
     """(3,) px, px, rad: the pose in which the photo shows it, where it is put elsewhere; None: as it is at t = 0."""
+    passage: Passage = Passage()
     wheels: tuple[Wheel, ...] = ()
     """They carry it instead of its pieces, which end above them; mass and moment include them."""
 
@@ -165,6 +188,7 @@ class Wall:
     chains: tuple[Array, ...]
     """Each (K, 2) px; closed where the last point is the first again."""
     surface: Surface
+    passage: Passage = Passage()
 
 
 @dataclass(frozen=True)
@@ -284,6 +308,36 @@ def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
     if combine is Combine.GEOMETRIC:
         return Surface(sqrt(friction), sqrt(elasticity))
     return Surface(friction, elasticity)
+
+
+def surface_of(item: Object | Boundary, combine: Combine) -> Surface:
+    """Return the surface of an object or a boundary."""
+    made = surface(item.friction, item.elasticity, combine)
+    if item.static_friction is None and item.conveyor is None:
+        return made
+    static = None
+    if item.static_friction is not None:
+        static = surface(item.static_friction, 0.0, combine).friction
+    return replace(made, static_friction=static, conveyor=item.conveyor or 0.0)
+
+
+def passages(scene: Scene) -> dict[str, Passage]:
+    """Return what passes through each object and boundary that says so, by its path."""
+    parts: dict[str, Object | Boundary] = {}
+    parts |= {f"objects.{item.name}": item for item in scene.objects}
+    parts |= {f"boundaries.{item.name}": item for item in scene.boundaries}
+    names = [item.collision_group for item in parts.values()]
+    groups = [MAIN_GROUP, *sorted({name for name in names if name} - {MAIN_GROUP})]
+    bits = {name: 1 << number for number, name in enumerate(groups)}
+    found: dict[str, Passage] = {}
+    for path, item in parts.items():
+        mask = EVERY_GROUP
+        if item.collides_with is not None:
+            mask = sum({bits[name] for name in item.collides_with if name in bits})
+        passage = Passage(bits[item.collision_group or MAIN_GROUP], mask, item.one_way)
+        if passage != Passage():
+            found[path] = passage
+    return found
 
 
 TABLE = "the table"

@@ -7,7 +7,7 @@ from typing import Any
 
 from physgen.compile.world import Body, Joint, Push, World, pairings
 from physgen.export.labels import Clip, Scale, Writer, write_json
-from physgen.scene.scene import JointKind, Load, Object, Scene
+from physgen.scene.scene import Boundary, JointKind, Load, Object, Scene
 
 UNITS = {
     "size, place, radius, length": "px",
@@ -80,6 +80,7 @@ def physics(clip: Clip) -> dict[str, Any]:
                 "lines": [chain.tolist() for chain in wall.chains],
                 "friction": item.friction,
                 "elasticity": item.elasticity,
+                **_contact_keys(item),
                 "from": _sources(
                     scene, f"boundaries.{item.name}", ("friction", "elasticity"), {}
                 ),
@@ -134,8 +135,22 @@ def _object(
         "velocity": list(item.velocity),
         "velocity_m_s": [scale.meters(value) for value in item.velocity],
         "spin": item.spin,
+        **_contact_keys(item),
         "from": _sources(scene, f"objects.{item.name}", SOURCED, item.provenance),
     }
+
+
+def _contact_keys(item: Object | Boundary) -> dict[str, Any]:
+    """Return how contacts of an object or a boundary differ from others'."""
+    keys = (
+        "static_friction",
+        "conveyor",
+        "one_way",
+        "collision_group",
+        "collides_with",
+    )
+    values = {key: getattr(item, key) for key in keys}
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def _sources(scene: Scene, path: str, keys: tuple[str, ...], by: Any) -> dict[str, str]:

@@ -26,7 +26,7 @@ from physgen.scene.files import (
     similar,
     written,
 )
-from physgen.scene.scene import video_size
+from physgen.scene.scene import MAIN_GROUP, video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part, misspelt_keys
 from physgen.text import KeyPath, listed, nearest, number, quoted, shown
@@ -68,6 +68,8 @@ LEAST_AREA = 0.01
 """px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
 LONGEST_EXTENT = 20
 """Longer sides of the photo: a body that is longer covers the whole photo, and its collisions take minutes."""
+MOST_GROUPS = 32
+"""Collision groups: the engine has a bit for each."""
 SAME_POINT = 1e-9
 """px: to what a float of 10^6 px resolves."""
 BLOCK = 16
@@ -157,6 +159,7 @@ class _Rules:
         for name, node in children(self.root, "boundaries").items():
             if isinstance(node.value, dict):
                 self.boundary(node, ("boundaries", name))
+        self.groups()
         self.forces()
         for section in KINDS:
             self.joints(section)
@@ -560,6 +563,52 @@ class _Rules:
                     place, where, "", "is the point before it again", "move or drop it"
                 )
                 return
+
+    def groups(self) -> None:
+        """Add problems of collision groups that nothing has, and of friction that grows with sliding."""
+        names: dict[str, None] = {MAIN_GROUP: None}
+        listings: list[tuple[Node, KeyPath]] = []
+        for section in ("objects", "boundaries"):
+            for name, node in children(self.root, section).items():
+                good = self.good(node)
+                path: KeyPath = (section, name)
+                if "collision_group" in good:
+                    names[str(good["collision_group"].value)] = None
+                for index, group in enumerate(items(good.get("collides_with"))):
+                    place: KeyPath = (*path, "collides_with", index)
+                    listings.append((group, place))
+                self.static_friction(good, path)
+                way = good.get("one_way")
+                if way is not None and not any(_number(one) for one in items(way)):
+                    fix = "write e.g. [0, -1]: others pass upwards"
+                    key: KeyPath = (*path, "one_way")
+                    self.add(way.place, key, "[0, 0]", "is no direction", fix)
+        for group, where in listings:
+            if str(group.value) not in names and group not in self.findings.bad:
+                close = nearest(str(group.value), names)
+                fix = f"write {listed(list(names)[:30])}"
+                fix = f"did you mean {quoted(close)}?" if close else fix
+                what = "is no collision_group of this scene"
+                self.add(group.place, where, shown(group.value), what, fix)
+        if len(names) > MOST_GROUPS:
+            what = f"are more than {MOST_GROUPS}"
+            found = f"{len(names)} collision groups"
+            self.add(self.root.place, "", found, what, "join some of them")
+
+    def static_friction(self, good: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if what slides has more friction than what does not."""
+        node = good.get("static_friction")
+        if node is None:
+            return
+        friction = good.get("friction")
+        default = at(f"{path[0]}.*")["properties"]["friction"]["default"]
+        least = default if friction is None else _number(friction)
+        if _number(node) < least:
+            what = f"is less than the friction of {number(least)} while it slides"
+            fix = "write a larger one, or a smaller friction"
+            self.add(
+                node.place, (*path, "static_friction"), shown(node.value), what, fix
+            )
 
     # Forces, joints and fields
 

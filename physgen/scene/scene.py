@@ -94,6 +94,19 @@ def affine(photo: Size, video: Size, center: Point, zoom: float) -> tuple[float,
 Points = tuple[Point, ...]
 
 
+MAIN_GROUP = "main"
+"""The collision group of what names none."""
+
+
+def collides(first: Object | Boundary, second: Object | Boundary) -> bool:
+    """Return whether two parts of a scene collide, by their groups."""
+    return all(
+        one.collides_with is None
+        or (other.collision_group or MAIN_GROUP) in one.collides_with
+        for one, other in ((first, second), (second, first))
+    )
+
+
 class Solid(Enum):
     """The body whose outline is shown; sets the moment of inertia."""
 
@@ -294,6 +307,16 @@ class Object:
     """They turn on pins of the object; empty unless it is a vehicle."""
     facing: Facing | None = None
     """Where its front is; None: unknown."""
+    static_friction: float | None = None
+    """None: as friction."""
+    conveyor: float | None = None
+    """px/s at which its surface runs around it, to the right on its top; None: not at all."""
+    one_way: Point | None = None
+    """Direction in which others pass through it; None: nothing passes."""
+    collision_group: str | None = None
+    """None: MAIN_GROUP."""
+    collides_with: tuple[str, ...] | None = None
+    """Groups; None: all."""
 
 
 @dataclass(frozen=True)
@@ -306,6 +329,16 @@ class Boundary:
     mask: Mask | None
     friction: float
     elasticity: float
+    static_friction: float | None = None
+    """None: as friction."""
+    conveyor: float | None = None
+    """px/s at which its surface runs around it, to the right on its top; None: not at all."""
+    one_way: Point | None = None
+    """Direction in which others pass through it; None: nothing passes."""
+    collision_group: str | None = None
+    """None: MAIN_GROUP."""
+    collides_with: tuple[str, ...] | None = None
+    """Groups; None: all."""
 
 
 class JointKind(Enum):

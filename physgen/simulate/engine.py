@@ -384,6 +384,7 @@ class Stepper:
             elasticity=[surface.elasticity for surface in surfaces],
             radius=[b.radius if b.radius is not None else nan for b in bodies]
             + [nan] * len(walls),
+            conveyor=[surface.conveyor for surface in surfaces],
         )
         self._reach = np.array([b.reach for b in bodies]).reshape(-1)
         self._weight = max(float(np.hypot(*world.gravity)), world.press)

@@ -24,6 +24,7 @@ from physgen.simulate.contacts import (
     touching,
 )
 from physgen.simulate.forces import EnergyEvent, ForceFields, Forces, ScriptedMotion
+from physgen.simulate.surfaces import belt_velocities
 from physgen.simulate.trajectory import (
     Contacts,
     Effort,
@@ -219,6 +220,7 @@ class Recorder:
         )
         scripted = [b.motion is Motion.SCRIPTED for b in world.bodies]
         self._scripted = np.array(scripted + [False] * len(world.walls), bool)
+        self._conveyors = np.array([part.conveyor for _, part in world.surfaces])
         self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
         self._even = (
             0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
@@ -457,8 +459,16 @@ class Recorder:
             share * near + (1 - share) * far for near, far in zip(*spots, strict=True)
         ]
         v1, v2 = (speed(columns(mean, partner), partner, *where) for partner in (0, 1))
-        lost = -along(v1, v2, impulse)
+        runs = self._conveyors.any()
+        belts = belt_velocities(self._conveyors, first, second, normal) if runs else ()
+        moved = [v1, v2]
+        for partner, belt in enumerate(belts):
+            vx, vy = moved[partner]
+            moved[partner] = vx + belt[:, 0], vy + belt[:, 1]
+        lost = -along(moved[0], moved[1], impulse)
         work = np.zeros(len(row))
+        for sign, belt in zip((-1.0, 1.0), belts, strict=False):
+            work += sign * (belt * impulse).sum(axis=1)
         for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
             driven = self._scripted[objects]
             if driven.any():

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 from pymunk.batch import ArbiterFields, BodyFields
 
-from physgen.compile.world import Body, Joint, Wall, World
+from physgen.compile.world import EVERY_GROUP, Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
 from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
 from physgen.simulate.internal_edges import (
@@ -29,9 +29,12 @@ from physgen.simulate.internal_edges import (
     InternalEdges,
     ShapeOutline,
 )
+from physgen.simulate.surfaces import SpecialSurfaces
 
 Index = NDArray[np.int64]
 
+SPECIAL = 1
+"""The engine's type of shapes whose contacts are asked about."""
 SLOP = 0.005
 """px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
 SEAM = 0.5
@@ -133,6 +136,7 @@ class Space:
         self._braking: Sequence[Pair] = ()
         self._motors: list[Any] = []
         """Of the pairs that brake now."""
+        self._special = self._watch(world, [*bodies, *walls])
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
@@ -160,6 +164,36 @@ class Space:
         The px that they may move before this is looked at again, and where they are.
         """
         LIVING.add(self)
+
+    def _watch(self, world: World, parts: list[pymunk.Body]) -> SpecialSurfaces | None:
+        """Ask about contacts of surfaces that run, stick or let others pass; None if there are none."""
+        passages = [body.passage for body in world.bodies]
+        passages += [wall.passage for wall in world.walls]
+        has_groups = any(
+            passage.group != 1 or passage.collides_with != EVERY_GROUP
+            for passage in passages
+        )
+        for passage, own in zip(passages if has_groups else (), parts, strict=False):
+            for shape in own.shapes:
+                shape.filter = pymunk.ShapeFilter(
+                    categories=passage.group, mask=passage.collides_with
+                )
+        owners = SpecialSurfaces.owners_of(world)
+        if not owners:
+            return None
+        for owner in owners:
+            for shape in parts[owner].shapes:
+                shape.collision_type = SPECIAL
+        special = SpecialSurfaces(world, {body.id: k for k, body in enumerate(parts)})
+        self._space.on_collision(
+            SPECIAL,
+            None,
+            begin=special.begin,
+            pre_solve=special.solve,
+            post_solve=special.note,
+            separate=special.separate,
+        )
+        return special
 
     def disown(self) -> None:
         """Keep pymunk from freeing the memory of this space and of all in it."""
@@ -196,7 +230,7 @@ class Space:
         moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
         if not words.num:
             return moved, NO_CONTACTS, b""
-        if self.hidden:
+        if self.hidden or (self._special and self._special.passing):
             return moved, *self._visible_contacts()
         listed = ffi.buffer(words.arr, 8 * words.num)[:]
         order = self._orders.get(listed) or self._order(listed)

@@ -43,7 +43,7 @@ def test_bounded_impulses_meet_one_of_all_choices() -> None:
         high = np.array([inf, inf, inf, inf, 0.3])
         impulse, _ = bounded_impulses(give, goal, low, high)
         matches = []
-        for choice in product("free low high".split(), repeat=3):
+        for choice in product(("free", "low", "high"), repeat=3):
             states = np.array(["free", "free", *choice])
             exact = np.where(states == "low", low, np.where(states == "high", high, 0))
             if not np.isfinite(exact).all():

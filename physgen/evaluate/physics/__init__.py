@@ -16,6 +16,7 @@ from physgen.evaluate.physics import (
     rolling,
     sliding,
     stacks,
+    surfaces,
     tabletop,
 )
 from physgen.evaluate.physics.scorecard import Row, scene_file, scene_of
@@ -29,6 +30,7 @@ _GROUPS = (
     barriers,
     tabletop,
     stacks,
+    surfaces,
     forces,
     joints,
     machines,
