@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from physgen.compile.shapes import (
     U16,
     Shapes,
+    circle_corners,
     shapes_of,
     snapped_to_boundaries,
     walls_of,
@@ -320,21 +321,34 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     if properties.area <= 1e-6:
         raise ValueError("has no area")
     center = properties.center
+    own = item.center_of_mass
+    if own is not None:
+        center = np.array(own if item.place is None else item.place[:2], np.float64)
     mass = (
         item.mass if item.mass is not None else (item.density or 1.0) * properties.area
     )
-    if isinstance(outline, Disc):
-        radius: float | None = outline.radius
+    disc: tuple[Array, float] | None = None
+    radius: float | None = None
+    pieces: tuple[Array, ...] = ()
+    rings: tuple[Array, ...]
+    if isinstance(outline, Disc) and own is not None:
+        disc = properties.center - center, outline.radius
+        circle = circle_corners(outline.radius) + disc[0]
         moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
-        pieces: tuple[Array, ...] = ()
-        rings: tuple[Array, ...] = (_circle(outline.radius),)
+        pieces, rings = (circle,), (circle,)
+    elif isinstance(outline, Disc):
+        radius = outline.radius
+        moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
+        rings = (circle_corners(outline.radius),)
     else:
-        radius = None
         moment = mass * properties.second / properties.area
         pieces = tuple(piece - center for piece in convex_pieces(outline))
         if not pieces:
             raise ValueError("is too thin to simulate")
         rings = tuple(ring - center for ring, _ in outline.borders)
+    moment += mass * float(np.sum((properties.center - center) ** 2))
+    if item.moment is not None:
+        moment = item.moment
     moving = item.motion is Motion.DYNAMIC
     # a stored shape's solid is that of a circle, which a mask that was painted over may no longer be
     stored = isinstance(item.shape, Auto) and item.shape.stored is not None
@@ -356,6 +370,9 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
         spin=radians(item.spin) if moving else 0.0,
         path=_path(item, center, scene),
+        disc=disc,
+        damping=item.damping or 0.0,
+        gravity_scale=1.0 if item.gravity_scale is None else item.gravity_scale,
     )
 
 
@@ -396,15 +413,14 @@ def _path(item: Object, center: Array, scene: Scene) -> Array:
                 [Problem(scene.place(key), key, "the first knot", expected, fix)]
             )
         path[:, 1:3] -= off
-    return path
+    return _repeated(path, scene) if item.loop else path
 
 
-def _circle(radius: float) -> Array:
-    """Corners for drawing, close enough that no chord is off by a twentieth of a pixel."""
-    count = int(
-        np.clip(
-            np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360
-        )
-    )
-    angle = np.arange(count) * (2 * np.pi / count)
-    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+def _repeated(path: Array, scene: Scene) -> Array:
+    """Return a path (K, 4) that begins again until the end of the clip. Raises InputError if it has too many knots."""
+    period, turn = path[-1, 0], path[-1, 3] - path[0, 3]
+    rounds = int(np.ceil(scene.world.duration / period)) + 1
+    if rounds * len(path) > Limit.STEPS.most / 1000:
+        raise Limit.STEPS.error(scene.place("objects"), "objects", f"{rounds:,} rounds")
+    shift = np.array([period, 0.0, 0.0, turn])
+    return np.concatenate([path, *(path[1:] + k * shift for k in range(1, rounds))])

@@ -119,6 +119,12 @@ class Body:
     """(K, 4): s, x px, y px, rad; empty unless scripted."""
     rest: Array | None = None
     """(3,) px, px, rad: the pose in which the photo shows it, where it is put elsewhere; None: as it is at t = 0."""
+    disc: tuple[Array, float] | None = None
+    """Centre (2,) px in its frame, and radius px, of a circle with its mass elsewhere; `pieces` has corners."""
+    damping: float = 0.0
+    """1/s."""
+    gravity_scale: float = 1.0
+    """How many times gravity acts on it."""
     passage: Passage = Passage()
     wheels: tuple[Wheel, ...] = ()
     """They carry it instead of its pieces, which end above them; mass and moment include them."""
@@ -189,6 +195,10 @@ class Wall:
     """Each (K, 2) px; closed where the last point is the first again."""
     surface: Surface
     passage: Passage = Passage()
+    pieces: tuple[Array, ...] = ()
+    """Convex pieces (K, 2) px of solid scenery, of which the chains are the outlines."""
+    disc: tuple[Array, float] | None = None
+    """Centre (2,) and radius, px, of solid scenery that is round."""
 
 
 @dataclass(frozen=True)
@@ -401,18 +411,25 @@ def _names(names: Sequence[str]) -> str:
     )
 
 
+def mass_center(outline: Outline, item: Object) -> Array:
+    """Return the centre of mass (2,) px of an object with this outline in the photo."""
+    if item.center_of_mass is not None:
+        return np.array(item.center_of_mass, np.float64)
+    return np.asarray(mass_properties(outline).center)
+
+
 def placed_outline(outline: Outline, item: Object) -> Outline:
     """The outline at t = 0."""
     if item.place is None:
         return outline
     x, y, degrees = item.place
-    center, turn = mass_properties(outline).center, rotation(radians(degrees))
+    center, turn = mass_center(outline, item), rotation(radians(degrees))
 
     def there(points: Array) -> Array:
         return (points - center) @ turn.T + (x, y)
 
     if isinstance(outline, Disc):
-        return Disc(np.array([x, y]), outline.radius)
+        return Disc(there(np.asarray(outline.center)), outline.radius)
     return Region(
         tuple(
             Ring(there(ring.outer), tuple(map(there, ring.holes)))
@@ -428,7 +445,7 @@ def rest_pose(outline: Outline, item: Object, scene: Scene) -> Array | None:
     """
     if item.place is None or scene.image is None:
         return None
-    return np.array([*mass_properties(outline).center, -radians(item.place[2])])
+    return np.array([*mass_center(outline, item), -radians(item.place[2])])
 
 
 def photo_poses(world: World) -> tuple[Pose, ...]:

@@ -148,8 +148,11 @@ def _contact_keys(item: Object | Boundary) -> dict[str, Any]:
         "one_way",
         "collision_group",
         "collides_with",
+        "damping",
+        "gravity_scale",
+        "center_of_mass",
     )
-    values = {key: getattr(item, key) for key in keys}
+    values = {key: getattr(item, key, None) for key in keys}
     return {key: value for key, value in values.items() if value is not None}
 
 

@@ -588,6 +588,7 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         name=name,
         roll=item["roll"] if isinstance(item["roll"], str) else _pair(item["roll"]),
         motion=parts.Motion.SCRIPTED if path else parts.Motion(item["motion"]),
+        loop=isinstance(item["motion"], dict) and item["motion"].get("loop", False),
         path=tuple(
             parts.Waypoint(float(k[0]), _pair(k[1:3]), float([*k, 0][3])) for k in path
         ),
@@ -625,7 +626,8 @@ def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:
 
 def _boundary(name: str, item: Mapping[str, Any]) -> parts.Boundary:
     points = _points(item.get("segment") or item.get("polyline") or ())
-    return _make(parts.Boundary, item, name=name, points=points)
+    shape = _shape(item["shape"]) if "shape" in item else None
+    return _make(parts.Boundary, item, name=name, points=points, shape=shape)
 
 
 def _force(item: Mapping[str, Any]) -> parts.Force:

@@ -435,9 +435,9 @@ class _Rules:
         if "motion" not in parts:
             self.extents(kinds, path)
         self.holes(kinds, path)
-        self.rising(
-            items(children(good.get("motion")).get("path")), (*path, "motion", "path")
-        )
+        motion = children(good.get("motion"))
+        self.rising(items(motion.get("path")), (*path, "motion", "path"))
+        self.loop(motion, (*path, "motion"))
 
     def outline(self, node: Node, path: KeyPath, crossing: bool) -> None:
         problem = outline_problem(_points(node), crossing)
@@ -507,6 +507,18 @@ class _Rules:
                         "keep holes inside",
                     )
 
+    def loop(self, motion: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if a path that begins again does not end where it began."""
+        knots = items(motion.get("path"))
+        if "loop" not in motion or motion["loop"].value is not True or not knots:
+            return
+        first, last = items(knots[0]), items(knots[-1])
+        if any(_number(first[k]) != _number(last[k]) for k in (1, 2)):
+            x, y = _number(first[1]), _number(first[2])
+            fix = f"end with [{_number(last[0]):g}, {x:g}, {y:g}]"
+            what = "does not end where it began, and it is to begin again"
+            self.add(knots[-1].place, (*path, "path"), "the path", what, fix)
+
     def rising(self, knots: list[Node], path: KeyPath) -> None:
         """Times of knots start at 0 and rise; the first wrong one is reported."""
         before: Any = None
@@ -533,16 +545,23 @@ class _Rules:
 
     def boundary(self, node: Node, path: KeyPath) -> None:
         parts = children(node)
-        given = [key for key in ("segment", "polyline", "mask") if key in parts]
+        kinds = ("segment", "polyline", "shape", "mask")
+        given = [key for key in kinds if key in parts]
         if len(given) != 1:
             has = f"has {listed(given, 'and')}" if given else "has no line"
-            fix = "write segment: [[0, 457], [512, 457]], polyline or mask"
+            fix = "write segment: [[0, 457], [512, 457]], polyline, shape or mask"
             self.add(
                 node.place, path, "", has, "write only one of them" if given else fix
             )
             return
         line = self.good(node).get(given[0])
         if line is None:
+            return
+        if given == ["shape"]:
+            shapes = children(line)
+            for part, outline, crossing in _outlines(None, shapes):
+                self.outline(outline, (*path, *part), crossing)
+            self.areas(shapes, path)
             return
         if given == ["mask"]:
             for part, outline, crossing in _outlines(line, {}):

@@ -307,6 +307,16 @@ class Object:
     """They turn on pins of the object; empty unless it is a vehicle."""
     facing: Facing | None = None
     """Where its front is; None: unknown."""
+    loop: bool = False
+    """Whether its path begins again."""
+    center_of_mass: Point | None = None
+    """px, as the photo shows it; None: of its shape."""
+    moment: float | None = None
+    """g·px² about its centre of mass; None: of its shape."""
+    damping: float | None = None
+    """1/s; None: none."""
+    gravity_scale: float | None = None
+    """None: 1."""
     static_friction: float | None = None
     """None: as friction."""
     conveyor: float | None = None
@@ -325,7 +335,7 @@ class Boundary:
 
     name: str
     points: Points
-    """(K, 2) px, K >= 2; empty where a mask is given."""
+    """(K, 2) px, K >= 2; empty where a mask or a shape is given."""
     mask: Mask | None
     friction: float
     elasticity: float
@@ -339,6 +349,8 @@ class Boundary:
     """None: MAIN_GROUP."""
     collides_with: tuple[str, ...] | None = None
     """Groups; None: all."""
+    shape: Circle | Box | Polygon | None = None
+    """Solid scenery."""
 
 
 class JointKind(Enum):

@@ -132,11 +132,19 @@ class ForceFields:
                     self._dampers[body] = self._dampers.get(body, 0) + (
                         spring.damping > 0
                     )
+        scale = np.array([b.gravity_scale for b in bodies])
+        lift = np.where(dynamic, (scale - 1) * self._mass, 0.0)
+        self._lift = lift[:, None] * world.gravity
+        """(N, 2) g·px/s²: what gravity is more than usual."""
+        self._lifts = bool(self._lift.any())
+        self._damping = np.where(dynamic, [b.damping for b in bodies], 0.0)
+        self._damped = np.flatnonzero(self._damping)
+        self._moment = moment
         self.steers = bool(self._attractors)
         """Whether `pace` has anything to say."""
         self.busy = bool(
             self._pushes or self._springs or self._winds or self._attractors
-        )
+        ) or bool(self._lifts or len(self._damped))
 
     def release(self, joint: Joint, pose: Array, time: float) -> float:
         """Let a spring pull no more from a time on, s; return the energy that it has then."""
@@ -188,6 +196,10 @@ class ForceFields:
             near = (away**2).sum(axis=1) + field.soften**2
             pull = self._mass[on] * field.strength / np.maximum(near, 1e-12) ** 1.5
             total.hold[on, :2] += pull[:, None] * away
+        if self._lifts:
+            total.hold[:, :2] += self._lift
+        if len(self._damped):
+            self._damp(velocity, h, total)
         for field in self._winds:
             on = np.array(field.bodies, np.int64)
             known = self._gravity + total.hold[on, :2] * self._lightness[on, None]
@@ -204,9 +216,18 @@ class ForceFields:
             total.drive[on, :2] += (self._mass[on] * part / h)[:, None] * rush
         return total
 
+    def _damp(self, velocity: Array, h: float, total: LoadSum) -> None:
+        """Add what takes velocity and spin out: exact while it acts alone."""
+        on = self._damped
+        weight = np.stack([self._mass, self._mass, self._moment], axis=1)[on]
+        known = (total.hold + total.drive)[on] / weight
+        known[:, :2] += self._gravity
+        part = -np.expm1(-self._damping[on] * h)[:, None] / h
+        total.spend[on] -= weight * part * (velocity[on] + h / 2 * known)
+
     def potential(self, pose: Array, time: float) -> float:
         """Energy stored in springs and attractors at a time, s: g·px²/s²."""
-        stored = 0.0
+        stored = -float((self._lift * pose[:, :2]).sum()) if self._lifts else 0.0
         for spring, end in self._broken:
             if time < end:
                 stored += self._stored(spring, pose)

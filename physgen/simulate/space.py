@@ -431,7 +431,7 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     x, y = ((box.min(axis=0) + box.max(axis=0)) / 2).tolist()
     reach = float(np.hypot(*(box - (x, y)).T).max())
     if isinstance(shape, pymunk.Circle):
-        reach = shape.radius
+        (x, y), reach = shape.offset, shape.radius
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
 
 
@@ -458,6 +458,9 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
         shapes: list[pymunk.Shape] = [pymunk.Circle(body, model.radius)]
     else:
         shapes = [pymunk.Poly(body, piece.tolist()) for piece in model.pieces]
+    if model.disc is not None:
+        offset, radius = model.disc
+        shapes = [pymunk.Circle(body, radius, (float(offset[0]), float(offset[1])))]
     for shape in shapes:
         shape.friction = model.surface.friction
         space.add(shape)
@@ -470,7 +473,14 @@ def _add_wall(
     """A body of its own, so that contacts know which wall they touch."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
-    for line in wall.chains:
+    solid: list[pymunk.Shape] = [pymunk.Poly(body, p.tolist()) for p in wall.pieces]
+    if wall.disc is not None:
+        (x, y), radius = wall.disc
+        solid = [pymunk.Circle(body, radius, (float(x), float(y)))]
+    for shape in solid:
+        shape.friction = wall.surface.friction
+        space.add(shape)
+    for line in wall.chains if not solid else ():
         for a, b in pairwise(line.tolist()):
             segment = pymunk.Segment(body, a, b, 0.0)
             segment.friction = wall.surface.friction

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from physgen.evaluate.physics import (
     barriers,
+    bodies,
     conserved,
     energy,
     falling,
@@ -28,6 +29,7 @@ _GROUPS = (
     impacts,
     conserved,
     barriers,
+    bodies,
     tabletop,
     stacks,
     surfaces,
