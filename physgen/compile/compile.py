@@ -69,7 +69,14 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
         if force.load is not Load.IMPULSE:
             end += inf if force.duration is None else force.duration
         return Push(
-            body, force.load, np.array(force.vector), force.torque, at, force.start, end
+            body,
+            force.load,
+            np.array(force.vector),
+            force.torque,
+            at,
+            force.start,
+            end,
+            force.profile,
         )
 
     return tuple(push(force) for force in scene.forces)
@@ -122,6 +129,7 @@ def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Jo
         drive=item.drive,
         force=inf if item.force is None else item.force,
         breaks=inf if item.breaks is None else item.breaks,
+        knots=np.array(item.knots, np.float64) if item.knots else None,
     )
 
 
@@ -147,6 +155,10 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
                 item.drag,
                 item.strength,
                 item.soften,
+                item.linear,
+                item.density,
+                item.pull,
+                item.extent,
             )
         )
     pulls = sum(len(field.bodies) for field in fields)

@@ -9,10 +9,10 @@ import numpy as np
 
 from physgen.compile.world import Body, Joint, World
 from physgen.geometry.polygon import Array
-from physgen.scene.scene import JointKind, Motion
+from physgen.scene.scene import SPRINGS, JointKind, Motion
 
 PINS = (JointKind.PIVOT, JointKind.MOTOR)
-LOOSE = (JointKind.SPRING, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
+LOOSE = (*SPRINGS, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
 """Joints that keep no point of a body in place."""
 
 ROWS_OF = {JointKind.WELD: 3, JointKind.GEAR: 1}
@@ -57,7 +57,7 @@ def velocities_that_joints_allow(world: World) -> Array:
     velocity = np.array([[*body.velocity, body.spin] for body in bodies])
     rows: list[Array] = []
     for joint in world.joints:
-        if joint.kind in (JointKind.SPRING, JointKind.ROPE, JointKind.PULLEY):
+        if joint.kind in (*SPRINGS, JointKind.ROPE, JointKind.PULLEY):
             continue
         block = np.zeros((3, len(bodies), 3))
         for body, at, sign in (

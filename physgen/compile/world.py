@@ -35,6 +35,7 @@ from physgen.scene.scene import (
     Load,
     Motion,
     Object,
+    Profile,
     Scene,
     Solid,
     View,
@@ -216,6 +217,8 @@ class Push:
     """(2,) px in the body's frame, rides on the body."""
     start: float
     end: float
+    profile: Profile | None = None
+    """Factor by the time since start; None: 1."""
 
 
 @dataclass(frozen=True)
@@ -259,6 +262,8 @@ class Joint:
     """g·px/s² of the drive; infinite: as much as it takes."""
     breaks: float = inf
     """g·px/s²; infinite: never."""
+    knots: Array | None = None
+    """(K, 3) s, px, px of a finger."""
 
 
 @dataclass(frozen=True)
@@ -274,6 +279,11 @@ class Field:
     drag: float
     strength: float
     soften: float
+    linear: float = 0.0
+    density: float = 0.0
+    pull: float = 0.0
+    extent: tuple[float, float] = (0.0, 0.0)
+    """px: width and height of water from the corner `vector`."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import degrees, isfinite
 from typing import Any
 
-from physgen.compile.world import Body, Joint, Push, World, pairings
+from physgen.compile.world import Body, Field, Joint, Push, World, pairings
 from physgen.export.labels import Clip, Scale, Writer, write_json
 from physgen.scene.scene import Boundary, JointKind, Load, Object, Scene
 
@@ -107,6 +107,7 @@ def physics(clip: Clip) -> dict[str, Any]:
                 "drag": field.drag,
                 "strength": field.strength,
                 "soften": field.soften,
+                **_field_keys(field),
             }
             for field in world.fields
         ],
@@ -138,6 +139,13 @@ def _object(
         **_contact_keys(item),
         "from": _sources(scene, f"objects.{item.name}", SOURCED, item.provenance),
     }
+
+
+def _field_keys(field: Field) -> dict[str, Any]:
+    """Return the numbers of air, water and magnets."""
+    keys = ("linear", "density", "pull", "extent")
+    values = {key: getattr(field, key) for key in keys}
+    return {key: value for key, value in values.items() if value not in (0, (0, 0))}
 
 
 def _contact_keys(item: Object | Boundary) -> dict[str, Any]:
@@ -180,6 +188,8 @@ def _push(push: Push, world: World) -> dict[str, Any]:
     else:
         row[push.load.value] = push.vector.tolist()
         row["place"] = (world.bodies[push.body].center + push.at).tolist()
+    if push.profile is not None:
+        row["profile"] = {push.profile.kind.value: push.profile.numbers}
     if push.load is not Load.IMPULSE:
         row["end"] = push.end if isfinite(push.end) else None
     return row
@@ -210,6 +220,8 @@ def _joint(joint: Joint, world: World) -> dict[str, Any]:
         row["wheels"] = [wheel.tolist() for wheel in joint.guide]
     elif joint.kind is JointKind.GEAR:
         row["ratio"] = joint.ratio
+    if joint.knots is not None:
+        row["knots"] = joint.knots.tolist()
     if joint.limits is not None:
         row["limits"] = [degrees(limit) for limit in joint.limits]
     if joint.friction > 0:

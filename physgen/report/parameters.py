@@ -120,8 +120,9 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
         )
     for field in scene.fields:
         on = ", ".join(field.objects[:8]) + (", ..." if len(field.objects) > 8 else "")
-        here = field.kind is FieldKind.ATTRACTOR
+        here = field.kind in (FieldKind.ATTRACTOR, FieldKind.WATER)
         at = value_text(field.vector) if here else "everywhere"
+        at = "between each two" if field.kind is FieldKind.MAGNET else at
         rows.append(
             (
                 field.name,
@@ -181,6 +182,16 @@ def _settings(joint: Joint) -> str:
 def _strength(field: Field) -> str:
     if field.kind is FieldKind.WIND:
         return f"{value_text(field.vector)} px/s, drag {value_text(field.drag)} g/px²"
+    drag = [f"drag {value_text(field.drag)} g/px²"] if field.drag else []
+    if field.linear:
+        drag.append(f"{value_text(field.linear)} g/px/s")
+    if field.kind is FieldKind.AIR:
+        return ", ".join(drag)
+    if field.kind is FieldKind.WATER:
+        size = f"{value_text(field.extent)} px, {value_text(field.density)} g/px²"
+        return ", ".join([size, *drag])
+    if field.kind is FieldKind.MAGNET:
+        return f"{value_text(field.pull)} g·px³/s²"
     return f"{value_text(field.strength)} px³/s², softened over {value_text(field.soften)} px"
 
 

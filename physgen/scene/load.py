@@ -634,7 +634,24 @@ def _force(item: Mapping[str, Any]) -> parts.Force:
     (load,) = (load for load in parts.Load if load.value in item)
     turning = load is parts.Load.TORQUE
     vector = (0.0, 0.0) if turning else _pair(item[load.value])
-    return _make(parts.Force, {"torque": 0, **item}, load=load, vector=vector)
+    profile = _profile(item["profile"]) if "profile" in item else None
+    values = {"torque": 0, **item}
+    return _make(parts.Force, values, load=load, vector=vector, profile=profile)
+
+
+def _profile(item: Mapping[str, Any]) -> parts.Profile:
+    ((name, value),) = item.items()
+    kind = parts.ProfileKind(name)
+    numbers: parts.Points = ((float(value), 0.0),) if kind in SINGLE else ()
+    if kind is parts.ProfileKind.PULSE:
+        numbers = (_pair(value),)
+    elif kind is parts.ProfileKind.TABLE:
+        numbers = _points(value)
+    return parts.Profile(kind, numbers)
+
+
+SINGLE = (parts.ProfileKind.RAMP, parts.ProfileKind.SINE)
+"""Profiles with one number."""
 
 
 LINES = (
@@ -651,19 +668,31 @@ def _joint(name: str, item: Mapping[str, Any]) -> parts.Joint:
     points: parts.Points = ()
     if kind in LINES:
         points = _points(item[kind.value])
+    elif kind is parts.JointKind.FINGER:
+        points = (_pair(item["finger"][0][1:]), _pair(item["finger"][0][1:]))
     elif kind is not parts.JointKind.GEAR:
         points = (_pair(item[kind.value]),)
     defaults = {"stiffness": 0, "damping": 0, "speed": 0, "gear": 1, "friction": 0}
     item = {**defaults, **item}
-    return _make(parts.Joint, item, name=name, kind=kind, points=points)
+    knots = tuple(tuple(map(float, knot)) for knot in item.get("finger", ()))
+    return _make(parts.Joint, item, name=name, kind=kind, points=points, knots=knots)
 
 
 def _field(name: str, item: Mapping[str, Any]) -> parts.Field:
     (kind,) = (kind for kind in parts.FieldKind if kind.value in item)
-    item = {"objects": (), "drag": 0, "strength": 0, "soften": 0, **item}
-    return _make(
-        parts.Field, item, name=name, kind=kind, vector=_pair(item[kind.value])
-    )
+    zeros = dict.fromkeys(NUMBERS_OF_FIELD, 0)
+    item = {"objects": (), **zeros, **item}
+    vector = extent = (0.0, 0.0)
+    if kind is parts.FieldKind.MAGNET:
+        item["objects"] = item["magnet"]
+    elif kind is not parts.FieldKind.AIR:
+        vector = _pair(item[kind.value][:2])
+    if kind is parts.FieldKind.WATER:
+        extent = _pair(item["water"][2:])
+    return _make(parts.Field, item, name=name, kind=kind, vector=vector, extent=extent)
+
+
+NUMBERS_OF_FIELD = ("drag", "strength", "soften", "linear", "density", "pull")
 
 
 def _light(item: Mapping[str, Any]) -> parts.Light:

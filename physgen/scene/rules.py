@@ -42,25 +42,33 @@ KINDS = {
         "rope",
         "pulley",
         "gear",
+        "finger",
     ),
-    "fields": ("wind", "attractor"),
+    "fields": ("wind", "air", "water", "attractor", "magnet"),
 }
 NEEDED = {
     "spring": "stiffness",
+    "finger": "stiffness",
+    "water": "density",
+    "magnet": "pull",
     "motor": "speed",
     "wind": "drag",
     "attractor": "strength",
 }
 """Kind of a joint or field -> the key without which it has no effect."""
 OWNER = {
-    **dict.fromkeys(("stiffness", "damping"), ("spring",)),
+    **dict.fromkeys(("stiffness", "damping"), ("spring", "finger")),
     "length": ("spring", "rope", "pulley"),
     **dict.fromkeys(("speed", "limit"), ("motor",)),
     "limits": ("pivot", "motor"),
     "friction": ("pivot",),
     **dict.fromkeys(("drive", "force"), ("slider",)),
-    "drag": ("wind",),
-    **dict.fromkeys(("strength", "soften"), ("attractor",)),
+    "drag": ("wind", "air", "water"),
+    "linear": ("air", "water"),
+    "density": ("water",),
+    "pull": ("magnet",),
+    "strength": ("attractor",),
+    "soften": ("attractor", "magnet"),
 }
 """Key of a joint or field -> the only kinds that it belongs to."""
 ONE_OF_TWO = "write only one of the two"
@@ -645,6 +653,11 @@ class _Rules:
                     (*path, "at"),
                     "a torque turns the body as a whole",
                 )
+            if kind == "impulse" and "profile" in node.value:
+                why = "an impulse is given at once"
+                self.senseless(node.value["profile"], (*path, "profile"), why)
+            table = children(self.good(node).get("profile")).get("table")
+            self.rising(items(table), (*path, "profile", "table"))
             if kind == "impulse" and "duration" in node.value:
                 why = "an impulse is given at once"
                 self.senseless(node.value["duration"], (*path, "duration"), why)
@@ -659,6 +672,7 @@ class _Rules:
             if not isinstance(node.value, dict):
                 continue
             self.kind(node, path, section)
+            self.magnet(node, path)
             names = (
                 [item.value for item in objects if item not in bad]
                 if section == "joints"
@@ -676,6 +690,32 @@ class _Rules:
                 )
             if section == "joints":
                 self.joint(node, path, names)
+
+    def magnet(self, node: Node, path: KeyPath) -> None:
+        """Add problems of the names of a magnet, and of a finger on two objects."""
+        parts, good = children(node), self.good(node)
+        names = items(good.get("magnet"))
+        for index, item in enumerate(names):
+            self.is_object(item, (*path, "magnet", index))
+        if names and "objects" in parts:
+            why = "the magnet names its objects"
+            self.senseless(parts["objects"], (*path, "objects"), why)
+        if len({str(item.value) for item in names}) < len(names):
+            what = "names an object twice"
+            self.add(good["magnet"].place, (*path, "magnet"), "", what, "drop one")
+        before: Any = None
+        for index, knot in enumerate(items(good.get("finger"))):
+            now: Any = items(knot)[0].value
+            if now < 0 or (before is not None and now <= before):
+                where: KeyPath = (*path, "finger", index, 0)
+                what = "is below 0" if now < 0 else f"is not after {number(before)}"
+                fix = "write knots with rising times"
+                self.add(items(knot)[0].place, where, shown(now), what, fix)
+                break
+            before = now
+        if "finger" in parts and len(items(parts.get("objects"))) > 1:
+            place, what = parts["objects"].place, "are two, and a finger pulls one"
+            self.add(place, (*path, "objects"), "", what, "name one object")
 
     def joint(self, node: Node, path: KeyPath, names: list[Any]) -> None:
         """Add problems of a gear of one object, a rail without length, and a drive that is missing."""

@@ -372,6 +372,12 @@ class JointKind(Enum):
     """A rope over two points of the world."""
     GEAR = "gear"
     """Two sides that turn at a ratio."""
+    FINGER = "finger"
+    """A spring whose other end moves along knots."""
+
+
+SPRINGS = (JointKind.SPRING, JointKind.FINGER)
+"""Joints that are forces: they keep no point in place."""
 
 
 @dataclass(frozen=True)
@@ -409,6 +415,8 @@ class Joint:
     """g·px/s² of a drive; None: unlimited."""
     breaks: float | None = None
     """g·px/s²; None: never."""
+    knots: tuple[tuple[float, float, float], ...] = ()
+    """s, px, px: the way of a finger."""
 
 
 class FieldKind(Enum):
@@ -416,6 +424,9 @@ class FieldKind(Enum):
 
     WIND = "wind"
     ATTRACTOR = "attractor"
+    AIR = "air"
+    WATER = "water"
+    MAGNET = "magnet"
 
 
 @dataclass(frozen=True)
@@ -433,7 +444,33 @@ class Field:
     strength: float
     """Attractor, px³/s²: the acceleration is strength x distance / (distance² + soften²)^1.5; negative repels."""
     soften: float
-    """px, of an attractor (Plummer's softening)."""
+    """px, of an attractor or a magnet (Plummer's softening)."""
+    linear: float = 0.0
+    """Air and water, g/(px·s): linear drag."""
+    density: float = 0.0
+    """Water, g/px²."""
+    pull: float = 0.0
+    """Magnet, g·px³/s²."""
+    extent: Point = (0.0, 0.0)
+    """Water, px: its width and height from the corner `vector`."""
+
+
+class ProfileKind(Enum):
+    """How a force changes with time."""
+
+    RAMP = "ramp"
+    SINE = "sine"
+    PULSE = "pulse"
+    TABLE = "table"
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Factor of a force by the time since its start."""
+
+    kind: ProfileKind
+    numbers: Points
+    """Ramp: ((s, 0),). Sine: ((1/s, 0),). Pulse: ((s on, s off),). Table: (s, factor) of each point."""
 
 
 class Load(Enum):
@@ -461,6 +498,8 @@ class Force:
     start: float
     duration: float | None
     """s; None: to the end of the clip. Of no meaning for an impulse."""
+    profile: Profile | None = None
+    """How it changes with time; None: not at all."""
 
 
 class Overlay(Enum):

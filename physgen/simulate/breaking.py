@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import Joint, World
 from physgen.geometry.polygon import cross
-from physgen.scene.scene import JointKind, Motion
+from physgen.scene.scene import SPRINGS, Motion
 from physgen.simulate.collisions import Impacts
 from physgen.simulate.contacts import Order, touching
 from physgen.simulate.joints import Assemblies
@@ -88,7 +88,7 @@ class Breakages:
         given = joined.reactions(pose, impulse, is_blow)
         broken = []
         for joint in self._whole:
-            if joint.kind is JointKind.SPRING:
+            if joint.kind in SPRINGS:
                 size = h * joint.stiffness * abs(_length(joint, pose) - joint.length)
             else:
                 size = given.get(joint.name, 0.0)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Joint, World
-from physgen.scene.scene import JointKind, Motion
+from physgen.scene.scene import SPRINGS, JointKind, Motion
 from physgen.simulate.bounds import (
     Bound,
     BoundedGroup,
@@ -61,7 +61,7 @@ class Assemblies:
         """Bodies of each group."""
         self._joints: dict[int, list[Joint]] = {}
         root = {k: k for k in range(len(world.bodies))}
-        joints = [j for j in world.joints if j.kind is not JointKind.SPRING]
+        joints = [j for j in world.joints if j.kind not in SPRINGS]
         for joint in joints:
             if (
                 joint.second is not None

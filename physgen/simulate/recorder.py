@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.geometry.polygon import cross
 from physgen.problems import UNKNOWN_PLACE, InputError, Problem
-from physgen.scene.scene import JointKind, Motion
+from physgen.scene.scene import SPRINGS, Motion
 from physgen.simulate.collisions import Impacts
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
@@ -236,7 +236,7 @@ class Recorder:
         held = {
             body
             for joint in world.joints
-            if joint.kind is not JointKind.SPRING
+            if joint.kind not in SPRINGS
             for body in (joint.first, joint.second)
         }
         self._unheld = dynamic & np.array([k not in held for k in range(N)], bool)

@@ -21,7 +21,7 @@ from pymunk._chipmunk_cffi import ffi, lib
 from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import EVERY_GROUP, Body, Joint, Wall, World
-from physgen.scene.scene import JointKind, Motion
+from physgen.scene.scene import SPRINGS, JointKind, Motion
 from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
 from physgen.simulate.internal_edges import (
     Contact,
@@ -570,7 +570,7 @@ def _add_joints(
     """
     added: dict[str, list[pymunk.Constraint]] = {}
     for joint in joints:
-        if joint.kind is JointKind.SPRING:
+        if joint.kind in SPRINGS:
             continue
         if joint.kind in GUIDES:
             added[joint.name] = _add_guide(space, joint, bodies, world)

@@ -5,8 +5,9 @@ import { named, pathOf } from "./app.js";
 import { written } from "./dragging.js";
 import { makeMaterials } from "./materials.js";
 
-export const HOLDS = ["pivot", "spring", "weld", "motor", "slider", "rope", "pulley", "gear"];
-const ENDS = { spring: ["from", "to"], slider: ["from", "to"], rope: ["from", "to"], pulley: ["from", "over", "and", "to"], gear: [] };
+export const HOLDS = ["pivot", "spring", "weld", "motor", "slider", "rope", "pulley", "gear", "finger"];
+export const FIELDS = ["wind", "air", "water", "magnet", "attractor"];
+const ENDS = { finger: [], spring: ["from", "to"], slider: ["from", "to"], rope: ["from", "to"], pulley: ["from", "over", "and", "to"], gear: [] };
 
 // `kit` makes rows, titles and deeds
 export function makePanels(editor, { row, title, heading, deeds, erase, renamed, odd, si }) {
@@ -218,6 +219,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
             rope: "rope: no farther apart than its length",
             pulley: "pulley: a rope over two points",
             gear: "gear: the two turn at a ratio",
+            finger: "finger: it pulls along its way, then lets go",
           }[kind],
         ),
         deeds(erase(entry)),
@@ -227,6 +229,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         holds(1),
         ...at,
         heading("How"),
+        ...(kind === "finger" ? [row([...path, "stiffness"], "stiffness", { required: true }), row([...path, "damping"], "damping")] : []),
         ...(kind === "spring"
           ? [
               row([...path, "stiffness"], "stiffness", { required: true }),
@@ -257,7 +260,17 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
       const path = pathOf(entry),
         item = named(entry);
       return [
-        ...title("field", entry.name, item.wind ? "wind" : "point that attracts; negative strength repels"),
+        ...title(
+          "field",
+          entry.name,
+          {
+            wind: "wind",
+            air: "air that rests",
+            water: "water: left, top, width, height",
+            magnet: "magnets",
+            attractor: "point that attracts; negative strength repels",
+          }[FIELDS.find((key) => item[key])],
+        ),
         deeds(erase(entry)),
         heading("What it does"),
         renamed(entry),
@@ -266,12 +279,21 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               row([...path, "wind"], "wind", { required: true, says: (v) => (v && meter() ? si(Math.hypot(...v) / meter(), "m/s") : "") }),
               row([...path, "drag"], "drag", { required: true }),
             ]
+          : item.magnet
+          ? [row([...path, "pull"], "pull", { required: true }), row([...path, "soften"], "soften")]
+          : item.air || item.water
+          ? [
+              ...(item.water ? [0, 1, 2, 3].map((k) => row([...path, "water", k], ["left", "top", "width", "height"][k], { required: true })) : []),
+              ...(item.water ? [row([...path, "density"], "density", { required: true })] : []),
+              row([...path, "drag"], "drag"),
+              row([...path, "linear"], "linear"),
+            ]
           : [
               row([...path, "attractor"], "at", { required: true }),
               row([...path, "strength"], "strength", { required: true }),
               row([...path, "soften"], "soften"),
             ]),
-        element("p.about", {}, item.objects ? `on ${item.objects.join(", ")}` : "on everything that moves freely"),
+        element("p.about", {}, item.objects || item.magnet ? `on ${(item.objects || item.magnet).join(", ")}` : "on everything that moves freely"),
       ];
     },
   };

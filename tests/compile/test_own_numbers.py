@@ -18,7 +18,9 @@ world: {duration: 2}
 objects:
   disc: {shape: {circle: {center: [100, 100], radius: 20}}, mass: 50, center_of_mass: [100, 108]}
   box: {shape: {box: {center: [200, 100], size: [40, 20]}}, mass: 10, center_of_mass: [206, 100], place: [300, 150, 90]}
-  cart: {shape: {box: {center: [50, 200], size: [20, 10]}}, motion: {path: [[0, 50, 200], [0.4, 80, 200], [0.5, 50, 200, 90]], loop: true}}
+  cart:
+    shape: {box: {center: [50, 200], size: [20, 10]}}
+    motion: {path: [[0, 50, 200], [0.4, 80, 200], [0.5, 50, 200, 90]], loop: true}
 boundaries:
   hill: {shape: {circle: {center: [200, 300], radius: 60}}}
   step: {shape: {polygon: [[300, 250], [350, 250], [350, 300], [320, 260], [300, 300]]}}

@@ -14,6 +14,7 @@ from physgen.evaluate.physics import (
     impacts,
     joints,
     machines,
+    media,
     rolling,
     sliding,
     stacks,
@@ -36,6 +37,7 @@ _GROUPS = (
     forces,
     joints,
     machines,
+    media,
     energy,
 )
 ROWS: tuple[Row, ...] = tuple(
