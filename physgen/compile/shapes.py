@@ -215,6 +215,7 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
             surface_of(item, scene.world.combine),
             passing.get(f"boundaries.{item.name}", Passage()),
             *solid_of(item),
+            item.is_smooth,
         )
         for k, item in enumerate(scene.boundaries)
     )

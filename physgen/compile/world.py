@@ -200,6 +200,8 @@ class Wall:
     """Convex pieces (K, 2) px of solid scenery, of which the chains are the outlines."""
     disc: tuple[Array, float] | None = None
     """Centre (2,) and radius, px, of solid scenery that is round."""
+    is_smooth: bool = False
+    """Whether it is a smooth curve, and not the chords that stand for it."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,12 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cache, cached_property
+from math import acos, ceil, cos, pi, radians, sin, sqrt
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
+
+import numpy as np
 
 from physgen.files import file_stamp
 from physgen.problems import InputError, Limit, Place, Problem
@@ -626,8 +629,49 @@ def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:
 
 def _boundary(name: str, item: Mapping[str, Any]) -> parts.Boundary:
     points = _points(item.get("segment") or item.get("polyline") or ())
+    is_smooth = "arc" in item or "bezier" in item
+    if "arc" in item:
+        points = arc_points(item["arc"])
+    elif "bezier" in item:
+        points = bezier_points(item["bezier"])
     shape = _shape(item["shape"]) if "shape" in item else None
-    return _make(parts.Boundary, item, name=name, points=points, shape=shape)
+    given = {"name": name, "points": points, "shape": shape, "is_smooth": is_smooth}
+    return _make(parts.Boundary, item, **given)
+
+
+SAG = 0.002
+"""px by which a chord of a curve may leave it: less than contacts overlap."""
+MOST_CHORDS = 2000
+"""Of one curve."""
+
+
+def arc_points(item: Mapping[str, Any]) -> parts.Points:
+    """Return points along an arc, whose chords are within SAG of it."""
+    (x, y), radius = _pair(item["center"]), float(item["radius"])
+    begin = radians(float(item.get("from", 0.0)))
+    turn = radians(float(item.get("to", 360.0))) - begin
+    chord = 2 * acos(max(1 - SAG / radius, 0.9))
+    count = min(max(1, ceil(abs(turn) / chord)), MOST_CHORDS)
+    angles = [begin + turn * k / count for k in range(count + 1)]
+    points = [(x + radius * cos(a), y + radius * sin(a)) for a in angles]
+    if abs(abs(turn) - 2 * pi) < 1e-9:
+        points[-1] = points[0]
+    return tuple(points)
+
+
+def bezier_points(values: Sequence[Sequence[float]]) -> parts.Points:
+    """Return points along cubic Bézier curves, whose chords are within SAG of them."""
+    corners = np.array(values, np.float64)
+    points = [corners[0]]
+    for k in range(0, len(corners) - 1, 3):
+        a, b, c, d = corners[k : k + 4]
+        # a chord over 1/n of the parameter leaves the curve by |p''|/(8 n²) at most
+        bend = 6 * max(np.hypot(*(a - 2 * b + c)), np.hypot(*(b - 2 * c + d)))
+        count = min(max(1, ceil(sqrt(bend / (8 * SAG)))), MOST_CHORDS)
+        t = np.arange(1, count + 1)[:, None] / count
+        s = 1 - t
+        points += list(s**3 * a + 3 * s**2 * t * b + 3 * s * t**2 * c + t**3 * d)
+    return tuple((float(x), float(y)) for x, y in points)
 
 
 def _force(item: Mapping[str, Any]) -> parts.Force:

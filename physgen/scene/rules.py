@@ -553,17 +553,26 @@ class _Rules:
 
     def boundary(self, node: Node, path: KeyPath) -> None:
         parts = children(node)
-        kinds = ("segment", "polyline", "shape", "mask")
+        kinds = ("segment", "polyline", "arc", "bezier", "shape", "mask")
         given = [key for key in kinds if key in parts]
         if len(given) != 1:
             has = f"has {listed(given, 'and')}" if given else "has no line"
-            fix = "write segment: [[0, 457], [512, 457]], polyline, shape or mask"
+            fix = "write segment: [[0, 457], [512, 457]], polyline, arc, bezier, shape or mask"
             self.add(
                 node.place, path, "", has, "write only one of them" if given else fix
             )
             return
         line = self.good(node).get(given[0])
         if line is None:
+            return
+        if given == ["arc"]:
+            self.arc(children(line), path)
+            return
+        if given == ["bezier"] and len(items(line)) % 3 != 1:
+            found = f"has {len(items(line))} points"
+            fix = "write one point, then three for each curve: 4, 7, 10, ..."
+            where: KeyPath = (*path, "bezier")
+            self.add(line.place, where, "", found, fix)
             return
         if given == ["shape"]:
             shapes = children(line)
@@ -590,6 +599,18 @@ class _Rules:
                     place, where, "", "is the point before it again", "move or drop it"
                 )
                 return
+
+    def arc(self, parts: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if an arc has no length or goes round more than once."""
+        begin, end = (
+            _number(parts[key]) if key in parts else default
+            for key, default in (("from", 0.0), ("to", 360.0))
+        )
+        if begin == end or abs(end - begin) > 360:
+            what = "has no length" if begin == end else "goes round more than once"
+            fix = "write angles at most 360 degrees apart"
+            place = parts[next(iter(parts))].place
+            self.add(place, (*path, "arc"), "the arc", what, fix)
 
     def groups(self) -> None:
         """Add problems of collision groups that nothing has, and of friction that grows with sliding."""

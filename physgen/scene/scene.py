@@ -351,6 +351,8 @@ class Boundary:
     """Groups; None: all."""
     shape: Circle | Box | Polygon | None = None
     """Solid scenery."""
+    is_smooth: bool = False
+    """Whether the points are of an arc or of Bézier curves."""
 
 
 class JointKind(Enum):

@@ -38,6 +38,7 @@ from physgen.simulate.contacts import (
     new_contacts,
     pairs_with_more_contacts,
 )
+from physgen.simulate.curves import CurvedWalls
 from physgen.simulate.forces import (
     EnergyEvent,
     ForceFields,
@@ -393,6 +394,7 @@ class Stepper:
         """s of the last step, its lasting forces, and the part of gravity that acted."""
         self.budget = WorkBudget(len(bodies))
         self._world, self._breakages = world, Breakages(world)
+        self._curves = CurvedWalls(world, space.moving, Assemblies(world).bodies)
         self._joined = Assemblies(world)
         self._held = self._joined.bodies
         light, ease = self._properties.lightness, self._properties.ease
@@ -623,6 +625,16 @@ class Stepper:
                     impacts.append(carried)
             self._space.place(exact)
             states = exact.tobytes()
+        if self._curves.busy:
+            exact = np.frombuffer(states, np.float64).reshape(-1, 6).copy()
+            started = original
+            if started is None:
+                started = (self.state() if state is None else state)[:, 3:]
+            returned = self._curves.restore(started, exact, order, numbers, impacts)
+            if returned:
+                kicks.append(EnergyEvent(end, -returned, 0.0))
+                self._space.place(exact)
+                states = exact.tobytes()
         if self._breakages.busy and not first:
             begun = self.state()[:, 3:]
             if original is not None:

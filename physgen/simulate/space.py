@@ -137,6 +137,10 @@ class Space:
         self._motors: list[Any] = []
         """Of the pairs that brake now."""
         self._special = self._watch(world, [*bodies, *walls])
+        self._smooth = frozenset(
+            len(bodies) + k for k, wall in enumerate(world.walls) if wall.is_smooth
+        )
+        """Curves: their chords have no edges."""
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
@@ -265,7 +269,7 @@ class Space:
             partners.setdefault(first, set()).add(second)
             partners.setdefault(second, set()).add(first)
             pair = (first, second) if first < second else (second, first)
-            if pairs is None or pair in pairs:
+            if (pairs is None or pair in pairs) and self._smooth.isdisjoint(pair):
                 doubtful.append((arbiter, key))
         self._partners = partners
         is_changed = False
