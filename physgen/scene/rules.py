@@ -571,8 +571,7 @@ class _Rules:
         if given == ["bezier"] and len(items(line)) % 3 != 1:
             found = f"has {len(items(line))} points"
             fix = "write one point, then three for each curve: 4, 7, 10, ..."
-            where: KeyPath = (*path, "bezier")
-            self.add(line.place, where, "", found, fix)
+            self.add(line.place, (*path, "bezier"), "", found, fix)
             return
         if given == ["shape"]:
             shapes = children(line)
