@@ -94,19 +94,9 @@ def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
 
 def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Joint:
     first, second = (ends[0], ends[1]) if len(ends) == 2 else (ends[0], None)
-    points = np.array(item.points or ((0.0, 0.0),), np.float64)
-    here, there = points[0], points[-1]
+    here, there, guide = _places(item, bodies[first])
+    points = np.array(item.points, np.float64).reshape(-1, 2)
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    guide: tuple[Array, ...] = ()
-    if item.kind is JointKind.SLIDER:
-        along = there - here
-        part = (bodies[first].center - here) @ along / (along @ along)
-        guide, there = (along,), here
-        here = here + part * along
-    elif item.kind is JointKind.PULLEY:
-        guide = tuple(points[1:3])
-    elif item.kind is JointKind.GEAR:
-        here = bodies[first].center
     return Joint(
         name=item.name,
         kind=item.kind,
@@ -118,19 +108,40 @@ def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Jo
         stiffness=item.stiffness,
         damping=item.damping,
         speed=radians(item.speed),
-        limit=inf if item.limit is None else item.limit,
+        limit=_most(item.limit),
         collide=item.collide,
         guide=guide,
         ratio=item.gear,
-        limits=None
-        if item.limits is None
-        else (radians(item.limits[0]), radians(item.limits[1])),
+        limits=_in_radians(item.limits),
         friction=item.friction,
         drive=item.drive,
-        force=inf if item.force is None else item.force,
-        breaks=inf if item.breaks is None else item.breaks,
+        force=_most(item.force),
+        breaks=_most(item.breaks),
         knots=np.array(item.knots, np.float64) if item.knots else None,
     )
+
+
+def _places(item: model.Joint, body: Body) -> tuple[Array, Array, tuple[Array, ...]]:
+    """Return px of a joint on its first object and on the second side, and `Joint.guide`."""
+    if item.kind is JointKind.GEAR:
+        return body.center, np.zeros(2), ()
+    points = np.array(item.points, np.float64)
+    here, there = points[0], points[-1]
+    if item.kind is JointKind.PULLEY:
+        return here, there, tuple(points[1:3])
+    if item.kind is not JointKind.SLIDER:
+        return here, there, ()
+    along = there - here
+    part = (body.center - here) @ along / (along @ along)
+    return here + part * along, here, (along,)
+
+
+def _most(limit: float | None) -> float:
+    return inf if limit is None else limit
+
+
+def _in_radians(limits: model.Point | None) -> tuple[float, float] | None:
+    return None if limits is None else (radians(limits[0]), radians(limits[1]))
 
 
 def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
@@ -328,6 +339,38 @@ def frame_times(scene: Scene, duration: float) -> Array:
     return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate
 
 
+@dataclass(frozen=True)
+class Form:
+    """The shape of a body in its frame, as `Body` has it."""
+
+    radius: float | None
+    pieces: tuple[Array, ...]
+    rings: tuple[Array, ...]
+    disc: tuple[Array, float] | None
+    moment: float
+    """g·px² about the middle of its area."""
+
+
+def _form(item: Object, outline: Outline, center: Array, mass: float) -> Form:
+    """Return the form of an object with its centre of mass (2,) px and mass, g. Raises ValueError if it is too thin."""
+    if not isinstance(outline, Disc):
+        properties = mass_properties(outline)
+        pieces = tuple(piece - center for piece in convex_pieces(outline))
+        if not pieces:
+            raise ValueError("is too thin to simulate")
+        rings = tuple(ring - center for ring, _ in outline.borders)
+        moment = mass * properties.second / properties.area
+        return Form(None, pieces, rings, None, moment)
+    radius = outline.radius
+    moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * radius**2
+    circle = circle_corners(radius)
+    if item.center_of_mass is None:
+        return Form(radius, (), (circle,), None, moment)
+    offset = mass_properties(outline).center - center
+    shifted = circle + offset
+    return Form(None, (shifted,), (shifted,), (offset, radius), moment)
+
+
 def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     properties = mass_properties(outline)
     if properties.area <= 1e-6:
@@ -339,28 +382,11 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     mass = (
         item.mass if item.mass is not None else (item.density or 1.0) * properties.area
     )
-    disc: tuple[Array, float] | None = None
-    radius: float | None = None
-    pieces: tuple[Array, ...] = ()
-    rings: tuple[Array, ...]
-    if isinstance(outline, Disc) and own is not None:
-        disc = properties.center - center, outline.radius
-        circle = circle_corners(outline.radius) + disc[0]
-        moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
-        pieces, rings = (circle,), (circle,)
-    elif isinstance(outline, Disc):
-        radius = outline.radius
-        moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
-        rings = (circle_corners(outline.radius),)
-    else:
-        moment = mass * properties.second / properties.area
-        pieces = tuple(piece - center for piece in convex_pieces(outline))
-        if not pieces:
-            raise ValueError("is too thin to simulate")
-        rings = tuple(ring - center for ring, _ in outline.borders)
-    moment += mass * float(np.sum((properties.center - center) ** 2))
+    form = _form(item, outline, center, mass)
+    moment = form.moment + mass * float(np.sum((properties.center - center) ** 2))
     if item.moment is not None:
         moment = item.moment
+    radius = form.radius
     moving = item.motion is Motion.DYNAMIC
     # a stored shape's solid is that of a circle, which a mask that was painted over may no longer be
     stored = isinstance(item.shape, Auto) and item.shape.stored is not None
@@ -372,8 +398,8 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         mass=float(mass),
         moment=float(moment),
         radius=radius,
-        pieces=pieces,
-        rings=rings,
+        pieces=form.pieces,
+        rings=form.rings,
         surface=surface_of(item, scene.world.combine),
         solid=solid or (Solid.DISC if radius is not None else Solid.PLATE),
         rolling=item.rolling,
@@ -382,7 +408,7 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
         spin=radians(item.spin) if moving else 0.0,
         path=_path(item, center, scene),
-        disc=disc,
+        disc=form.disc,
         damping=item.damping or 0.0,
         gravity_scale=1.0 if item.gravity_scale is None else item.gravity_scale,
     )

@@ -12,6 +12,7 @@ from physgen.compile.world import Joint
 from physgen.scene.scene import JointKind
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Vector = tuple[float, float]
 
 UNIFORM = (JointKind.PIVOT, JointKind.MOTOR)
@@ -297,25 +298,32 @@ class BoundedGroup:
         give.ravel()[:: len(give) + 1] *= 1 + 1e-12
         impulse, _ = bounded_impulses(give, goal, low, high)
         after = begun + weight * (J.T @ impulse)
-        done = impulse * (J @ (begun + after)) / 2
-        # as contacts, a bound that is met does its work at the mean of the step's two velocities
-        met = impulse * (J @ ((begun if within is None else within) + after)) / 2
-        work = lost = 0.0
-        moves = weight > 0
-        for k, bound in enumerate(bounds):
-            energy = float(done[count + k])
-            if bound.is_driven:
-                work += max(energy, 0.0)
-                lost += max(-energy, 0.0)
-            elif within is not None:
-                steps = self._steps.get(k, 0) + 1 if impulse[count + k] > 0 else 0
-                closing = float(J[count + k] @ within)
-                if steps > CATCH and closing < 0:
-                    # an end that passes the point of a pulley meets the bound again
-                    size = float((within[moves] ** 2 / weight[moves]).sum())
-                    is_jerk = closing**2 > JERK**2 * give[count + k, count + k] * size
-                    steps = 1 if is_jerk else steps
-                self._steps[k] = steps
-                if 0 < steps <= CATCH:
-                    lost -= float(met[count + k])
+        done = (impulse * (J @ (begun + after)) / 2)[count:].tolist()
+        driven = [k for k, bound in enumerate(bounds) if bound.is_driven]
+        work = sum(max(done[k], 0.0) for k in driven)
+        lost = sum(max(-done[k], 0.0) for k in driven)
+        if within is not None:
+            closing = (J @ within)[count:]
+            # as contacts, a bound that is met does its work at the mean of the step's two velocities
+            met = impulse[count:] * (closing + (J @ after)[count:]) / 2
+            moves = weight > 0
+            size = float((within[moves] ** 2 / weight[moves]).sum())
+            is_jerk = closing < -JERK * np.sqrt(np.diag(give)[count:] * size)
+            holds = (impulse[count:] > 0) & (low[count:] == 0)
+            lost -= self._caught(met, holds, is_jerk)
         return BoundedMotion(after, work, lost)
+
+    def _caught(self, energy: Array, holds: Flags, is_jerk: Flags) -> float:
+        """Return the energy of the bounds that are met in a step, g·px²/s²; all (B,).
+
+        is_jerk: an end that passes the point of a pulley meets its bound again.
+        """
+        caught = 0.0
+        for k in range(len(energy)):
+            steps = self._steps.get(k, 0) + 1 if holds[k] else 0
+            if steps > CATCH and is_jerk[k]:
+                steps = 1
+            self._steps[k] = steps
+            if 0 < steps <= CATCH:
+                caught += float(energy[k])
+        return caught
