@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from physgen.evaluate.physics.scorecard import Case, Draw, Errors, Measure, Row, Run
-from physgen.evaluate.physics.staging import GRAVITY, circle, scene
+from physgen.evaluate.physics.staging import GRAVITY, circle, scene, segment
 
 SMOOTH = {"friction": 0.0, "elasticity": 0.0}
 
@@ -84,7 +84,10 @@ def _slide(draw: Draw) -> list[Case]:
             return {"speed": 1.0}
         return {"speed": float(np.abs(track.speed[late] / exact - 1).max())}
 
-    walls = {"slide": {"bezier": curve, **SMOOTH}}
+    walls = {
+        "slide": {"bezier": curve, **SMOOTH},
+        "stop": segment(place(312, top), place(312, top + drop + 10), **SMOOTH),
+    }
     return [Case(scene((640, 400), 300 / speed + 0.2, objects, walls), measure)]
 
 
