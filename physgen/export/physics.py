@@ -80,7 +80,7 @@ def physics(clip: Clip) -> dict[str, Any]:
                 "lines": [chain.tolist() for chain in wall.chains],
                 "friction": item.friction,
                 "elasticity": item.elasticity,
-                **_contact_keys(item),
+                **_stated(item, CONTACT_KEYS, (None,)),
                 "from": _sources(
                     scene, f"boundaries.{item.name}", ("friction", "elasticity"), {}
                 ),
@@ -107,7 +107,7 @@ def physics(clip: Clip) -> dict[str, Any]:
                 "drag": field.drag,
                 "strength": field.strength,
                 "soften": field.soften,
-                **_field_keys(field),
+                **_stated(field, FIELD_KEYS, (0, (0, 0))),
             }
             for field in world.fields
         ],
@@ -136,32 +136,36 @@ def _object(
         "velocity": list(item.velocity),
         "velocity_m_s": [scale.meters(value) for value in item.velocity],
         "spin": item.spin,
-        **_contact_keys(item),
+        **_stated(item, CONTACT_KEYS, (None,)),
         "from": _sources(scene, f"objects.{item.name}", SOURCED, item.provenance),
     }
 
 
-def _field_keys(field: Field) -> dict[str, Any]:
-    """Return the numbers of air, water and magnets."""
-    keys = ("linear", "density", "pull", "extent")
-    values = {key: getattr(field, key) for key in keys}
-    return {key: value for key, value in values.items() if value not in (0, (0, 0))}
+FIELD_KEYS = ("linear", "density", "pull", "extent")
+"""Numbers of air, water and magnets."""
+CONTACT_KEYS = (
+    "static_friction",
+    "conveyor",
+    "one_way",
+    "collision_group",
+    "collides_with",
+    "damping",
+    "gravity_scale",
+    "center_of_mass",
+)
+"""Keys by which an object or a boundary differs from most others."""
 
 
-def _contact_keys(item: Object | Boundary) -> dict[str, Any]:
-    """Return how contacts of an object or a boundary differ from others'."""
-    keys = (
-        "static_friction",
-        "conveyor",
-        "one_way",
-        "collision_group",
-        "collides_with",
-        "damping",
-        "gravity_scale",
-        "center_of_mass",
-    )
-    values = {key: getattr(item, key, None) for key in keys}
-    return {key: value for key, value in values.items() if value is not None}
+def _stated(
+    item: Field | Object | Boundary, keys: tuple[str, ...], absent: tuple[Any, ...]
+) -> dict[str, Any]:
+    """Return the values of those keys that are not `absent`."""
+    row: dict[str, Any] = {}
+    for key in keys:
+        value = getattr(item, key, None)
+        if value not in absent:
+            row[key] = value
+    return row
 
 
 def _sources(scene: Scene, path: str, keys: tuple[str, ...], by: Any) -> dict[str, str]:
