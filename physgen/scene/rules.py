@@ -712,7 +712,7 @@ class _Rules:
                 self.joint(node, path, names)
 
     def magnet(self, node: Node, path: KeyPath) -> None:
-        """Add problems of the names of a magnet, and of a finger on two objects."""
+        """Add problems of the names of a magnet."""
         parts, good = children(node), self.good(node)
         names = items(good.get("magnet"))
         for index, item in enumerate(names):
@@ -723,6 +723,11 @@ class _Rules:
         if len({str(item.value) for item in names}) < len(names):
             what = "names an object twice"
             self.add(good["magnet"].place, (*path, "magnet"), "", what, "drop one")
+        self.finger(node, path)
+
+    def finger(self, node: Node, path: KeyPath) -> None:
+        """Add problems of the knots of a finger, and of one on two objects."""
+        parts, good = children(node), self.good(node)
         before: Any = None
         for index, knot in enumerate(items(good.get("finger"))):
             now: Any = items(knot)[0].value
@@ -763,6 +768,15 @@ class _Rules:
                     what = "has two points at the same place"
                     self.add(good[kind].place, (*path, kind), "", what, "move one")
                     break
+        if "force" in parts and "drive" not in parts and "slider" in parts:
+            fix = advice(at("joints.*")["properties"]["drive"])
+            self.add(
+                node.place, (*path, "drive"), "", "missing, and its force needs it", fix
+            )
+        self.rope(good, path)
+
+    def rope(self, good: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if a rope is shorter than the way between its points."""
         for kind in ("rope", "pulley"):
             if kind not in good or "length" not in good:
                 continue
@@ -776,11 +790,6 @@ class _Rules:
                 place = good["length"].place
                 shown_length = shown(good["length"].value)
                 self.add(place, (*path, "length"), shown_length, what, fix)
-        if "force" in parts and "drive" not in parts and "slider" in parts:
-            fix = advice(at("joints.*")["properties"]["drive"])
-            self.add(
-                node.place, (*path, "drive"), "", "missing, and its force needs it", fix
-            )
 
     def is_object(self, node: Node, path: KeyPath) -> None:
         """Adds a problem where a value names no object of the scene."""
