@@ -323,6 +323,8 @@ class Assemblies:
             for joint in self._joints[group]
             for row in _rows(joint, place, spots, size)[0]
         ]
+        if not rows:
+            return free  # ropes alone
         J = np.array(rows)
         give = J @ free
         return np.asarray(

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import shapely
 import written
+import yaml
 
 from physgen.problems import InputError
+from physgen.scene.scaling import scale_scene
 from physgen.simulate.engine import simulate
 from physgen.simulate.forces import Pool, mean_factor
 
@@ -23,13 +25,13 @@ objects:
   north: {shape: {circle: {center: [330, 40], radius: 8}}, gravity_scale: 0}
   south: {shape: {circle: {center: [380, 60], radius: 8}}, gravity_scale: 0}
 joints:
-  finger: {objects: [wedge], finger: [[0, 85, 85], [0.3, 120, 60]], stiffness: 3.0e4, damping: 500}
+  finger: {objects: [wedge], finger: [[0, 85, 85], [0.3, 120, 60]], stiffness: 3.0e+4, damping: 500}
 fields:
-  pool: {water: [100, 100, 180, 150], density: 1, linear: 0.5, drag: 1.0e-3}
-  breath: {air: still, drag: 1.0e-3, linear: 0.1, objects: [ball]}
-  pull: {magnet: [north, south], pull: 1.0e9, soften: 2}
+  pool: {water: [100, 100, 180, 150], density: 1, linear: 0.5, drag: 0.001}
+  breath: {air: still, drag: 0.001, linear: 0.1, objects: [ball]}
+  pull: {magnet: [north, south], pull: 1.0e+9, soften: 2}
 forces:
-  - {object: ball, force: [4.0e5, 0], start: 0.1, duration: 0.4, profile: {PROFILE}}
+  - {object: ball, force: [4.0e+5, 0], start: 0.1, duration: 0.4, profile: {PROFILE}}
 """
 PROFILES = (
     "ramp: 0.3",
@@ -77,3 +79,22 @@ def test_displaced_areas_are_those_of_shapely(tmp_path: Path) -> None:
 def test_mistakes_in_media_are_named(tmp_path: Path, edit: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         written.world(tmp_path, SCENE.replace("PROFILE", "ramp: 1"), edit)
+
+
+def test_a_scene_at_twice_the_size_moves_alike(tmp_path: Path) -> None:
+    """Units of the schema decide how each number grows."""
+    plain = yaml.safe_load(SCENE.replace("{PROFILE}", "{ramp: 0.3}"))
+    for item in plain["objects"].values():
+        item.setdefault("mass", 100)
+    plain["joints"]["cord"] = {
+        "objects": ["north"],
+        "rope": [[330, 40], [300, 10]],
+        "length": 60,
+    }
+    runs = []
+    for data in (plain, scale_scene(plain, 2.0)):
+        data["size"] = [800, 600]
+        world = written.world(tmp_path, yaml.safe_dump(data))
+        runs.append(simulate(world, np.linspace(0, 0.6, 7)).poses)
+    grown = 2 * (runs[0][:, :, :2] + 0.5) - 0.5
+    np.testing.assert_allclose(runs[1][:, :, :2], grown, atol=0.02)
