@@ -375,7 +375,7 @@ MISTAKES: dict[str, tuple[str, list[tuple[int, int, str, str]]]] = {
         [(6, 15, "objects.ball.friction", "0.3")],
     ),
     "out of range": (
-        BALL + "    friction: -0.3\n    elasticity: 1.2\n",
+        BALL + "    friction: -0.3\n    elasticity: 12\n",
         [(6, 15, "objects.ball.friction", ""), (7, 17, "objects.ball.elasticity", "")],
     ),
     "revolutions": (
