@@ -24,7 +24,7 @@ from physgen.simulate.contacts import (
     touching,
 )
 from physgen.simulate.forces import EnergyEvent, ForceFields, Forces, ScriptedMotion
-from physgen.simulate.surfaces import belt_velocities
+from physgen.simulate.surfaces import belt_energies
 from physgen.simulate.trajectory import (
     Contacts,
     Effort,
@@ -459,16 +459,11 @@ class Recorder:
             share * near + (1 - share) * far for near, far in zip(*spots, strict=True)
         ]
         v1, v2 = (speed(columns(mean, partner), partner, *where) for partner in (0, 1))
-        runs = self._conveyors.any()
-        belts = belt_velocities(self._conveyors, first, second, normal) if runs else ()
-        moved = [v1, v2]
-        for partner, belt in enumerate(belts):
-            vx, vy = moved[partner]
-            moved[partner] = vx + belt[:, 0], vy + belt[:, 1]
-        lost = -along(moved[0], moved[1], impulse)
+        lost = -along(v1, v2, impulse)
         work = np.zeros(len(row))
-        for sign, belt in zip((-1.0, 1.0), belts, strict=False):
-            work += sign * (belt * impulse).sum(axis=1)
+        if self._conveyors.any():
+            moved, done = belt_energies(self._conveyors, first, second, normal, impulse)
+            lost, work = lost + moved, work + done
         for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
             driven = self._scripted[objects]
             if driven.any():
@@ -482,10 +477,7 @@ class Recorder:
             flow[:, 0] += self._misplaced(
                 steps, touch, row, place, (pose, before, after)
             )
-        if len(row):
-            least = np.where(count == 1, opening[0], opening.min(axis=0))
-            self.residual = max(self.residual, -float(least.min()))
-            self.overlap = max(self.overlap, float(touch.depth.max()))
+        self._note_accuracy(opening, touch)
         # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
         late = 0.0 if self._first else 1e-9
         self._struck += [
@@ -528,6 +520,14 @@ class Recorder:
             when[inside],
         )
         return flow
+
+    def _note_accuracy(self, opening: Array, touch: Touching) -> None:
+        """Note the fastest closing, by the speeds (2, K) at which points open, and the deepest overlap."""
+        if not len(touch.count):
+            return
+        least = np.where(touch.count == 1, opening[0], opening.min(axis=0))
+        self.residual = max(self.residual, -float(least.min()))
+        self.overlap = max(self.overlap, float(touch.depth.max()))
 
     def _misplaced(
         self,

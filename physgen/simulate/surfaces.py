@@ -160,3 +160,15 @@ def belt_velocities(
     """
     along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     return conveyors[first, None] * along, -conveyors[second, None] * along
+
+
+def belt_energies(
+    conveyors: Array, first: Index, second: Index, normal: Array, impulse: Array
+) -> tuple[Array, Array]:
+    """Return what belts add to the loss and to the work of K contacts, g·px²/s².
+
+    impulse (K, 2) g·px/s on the first; the rest as for `belt_velocities`.
+    """
+    one, other = belt_velocities(conveyors, first, second, normal)
+    done = ((other - one) * impulse).sum(axis=1)
+    return done, done
