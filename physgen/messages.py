@@ -390,7 +390,7 @@ class Message(Enum):
     TIMES_NOT_RISING = ("is not after {before}", "write {items} with rising times")
     NO_LINE = (
         "has no line",
-        "write segment: [[0, 457], [512, 457]], polyline or mask",
+        "write segment: [[0, 457], [512, 457]], polyline, arc, bezier, shape or mask",
     )
     SEVERAL_LINES = ("has {keys}", "write only one of them")
     POINT_REPEATED = ("repeats the point before it", "move or remove it")

@@ -66,6 +66,9 @@ ALLOWED = {
     "g/s": "N s/m, kg/s or g/s",
     "1/s": "Hz",
     "px³/s²": "m³/s² or px³/s²",
+    "g·px²": "kg m² or g px²",
+    "g·px³/s²": "N m² or g px³/s²",
+    "g/px/s": "g/px/s",
 }
 """Unit of a key -> units that a text may have there."""
 _QUANTITY = re.compile(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from physgen.compile.shapes import (
     U16,
     Shapes,
+    circle_corners,
     shapes_of,
     snapped_to_boundaries,
     walls_of,
@@ -24,9 +25,11 @@ from physgen.compile.world import (
     Joint,
     Push,
     World,
+    passages,
     placed_outline,
     rest_pose,
     surface,
+    surface_of,
 )
 from physgen.geometry.convex import convex_pieces
 from physgen.geometry.polygon import (
@@ -40,7 +43,16 @@ from physgen.messages import Message
 from physgen.problems import InputError, Limit, Problem
 from physgen.scene import scene as model
 from physgen.scene.load import EARTH
-from physgen.scene.scene import Auto, Load, Motion, Object, Scene, Solid, View
+from physgen.scene.scene import (
+    Auto,
+    JointKind,
+    Load,
+    Motion,
+    Object,
+    Scene,
+    Solid,
+    View,
+)
 
 
 def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
@@ -58,7 +70,14 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
         if force.load is not Load.IMPULSE:
             end += inf if force.duration is None else force.duration
         return Push(
-            body, force.load, np.array(force.vector), force.torque, at, force.start, end
+            body,
+            force.load,
+            np.array(force.vector),
+            force.torque,
+            at,
+            force.start,
+            end,
+            force.profile,
         )
 
     return tuple(push(force) for force in scene.forces)
@@ -76,9 +95,9 @@ def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
 
 def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Joint:
     first, second = (ends[0], ends[1]) if len(ends) == 2 else (ends[0], None)
-    here, there = (
-        np.array(point, np.float64) for point in (item.points[0], item.points[-1])
-    )
+    here, there, guide = _places(item, bodies[first])
+    points = np.array(item.points, np.float64).reshape(-1, 2)
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
     return Joint(
         name=item.name,
         kind=item.kind,
@@ -86,13 +105,44 @@ def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Jo
         second=second,
         first_at=here - bodies[first].center,
         second_at=there if second is None else there - bodies[second].center,
-        length=float(np.hypot(*(there - here))) if item.length is None else item.length,
+        length=length if item.length is None else item.length,
         stiffness=item.stiffness,
         damping=item.damping,
         speed=radians(item.speed),
-        limit=inf if item.limit is None else item.limit,
+        limit=_most(item.limit),
         collide=item.collide,
+        guide=guide,
+        ratio=item.gear,
+        limits=_in_radians(item.limits),
+        friction=item.friction,
+        drive=item.drive,
+        force=_most(item.force),
+        breaks=_most(item.breaks),
+        knots=np.array(item.knots, np.float64) if item.knots else None,
     )
+
+
+def _places(item: model.Joint, body: Body) -> tuple[Array, Array, tuple[Array, ...]]:
+    """Return px of a joint on its first object and on the second side, and `Joint.guide`."""
+    if item.kind is JointKind.GEAR:
+        return body.center, np.zeros(2), ()
+    points = np.array(item.points, np.float64)
+    here, there = points[0], points[-1]
+    if item.kind is JointKind.PULLEY:
+        return here, there, tuple(points[1:3])
+    if item.kind is not JointKind.SLIDER:
+        return here, there, ()
+    along = there - here
+    part = (body.center - here) @ along / (along @ along)
+    return here + part * along, here, (along,)
+
+
+def _most(limit: float | None) -> float:
+    return inf if limit is None else limit
+
+
+def _in_radians(limits: model.Point | None) -> tuple[float, float] | None:
+    return None if limits is None else (radians(limits[0]), radians(limits[1]))
 
 
 def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
@@ -117,6 +167,10 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
                 item.drag,
                 item.strength,
                 item.soften,
+                item.linear,
+                item.density,
+                item.pull,
+                item.extent,
             )
         )
     pulls = sum(len(field.bodies) for field in fields)
@@ -215,12 +269,14 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
     )
     outlines = tuple(map(placed_outline, shown, scene.objects))
     problems: list[Problem] = []
-    bodies = []
+    bodies, passing = [], passages(scene)
     for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
         try:
             body = replace(
                 _body(item, outline, scene), rest=rest_pose(before, item, scene)
             )
+            passage = passing.get(f"objects.{item.name}")
+            body = body if passage is None else replace(body, passage=passage)
             bodies.append(with_wheels(body, item, outline, before, scene))
         except InputError as error:
             problems += error.problems
@@ -276,26 +332,54 @@ def frame_times(scene: Scene, duration: float) -> Array:
     return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate
 
 
+@dataclass(frozen=True)
+class Form:
+    """The shape of a body in its frame, as `Body` has it."""
+
+    radius: float | None
+    pieces: tuple[Array, ...]
+    rings: tuple[Array, ...]
+    disc: tuple[Array, float] | None
+    moment: float
+    """g·px² about the middle of its area."""
+
+
+def _form(item: Object, outline: Outline, center: Array, mass: float) -> Form:
+    """Return the form of an object with its centre of mass (2,) px and mass, g. Raises ValueError if it is too thin."""
+    if not isinstance(outline, Disc):
+        properties = mass_properties(outline)
+        pieces = tuple(piece - center for piece in convex_pieces(outline))
+        if not pieces:
+            raise ValueError("is too thin to simulate")
+        rings = tuple(ring - center for ring, _ in outline.borders)
+        moment = mass * properties.second / properties.area
+        return Form(None, pieces, rings, None, moment)
+    radius = outline.radius
+    moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * radius**2
+    circle = circle_corners(radius)
+    if item.center_of_mass is None:
+        return Form(radius, (), (circle,), None, moment)
+    offset = mass_properties(outline).center - center
+    shifted = circle + offset
+    return Form(None, (shifted,), (shifted,), (offset, radius), moment)
+
+
 def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     properties = mass_properties(outline)
     if properties.area <= 1e-6:
         raise ValueError("has no area")
     center = properties.center
+    own = item.center_of_mass
+    if own is not None:
+        center = np.array(own if item.place is None else item.place[:2], np.float64)
     mass = (
         item.mass if item.mass is not None else (item.density or 1.0) * properties.area
     )
-    if isinstance(outline, Disc):
-        radius: float | None = outline.radius
-        moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
-        pieces: tuple[Array, ...] = ()
-        rings: tuple[Array, ...] = (_circle(outline.radius),)
-    else:
-        radius = None
-        moment = mass * properties.second / properties.area
-        pieces = tuple(piece - center for piece in convex_pieces(outline))
-        if not pieces:
-            raise ValueError("is too thin to simulate")
-        rings = tuple(ring - center for ring, _ in outline.borders)
+    form = _form(item, outline, center, mass)
+    moment = form.moment + mass * float(np.sum((properties.center - center) ** 2))
+    if item.moment is not None:
+        moment = item.moment
+    radius = form.radius
     moving = item.motion is Motion.DYNAMIC
     # a stored shape's solid is that of a circle, which a mask that was painted over may no longer be
     stored = isinstance(item.shape, Auto) and item.shape.stored is not None
@@ -307,9 +391,9 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         mass=float(mass),
         moment=float(moment),
         radius=radius,
-        pieces=pieces,
-        rings=rings,
-        surface=surface(item.friction, item.elasticity, scene.world.combine),
+        pieces=form.pieces,
+        rings=form.rings,
+        surface=surface_of(item, scene.world.combine),
         solid=solid or (Solid.DISC if radius is not None else Solid.PLATE),
         rolling=item.rolling,
         patch=1.5 * mean_distance(outline, center),
@@ -317,6 +401,9 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
         spin=radians(item.spin) if moving else 0.0,
         path=_path(item, center, scene),
+        disc=form.disc,
+        damping=item.damping or 0.0,
+        gravity_scale=1.0 if item.gravity_scale is None else item.gravity_scale,
     )
 
 
@@ -355,15 +442,14 @@ def _path(item: Object, center: Array, scene: Scene) -> Array:
                 scene.place(key), key, "the first knot", x=x, y=y, time=path[0, 0]
             )
         path[:, 1:3] -= off
-    return path
+    return _repeated(path, scene) if item.loop else path
 
 
-def _circle(radius: float) -> Array:
-    """Corners for drawing, close enough that no chord is off by a twentieth of a pixel."""
-    count = int(
-        np.clip(
-            np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360
-        )
-    )
-    angle = np.arange(count) * (2 * np.pi / count)
-    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+def _repeated(path: Array, scene: Scene) -> Array:
+    """Return a path (K, 4) that begins again until the end of the clip. Raises InputError if it has too many knots."""
+    period, turn = path[-1, 0], path[-1, 3] - path[0, 3]
+    rounds = int(np.ceil(scene.world.duration / period)) + 1
+    if rounds * len(path) > Limit.STEPS.most / 1000:
+        raise Limit.STEPS.error(scene.place("objects"), "objects", f"{rounds:,} rounds")
+    shift = np.array([period, 0.0, 0.0, turn])
+    return np.concatenate([path, *(path[1:] + k * shift for k in range(1, rounds))])

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Wall, surface
+from physgen.compile.world import Passage, Wall, passages, surface_of
+from physgen.geometry.convex import convex_pieces
 from physgen.geometry.fitting import fit_outlines, without_specks
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, mass_properties
 from physgen.geometry.raster import coverage_box
@@ -160,10 +161,39 @@ def fit_masks(
     return Fitted({i: fits[i] for i in fitted}, walls, scenery & (of_objects == 0))
 
 
+def circle_corners(radius: float) -> Array:
+    """Return corners (K, 2) px for drawing, close enough that no chord is off by a twentieth of a pixel."""
+    count = np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1))))
+    angle = np.arange(int(np.clip(count, 12, 360))) * (2 * np.pi)
+    angle /= len(angle)
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def outline_rings(outline: Outline) -> list[Array]:
+    """Return the rings (K, 2) px of an outline."""
+    if isinstance(outline, Disc):
+        return [np.asarray(outline.center) + circle_corners(outline.radius)]
+    return [ring for ring, _ in outline.borders]
+
+
+def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | None]:
+    """Return the convex pieces, and the centre and radius, of a boundary that is a solid shape."""
+    outline = None if item.shape is None else shape_outline(item.shape)
+    if isinstance(outline, Disc):
+        return (), (np.asarray(outline.center, np.float64), outline.radius)
+    return (() if outline is None else convex_pieces(outline)), None
+
+
 def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
     """The boundaries as chains; `regions` are those of masks, by index."""
+    passing = passages(scene)
 
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
+        if item.shape is not None:
+            outline = shape_outline(item.shape)
+            assert outline is not None
+            rings = outline_rings(outline)
+            return tuple(np.concatenate([ring, ring[:1]]) for ring in rings)
         if k not in regions:
             return (np.array(item.points, np.float64),)
         return tuple(
@@ -174,7 +204,10 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
         Wall(
             item.name,
             chains(k, item),
-            surface(item.friction, item.elasticity, scene.world.combine),
+            surface_of(item, scene.world.combine),
+            passing.get(f"boundaries.{item.name}", Passage()),
+            *solid_of(item),
+            item.is_smooth,
         )
         for k, item in enumerate(scene.boundaries)
     )

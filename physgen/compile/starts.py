@@ -9,9 +9,14 @@ import numpy as np
 
 from physgen.compile.world import Body, Joint, World
 from physgen.geometry.polygon import Array
-from physgen.scene.scene import JointKind, Motion
+from physgen.scene.scene import SPRINGS, JointKind, Motion
 
 PINS = (JointKind.PIVOT, JointKind.MOTOR)
+LOOSE = (*SPRINGS, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
+"""Joints that keep no point of a body in place."""
+
+ROWS_OF = {JointKind.WELD: 3, JointKind.GEAR: 1}
+"""Speeds that a joint keeps at nothing; others keep two."""
 
 
 def swing_about_pins(
@@ -33,7 +38,7 @@ def _swinging(
     holding = [
         joint
         for joint in joints
-        if index in (joint.first, joint.second) and joint.kind is not JointKind.SPRING
+        if index in (joint.first, joint.second) and joint.kind not in LOOSE
     ]
     if len(holding) != 1 or holding[0].kind not in PINS:
         return body
@@ -52,7 +57,7 @@ def velocities_that_joints_allow(world: World) -> Array:
     velocity = np.array([[*body.velocity, body.spin] for body in bodies])
     rows: list[Array] = []
     for joint in world.joints:
-        if joint.kind is JointKind.SPRING:
+        if joint.kind in (*SPRINGS, JointKind.ROPE, JointKind.PULLEY):
             continue
         block = np.zeros((3, len(bodies), 3))
         for body, at, sign in (
@@ -62,8 +67,16 @@ def velocities_that_joints_allow(world: World) -> Array:
             if body is not None:
                 x, y = at
                 block[:, body] = sign * np.array([[1, 0, -y], [0, 1, x], [0, 0, 1]])
-        count = 3 if joint.kind is JointKind.WELD else 2
-        rows += list(block[:count].reshape(count, -1))
+        if joint.kind is JointKind.SLIDER:
+            (along,) = joint.guide
+            across = np.array([-along[1], along[0], 0.0]) / np.hypot(*along)
+            block[0] = np.tensordot(across, block, 1)
+            block[1] = block[2]
+        elif joint.kind is JointKind.GEAR:
+            block[0] = block[2]
+            if joint.second is not None:
+                block[0, joint.second] *= joint.ratio
+        rows += list(block[: ROWS_OF.get(joint.kind, 2)].reshape(-1, velocity.size))
     if not rows:
         return velocity.reshape(-1, 3)
     jacobian = np.array(rows)

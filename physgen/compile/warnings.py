@@ -21,7 +21,7 @@ from physgen.messages import Message
 from physgen.problems import Problem, by_place
 from physgen.scene.files import equal
 from physgen.scene.load import EARTH
-from physgen.scene.scene import Auto, Motion, Scene, Solid, View, held
+from physgen.scene.scene import Auto, Motion, Scene, Solid, View, collides, held
 from physgen.text import percent, quoted
 
 Mask = NDArray[np.bool_]
@@ -454,7 +454,7 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             near = near[:0]
         for j in near.tolist():
             other = scene.objects[j].name
-            if {item.name, other} not in through:
+            if {item.name, other} not in through and collides(item, scene.objects[j]):
                 depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
                 if depth > LIMITS.overlap:
                     named += 1
@@ -462,7 +462,10 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                     yield warning(
                         scene, path, item.name, overlap, other=other, depth=depth
                     )
-        for wall in compiled.world.walls if item.motion is Motion.DYNAMIC else ():
+        for edge, wall in zip(scene.boundaries, compiled.world.walls, strict=True):
+            is_passed = not collides(item, edge) or edge.one_way is not None
+            if item.motion is not Motion.DYNAMIC or is_passed:
+                continue
             depth = max(
                 (
                     depth_across(shapes[i], shapely.LineString(chain))

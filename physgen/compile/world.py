@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import radians, sqrt
+from math import inf, radians, sqrt
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -26,13 +26,16 @@ from physgen.geometry.polygon import (
 )
 from physgen.materials import is_billiard_ball
 from physgen.scene.scene import (
+    MAIN_GROUP,
     Auto,
+    Boundary,
     Combine,
     FieldKind,
     JointKind,
     Load,
     Motion,
     Object,
+    Profile,
     Scene,
     Solid,
     View,
@@ -49,6 +52,26 @@ class Surface:
 
     friction: float
     elasticity: float
+    static_friction: float | None = None
+    """Factor while nothing slides; None: as friction."""
+    conveyor: float = 0.0
+    """px/s at which the surface runs around the body or wall, to the right on its top."""
+
+
+EVERY_GROUP = 0xFFFFFFFF
+"""Bits of all collision groups."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What passes through a body or a wall."""
+
+    group: int = 1
+    """Bit of its own collision group."""
+    collides_with: int = EVERY_GROUP
+    """Bits of the groups that it collides with."""
+    one_way: tuple[float, float] | None = None
+    """Direction in which others pass."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +120,13 @@ class Body:
     """(K, 4): s, x px, y px, rad; empty unless scripted."""
     rest: Array | None = None
     """(3,) px, px, rad: the pose in which the photo shows it, where it is put elsewhere; None: as it is at t = 0."""
+    disc: tuple[Array, float] | None = None
+    """Centre (2,) px in its frame, and radius px, of a circle with its mass elsewhere; `pieces` has corners."""
+    damping: float = 0.0
+    """1/s."""
+    gravity_scale: float = 1.0
+    """How many times gravity acts on it."""
+    passage: Passage = Passage()
     wheels: tuple[Wheel, ...] = ()
     """They carry it instead of its pieces, which end above them; mass and moment include them."""
 
@@ -165,6 +195,13 @@ class Wall:
     chains: tuple[Array, ...]
     """Each (K, 2) px; closed where the last point is the first again."""
     surface: Surface
+    passage: Passage = Passage()
+    pieces: tuple[Array, ...] = ()
+    """Convex pieces (K, 2) px of solid scenery, of which the chains are the outlines."""
+    disc: tuple[Array, float] | None = None
+    """Centre (2,) and radius, px, of solid scenery that is round."""
+    is_smooth: bool = False
+    """Whether it is a smooth curve, and not the chords that stand for it."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +219,8 @@ class Push:
     """(2,) px in the body's frame, rides on the body."""
     start: float
     end: float
+    profile: Profile | None = None
+    """Factor by the time since start; None: 1."""
 
 
 @dataclass(frozen=True)
@@ -210,6 +249,23 @@ class Joint:
     """g·px²/s²; infinite: as much as it takes."""
     collide: bool
     """Whether the two bodies also bump into each other."""
+    guide: tuple[Array, ...] = ()
+    """Each (2,) px. Of a slider: the way along its rail from `second_at`, in the second body's frame. Of a pulley: its
+    two points, of the photo."""
+    ratio: float = 1.0
+    """Turning of the first for each turn of the second."""
+    limits: tuple[float, float] | None = None
+    """rad: least and greatest turning of the first against the second."""
+    friction: float = 0.0
+    """g·px²/s² of dry friction in a pin."""
+    drive: float | None = None
+    """px/s along the rail."""
+    force: float = inf
+    """g·px/s² of the drive; infinite: as much as it takes."""
+    breaks: float = inf
+    """g·px/s²; infinite: never."""
+    knots: Array | None = None
+    """(K, 3) s, px, px of a finger."""
 
 
 @dataclass(frozen=True)
@@ -225,6 +281,11 @@ class Field:
     drag: float
     strength: float
     soften: float
+    linear: float = 0.0
+    density: float = 0.0
+    pull: float = 0.0
+    extent: tuple[float, float] = (0.0, 0.0)
+    """px: width and height of water from the corner `vector`."""
 
 
 @dataclass(frozen=True)
@@ -269,6 +330,36 @@ def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
     if combine is Combine.GEOMETRIC:
         return Surface(sqrt(friction), sqrt(elasticity))
     return Surface(friction, elasticity)
+
+
+def surface_of(item: Object | Boundary, combine: Combine) -> Surface:
+    """Return the surface of an object or a boundary."""
+    made = surface(item.friction, item.elasticity, combine)
+    if item.static_friction is None and item.conveyor is None:
+        return made
+    static = None
+    if item.static_friction is not None:
+        static = surface(item.static_friction, 0.0, combine).friction
+    return replace(made, static_friction=static, conveyor=item.conveyor or 0.0)
+
+
+def passages(scene: Scene) -> dict[str, Passage]:
+    """Return what passes through each object and boundary that says so, by its path."""
+    parts: dict[str, Object | Boundary] = {}
+    parts |= {f"objects.{item.name}": item for item in scene.objects}
+    parts |= {f"boundaries.{item.name}": item for item in scene.boundaries}
+    names = [item.collision_group for item in parts.values()]
+    groups = [MAIN_GROUP, *sorted({name for name in names if name} - {MAIN_GROUP})]
+    bits = {name: 1 << number for number, name in enumerate(groups)}
+    found: dict[str, Passage] = {}
+    for path, item in parts.items():
+        mask = EVERY_GROUP
+        if item.collides_with is not None:
+            mask = sum({bits[name] for name in item.collides_with if name in bits})
+        passage = Passage(bits[item.collision_group or MAIN_GROUP], mask, item.one_way)
+        if passage != Passage():
+            found[path] = passage
+    return found
 
 
 TABLE = "the table"
@@ -332,18 +423,25 @@ def _names(names: Sequence[str]) -> str:
     )
 
 
+def mass_center(outline: Outline, item: Object) -> Array:
+    """Return the centre of mass (2,) px of an object with this outline in the photo."""
+    if item.center_of_mass is not None:
+        return np.array(item.center_of_mass, np.float64)
+    return np.asarray(mass_properties(outline).center)
+
+
 def placed_outline(outline: Outline, item: Object) -> Outline:
     """The outline at t = 0."""
     if item.place is None:
         return outline
     x, y, degrees = item.place
-    center, turn = mass_properties(outline).center, rotation(radians(degrees))
+    center, turn = mass_center(outline, item), rotation(radians(degrees))
 
     def there(points: Array) -> Array:
         return (points - center) @ turn.T + (x, y)
 
     if isinstance(outline, Disc):
-        return Disc(np.array([x, y]), outline.radius)
+        return Disc(there(np.asarray(outline.center)), outline.radius)
     return Region(
         tuple(
             Ring(there(ring.outer), tuple(map(there, ring.holes)))
@@ -359,7 +457,7 @@ def rest_pose(outline: Outline, item: Object, scene: Scene) -> Array | None:
     """
     if item.place is None or scene.image is None:
         return None
-    return np.array([*mass_properties(outline).center, -radians(item.place[2])])
+    return np.array([*mass_center(outline, item), -radians(item.place[2])])
 
 
 def photo_poses(world: World) -> tuple[Pose, ...]:

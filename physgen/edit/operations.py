@@ -477,7 +477,8 @@ def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
         ]
     for section in ("joints", "fields"):
         for key, entry in _entries(part, section):
-            names = entry.get("objects")
+            list_key = "magnet" if "magnet" in entry else "objects"
+            names = entry.get(list_key)
             if not isinstance(names, list) or name not in names:
                 continue
             rest = list(
@@ -485,11 +486,13 @@ def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
                     to if one == name else one for one in names if one != name or to
                 )
             )
-            if not rest or (section == "joints" and len(rest) < len(names)):
+            is_pair = section == "joints" and len(rest) < len(names)
+            is_alone = list_key == "magnet" and len(rest) < 2
+            if not rest or is_pair or is_alone:
                 del part[section][key]
                 gone.append(f"{section[:-1]} {key}")
             else:
-                entry["objects"] = rest
+                entry[list_key] = rest
     camera = reach(part, ("render", "camera"))
     for view in camera if isinstance(camera, list) else [camera]:
         if isinstance(view, dict) and view.get("follow") == name:

@@ -17,7 +17,7 @@ from physgen.compile.world import (
     pairings,
 )
 from physgen.export.labels import Clip, Scale, Writer, write_json
-from physgen.scene.scene import Boundary, Load, Object, Scene
+from physgen.scene.scene import Boundary, JointKind, Load, Object, Scene
 
 UNITS = {
     "size, place, radius, length": "px",
@@ -57,6 +57,21 @@ class Physics(Writer):
     def close(self) -> None:
         """Write the file."""
         write_json(self._folder / "physics.json", physics(self._clip))
+
+
+FIELD_KEYS = ("linear", "density", "pull", "extent")
+"""Numbers of air, water and magnets."""
+CONTACT_KEYS = (
+    "static_friction",
+    "conveyor",
+    "one_way",
+    "collision_group",
+    "collides_with",
+    "damping",
+    "gravity_scale",
+    "center_of_mass",
+)
+"""Keys by which an object or a boundary differs from most others."""
 
 
 def physics(clip: Clip) -> dict[str, Any]:
@@ -127,6 +142,7 @@ def _object(
         "velocity": list(item.velocity),
         "velocity_m_s": [scale.meters(value) for value in item.velocity],
         "spin": item.spin,
+        **_stated(item, CONTACT_KEYS, (None,)),
         "from": _sources(scene, f"objects.{item.name}", SOURCE_KEYS, item.provenance),
     }
 
@@ -138,6 +154,7 @@ def _boundary(scene: Scene, boundary: Boundary, wall: Wall) -> dict[str, Any]:
         "lines": [chain.tolist() for chain in wall.chains],
         "friction": boundary.friction,
         "elasticity": boundary.elasticity,
+        **_stated(boundary, CONTACT_KEYS, (None,)),
         "from": _sources(scene, path, keys, {}),
     }
 
@@ -160,7 +177,20 @@ def _field(field: Field, world: World) -> dict[str, Any]:
         "drag": field.drag,
         "strength": field.strength,
         "soften": field.soften,
+        **_stated(field, FIELD_KEYS, (0, (0, 0))),
     }
+
+
+def _stated(
+    item: Field | Object | Boundary, keys: tuple[str, ...], absent: tuple[Any, ...]
+) -> dict[str, Any]:
+    """Return the values of those keys that are not `absent`."""
+    row: dict[str, Any] = {}
+    for key in keys:
+        value = getattr(item, key, None)
+        if value not in absent:
+            row[key] = value
+    return row
 
 
 def _sources(
@@ -191,16 +221,19 @@ def _push(push: Push, world: World) -> dict[str, Any]:
     else:
         row[push.load.value] = push.vector.tolist()
         row["place"] = (world.bodies[push.body].center + push.at).tolist()
+    if push.profile is not None:
+        row["profile"] = {push.profile.kind.value: push.profile.numbers}
     if push.load is not Load.IMPULSE:
         row["end"] = push.end if isfinite(push.end) else None
     return row
 
 
 def _joint(joint: Joint, world: World) -> dict[str, Any]:
+    row: dict[str, Any]
     second = None if joint.second is None else world.bodies[joint.second]
     first = world.bodies[joint.first]
     other = joint.second_at if second is None else second.center + joint.second_at
-    return {
+    row = {
         "name": joint.name,
         "kind": joint.kind.value,
         "objects": [first.name] if second is None else [first.name, second.name],
@@ -212,3 +245,20 @@ def _joint(joint: Joint, world: World) -> dict[str, Any]:
         "limit": joint.limit if isfinite(joint.limit) else None,
         "collide": joint.collide,
     }
+    if joint.kind is JointKind.SLIDER:
+        row["rail"] = joint.guide[0].tolist()
+        row["drive"] = joint.drive
+        row["force"] = joint.force if isfinite(joint.force) else None
+    elif joint.kind is JointKind.PULLEY:
+        row["wheels"] = [wheel.tolist() for wheel in joint.guide]
+    elif joint.kind is JointKind.GEAR:
+        row["ratio"] = joint.ratio
+    if joint.knots is not None:
+        row["knots"] = joint.knots.tolist()
+    if joint.limits is not None:
+        row["limits"] = [degrees(limit) for limit in joint.limits]
+    if joint.friction > 0:
+        row["friction"] = joint.friction
+    if isfinite(joint.breaks):
+        row["breaks"] = joint.breaks
+    return row

@@ -101,9 +101,9 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
 
 def _check_springs(scene: Scene, world: World) -> None:
     """Refuse springs that are too stiff for the engine. Raises InputError."""
-    from physgen.scene.scene import JointKind
+    from physgen.scene.scene import SPRINGS
 
-    if not any(joint.kind is JointKind.SPRING for joint in world.joints):
+    if not any(joint.kind in SPRINGS for joint in world.joints):
         return  # `check` stays quick without the engine
     from physgen.simulate.engine import spring_parts
 

@@ -120,8 +120,9 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
         )
     for field in scene.fields:
         on = ", ".join(field.objects[:8]) + (", ..." if len(field.objects) > 8 else "")
-        here = field.kind is FieldKind.ATTRACTOR
+        here = field.kind in (FieldKind.ATTRACTOR, FieldKind.WATER)
         at = value_text(field.vector) if here else "everywhere"
+        at = "between each two" if field.kind is FieldKind.MAGNET else at
         rows.append(
             (
                 field.name,
@@ -149,6 +150,16 @@ def _settings(joint: Joint) -> str:
             f"damping {damping} g/s",
             f"length {rounded(length, 4)} px",
         ]
+    elif joint.kind is JointKind.GEAR:
+        parts = [f"{value_text(joint.gear)} turns for one"]
+    elif joint.kind in (JointKind.ROPE, JointKind.PULLEY):
+        if joint.length is not None:
+            parts = [f"length {value_text(joint.length)} px"]
+    elif joint.kind is JointKind.SLIDER:
+        if joint.drive is not None:
+            parts = [f"{value_text(joint.drive)} px/s"]
+        if joint.force is not None:
+            parts.append(f"at most {value_text(joint.force)} g·px/s²")
     elif joint.kind is JointKind.MOTOR:
         parts = [f"{value_text(joint.speed)} °/s"]
         parts += (
@@ -156,6 +167,13 @@ def _settings(joint: Joint) -> str:
             if joint.limit is None
             else [f"at most {value_text(joint.limit)} g·px²/s²"]
         )
+    if joint.limits is not None:
+        least, most = map(value_text, joint.limits)
+        parts.append(f"from {least}° to {most}°")
+    if joint.friction > 0:
+        parts.append(f"friction {value_text(joint.friction)} g·px²/s²")
+    if joint.breaks is not None:
+        parts.append(f"breaks at {value_text(joint.breaks)} g·px/s²")
     return ", ".join(
         [*parts, *(["the two bump into each other"] if joint.collide else [])]
     )
@@ -164,6 +182,16 @@ def _settings(joint: Joint) -> str:
 def _strength(field: Field) -> str:
     if field.kind is FieldKind.WIND:
         return f"{value_text(field.vector)} px/s, drag {value_text(field.drag)} g/px²"
+    drag = [f"drag {value_text(field.drag)} g/px²"] if field.drag else []
+    if field.linear:
+        drag.append(f"{value_text(field.linear)} g/px/s")
+    if field.kind is FieldKind.AIR:
+        return ", ".join(drag)
+    if field.kind is FieldKind.WATER:
+        size = f"{value_text(field.extent)} px, {value_text(field.density)} g/px²"
+        return ", ".join([size, *drag])
+    if field.kind is FieldKind.MAGNET:
+        return f"{value_text(field.pull)} g·px³/s²"
     return f"{value_text(field.strength)} px³/s², softened over {value_text(field.soften)} px"
 
 

@@ -595,6 +595,7 @@ def _fields(world: World) -> list[Data]:
             "vector": [_short(v) for v in field.vector.tolist()],
         }
         for field in world.fields
+        if field.kind in (FieldKind.WIND, FieldKind.ATTRACTOR)
     ]
 
 

@@ -6,9 +6,12 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cache, cached_property
+from math import acos, ceil, cos, pi, radians, sin, sqrt
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
+
+import numpy as np
 
 from physgen.files import file_stamp
 from physgen.messages import Message, one_of
@@ -581,6 +584,7 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         name=name,
         roll=item["roll"] if isinstance(item["roll"], str) else _pair(item["roll"]),
         motion=parts.Motion.SCRIPTED if path else parts.Motion(item["motion"]),
+        loop=isinstance(item["motion"], dict) and item["motion"].get("loop", False),
         path=tuple(
             parts.Waypoint(float(k[0]), _pair(k[1:3]), float([*k, 0][3])) for k in path
         ),
@@ -618,30 +622,114 @@ def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:
 
 def _boundary(name: str, item: Mapping[str, Any]) -> parts.Boundary:
     points = _points(item.get("segment") or item.get("polyline") or ())
-    return _make(parts.Boundary, item, name=name, points=points)
+    is_smooth = "arc" in item or "bezier" in item
+    if "arc" in item:
+        points = arc_points(item["arc"])
+    elif "bezier" in item:
+        points = bezier_points(item["bezier"])
+    shape = _shape(item["shape"]) if "shape" in item else None
+    given = {"name": name, "points": points, "shape": shape, "is_smooth": is_smooth}
+    return _make(parts.Boundary, item, **given)
+
+
+SAG = 0.002
+"""px by which a chord of a curve may leave it: less than contacts overlap."""
+MOST_CHORDS = 2000
+"""Of one curve."""
+
+
+def arc_points(item: Mapping[str, Any]) -> parts.Points:
+    """Return points along an arc, whose chords are within SAG of it."""
+    (x, y), radius = _pair(item["center"]), float(item["radius"])
+    begin = radians(float(item.get("from", 0.0)))
+    turn = radians(float(item.get("to", 360.0))) - begin
+    chord = 2 * acos(max(1 - SAG / radius, 0.9))
+    count = min(max(1, ceil(abs(turn) / chord)), MOST_CHORDS)
+    angles = [begin + turn * k / count for k in range(count + 1)]
+    points = [(x + radius * cos(a), y + radius * sin(a)) for a in angles]
+    if abs(abs(turn) - 2 * pi) < 1e-9:
+        points[-1] = points[0]
+    return tuple(points)
+
+
+def bezier_points(values: Sequence[Sequence[float]]) -> parts.Points:
+    """Return points along cubic Bézier curves, whose chords are within SAG of them."""
+    corners = np.array(values, np.float64)
+    points = [corners[0]]
+    for k in range(0, len(corners) - 1, 3):
+        a, b, c, d = corners[k : k + 4]
+        # a chord over 1/n of the parameter leaves the curve by |p''|/(8 n²) at most
+        bend = 6 * max(np.hypot(*(a - 2 * b + c)), np.hypot(*(b - 2 * c + d)))
+        count = min(max(1, ceil(sqrt(bend / (8 * SAG)))), MOST_CHORDS)
+        t = np.arange(1, count + 1)[:, None] / count
+        s = 1 - t
+        points += list(s**3 * a + 3 * s**2 * t * b + 3 * s * t**2 * c + t**3 * d)
+    return tuple((float(x), float(y)) for x, y in points)
 
 
 def _force(item: Mapping[str, Any]) -> parts.Force:
     (load,) = (load for load in parts.Load if load.value in item)
     turning = load is parts.Load.TORQUE
     vector = (0.0, 0.0) if turning else _pair(item[load.value])
-    return _make(parts.Force, {"torque": 0, **item}, load=load, vector=vector)
+    profile = _profile(item["profile"]) if "profile" in item else None
+    values = {"torque": 0, **item}
+    return _make(parts.Force, values, load=load, vector=vector, profile=profile)
+
+
+def _profile(item: Mapping[str, Any]) -> parts.Profile:
+    ((name, value),) = item.items()
+    kind = parts.ProfileKind(name)
+    numbers: parts.Points = ((float(value), 0.0),) if kind in SINGLE else ()
+    if kind is parts.ProfileKind.PULSE:
+        numbers = (_pair(value),)
+    elif kind is parts.ProfileKind.TABLE:
+        numbers = _points(value)
+    return parts.Profile(kind, numbers)
+
+
+SINGLE = (parts.ProfileKind.RAMP, parts.ProfileKind.SINE)
+"""Profiles with one number."""
+
+
+LINES = (
+    parts.JointKind.SPRING,
+    parts.JointKind.SLIDER,
+    parts.JointKind.ROPE,
+    parts.JointKind.PULLEY,
+)
+"""Joints along several points."""
 
 
 def _joint(name: str, item: Mapping[str, Any]) -> parts.Joint:
     (kind,) = (kind for kind in parts.JointKind if kind.value in item)
-    spring = kind is parts.JointKind.SPRING
-    points = _points(item["spring"]) if spring else (_pair(item[kind.value]),)
-    item = {"stiffness": 0, "damping": 0, "speed": 0, **item}
-    return _make(parts.Joint, item, name=name, kind=kind, points=points)
+    points: parts.Points = ()
+    if kind in LINES:
+        points = _points(item[kind.value])
+    elif kind is parts.JointKind.FINGER:
+        points = (_pair(item["finger"][0][1:]), _pair(item["finger"][0][1:]))
+    elif kind is not parts.JointKind.GEAR:
+        points = (_pair(item[kind.value]),)
+    defaults = {"stiffness": 0, "damping": 0, "speed": 0, "gear": 1, "friction": 0}
+    item = {**defaults, **item}
+    knots = tuple(tuple(map(float, knot)) for knot in item.get("finger", ()))
+    return _make(parts.Joint, item, name=name, kind=kind, points=points, knots=knots)
 
 
 def _field(name: str, item: Mapping[str, Any]) -> parts.Field:
     (kind,) = (kind for kind in parts.FieldKind if kind.value in item)
-    item = {"objects": (), "drag": 0, "strength": 0, "soften": 0, **item}
-    return _make(
-        parts.Field, item, name=name, kind=kind, vector=_pair(item[kind.value])
-    )
+    zeros = dict.fromkeys(NUMBERS_OF_FIELD, 0)
+    item = {"objects": (), **zeros, **item}
+    vector = extent = (0.0, 0.0)
+    if kind is parts.FieldKind.MAGNET:
+        item["objects"] = item["magnet"]
+    elif kind is not parts.FieldKind.AIR:
+        vector = _pair(item[kind.value][:2])
+    if kind is parts.FieldKind.WATER:
+        extent = _pair(item["water"][2:])
+    return _make(parts.Field, item, name=name, kind=kind, vector=vector, extent=extent)
+
+
+NUMBERS_OF_FIELD = ("drag", "strength", "soften", "linear", "density", "pull")
 
 
 def _light(item: Mapping[str, Any]) -> parts.Light:

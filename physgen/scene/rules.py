@@ -7,14 +7,15 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import ceil, floor, sqrt
+from itertools import pairwise
+from math import ceil, floor, hypot, sqrt
 from pathlib import Path
 from typing import Any
 
 from physgen import registry
 from physgen.files import Stamp, file_stamp
 from physgen.messages import Message, one_of
-from physgen.problems import InputError, Limit, RefusedError
+from physgen.problems import InputError, Limit, Place, RefusedError
 from physgen.scene.document import Node, children, items, plain, whole
 from physgen.scene.files import (
     ASSETS,
@@ -26,34 +27,57 @@ from physgen.scene.files import (
     similar,
     written,
 )
-from physgen.scene.scene import video_size
+from physgen.scene.scene import MAIN_GROUP, video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part, misspelt_keys
 from physgen.text import KeyPath, dotted, listed, nearest, number, quoted, shown
 
 FORCES = ("impulse", "force", "torque")
 KINDS = {
-    "joints": ("pivot", "spring", "weld", "motor"),
-    "fields": ("wind", "attractor"),
+    "joints": (
+        "pivot",
+        "spring",
+        "weld",
+        "motor",
+        "slider",
+        "rope",
+        "pulley",
+        "gear",
+        "finger",
+    ),
+    "fields": ("wind", "air", "water", "attractor", "magnet"),
 }
 NEEDED = {
     "spring": "stiffness",
+    "finger": "stiffness",
+    "water": "density",
+    "magnet": "pull",
     "motor": "speed",
     "wind": "drag",
     "attractor": "strength",
 }
 """Kind of a joint or field -> the key without which it has no effect."""
 OWNER = {
-    **dict.fromkeys(("stiffness", "damping", "length"), "spring"),
-    **dict.fromkeys(("speed", "limit"), "motor"),
-    "drag": "wind",
-    **dict.fromkeys(("strength", "soften"), "attractor"),
+    **dict.fromkeys(("stiffness", "damping"), ("spring", "finger")),
+    "length": ("spring", "rope", "pulley"),
+    **dict.fromkeys(("speed", "limit"), ("motor",)),
+    "limits": ("pivot", "motor"),
+    "friction": ("pivot",),
+    **dict.fromkeys(("drive", "force"), ("slider",)),
+    "drag": ("wind", "air", "water"),
+    "linear": ("air", "water"),
+    "density": ("water",),
+    "pull": ("magnet",),
+    "strength": ("attractor",),
+    "soften": ("attractor", "magnet"),
 }
-"""Key of a joint or field -> the only kind that it belongs to."""
+"""Key of a joint or field -> the only kinds that it belongs to."""
 LEAST_AREA = 0.01
 """px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
 LONGEST_EXTENT = 20
 """Longer sides of the photo: a body that is longer covers the whole photo, and its collisions take minutes."""
+MOST_GROUPS = 32
+"""Collision groups: the engine has a bit for each."""
 SAME_POINT = 1e-9
 """px: to what a float of 10^6 px resolves."""
 BLOCK = 16
@@ -143,6 +167,7 @@ class _Rules:
         for name, node in children(self.root, "boundaries").items():
             if isinstance(node.value, dict):
                 self.boundary(node, ("boundaries", name))
+        self.groups()
         self.forces()
         for section in KINDS:
             self.joints(section)
@@ -380,9 +405,9 @@ class _Rules:
         if "motion" not in parts:
             self.extents(kinds, path)
         self.holes(kinds, path)
-        self.rising(
-            items(children(good.get("motion")).get("path")), (*path, "motion", "path")
-        )
+        motion = children(good.get("motion"))
+        self.rising(items(motion.get("path")), (*path, "motion", "path"))
+        self.loop(motion, (*path, "motion"))
 
     def solid(self, node: Node | None, kinds: dict[str, Node], path: KeyPath) -> None:
         """Add the problem of a round solid whose shape is not a circle."""
@@ -457,6 +482,18 @@ class _Rules:
                     where: KeyPath = (*path, "shape", "polygons", index, "holes", hole)
                     self.report(Message.HOLE_OUTSIDE.problem(node.place, where))
 
+    def loop(self, motion: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if a path that begins again does not end where it began."""
+        knots = items(motion.get("path"))
+        if "loop" not in motion or motion["loop"].value is not True or not knots:
+            return
+        first, last = items(knots[0]), items(knots[-1])
+        if any(_number(first[k]) != _number(last[k]) for k in (1, 2)):
+            x, y = _number(first[1]), _number(first[2])
+            fix = f"end with [{_number(last[0]):g}, {x:g}, {y:g}]"
+            what = "does not end where it began, and it is to begin again"
+            self.add(knots[-1].place, (*path, "path"), "the path", what, fix)
+
     def rising(self, knots: list[Node], path: KeyPath) -> None:
         """Times of knots start at 0 and rise; the first wrong one is reported."""
         before: Any = None
@@ -481,7 +518,8 @@ class _Rules:
 
     def boundary(self, node: Node, path: KeyPath) -> None:
         parts = children(node)
-        given = [key for key in ("segment", "polyline", "mask") if key in parts]
+        kinds = ("segment", "polyline", "arc", "bezier", "shape", "mask")
+        given = [key for key in kinds if key in parts]
         if not given:
             self.report(Message.NO_LINE.problem(node.place, path))
             return
@@ -491,6 +529,20 @@ class _Rules:
             return
         line = self.good(node).get(given[0])
         if line is None:
+            return
+        if given == ["arc"]:
+            self.arc(children(line), path)
+            return
+        if given == ["bezier"] and len(items(line)) % 3 != 1:
+            found = f"has {len(items(line))} points"
+            fix = "write one point, then three for each curve: 4, 7, 10, ..."
+            self.add(line.place, (*path, "bezier"), "", found, fix)
+            return
+        if given == ["shape"]:
+            shapes = children(line)
+            for part, outline, crossing in _outlines(None, shapes):
+                self.outline(outline, (*path, *part), crossing)
+            self.areas(shapes, path)
             return
         if given == ["mask"]:
             for part, outline, crossing in _outlines(line, {}):
@@ -510,6 +562,70 @@ class _Rules:
                 self.report(Message.POINT_REPEATED.problem(place, where))
                 return
 
+    def arc(self, parts: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if an arc has no length or goes round more than once."""
+        begin, end = (
+            _number(parts[key]) if key in parts else default
+            for key, default in (("from", 0.0), ("to", 360.0))
+        )
+        if begin == end or abs(end - begin) > 360:
+            what = "has no length" if begin == end else "goes round more than once"
+            fix = "write angles at most 360 degrees apart"
+            place = parts[next(iter(parts))].place
+            self.add(place, (*path, "arc"), "the arc", what, fix)
+
+    def groups(self) -> None:
+        """Add problems of collision groups that nothing has, and of friction that grows with sliding."""
+        names: dict[str, None] = {MAIN_GROUP: None}
+        listings: list[tuple[Node, KeyPath]] = []
+        for section in ("objects", "boundaries"):
+            for name, node in children(self.root, section).items():
+                good = self.good(node)
+                path: KeyPath = (section, name)
+                if "collision_group" in good:
+                    names[str(good["collision_group"].value)] = None
+                for index, group in enumerate(items(good.get("collides_with"))):
+                    place: KeyPath = (*path, "collides_with", index)
+                    listings.append((group, place))
+                self.static_friction(good, path)
+                way = good.get("one_way")
+                if way is not None and not any(_number(one) for one in items(way)):
+                    fix = "write e.g. [0, -1]: others pass upwards"
+                    key: KeyPath = (*path, "one_way")
+                    self.add(way.place, key, "[0, 0]", "is no direction", fix)
+        for group, where in listings:
+            if str(group.value) not in names and group not in self.findings.bad:
+                close = nearest(str(group.value), names)
+                fix = f"write {listed(list(names)[:30])}"
+                fix = f"did you mean {quoted(close)}?" if close else fix
+                what = "is no collision_group of this scene"
+                self.add(group.place, where, shown(group.value), what, fix)
+        if len(names) > MOST_GROUPS:
+            what = f"are more than {MOST_GROUPS}"
+            found = f"{len(names)} collision groups"
+            self.add(self.root.place, (), found, what, "join some of them")
+
+    def static_friction(self, good: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if what slides has more friction than what does not."""
+        node = good.get("static_friction")
+        if node is None:
+            return
+        friction = good.get("friction")
+        default = at(f"{path[0]}.*")["properties"]["friction"]["default"]
+        least = default if friction is None else _number(friction)
+        if _number(node) < least:
+            what = f"is less than the friction of {number(least)} while it slides"
+            fix = "write a larger one, or a smaller friction"
+            self.add(
+                node.place, (*path, "static_friction"), shown(node.value), what, fix
+            )
+
+    def add(
+        self, place: Place, path: KeyPath, found: str, expected: str, fix: str
+    ) -> None:
+        """Add the problem of one value, by its own sentence and fix."""
+        self.report(RefusedError(expected, fix).problem(place, dotted(path), found))
+
     # Forces, joints and fields
 
     def forces(self) -> None:
@@ -526,6 +642,11 @@ class _Rules:
                     (*path, "at"),
                     "a torque turns the body as a whole",
                 )
+            if kind == "impulse" and "profile" in node.value:
+                why = "an impulse is given at once"
+                self.senseless(node.value["profile"], (*path, "profile"), why)
+            table = children(self.good(node).get("profile")).get("table")
+            self.rising(items(table), (*path, "profile", "table"))
             if kind == "impulse" and "duration" in node.value:
                 why = "an impulse is given at once"
                 self.senseless(node.value["duration"], (*path, "duration"), why)
@@ -540,6 +661,7 @@ class _Rules:
             if not isinstance(node.value, dict):
                 continue
             self.kind(node, path, section)
+            self.magnet(node, path)
             names = (
                 [item.value for item in objects if item not in bad]
                 if section == "joints"
@@ -549,6 +671,88 @@ class _Rules:
                 place = children(node)["objects"].place
                 itself, where = Message.JOINED_TO_ITSELF, (*path, "objects")
                 self.report(itself.problem(place, where, shown(names[0])))
+            if section == "joints":
+                self.joint(node, path, names)
+
+    def magnet(self, node: Node, path: KeyPath) -> None:
+        """Add problems of the names of a magnet."""
+        parts, good = children(node), self.good(node)
+        names = items(good.get("magnet"))
+        for index, item in enumerate(names):
+            self.is_object(item, (*path, "magnet", index))
+        if names and "objects" in parts:
+            why = "the magnet names its objects"
+            self.senseless(parts["objects"], (*path, "objects"), why)
+        if len({str(item.value) for item in names}) < len(names):
+            what = "names an object twice"
+            self.add(good["magnet"].place, (*path, "magnet"), "", what, "drop one")
+        self.finger(node, path)
+
+    def finger(self, node: Node, path: KeyPath) -> None:
+        """Add problems of the knots of a finger, and of one on two objects."""
+        parts, good = children(node), self.good(node)
+        before: Any = None
+        for index, knot in enumerate(items(good.get("finger"))):
+            now: Any = items(knot)[0].value
+            if now < 0 or (before is not None and now <= before):
+                where: KeyPath = (*path, "finger", index, 0)
+                what = "is below 0" if now < 0 else f"is not after {number(before)}"
+                fix = "write knots with rising times"
+                self.add(items(knot)[0].place, where, shown(now), what, fix)
+                break
+            before = now
+        if "finger" in parts and len(items(parts.get("objects"))) > 1:
+            place, what = parts["objects"].place, "are two, and a finger pulls one"
+            self.add(place, (*path, "objects"), "", what, "name one object")
+
+    def joint(self, node: Node, path: KeyPath, names: list[Any]) -> None:
+        """Add problems of a gear of one object, a rail without length, and a drive that is missing."""
+        parts, good = children(node), self.good(node)
+        if "gear" in parts and len(names) == 1:
+            place = parts["objects"].place
+            fix = "name two, each on a pin of its own"
+            self.add(
+                place,
+                (*path, "objects"),
+                "",
+                "is one object, and a gear turns two",
+                fix,
+            )
+        if "gear" in good and good["gear"].value == 0:
+            fix = "write e.g. -2: the first turns twice as fast, the other way"
+            self.add(good["gear"].place, (*path, "gear"), "0", "turns nothing", fix)
+        for kind in ("slider", "pulley"):
+            ends = _points(good[kind]) if kind in good else []
+            for one, other in pairwise(ends[:2] if kind == "slider" else ends):
+                if (
+                    max(abs(a - b) for a, b in zip(one, other, strict=True))
+                    < SAME_POINT
+                ):
+                    what = "has two points at the same place"
+                    self.add(good[kind].place, (*path, kind), "", what, "move one")
+                    break
+        if "force" in parts and "drive" not in parts and "slider" in parts:
+            fix = advice(at("joints.*")["properties"]["drive"])
+            self.add(
+                node.place, (*path, "drive"), "", "missing, and its force needs it", fix
+            )
+        self.rope(good, path)
+
+    def rope(self, good: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if a rope is shorter than the way between its points."""
+        for kind in ("rope", "pulley"):
+            if kind not in good or "length" not in good:
+                continue
+            least = sum(
+                hypot(one[0] - other[0], one[1] - other[1])
+                for one, other in pairwise(_points(good[kind]))
+            )
+            if _number(good["length"]) < least - SAME_POINT * least:
+                what = f"is less than the {least:.6g} px between its points"
+                fix = "lengthen it, or move its ends"
+                place = good["length"].place
+                shown_length = shown(good["length"].value)
+                self.add(place, (*path, "length"), shown_length, what, fix)
 
     def is_object(self, node: Node, path: KeyPath) -> None:
         """Adds a problem where a value names no object of the scene."""
@@ -588,8 +792,9 @@ class _Rules:
             missing = Message.KEY_NEEDED
             self.report(missing.problem(node.place, where, kind=_a(kind), fix=fix))
         for key, owner in OWNER.items():
-            if key in parts and owner != kind:
-                why = f"only {_a(owner)} has it, and this is {_a(kind)}"
+            if key in parts and kind not in owner:
+                owners = listed([_a(one) for one in owner])
+                why = f"only {owners} has it, and this is {_a(kind)}"
                 self.senseless(parts[key], (*path, key), why)
 
     def senseless(self, node: Node, path: KeyPath, why: str) -> None:

@@ -17,11 +17,12 @@ VIDEO_SIZE: KeyPath = ("render", "size")
 POSITION_KEYS = {
     *("center", "polygon", "outline", "holes", "point", "place"),
     *("segment", "polyline", "at", "attractor"),
-    *("pivot", "weld", "motor", "spring"),
+    *("pivot", "weld", "motor", "spring", "slider", "rope", "pulley"),
+    *("bezier", "center_of_mass"),
 }
 """Keys whose numbers in px are positions. Boxes begin at the border of a pixel."""
-PATH_KEY = "path"
-"""Key of knots [s, px, px, degrees], which have no unit in the schema."""
+PATH_KEYS = ("path", "finger")
+"""Keys of knots [s, px, px, degrees], which have no unit in the schema."""
 DIGITS = 9
 """Significant digits of a scaled number: more than any estimate has."""
 _KEY = re.compile(r"[^.\[\]]+")
@@ -95,8 +96,10 @@ def _scaled(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float)
 def _is_position(unit: str, path: KeyPath) -> bool:
     """Return whether the number at a path is an x or a y in px."""
     names = [key for key in path if isinstance(key, str)]
-    if names and names[-1] == PATH_KEY:
+    if names and names[-1] in PATH_KEYS:
         return path[-1] in (1, 2)
+    if names and names[-1] == "water":
+        return path[-1] in (0, 1)  # its corner, then its width and height
     return unit == "px" and bool(names) and names[-1] in POSITION_KEYS
 
 

@@ -94,6 +94,19 @@ def affine(photo: Size, video: Size, center: Point, zoom: float) -> tuple[float,
 Points = tuple[Point, ...]
 
 
+MAIN_GROUP = "main"
+"""The collision group of what names none."""
+
+
+def collides(first: Object | Boundary, second: Object | Boundary) -> bool:
+    """Return whether two parts of a scene collide, by their groups."""
+    return all(
+        one.collides_with is None
+        or (other.collision_group or MAIN_GROUP) in one.collides_with
+        for one, other in ((first, second), (second, first))
+    )
+
+
 class Solid(Enum):
     """The body whose outline is shown; sets the moment of inertia."""
 
@@ -294,6 +307,26 @@ class Object:
     """They turn on pins of the object; empty unless it is a vehicle."""
     facing: Facing | None = None
     """Where its front is; None: unknown."""
+    loop: bool = False
+    """Whether its path begins again."""
+    center_of_mass: Point | None = None
+    """px, as the photo shows it; None: of its shape."""
+    moment: float | None = None
+    """g·px² about its centre of mass; None: of its shape."""
+    damping: float | None = None
+    """1/s; None: none."""
+    gravity_scale: float | None = None
+    """None: 1."""
+    static_friction: float | None = None
+    """None: as friction."""
+    conveyor: float | None = None
+    """px/s at which its surface runs around it, to the right on its top; None: not at all."""
+    one_way: Point | None = None
+    """Direction in which others pass through it; None: nothing passes."""
+    collision_group: str | None = None
+    """None: MAIN_GROUP."""
+    collides_with: tuple[str, ...] | None = None
+    """Groups; None: all."""
 
 
 @dataclass(frozen=True)
@@ -302,10 +335,24 @@ class Boundary:
 
     name: str
     points: Points
-    """(K, 2) px, K >= 2; empty where a mask is given."""
+    """(K, 2) px, K >= 2; empty where a mask or a shape is given."""
     mask: Mask | None
     friction: float
     elasticity: float
+    static_friction: float | None = None
+    """None: as friction."""
+    conveyor: float | None = None
+    """px/s at which its surface runs around it, to the right on its top; None: not at all."""
+    one_way: Point | None = None
+    """Direction in which others pass through it; None: nothing passes."""
+    collision_group: str | None = None
+    """None: MAIN_GROUP."""
+    collides_with: tuple[str, ...] | None = None
+    """Groups; None: all."""
+    shape: Circle | Box | Polygon | None = None
+    """Solid scenery."""
+    is_smooth: bool = False
+    """Whether the points are of an arc or of Bézier curves."""
 
 
 class JointKind(Enum):
@@ -319,6 +366,20 @@ class JointKind(Enum):
     """Held in place and in angle."""
     MOTOR = "motor"
     """A pin whose two sides are turned against each other at a speed, with at most a limit of torque."""
+    SLIDER = "slider"
+    """A rail on which the first side slides without turning, between two ends."""
+    ROPE = "rope"
+    """A greatest distance between two points."""
+    PULLEY = "pulley"
+    """A rope over two points of the world."""
+    GEAR = "gear"
+    """Two sides that turn at a ratio."""
+    FINGER = "finger"
+    """A spring whose other end moves along knots."""
+
+
+SPRINGS = (JointKind.SPRING, JointKind.FINGER)
+"""Joints that are forces: they keep no point in place."""
 
 
 @dataclass(frozen=True)
@@ -330,9 +391,10 @@ class Joint:
     objects: tuple[str, ...]
     """One name (joined to the world) or two."""
     points: Points
-    """Points of the photo at t = 0: where it is pinned; a spring has two, its ends on the first and the second side."""
+    """Points of the photo at t = 0: where it is pinned; a spring and a rope have two, their ends on the first and the
+    second side, a slider the ends of its rail, a pulley four along its rope, a gear none."""
     length: float | None
-    """px at rest; None: as long as at t = 0."""
+    """px at rest, or of a rope; None: as long as at t = 0."""
     stiffness: float
     """g/s²."""
     damping: float
@@ -343,6 +405,20 @@ class Joint:
     """g·px²/s²; None: unlimited."""
     collide: bool
     """Whether the two objects also bump into each other."""
+    gear: float = 1.0
+    """Turning of the first object for each turn of the second."""
+    limits: Point | None = None
+    """degrees: least and greatest turning since t = 0, of a pin."""
+    friction: float = 0.0
+    """g·px²/s² of dry friction in a pin."""
+    drive: float | None = None
+    """px/s along a rail; None: it slides freely."""
+    force: float | None = None
+    """g·px/s² of a drive; None: unlimited."""
+    breaks: float | None = None
+    """g·px/s²; None: never."""
+    knots: tuple[tuple[float, float, float], ...] = ()
+    """s, px, px: the way of a finger."""
 
 
 class FieldKind(Enum):
@@ -350,6 +426,9 @@ class FieldKind(Enum):
 
     WIND = "wind"
     ATTRACTOR = "attractor"
+    AIR = "air"
+    WATER = "water"
+    MAGNET = "magnet"
 
 
 @dataclass(frozen=True)
@@ -367,7 +446,33 @@ class Field:
     strength: float
     """Attractor, px³/s²: the acceleration is strength x distance / (distance² + soften²)^1.5; negative repels."""
     soften: float
-    """px, of an attractor (Plummer's softening)."""
+    """px, of an attractor or a magnet (Plummer's softening)."""
+    linear: float = 0.0
+    """Air and water, g/(px·s): linear drag."""
+    density: float = 0.0
+    """Water, g/px²."""
+    pull: float = 0.0
+    """Magnet, g·px³/s²."""
+    extent: Point = (0.0, 0.0)
+    """Water, px: its width and height from the corner `vector`."""
+
+
+class ProfileKind(Enum):
+    """How a force changes with time."""
+
+    RAMP = "ramp"
+    SINE = "sine"
+    PULSE = "pulse"
+    TABLE = "table"
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Factor of a force by the time since its start."""
+
+    kind: ProfileKind
+    numbers: Points
+    """Ramp: ((s, 0),). Sine: ((1/s, 0),). Pulse: ((s on, s off),). Table: (s, factor) of each point."""
 
 
 class Load(Enum):
@@ -395,6 +500,8 @@ class Force:
     start: float
     duration: float | None
     """s; None: to the end of the clip. Of no meaning for an impulse."""
+    profile: Profile | None = None
+    """How it changes with time; None: not at all."""
 
 
 class Overlay(Enum):

@@ -100,7 +100,7 @@ def single_point_impulse(
         jn = target / grip
         jt = side * mu * jn
     gain = jn * (2 * vn + nn * jn + nt * jt) + jt * (2 * vt + tt * jt + nt * jn)
-    if gain > 1e-12 * abs(jn * vn):
+    if elasticity <= 1 and gain > 1e-12 * abs(jn * vn):
         return target / nn, 0.0
     return jn, jt
 
@@ -119,7 +119,8 @@ def simultaneous_impulses(
     the bounce as makes none.
     """
     full, passes = _swept(matrix, before, elasticity, friction, exact)
-    if not any(elasticity) or _gain(matrix, before, full) <= 0:
+    is_bumper = max(elasticity, default=0.0) > 1
+    if not any(elasticity) or is_bumper or _gain(matrix, before, full) <= 0:
         return full, passes
     dead, more = _swept(matrix, before, [0.0] * len(elasticity), friction, exact)
     part, step = 0.0, 0.5
@@ -508,7 +509,11 @@ class ImpactSolver:
             if self._within is not None:
                 sides = self._within[p.a].tolist(), self._within[p.b].tolist()
                 vn, vt = p.motion(*sides)
-            self._lost -= jn * (vn + leaves) / 2 + jt * (vt + slides) / 2
+            taken = jn * (vn + leaves) / 2 + jt * (vt + slides) / 2
+            if p.elasticity > 1 and taken > 0:  # of a bumper
+                self._work += taken
+            else:
+                self._lost -= taken
             self._work += jn * dn + jt * dt
         return bodies
 
@@ -635,7 +640,7 @@ class ImpactSolver:
         sides = [
             [0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b)
         ]
-        if not (any(sides[0]) or any(sides[1])):
+        if not (any(sides[0]) or any(sides[1]) or p.belt):
             return 0.0, 0.0
         leaves, slides = p.motion(*sides)
         return -leaves, -slides

@@ -268,6 +268,7 @@ class ContactProperties:
     friction: list[float]  # factors; a pair's coefficient is their product
     elasticity: list[float]
     radius: list[float]  # px; NaN where it is not a circle
+    conveyor: list[float]  # px/s at which surfaces run around them
 
 
 @dataclass(slots=True)
@@ -293,6 +294,7 @@ class Point:
     tt: float  # change of closing and sliding speed by a unit of impulse
     elasticity: float
     friction: float
+    belt: float  # px/s at which a's surface runs along b's
 
     def leaving(self, va: list[float], vb: list[float]) -> float:
         """px/s at which b leaves a, by their velocities; negative: it closes."""
@@ -310,6 +312,7 @@ class Point:
             - self.ny * (vb[0] - va[0])
             + self.tb * vb[2]
             - self.ta * va[2]
+            - self.belt
         )
         return self.leaving(va, vb), slides
 
@@ -395,4 +398,5 @@ def point_at_closing(
         ma + mb + ea * ta * ta + eb * tb * tb,
         objects.elasticity[a] * objects.elasticity[b],
         objects.friction[a] * objects.friction[b],
+        objects.conveyor[a] + objects.conveyor[b],
     )  # fmt: skip

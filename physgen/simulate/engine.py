@@ -24,6 +24,7 @@ from physgen.messages import Message
 from physgen.problems import UNKNOWN_PLACE
 from physgen.progress import Progress, silent
 from physgen.scene.scene import Motion
+from physgen.simulate.breaking import Breakages
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
@@ -38,6 +39,7 @@ from physgen.simulate.contacts import (
     new_contacts,
     pairs_with_more_contacts,
 )
+from physgen.simulate.curves import CurvedWalls
 from physgen.simulate.forces import (
     EnergyEvent,
     ForceFields,
@@ -383,6 +385,7 @@ class Stepper:
             elasticity=[surface.elasticity for surface in surfaces],
             radius=[b.radius if b.radius is not None else nan for b in bodies]
             + [nan] * len(walls),
+            conveyor=[surface.conveyor for surface in surfaces],
         )
         self._reach = np.array([b.reach for b in bodies]).reshape(-1)
         self._weight = max(float(np.hypot(*world.gravity)), world.press)
@@ -390,6 +393,8 @@ class Stepper:
         self._last: tuple[float, Forces | None, float] = (0.0, None, 1.0)
         """s of the last step, its lasting forces, and the part of gravity that acted."""
         self.budget = WorkBudget(len(bodies))
+        self._world, self._breakages = world, Breakages(world)
+        self._curves = CurvedWalls(world, space.moving, Assemblies(world).bodies)
         self._joined = Assemblies(world)
         self._held = self._joined.bodies
         light, ease = self._properties.lightness, self._properties.ease
@@ -604,7 +609,10 @@ class Stepper:
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
                 strength = 0.5 if first else 1.0  # of the motors
-                held = self._joined.hold(*self.everybody(exact), h, strength)
+                begun = self.state() if before is None else before
+                begun_all = np.zeros_like(self._center)
+                begun_all[self._space.moving] = begun[:, -3:]
+                held = self._joined.hold(*self.everybody(exact), h, strength, begun_all)
                 driven, moving = held.work, self._space.moving
                 exact[:, 3:] = held.velocity[moving]
                 if held.lost:
@@ -617,6 +625,24 @@ class Stepper:
                     impacts.append(carried)
             self._space.place(exact)
             states = exact.tobytes()
+        if self._curves.busy:
+            exact = np.frombuffer(states, np.float64).reshape(-1, 6).copy()
+            started = original
+            if started is None:
+                started = (self.state() if state is None else state)[:, 3:]
+            returned = self._curves.restore(started, exact, order, numbers, impacts)
+            if returned:
+                kicks.append(EnergyEvent(end, -returned, 0.0))
+                self._space.place(exact)
+                states = exact.tobytes()
+        if self._breakages.busy and not first:
+            begun = self.state()[:, 3:]
+            if original is not None:
+                begun = original
+            elif state is not None:
+                begun = state[:, 3:]
+            contacts = order, numbers
+            kicks += self._break(begun, states, end, h, load, contacts, impacts)
         self.stirred |= not self._calm
         self._last = h, load, 0.5 if first else 1.0
         self._within = before, self._states
@@ -646,6 +672,38 @@ class Stepper:
             braked,
             kicks,
         )
+
+    def _break(
+        self,
+        begun: Array,
+        states: bytes,
+        end: float,
+        h: float,
+        load: Forces | None,
+        contacts: tuple[Order, bytes],
+        impacts: list[Impacts],
+    ) -> list[EnergyEvent]:
+        """Let joints go that broke in a step that began with the velocities `begun` (M, 3)."""
+        state = np.frombuffer(states, np.float64).reshape(-1, 6)
+        pose, change = self.everybody(
+            np.concatenate([state[:, :3], state[:, 3:] - begun], axis=1)
+        )
+        total = None if load is None else load.total
+        breakages = self._breakages
+        impulse = breakages.unexplained(change, pose, h, total, contacts, impacts)
+        blow = bool(impacts)
+        broken = breakages.review(self._joined, pose, impulse, h, blow)
+        if not broken:
+            return []
+        for joint in broken:
+            self._space.release(joint)
+        lost = [self._lasting.release(joint, pose, end) for joint in broken]
+        whole = tuple(j for j in self._world.joints if j not in broken)
+        self._world = replace(self._world, joints=whole)
+        self._joined = Assemblies(self._world)
+        self._held = self._joined.bodies
+        self.suspicious = self.stirred = True
+        return lost
 
     def _carry(
         self, state: Array, within: Array, order: Order, numbers: bytes, h: float

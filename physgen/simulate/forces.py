@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import pi
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Body, Joint, World
-from physgen.geometry.polygon import Array, polygon_moments
-from physgen.scene.scene import FieldKind, JointKind, Load, Motion
+from physgen.compile.world import Body, Field, Joint, Push, World
+from physgen.geometry.polygon import Array, polygon_moments, rotation
+from physgen.scene.scene import (
+    SPRINGS,
+    FieldKind,
+    JointKind,
+    Load,
+    Motion,
+    Profile,
+    ProfileKind,
+)
 from physgen.simulate.friction import Resistance, Table
 
 
 def spring_joints(world: World) -> list[Joint]:
     """Those of a world's joints that are springs."""
-    return [joint for joint in world.joints if joint.kind is JointKind.SPRING]
+    return [joint for joint in world.joints if joint.kind in SPRINGS]
 
 
 def spring_compliance(world: World, spring: Joint) -> float:
@@ -118,11 +128,21 @@ class ForceFields:
             p for p in world.pushes if p.load is not Load.IMPULSE and dynamic[p.body]
         ]
         self._springs = spring_joints(world)
-        self._winds = [f for f in world.fields if f.kind is FieldKind.WIND]
+        self._fingers = [s for s in self._springs if s.kind is JointKind.FINGER]
+        self._springs = [s for s in self._springs if s.kind is JointKind.SPRING]
+        self._winds = [
+            f for f in world.fields if f.kind in (FieldKind.WIND, FieldKind.AIR)
+        ]
+        self._pools = [
+            Pool(f, bodies) for f in world.fields if f.kind is FieldKind.WATER
+        ]
+        self._magnets = [f for f in world.fields if f.kind is FieldKind.MAGNET]
         self._attractors = [f for f in world.fields if f.kind is FieldKind.ATTRACTOR]
         self._width = np.array(
-            [2 * np.sqrt(area(b) / pi) for b in bodies if self._winds]
+            [2 * np.sqrt(area(b) / pi) for b in bodies if self._winds or self._pools]
         )
+        self._broken: list[tuple[Joint, float]] = []
+        """Springs that pull no more, and since when, s."""
         self._dampers: dict[int, int] = {}
         for spring in self._springs:
             for body in (spring.first, spring.second):
@@ -130,11 +150,32 @@ class ForceFields:
                     self._dampers[body] = self._dampers.get(body, 0) + (
                         spring.damping > 0
                     )
-        self.steers = bool(self._attractors)
+        scale = np.array([b.gravity_scale for b in bodies])
+        lift = np.where(dynamic, (scale - 1) * self._mass, 0.0)
+        self._lift = lift[:, None] * world.gravity
+        """(N, 2) g·px/s²: what gravity is more than usual."""
+        self._lifts = bool(self._lift.any())
+        self._damping = np.where(dynamic, [b.damping for b in bodies], 0.0)
+        self._damped = np.flatnonzero(self._damping)
+        self._moment = moment
+        self.steers = bool(self._attractors or self._magnets)
         """Whether `pace` has anything to say."""
         self.busy = bool(
             self._pushes or self._springs or self._winds or self._attractors
-        )
+        ) or bool(self._lifts or len(self._damped) or self._fingers)
+        self.busy |= bool(self._pools or self._magnets)
+
+    def release(self, joint: Joint, pose: Array, time: float) -> float:
+        """Let a spring pull no more from a time on, s; return the energy that it has then."""
+        if joint not in self._springs:
+            return 0.0
+        self._springs = [spring for spring in self._springs if spring is not joint]
+        self._broken.append((joint, time))
+        return self._stored(joint, pose)
+
+    def _stored(self, spring: Joint, pose: Array) -> float:
+        length = float(np.hypot(*self._ends(spring, pose)[2]))
+        return spring.stiffness / 2 * (length - spring.length) ** 2
 
     def pace(self, pose: Array, velocity: Array) -> float:
         """1/s: how fast the pull of an attractor changes, at most; 0 without attractors."""
@@ -146,6 +187,14 @@ class ForceFields:
             swing = np.sqrt(abs(field.strength) / near**3)
             pass_by = np.sqrt((velocity[on, :2] ** 2).sum(axis=1)) / near
             top = max(top, float(np.maximum(swing, pass_by).max()))
+        for field in self._magnets:
+            for first, second in combinations(field.bodies, 2):
+                between = pose[first, :2] - pose[second, :2]
+                near = max(float(between @ between) + field.soften**2, 1e-12) ** 0.5
+                ease = self._lightness[first] + self._lightness[second]
+                rush = velocity[first, :2] - velocity[second, :2]
+                swing = (abs(field.pull) * ease / near**3) ** 0.5
+                top = max(top, swing, float(np.hypot(*rush)) / near)
         return top
 
     def at(self, pose: Array, velocity: Array, begin: float, end: float) -> LoadSum:
@@ -160,6 +209,8 @@ class ForceFields:
         for push in self._pushes:
             part = (min(push.end, end) - max(push.start, begin)) / h
             if part > 0:
+                if push.profile is not None:
+                    part = mean_factor(push, begin, end)
                 arm = _turned(push.at, pose[push.body, 2])
                 force = push.vector * part
                 total.drive[push.body, :2] += force
@@ -174,6 +225,10 @@ class ForceFields:
             near = (away**2).sum(axis=1) + field.soften**2
             pull = self._mass[on] * field.strength / np.maximum(near, 1e-12) ** 1.5
             total.hold[on, :2] += pull[:, None] * away
+        if self._lifts:
+            total.hold[:, :2] += self._lift
+        if len(self._damped):
+            self._damp(velocity, h, total)
         for field in self._winds:
             on = np.array(field.bodies, np.int64)
             known = self._gravity + total.hold[on, :2] * self._lightness[on, None]
@@ -187,17 +242,99 @@ class ForceFields:
                 * h
             )
             part = slows / (1 + slows)
-            total.drive[on, :2] += (self._mass[on] * part / h)[:, None] * rush
+            if field.linear > 0:
+                rate = field.linear * self._width[on] * self._lightness[on] * h
+                left = np.exp(-rate)
+                part = 1 - left / (1 + slows * left)
+            taken = total.spend if field.kind is FieldKind.AIR else total.drive
+            taken[on, :2] += (self._mass[on] * part / h)[:, None] * rush
+        for magnet in self._magnets:
+            self._attract(magnet, pose, total)
+        for pool in self._pools:
+            self._float(pool, pose, velocity, h, total)
+        for finger in self._fingers:
+            self._lead(finger, pose, velocity, (begin, end), total)
         return total
 
-    def potential(self, pose: Array) -> float:
-        """Energy stored in springs and attractors, g·px²/s²."""
-        stored = 0.0
+    def _attract(self, magnet: Field, pose: Array, total: LoadSum) -> None:
+        for first, second in combinations(magnet.bodies, 2):
+            away = pose[second, :2] - pose[first, :2]
+            near = max(float(away @ away) + magnet.soften**2, 1e-12)
+            force = magnet.pull / near**1.5 * away
+            total.hold[first, :2] += force
+            total.hold[second, :2] -= force
+
+    def _float(
+        self, pool: Pool, pose: Array, velocity: Array, h: float, total: LoadSum
+    ) -> None:
+        """Add the lift of what is displaced, which does work, and drag on the part that is in the water."""
+        for body, displaced, center in pool.displaced(pose):
+            lift = -pool.field.density * displaced * self._gravity
+            arm = center - pose[body, :2]
+            total.drive[body, :2] += lift
+            total.drive[body, 2] += arm[0] * lift[1] - arm[1] * lift[0]
+            share = displaced / pool.areas[body]
+            speed = float(np.hypot(*velocity[body, :2]))
+            size = self._width[body] * share * self._lightness[body]
+            rate = (pool.field.linear + pool.field.drag * speed) * size
+            part = -np.expm1(-rate * h) / h
+            weight = self._mass[body], self._mass[body], self._moment[body]
+            total.spend[body] -= np.array(weight) * part * velocity[body]
+
+    def _lead(
+        self,
+        finger: Joint,
+        pose: Array,
+        velocity: Array,
+        span: tuple[float, float],
+        total: LoadSum,
+    ) -> None:
+        """Add the pull of a finger, while it holds."""
+        knots, (begin, end) = finger.knots, span
+        if knots is None or end <= knots[0, 0] or begin >= knots[-1, 0]:
+            return
+        h = end - begin
+        time = (begin + end) / 2
+        x, y = (float(np.interp(time, knots[:, 0], knots[:, k])) for k in (1, 2))
+        part = (min(end, knots[-1, 0]) - max(begin, knots[0, 0])) / h
+        body = finger.first
+        arm = _turned(finger.first_at, pose[body, 2])
+        vx, vy, spin = velocity[body]
+        speed = np.array([vx - spin * arm[1], vy + spin * arm[0]])
+        pull = finger.stiffness * (np.array([x, y]) - pose[body, :2] - arm)
+        give = self._lightness[body] + self._ease[body] * float(arm @ arm)
+        rate = max(finger.damping * give * h, 1e-300)
+        # exact while it acts alone, so that it never overshoots
+        brake = finger.damping * float(-np.expm1(-rate) / rate)
+        force = part * (pull - brake * speed)
+        total.drive[body, :2] += force
+        total.drive[body, 2] += arm[0] * force[1] - arm[1] * force[0]
+
+    def _damp(self, velocity: Array, h: float, total: LoadSum) -> None:
+        """Add what takes velocity and spin out: exact while it acts alone."""
+        on = self._damped
+        weight = np.stack([self._mass, self._mass, self._moment], axis=1)[on]
+        known = (total.hold + total.drive)[on] / weight
+        known[:, :2] += self._gravity
+        part = -np.expm1(-self._damping[on] * h)[:, None] / h
+        total.spend[on] -= weight * part * (velocity[on] + h / 2 * known)
+
+    def potential(self, pose: Array, time: float) -> float:
+        """Energy stored in springs and attractors at a time, s: g·px²/s²."""
+        stored = -float((self._lift * pose[:, :2]).sum()) if self._lifts else 0.0
+        for spring, end in self._broken:
+            if time < end:
+                stored += self._stored(spring, pose)
         for spring in self._springs:
             between = self._ends(spring, pose)[2]
             stored += (
                 spring.stiffness / 2 * (float(np.hypot(*between)) - spring.length) ** 2
             )
+        for magnet in self._magnets:
+            for first, second in combinations(magnet.bodies, 2):
+                away = pose[second, :2] - pose[first, :2]
+                near = max(float(away @ away) + magnet.soften**2, 1e-12)
+                stored -= magnet.pull / near**0.5
         for field in self._attractors:
             on = np.array(field.bodies, np.int64)
             near = ((field.vector - pose[on, :2]) ** 2).sum(axis=1) + field.soften**2
@@ -254,6 +391,106 @@ class ForceFields:
                 part[body, 2] += sign * force * lever
 
 
+class Pool:
+    """Water, and the bodies that it may lift."""
+
+    def __init__(self, field: Field, bodies: Sequence[Body]) -> None:
+        self.field = field
+        left, top = field.vector.tolist()
+        width, height = field.extent
+        self._box = left, top, left + width, top + height
+        self._shapes = {k: _pieces(bodies[k]) for k in field.bodies}
+        self._reach = {k: bodies[k].reach for k in field.bodies}
+        self.areas = {k: area(bodies[k]) for k in field.bodies}
+
+    def displaced(self, pose: Array) -> Iterator[tuple[int, float, Array]]:
+        """Yield each body in the water, the area of it that is, px², and that area's middle (2,) px."""
+        left, top, right, low = self._box
+        for body, pieces in self._shapes.items():
+            x, y, angle = pose[body].tolist()
+            far = self._reach[body]
+            if x + far < left or x - far > right or y + far < top or y - far > low:
+                continue
+            turn = rotation(angle)
+            total, middle = 0.0, np.zeros(2)
+            for piece in pieces:
+                corners = piece @ turn.T + (x, y)
+                for axis, bound, sign in (
+                    (0, left, 1.0),
+                    (0, right, -1.0),
+                    (1, top, 1.0),
+                    (1, low, -1.0),
+                ):
+                    corners = _clipped(corners, axis, bound, sign)
+                if len(corners) < 3:
+                    continue
+                moments = polygon_moments(corners)
+                size = abs(moments.area)
+                total, middle = total + size, middle + size * moments.center
+            if total > 0:
+                yield body, total, middle / total
+
+
+def _clipped(corners: Array, axis: int, bound: float, sign: float) -> Array:
+    """Return a convex outline (K, 2) without its part below `bound` (sign 1) or above it (-1) on one axis."""
+    depth = sign * (corners[:, axis] - bound) if len(corners) else np.zeros(0)
+    if (depth >= 0).all():
+        return corners
+    kept: list[Array] = []
+    for k in range(len(corners)):
+        here, there = depth[k - 1], depth[k]
+        if here * there < 0:
+            part = here / (here - there)
+            kept.append(corners[k - 1] + part * (corners[k] - corners[k - 1]))
+        if there >= 0:
+            kept.append(corners[k])
+    return np.array(kept).reshape(-1, 2)
+
+
+def _pieces(body: Body) -> tuple[Array, ...]:
+    """Return convex pieces of a body; of a circle, a polygon of its area."""
+    if body.radius is None:
+        return body.pieces
+    angle = np.arange(CORNERS) * (2 * pi / CORNERS)
+    wide = body.radius * (2 * pi / CORNERS / np.sin(2 * pi / CORNERS)) ** 0.5
+    return (wide * np.stack([np.cos(angle), np.sin(angle)], axis=1),)
+
+
+CORNERS = 180
+"""Of a circle in water: its lift is right to 1e-3."""
+
+
+def mean_factor(push: Push, begin: float, end: float) -> float:
+    """Return the mean factor of a push over a step from `begin` to `end`, s."""
+    low, high = max(push.start, begin), min(push.end, end)
+    profile = push.profile
+    if profile is None or high <= low:
+        return 0.0
+    a, b = low - push.start, high - push.start
+    return (_integral(profile, b) - _integral(profile, a)) / (end - begin)
+
+
+def _integral(profile: Profile, time: float) -> float:
+    """Return the integral of a profile's factor from 0 to a time, s."""
+    first, second = profile.numbers[0]
+    match profile.kind:
+        case ProfileKind.RAMP:
+            rising = min(time, first)
+            return rising**2 / (2 * first) + max(time - first, 0.0)
+        case ProfileKind.SINE:
+            rate = 2 * pi * first
+            return float((1 - np.cos(rate * time)) / rate)
+        case ProfileKind.PULSE:
+            rounds, rest = divmod(time, first + second)
+            return rounds * first + min(rest, first)
+        case _:
+            times, factors = np.array(profile.numbers).T
+            inside = np.clip(times, 0.0, time)
+            values = np.interp(inside, times, factors)
+            late = max(time - float(times[-1]), 0.0) * float(factors[-1])
+            return float(np.trapezoid(values, inside)) + late
+
+
 def area(body: Body) -> float:
     """px²."""
     if body.radius is not None:
@@ -298,6 +535,10 @@ class StepForces:
         """What the table does in the next steps while nothing touches, the last first."""
         self.pushes = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
+
+    def release(self, joint: Joint, pose: Array, time: float) -> EnergyEvent:
+        """Let a spring pull no more from a time on, s; its energy is lost."""
+        return EnergyEvent(time, self._loads.release(joint, pose, time), 0.0)
 
     def end(self, load: Forces) -> None:
         """The step is over: one that was taken again started from where it began."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, sqrt
+from math import hypot, inf, sqrt
 from operator import add, mul
 from typing import NamedTuple
 
@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Joint, World
-from physgen.scene.scene import JointKind, Motion
+from physgen.scene.scene import SPRINGS, JointKind, Motion
+from physgen.simulate.bounds import (
+    Bound,
+    BoundedGroup,
+    BoundedMotion,
+    bounds_of,
+    guide_rows,
+    has_bounds,
+    motor_row,
+)
 from physgen.simulate.contacts import Order
 
 Array = NDArray[np.float64]
@@ -52,7 +61,7 @@ class Assemblies:
         """Bodies of each group."""
         self._joints: dict[int, list[Joint]] = {}
         root = {k: k for k in range(len(world.bodies))}
-        joints = [j for j in world.joints if j.kind is not JointKind.SPRING]
+        joints = [j for j in world.joints if j.kind not in SPRINGS]
         for joint in joints:
             if (
                 joint.second is not None
@@ -109,6 +118,11 @@ class Assemblies:
         self._jolt = float(np.hypot(*world.gravity))
         """px/s² of gravity: slower gaps close at any speed."""
         self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
+        self._bounded = {
+            number: BoundedGroup()
+            for number, (joints, _, _) in enumerate(self._held)
+            if any(map(has_bounds, joints))
+        }
 
     def of(self, body: int) -> int | None:
         """The group that a body belongs to; None for one that no joint holds."""
@@ -126,11 +140,17 @@ class Assemblies:
         return self.hold(pose, velocity, 1.0, None).velocity
 
     def hold(
-        self, pose: Array, velocity: Array, h: float, strength: float | None
+        self,
+        pose: Array,
+        velocity: Array,
+        h: float,
+        strength: float | None,
+        within: Array | None = None,
     ) -> HeldMotion:
         """Return velocities (N, 3) with which every joint is whole a step of h seconds later, and the work of motors.
 
-        pose (N, 3) now. One linear system a group, so that chains and welds hold whatever their length and masses
+        pose (N, 3) now; within (N, 3): velocities before this step's forces. One linear system a
+        group, so that chains and welds hold whatever their length and masses
         (SHAKE, Ryckaert and others 1977). A motor turns its two sides at its speed, with at most its limit times
         `strength`; None: what the pins allow now.
         """
@@ -139,8 +159,18 @@ class Assemblies:
         speeds = dict(
             zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True)
         )
-        for joints, bodies, light in self._held:
+        for number, (joints, bodies, light) in enumerate(self._held):
             place = {body: 3 * k for k, body in enumerate(bodies)}
+            if number in self._bounded:
+                before_all = [speed for body in bodies for speed in speeds[body]]
+                bounded = self._hold_bounded(
+                    number, place, spots, before_all, h, strength, within
+                )
+                work, lost = work + bounded.work, lost + bounded.lost
+                speeds.update(
+                    zip(bodies, bounded.velocity.reshape(-1, 3).tolist(), strict=True)
+                )
+                continue
             rows: list[list[float]] = []
             wanted: list[float] = []
             limits: list[float] = []
@@ -212,6 +242,68 @@ class Assemblies:
         velocity[self._all] = list(speeds.values())
         return HeldMotion(velocity, work, lost, shift)
 
+    def _hold_bounded(
+        self,
+        number: int,
+        place: dict[int, int],
+        spots: _Spots,
+        before: list[float],
+        h: float,
+        strength: float | None,
+        within: Array | None,
+    ) -> BoundedMotion:
+        """Return what `hold` does to a group of whose joints some have bounds."""
+        joints, bodies, light = self._held[number]
+        size = len(before)
+        rows: list[list[float]] = []
+        speeds: list[float] = []
+        bounds: list[Bound] = []
+        for joint in joints:
+            of_joint, off = _rows(joint, place, spots, size)
+            rows += of_joint
+            speeds += [-gap / h if strength is not None else 0.0 for gap in off]
+            bounds += bounds_of(joint, place, spots, size, h, strength)
+            if strength is not None and joint.kind is JointKind.MOTOR:
+                turn = motor_row(joint, place, size)
+                most = joint.limit * h * strength
+                bounds.append(Bound(turn, joint.speed, -most, most, True))
+        begun = None if within is None else within[bodies].ravel()
+        group = self._bounded[number]
+        return group.hold(rows, speeds, bounds, light, before, begun)
+
+    def reactions(
+        self, pose: Array, impulse: Array, is_linear: bool
+    ) -> dict[str, float]:
+        """Return the size of the impulse in each joint, g·px/s, given the impulses (N, 3) of all joints on bodies.
+
+        is_linear: angular impulses are not known.
+        """
+        spots, found = _Spots(pose, self._all), dict[str, float]()
+        for joints, bodies, light in self._held:
+            place = {body: 3 * k for k, body in enumerate(bodies)}
+            rows: list[list[float]] = []
+            owners: list[str] = []
+            for joint in joints:
+                mine, _ = _rows(joint, place, spots, 3 * len(bodies))
+                bounds = bounds_of(joint, place, spots, 3 * len(bodies), inf, None)
+                pulls = [bound.row for bound in bounds] if joint.kind in GUIDES else []
+                rows += [*mine, *pulls]
+                count = min(len(mine), 1 if joint.kind in GUIDES else 2)
+                owners += [joint.name] * count + [""] * (len(mine) - count)
+                owners += [joint.name] * len(pulls)
+            if not rows:
+                continue
+            weight = np.sqrt(np.array(light))
+            if is_linear:
+                weight[2::3] = 0.0
+            goal = weight * impulse[bodies].ravel()
+            given = np.linalg.lstsq((np.array(rows) * weight).T, goal, rcond=SINGULAR)[
+                0
+            ]
+            for owner, size in zip(owners, given.tolist(), strict=True):
+                found[owner] = hypot(found.get(owner, 0.0), size)
+        return found
+
     def response(self, bodies: list[int], inverse: Array, *poses: Array) -> Array:
         """(3n, 3n): change of the n bodies' velocities by impulses on them, while all joints hold.
 
@@ -231,6 +323,8 @@ class Assemblies:
             for joint in self._joints[group]
             for row in _rows(joint, place, spots, size)[0]
         ]
+        if not rows:
+            return free  # ropes alone
         J = np.array(rows)
         give = J @ free
         return np.asarray(
@@ -322,11 +416,17 @@ class _Spots:
         return pose, c * x - s * y, s * x + c * y
 
 
+GUIDES = (JointKind.SLIDER, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
+"""Joints without a pin."""
+
+
 def _rows(
     joint: Joint, place: dict[int, int], spots: _Spots, size: int
 ) -> tuple[list[list[float]], list[float]]:
     """Velocities that a joint keeps at nothing, of one side's pin against the other's, and of their turning; and the
     px, px and, of a weld, rad by which its two sides are apart."""
+    if joint.kind in GUIDES:
+        return guide_rows(joint, place, spots, size)
     rows = [[0.0] * size for _ in range(3 if joint.kind is JointKind.WELD else 2)]
     off = [0.0, 0.0, 0.0]
     for body, at, sign in (

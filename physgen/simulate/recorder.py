@@ -15,7 +15,7 @@ from physgen.compile.world import World
 from physgen.geometry.polygon import cross
 from physgen.messages import Message
 from physgen.problems import UNKNOWN_PLACE
-from physgen.scene.scene import JointKind, Motion
+from physgen.scene.scene import SPRINGS, Motion
 from physgen.simulate.collisions import Impacts
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
@@ -25,6 +25,7 @@ from physgen.simulate.contacts import (
     touching,
 )
 from physgen.simulate.forces import EnergyEvent, ForceFields, Forces, ScriptedMotion
+from physgen.simulate.surfaces import belt_energies
 from physgen.simulate.trajectory import (
     Contacts,
     Effort,
@@ -219,6 +220,7 @@ class Recorder:
         )
         scripted = [b.motion is Motion.SCRIPTED for b in world.bodies]
         self._scripted = np.array(scripted + [False] * len(world.walls), bool)
+        self._conveyors = np.array([part.conveyor for _, part in world.surfaces])
         self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
         self._even = (
             0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
@@ -234,7 +236,7 @@ class Recorder:
         held = {
             body
             for joint in world.joints
-            if joint.kind is not JointKind.SPRING
+            if joint.kind not in SPRINGS
             for body in (joint.first, joint.second)
         }
         self._unheld = dynamic & np.array([k not in held for k in range(N)], bool)
@@ -459,6 +461,9 @@ class Recorder:
         v1, v2 = (speed(columns(mean, partner), partner, *where) for partner in (0, 1))
         lost = -along(v1, v2, impulse)
         work = np.zeros(len(row))
+        if self._conveyors.any():
+            moved, done = belt_energies(self._conveyors, first, second, normal, impulse)
+            lost, work = lost + moved, work + done
         for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
             driven = self._scripted[objects]
             if driven.any():
@@ -472,10 +477,7 @@ class Recorder:
             flow[:, 0] += self._misplaced(
                 steps, touch, row, place, (pose, before, after)
             )
-        if len(row):
-            least = np.where(count == 1, opening[0], opening.min(axis=0))
-            self.residual = max(self.residual, -float(least.min()))
-            self.overlap = max(self.overlap, float(touch.depth.max()))
+        self._note_accuracy(opening, touch)
         # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
         late = 0.0 if self._first else 1e-9
         self._struck += [
@@ -518,6 +520,14 @@ class Recorder:
             when[inside],
         )
         return flow
+
+    def _note_accuracy(self, opening: Array, touch: Touching) -> None:
+        """Note the fastest closing, by the speeds (2, K) at which points open, and the deepest overlap."""
+        if not len(touch.count):
+            return
+        least = np.where(touch.count == 1, opening[0], opening.min(axis=0))
+        self.residual = max(self.residual, -float(least.min()))
+        self.overlap = max(self.overlap, float(touch.depth.max()))
 
     def _misplaced(
         self,
@@ -645,7 +655,7 @@ class Recorder:
             blown[first_after:] += flow
         balance = balance0 + part[:, None] * (smooth[s] - balance0) + blown
         self._balance[first:done] = np.column_stack(
-            [*self._energy(x, v, roll), balance]
+            [*self._energy(time, x, v, roll), balance]
         )
         self.done = done
         for _, lost, work in self._struck:
@@ -675,14 +685,17 @@ class Recorder:
             v[bodies] = step.before[changed]
             x[bodies] = pose1[bodies] - step.before[changed] * (h - since)
 
-    def _energy(self, pose: Array, velocity: Array, roll: Array) -> tuple[Array, Array]:
+    def _energy(
+        self, times: Array, pose: Array, velocity: Array, roll: Array
+    ) -> tuple[Array, Array]:
         """(S,) kinetic and potential energy of the dynamic bodies in S poses (S, N, 3)."""
         square = velocity[..., 0] ** 2 + velocity[..., 1] ** 2
         turning = velocity[..., 2] ** 2 + (roll**2).sum(axis=-1)
         kinetic = (self._mass * square + self._moment * turning).sum(axis=1) / 2
         height = -(self._mass * (pose[..., :2] @ self.world.gravity)).sum(axis=1)
         return kinetic, height + [
-            self.loads.potential(x) if self.loads.busy else 0.0 for x in pose
+            self.loads.potential(x, time) if self.loads.busy else 0.0
+            for time, x in zip(times.tolist(), pose, strict=True)
         ]
 
     def trajectory(

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 from pymunk.batch import ArbiterFields, BodyFields
 
-from physgen.compile.world import Body, Joint, Wall, World
-from physgen.scene.scene import JointKind, Motion
+from physgen.compile.world import EVERY_GROUP, Body, Joint, Wall, World
+from physgen.scene.scene import SPRINGS, JointKind, Motion
 from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
 from physgen.simulate.internal_edges import (
     Contact,
@@ -29,11 +29,14 @@ from physgen.simulate.internal_edges import (
     ShapeOutline,
     internal_edges,
 )
+from physgen.simulate.surfaces import SpecialSurfaces
 
 Index = NDArray[np.int64]
 Distances = tuple[float, float, float, float]
 """px by which the owners of two shapes are apart, along x and y, and turned."""
 
+SPECIAL = 1
+"""The engine's type of shapes whose contacts are asked about."""
 SLOP = 0.005
 """px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
 SEAM = 0.5
@@ -96,7 +99,8 @@ class Space:
         self._bodies = bodies
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
-        _add_joints(space, world.joints, bodies, self._anchor)
+        self._parts = _add_joints(space, world.joints, bodies, self._anchor)
+        """Name of a joint -> what holds it in the engine."""
         ids = np.array(
             [body.id for body in (*bodies, *walls)], np.uint64
         )  # memory addresses
@@ -134,6 +138,11 @@ class Space:
         self._braking: Sequence[Pair] = ()
         self._motors: list[Any] = []
         """Of the pairs that brake now."""
+        self._special = self._watch(world, [*bodies, *walls])
+        self._smooth = frozenset(
+            len(bodies) + k for k, wall in enumerate(world.walls) if wall.is_smooth
+        )
+        """Curves: their chords have no edges."""
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
@@ -162,6 +171,36 @@ class Space:
         The px that they may move before this is looked at again, and where they are.
         """
         LIVING.add(self)
+
+    def _watch(self, world: World, parts: list[pymunk.Body]) -> SpecialSurfaces | None:
+        """Ask about contacts of surfaces that run, stick or let others pass; None if there are none."""
+        passages = [body.passage for body in world.bodies]
+        passages += [wall.passage for wall in world.walls]
+        has_groups = any(
+            passage.group != 1 or passage.collides_with != EVERY_GROUP
+            for passage in passages
+        )
+        for passage, own in zip(passages if has_groups else (), parts, strict=False):
+            for shape in own.shapes:
+                shape.filter = pymunk.ShapeFilter(
+                    categories=passage.group, mask=passage.collides_with
+                )
+        owners = SpecialSurfaces.owners_of(world)
+        if not owners:
+            return None
+        for owner in owners:
+            for shape in parts[owner].shapes:
+                shape.collision_type = SPECIAL
+        special = SpecialSurfaces(world, {body.id: k for k, body in enumerate(parts)})
+        self._space.on_collision(
+            SPECIAL,
+            None,
+            begin=special.begin,
+            pre_solve=special.solve,
+            post_solve=special.note,
+            separate=special.separate,
+        )
+        return special
 
     def disown(self) -> None:
         """Keep pymunk from freeing the memory of this space and of all in it."""
@@ -198,7 +237,7 @@ class Space:
         moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
         if not words.num:
             return moved, NO_CONTACTS, b""
-        if self.hidden:
+        if self.hidden or (self._special and self._special.passing):
             return moved, *self._visible_contacts()
         listed = ffi.buffer(words.arr, 8 * words.num)[:]
         order = self._orders.get(listed) or self._order(listed)
@@ -233,7 +272,7 @@ class Space:
             partners.setdefault(first, set()).add(second)
             partners.setdefault(second, set()).add(first)
             pair = (first, second) if first < second else (second, first)
-            if pairs is None or pair in pairs:
+            if (pairs is None or pair in pairs) and self._smooth.isdisjoint(pair):
                 doubtful.append((arbiter, key))
         self._partners = partners
         is_changed = False
@@ -318,6 +357,11 @@ class Space:
         self._orders[listed] = Order(pairs)
         return self._orders[listed]
 
+    def release(self, joint: Joint) -> None:
+        """Let a joint hold no more; its bodies go on passing through each other."""
+        for part in self._parts.get(joint.name, ()):
+            part.max_force = 0.0
+
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
         self._space.gravity = tuple((self._gravity * part).tolist())
@@ -390,7 +434,7 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     x, y = ((box.min(axis=0) + box.max(axis=0)) / 2).tolist()
     reach = float(np.hypot(*(box - (x, y)).T).max())
     if isinstance(shape, pymunk.Circle):
-        reach = shape.radius
+        (x, y), reach = shape.offset, shape.radius
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
 
 
@@ -417,6 +461,9 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
         shapes: list[pymunk.Shape] = [pymunk.Circle(body, model.radius)]
     else:
         shapes = [pymunk.Poly(body, piece.tolist()) for piece in model.pieces]
+    if model.disc is not None:
+        offset, radius = model.disc
+        shapes = [pymunk.Circle(body, radius, (float(offset[0]), float(offset[1])))]
     for shape in shapes:
         shape.friction = model.surface.friction
         space.add(shape)
@@ -429,7 +476,14 @@ def _add_wall(
     """A body of its own, so that contacts know which wall they touch."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
-    for line in wall.chains:
+    solid: list[pymunk.Shape] = [pymunk.Poly(body, p.tolist()) for p in wall.pieces]
+    if wall.disc is not None:
+        (x, y), radius = wall.disc
+        solid = [pymunk.Circle(body, radius, (float(x), float(y)))]
+    for shape in solid:
+        shape.friction = wall.surface.friction
+        space.add(shape)
+    for line in wall.chains if not solid else ():
         for a, b in pairwise(line.tolist()):
             segment = pymunk.Segment(body, a, b, 0.0)
             segment.friction = wall.surface.friction
@@ -473,19 +527,56 @@ def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]
     return found
 
 
+GUIDES = (JointKind.SLIDER, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
+ENDLESS = 1e6
+"""px that the engine's rail goes on beyond its ends, which bounds.py holds."""
+
+
+def _add_guide(
+    space: pymunk.Space, joint: Joint, bodies: list[pymunk.Body], world: pymunk.Body
+) -> list[pymunk.Constraint]:
+    """Add a slider or a gear, or, for a rope and a pulley, what keeps two bodies from bumping into each other."""
+    first = bodies[joint.first]
+    second = world if joint.second is None else bodies[joint.second]
+    parts: list[pymunk.Constraint] = []
+    if joint.kind is JointKind.SLIDER:
+        way = joint.guide[0] / float(np.hypot(*joint.guide[0])) * ENDLESS
+        ends = [(joint.second_at + sign * way).tolist() for sign in (-1, 1)]
+        parts = [
+            pymunk.GrooveJoint(
+                second, first, ends[0], ends[1], joint.first_at.tolist()
+            ),
+            pymunk.GearJoint(first, second, 0.0, 1.0),
+        ]
+    elif joint.kind is JointKind.GEAR:
+        parts = [pymunk.GearJoint(first, second, 0.0, joint.ratio)]
+    elif joint.second is not None:
+        parts = [pymunk.SlideJoint(first, second, (0, 0), (0, 0), 0, joint.length)]
+        parts[0].max_force = 0.0
+    for part in parts:
+        part.error_bias = 1.0
+        part.collide_bodies = joint.collide
+        space.add(part)
+    return parts
+
+
 def _add_joints(
     space: pymunk.Space,
     joints: tuple[Joint, ...],
     bodies: list[pymunk.Body],
     world: pymunk.Body,
-) -> None:
+) -> dict[str, list[pymunk.Constraint]]:
     """Pins and welds, so that contacts are solved with them. They keep velocities only: where joints are, and motors,
     is for joined.py, which solves them exactly after each step; springs are loads.
 
     Where a weld sits does not matter; between the two centres it turns by the shortest levers.
     """
+    added: dict[str, list[pymunk.Constraint]] = {}
     for joint in joints:
-        if joint.kind is JointKind.SPRING:
+        if joint.kind in SPRINGS:
+            continue
+        if joint.kind in GUIDES:
+            added[joint.name] = _add_guide(space, joint, bodies, world)
             continue
         a = bodies[joint.first]
         b = world if joint.second is None else bodies[joint.second]
@@ -505,7 +596,9 @@ def _add_joints(
         ]
         if joint.kind is JointKind.WELD:
             parts.append(pymunk.GearJoint(a, b, 0.0, 1.0))
+        added[joint.name] = parts
         for part in parts:
             part.error_bias = 1.0
             part.collide_bodies = joint.collide
             space.add(part)
+    return added

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.scene.scene import JointKind, Load, Motion
+from physgen.scene.scene import SPRINGS, Load, Motion
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -140,9 +140,7 @@ class Governor:
 
     def __init__(self, world: World) -> None:
         self._gravity = float(np.hypot(*world.gravity))
-        self._jointed = any(
-            joint.kind is not JointKind.SPRING for joint in world.joints
-        )
+        self._jointed = any(joint.kind not in SPRINGS for joint in world.joints)
         self._most = TUNING.most
         self.loud = 1.0
         """Factor on the speed of rest."""

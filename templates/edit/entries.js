@@ -5,7 +5,9 @@ import { named, pathOf } from "./app.js";
 import { written } from "./dragging.js";
 import { makeMaterials } from "./materials.js";
 
-export const HOLDS = ["pivot", "spring", "weld", "motor"];
+export const HOLDS = ["pivot", "spring", "weld", "motor", "slider", "rope", "pulley", "gear", "finger"];
+export const FIELDS = ["wind", "air", "water", "magnet", "attractor"];
+const ENDS = { finger: [], spring: ["from", "to"], slider: ["from", "to"], rope: ["from", "to"], pulley: ["from", "over", "and", "to"], gear: [] };
 
 // `kit` makes rows, titles and deeds
 export function makePanels(editor, { row, title, heading, deeds, erase, renamed, odd, si }) {
@@ -182,12 +184,12 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         kind = HOLDS.find((k) => item[k]),
         names = Object.keys(scene().objects);
       const at =
-        kind === "spring"
-          ? [0, 1].map((k) =>
-              row([...path, "spring", k], k ? "to" : "from", {
+        ENDS[kind]
+          ? ENDS[kind].map((label, k) =>
+              row([...path, kind, k], label, {
                 spec: { prefixItems: [{}, {}], "x-unit": "px" },
                 required: true,
-                edits: (value) => [{ set: [...path, "spring"], value: named(entry).spring.map((p, n) => (n === k ? value : p)) }],
+                edits: (value) => [{ set: [...path, kind], value: named(entry)[kind].map((p, n) => (n === k ? value : p)) }],
               }),
             )
           : [row([...path, kind], "at", { required: true })];
@@ -213,6 +215,11 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
             spring: "spring with a damper",
             weld: "weld: neither moves against the other",
             motor: "motor: it turns the first",
+            slider: "slider: the first runs along a rail",
+            rope: "rope: no farther apart than its length",
+            pulley: "pulley: a rope over two points",
+            gear: "gear: the two turn at a ratio",
+            finger: "finger: it pulls along its way, then lets go",
           }[kind],
         ),
         deeds(erase(entry)),
@@ -222,6 +229,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         holds(1),
         ...at,
         heading("How"),
+        ...(kind === "finger" ? [row([...path, "stiffness"], "stiffness", { required: true }), row([...path, "damping"], "damping")] : []),
         ...(kind === "spring"
           ? [
               row([...path, "stiffness"], "stiffness", { required: true }),
@@ -235,6 +243,16 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               row([...path, "limit"], "limit", { says: (v) => (v == null ? "as much as it takes" : "") }),
             ]
           : []),
+        ...(kind === "rope" || kind === "pulley" ? [row([...path, "length"], "length", { says: (v) => (v == null ? "as at the start" : "") })] : []),
+        ...(kind === "gear" ? [row([...path, "gear"], "ratio", { required: true })] : []),
+        ...(kind === "slider"
+          ? [
+              row([...path, "drive"], "drive", { says: (v) => (v == null ? "slides freely" : "") }),
+              row([...path, "force"], "force", { says: (v) => (v == null ? "as much as it takes" : "") }),
+            ]
+          : []),
+        ...(kind === "pivot" ? [row([...path, "friction"], "friction")] : []),
+        row([...path, "breaks"], "breaks at", { says: (v) => (v == null ? "never" : "") }),
         row([...path, "collide"], "bump", { spec: { type: "boolean", description: "Whether the two objects also collide with each other." } }),
       ];
     },
@@ -242,7 +260,17 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
       const path = pathOf(entry),
         item = named(entry);
       return [
-        ...title("field", entry.name, item.wind ? "wind" : "point that attracts; negative strength repels"),
+        ...title(
+          "field",
+          entry.name,
+          {
+            wind: "wind",
+            air: "air that rests",
+            water: "water: left, top, width, height",
+            magnet: "magnets",
+            attractor: "point that attracts; negative strength repels",
+          }[FIELDS.find((key) => item[key])],
+        ),
         deeds(erase(entry)),
         heading("What it does"),
         renamed(entry),
@@ -251,12 +279,21 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               row([...path, "wind"], "wind", { required: true, says: (v) => (v && meter() ? si(Math.hypot(...v) / meter(), "m/s") : "") }),
               row([...path, "drag"], "drag", { required: true }),
             ]
+          : item.magnet
+          ? [row([...path, "pull"], "pull", { required: true }), row([...path, "soften"], "soften")]
+          : item.air || item.water
+          ? [
+              ...(item.water ? [0, 1, 2, 3].map((k) => row([...path, "water", k], ["left", "top", "width", "height"][k], { required: true })) : []),
+              ...(item.water ? [row([...path, "density"], "density", { required: true })] : []),
+              row([...path, "drag"], "drag"),
+              row([...path, "linear"], "linear"),
+            ]
           : [
               row([...path, "attractor"], "at", { required: true }),
               row([...path, "strength"], "strength", { required: true }),
               row([...path, "soften"], "soften"),
             ]),
-        element("p.about", {}, item.objects ? `on ${item.objects.join(", ")}` : "on everything that moves freely"),
+        element("p.about", {}, item.objects || item.magnet ? `on ${(item.objects || item.magnet).join(", ")}` : "on everything that moves freely"),
       ];
     },
   };

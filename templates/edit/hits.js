@@ -56,7 +56,7 @@ export function makeHits(editor, view) {
       const own = item.segment || item.polyline;
       return own ? [own] : editor.player.run?.data.walls.find((wall) => wall.name === name)?.chains || [];
     }
-    if (kind === "joint") return [item.spring || [item.pivot || item.weld || item.motor]];
+    if (kind === "joint") return [item.spring || item.slider || item.rope || item.pulley || [item.pivot || item.weld || item.motor].filter(Boolean)];
     if (kind === "field" && item.attractor) return [[item.attractor]];
     if (kind === "force") return item.at ? [[item.at]] : [[centreOf({ kind: "object", name: item.object })].filter(Boolean)];
     return [];

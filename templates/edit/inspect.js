@@ -3,7 +3,7 @@
 import { button, element, isolated } from "./elements.js";
 import { named, pathOf, same } from "./app.js";
 import { loadSchema, makeRow } from "./fields.js";
-import { HOLDS, makePanels } from "./entries.js";
+import { FIELDS, HOLDS, makePanels } from "./entries.js";
 
 export function start(editor) {
   const body = element("div.sheet", {});
@@ -146,7 +146,7 @@ export function start(editor) {
         (k) => ["impulse", "force", "torque"].find((key) => all.forces[k][key] != null),
       ),
       ...group("joint", Object.keys(all.joints || {}), (n) => HOLDS.find((k) => all.joints[n][k])),
-      ...group("field", Object.keys(all.fields || {}), (n) => (all.fields[n].wind ? "wind" : "attractor")),
+      ...group("field", Object.keys(all.fields || {}), (n) => FIELDS.find((key) => all.fields[n][key])),
       heading("Add"),
       deeds(
         ...starters().map(([words, kind, wanted, value]) =>

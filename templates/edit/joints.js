@@ -9,6 +9,8 @@ const HOLDS = [
   ["spring", "Spring"],
   ["weld", "Weld"],
   ["motor", "Motor"],
+  ["slider", "Slider"],
+  ["rope", "Rope"],
 ];
 const SAG = 20; // px by which a weight stretches its spring
 
@@ -160,9 +162,14 @@ export function start(editor) {
         editor.say("Begin on an object: a joint connects one or two");
         return;
       }
-      if (hold === "spring") {
+      if (["spring", "slider", "rope"].includes(hold)) {
         if (Math.hypot(to[0] - from[0], to[1] - from[1]) < 6 * stage().unit) {
-          editor.say("Drag from an object to where the spring ends");
+          editor.say(`Drag from an object to where the ${hold} ends`);
+          return;
+        }
+        if (hold !== "spring") {
+          const other = hold === "rope" && under(to, first);
+          made("joints", hold, { objects: other ? [first, other] : [first], [hold]: [point2(from, by), point2(to, by)] });
           return;
         }
         const second = under(to, first),

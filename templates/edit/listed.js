@@ -19,7 +19,7 @@ export function start(editor) {
       ...Object.entries(there.boundaries || {}).map(([name]) => ({ kind: "boundary", name, details: ["boundary"] })),
       ...(there.forces || []).map((f, name) => ({ kind: "force", name, details: [`push on ${f.object}`] })),
       ...Object.entries(there.joints || {}).map(([name]) => ({ kind: "joint", name, details: ["joint"] })),
-      ...Object.entries(there.fields || {}).map(([name, f]) => ({ kind: "field", name, details: [f.wind ? "wind" : "attractor"] })),
+      ...Object.entries(there.fields || {}).map(([name, f]) => ({ kind: "field", name, details: [["wind", "air", "water", "magnet", "attractor"].find((key) => f[key])] })),
     ];
     const now = JSON.stringify(rows);
     if (now === listed) return; // who is in the list stays where they are

@@ -45,8 +45,12 @@ export function start(editor) {
     for (const [joint, item] of Object.entries(scene().joints || {})) {
       const mine = item.objects.map((one) => members.includes(one)),
         kind = ["pivot", "weld", "motor"].find((key) => item[key]);
-      if (item.spring && mine.some(Boolean))
-        ops.push({ set: ["joints", joint, "spring"], value: item.spring.map((p, k) => (mine[k] ? moved(p) : p)) });
+      const line = ["spring", "rope", "pulley"].find((key) => item[key]);
+      if (line && mine.some(Boolean)) {
+        const last = item[line].length - 1,
+          ends = { 0: mine[0], [last]: mine[1] };
+        ops.push({ set: ["joints", joint, line], value: item[line].map((p, k) => (ends[k] ? moved(p) : p)) });
+      }
       else if (kind && mine.length === 2 && mine.every(Boolean)) ops.push({ set: ["joints", joint, kind], value: moved(item[kind]) });
     }
     shown = { name, text: turn ? `${rounded(turn, 0.5)}°` : `${to.map((v) => rounded(v, 0.01)).join(", ")} px`, also: members.length - 1 };

@@ -9,7 +9,7 @@ const GRIP = 6;
 // keys of objects that hold points, and whether they hold one point or a list
 const POINTS = {
   boundary: { segment: 2, polyline: 2 },
-  joint: { spring: 2, pivot: 1, weld: 1, motor: 1 },
+  joint: { spring: 2, slider: 2, rope: 2, pulley: 4, pivot: 1, weld: 1, motor: 1 },
   field: { attractor: 1 },
   force: { at: 1 },
 };

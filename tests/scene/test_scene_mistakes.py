@@ -204,8 +204,8 @@ MISTAKES: dict[str, tuple[str, list[tuple[int, int, str, str]]]] = {
         [(7, 5, "forces[0].objects", "object")],
     ),
     "unknown joint": (
-        BALL + "joints:\n  s: {objects: [ball], slider: [1, 2]}\n",
-        [(7, 24, "joints.s.slider", "pivot")],
+        BALL + "joints:\n  s: {objects: [ball], hoist: [1, 2]}\n",
+        [(7, 24, "joints.s.hoist", "pivot")],
     ),
     "one name without list": (
         BALL + "joints:\n  s: {objects: ball, pivot: [1, 2]}\n",
@@ -375,7 +375,7 @@ MISTAKES: dict[str, tuple[str, list[tuple[int, int, str, str]]]] = {
         [(6, 15, "objects.ball.friction", "0.3")],
     ),
     "out of range": (
-        BALL + "    friction: -0.3\n    elasticity: 1.2\n",
+        BALL + "    friction: -0.3\n    elasticity: 12\n",
         [(6, 15, "objects.ball.friction", ""), (7, 17, "objects.ball.elasticity", "")],
     ),
     "revolutions": (
@@ -444,8 +444,8 @@ MISTAKES: dict[str, tuple[str, list[tuple[int, int, str, str]]]] = {
         [(7, 11, "fields.breeze.drag", "")],
     ),
     "unknown field": (
-        BALL + "fields:\n  breeze: {magnet: [3, 3]}\n",
-        [(7, 12, "fields.breeze.magnet", "wind")],
+        BALL + "fields:\n  breeze: {vortex: [3, 3]}\n",
+        [(7, 12, "fields.breeze.vortex", "wind")],
     ),
     "object of a field": (
         BALL + "fields:\n  breeze: {wind: [3, 3], drag: 1, object: ball}\n",

@@ -58,6 +58,7 @@ CANNOT = {
     Demand.TABLE: "Box2D knows forces in the plane only",
     Demand.ROLLING: "Box2D has friction of sliding only",
     Demand.FIELDS: "they would be our own formula again",
+    Demand.MACHINES: "they are not written for it",
 }
 
 

@@ -43,6 +43,7 @@ PARTS = 16
 
 CANNOT = {
     Demand.FIELDS: "they would be our own formula again",
+    Demand.MACHINES: "they are not written for it",
     Demand.FACES: "its contacts load what slips fastest most, so spin and slide are not shared over an area",
     Demand.TABLE_JOINTS: "a pinned ball would have to hold its axis upright",
 }

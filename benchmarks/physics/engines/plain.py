@@ -27,6 +27,7 @@ CANNOT = {
     Demand.TABLE: "Chipmunk knows forces in the plane only",
     Demand.ROLLING: "Chipmunk has friction of sliding only",
     Demand.FIELDS: "they would be our own formula again",
+    Demand.MACHINES: "they are not written for it",
 }
 
 

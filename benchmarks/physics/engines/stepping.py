@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from math import isfinite
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Body, Push, World
+from physgen.compile.world import Body, Joint, Push, World
 from physgen.scene.scene import JointKind, Load, Motion, Solid
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
@@ -28,6 +29,7 @@ class Demand(Enum):
     FACES = "bodies that rub on a table with a face"
     ROLLING = "rolling resistance"
     FIELDS = "force fields"
+    MACHINES = "rails, ropes, gears and pins with limits"
     TABLE_JOINTS = "a joint on a ball that rolls over a table"
 
 
@@ -65,9 +67,18 @@ def demands(world: World) -> frozenset[Demand]:
             found.add(Demand.TABLE_JOINTS)
     if any(body.rolling > 0 for body in dynamic):
         found.add(Demand.ROLLING)
+    if any(map(has_extras, world.joints)):
+        found.add(Demand.MACHINES)
     if world.fields:
         found.add(Demand.FIELDS)
     return frozenset(found)
+
+
+def has_extras(joint: Joint) -> bool:
+    """Whether a joint is more than a pin, a spring, a weld or a motor."""
+    plain = JointKind.PIVOT, JointKind.SPRING, JointKind.WELD, JointKind.MOTOR
+    is_plain = joint.kind in plain and joint.limits is None and joint.friction == 0
+    return not is_plain or isfinite(joint.breaks)
 
 
 def lies_on_table(world: World) -> bool:

@@ -6,15 +6,20 @@ from collections.abc import Iterator
 
 from physgen.evaluate.physics import (
     barriers,
+    bodies,
     conserved,
+    curves,
     energy,
     falling,
     forces,
     impacts,
     joints,
+    machines,
+    media,
     rolling,
     sliding,
     stacks,
+    surfaces,
     tabletop,
 )
 from physgen.evaluate.physics.scorecard import Row, scene_file, scene_of
@@ -25,11 +30,16 @@ _GROUPS = (
     rolling,
     impacts,
     conserved,
+    curves,
     barriers,
+    bodies,
     tabletop,
     stacks,
+    surfaces,
     forces,
     joints,
+    machines,
+    media,
     energy,
 )
 ROWS: tuple[Row, ...] = tuple(

@@ -1,0 +1,185 @@
+"""Rows of bodies with their own centre of mass, moment, damping and gravity, round scenery, and repeated paths."""
+
+from __future__ import annotations
+
+from math import cos, exp, radians, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.evaluate.physics.elliptic import runge_kutta
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    worst,
+)
+from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene, segment
+
+Array = NDArray[np.float64]
+
+
+def _roly_poly(draw: Draw) -> list[Case]:
+    """Largest deviation of the angle over the swing, against the Lagrange equation of a disc that rolls.
+
+    (I + m (R² + d² - 2 R d cos a)) a'' + m R d sin a a'² + m g d sin a = 0, the centre of
+    mass being d below the middle.
+    """
+    radius, mass = draw.number(40, 70, 1), draw.mass()
+    low, swing = draw.number(0.25, 0.6) * radius, draw.number(15, 50, 1)
+    moment = draw.number(0.3, 0.6) * mass * radius**2
+    least = moment + mass * (radius - low) ** 2
+    spin = sqrt(2 * mass * GRAVITY * low * (1 - cos(radians(swing))) / least)
+    spin *= draw.sign()
+    middle = np.array([320.0, 300 - radius])
+    velocity = [spin * (radius - low), 0.0]
+    objects = {
+        "toy": circle(
+            middle,
+            radius,
+            mass=mass,
+            moment=moment,
+            center_of_mass=[middle[0], middle[1] + low],
+            spin=float(np.degrees(spin)),
+            velocity=velocity,
+            friction=1.0,
+            elasticity=0.0,
+        )
+    }
+    floor = segment((20, 300), (620, 300), friction=1.0)
+
+    def rate(state: Array) -> Array:
+        angle, speed = state
+        inertia = moment + mass * (radius**2 + low**2 - 2 * radius * low * cos(angle))
+        pull = mass * low * sin(angle) * (GRAVITY + radius * speed**2)
+        return np.array([speed, -pull / inertia])
+
+    def measure(run: Run) -> Errors:
+        track = run.track("toy")
+        exact = runge_kutta(rate, np.array([0.0, spin]), 2.0, 480)
+        count = min(len(exact), len(track.angle))
+        off = np.abs(track.angle[:count] - exact[:count, 0]).max()
+        return {"angle": float(off) / radians(swing)}
+
+    return [Case(scene((640, 340), 2.0, objects, {"floor": floor}), measure)]
+
+
+def _own_numbers(draw: Draw) -> list[Case]:
+    """Largest deviation of each motion over its size: damped, light, heavy, and turned with its own moment."""
+    damping, scale = draw.number(0.5, 4), draw.number(-0.4, 0.6)
+    speed, spin = draw.number(80, 160, 0), draw.sign() * draw.number(200, 600, 0)
+    mass, gain, time = draw.mass(), draw.number(3, 9), 1.0
+    size = draw.number(30, 60), draw.number(20, 40)
+    moment = mass * draw.number(200, 2000, 0)
+    floats = {"gravity_scale": 0}
+    objects = {
+        "slowed": box(
+            (120, 100), size, mass=mass, damping=damping, spin=spin,
+            velocity=[speed, 0], **floats,
+        ),
+        "light": box((340, 240), size, mass=draw.mass(), gravity_scale=scale),
+        "turned": box((500, 100), size, mass=mass, moment=moment, **floats),
+    }  # fmt: skip
+    forces = [{"object": "turned", "torque": gain * moment}]
+
+    def measure(run: Run) -> Errors:
+        slowed, light, turned = (
+            run.track(name) for name in ("slowed", "light", "turned")
+        )
+        left = np.exp(-damping * slowed.times)
+        fall = scale * GRAVITY * light.times**2 / 2
+        off = [
+            np.abs(slowed.displacements[:, 0] * damping / speed - (1 - left)).max(),
+            np.abs(slowed.spin / radians(spin) - left).max(),
+            np.abs(light.displacements[:, 1] - fall).max() / np.abs(fall).max(),
+            abs(turned.spin[-1] / (gain * turned.times[-1]) - 1),
+        ]
+        return {"motion": worst([float(one) for one in off])}
+
+    return [Case(scene((640, 480), time, objects, forces=forces), measure)]
+
+
+def _round_hill(draw: Draw) -> list[Case]:
+    """Deviation of the horizontal speed at the end over its closed form: what slides off a round hill leaves it.
+
+    It leaves at cos a = 2/3 + v0²/(3 g R), R to its middle, with the speed sqrt(g R cos a).
+    """
+    radius, ball = draw.number(100, 150, 1), draw.number(8, 16)
+    side = draw.sign()
+    whole = radius + ball
+    speed = draw.number(0.2, 0.5) * sqrt(GRAVITY * whole)
+    top = 280.0 - radius
+    objects = {
+        "ball": circle(
+            (320, top - ball), ball, mass=draw.mass(), velocity=[side * speed, 0],
+            friction=0.0, elasticity=0.0,
+        )
+    }  # fmt: skip
+    shape = {"circle": {"center": [320.0, 280.0], "radius": radius}}
+    cosine = 2 / 3 + speed**2 / (3 * GRAVITY * whole)
+    leaves = sqrt(GRAVITY * whole * cosine) * cosine
+
+    def measure(run: Run) -> Errors:
+        end = run.track("ball").velocities[-1, 0]
+        return {"speed": abs(side * float(end) / leaves - 1)}
+
+    hill = {"hill": {"shape": shape, "friction": 0.0, "elasticity": 0.0}}
+    duration = 1.6 * whole / speed * exp(-speed / sqrt(GRAVITY * whole))
+    return [Case(scene((640, 420), min(duration, 1.2), objects, hill), measure)]
+
+
+def _shuttle(draw: Draw) -> list[Case]:
+    """Largest deviation of a shuttle's place over its way: knots that begin again."""
+    period, way = draw.number(0.3, 0.7, 3), draw.number(60, 200, 1)
+    turn = draw.number(-90, 90, 0)
+    knots = [
+        [0, 200.0, 100.0, 0],
+        [period / 2, 200 + way, 100.0, turn],
+        [period, 200.0, 100.0, 2 * turn],
+    ]
+    objects = {
+        "shuttle": box((200, 100), (40, 20), motion={"path": knots, "loop": True})
+    }
+
+    def measure(run: Run) -> Errors:
+        track = run.track("shuttle")
+        phase = (track.times / period) % 1.0
+        place = way * (1 - np.abs(2 * phase - 1))
+        turned = radians(turn) * 2 * track.times / period
+        off = np.abs(track.displacements[:, 0] - place).max() / way
+        return {"place": float(max(off, np.abs(track.angle - turned).max()))}
+
+    return [Case(scene((480, 200), 2.0, objects), measure)]
+
+
+ROWS = (
+    Row(
+        51, "roly-poly", "roly-poly that rolls with a low centre of mass",
+        "(I + m (R² + d² - 2 R d cos a)) a'' + m d sin a (g + R a'²) = 0",
+        "discs of 40 to 70 px, the centre of mass 0.25 to 0.6 R below the middle, swings of 15 to 50 degrees",
+        "Largest deviation of the angle in 2 s over the swing, against Runge and Kutta's method. Smooth motion, but "
+        "the phase adds up over several swings: 1 %.",
+        (Measure("angle", 1e-2),), _roly_poly,
+    ),
+    Row(
+        52, "own-numbers", "damping, gravity_scale and moment", "v0 e to the -c t; s g t²/2; M t/I",
+        "damping 0.5 to 4 a second, gravity -0.4 to 0.6 times, 20 to 500 g",
+        "Largest deviation of way and spin over their closed forms. Smooth motion: 0.3 %.",
+        (Measure("motion", 3e-3),), _own_numbers,
+    ),
+    Row(
+        53, "round-hill", "ball that slides off a round hill", "leaves at cos a = 2/3 + v0²/(3 g R)",
+        "hills of 100 to 150 px, balls of 8 to 16 px at 0.2 to 0.5 sqrt(g R), to either side",
+        "Horizontal speed after it leaves over its closed form. Steps cut a curve short: 1 %.",
+        (Measure("speed", 1e-2),), _round_hill,
+    ),
+    Row(
+        54, "shuttle", "path that begins again", "x(t) = x(t mod T)",
+        "periods of 0.3 to 0.7 s, ways of 60 to 200 px, turning by -90 to 90 degrees each way",
+        "Largest deviation of the place over the way, and of the angle. Written as it is: 1e-6.",
+        (Measure("place", 1e-6),), _shuttle,
+    ),
+)  # fmt: skip

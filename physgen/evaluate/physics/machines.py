@@ -1,0 +1,310 @@
+"""Rows of rails, ropes, pulleys, gears, and of pins with limits and friction, and of pins that break."""
+
+from __future__ import annotations
+
+from math import atan2, cos, pi, radians, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Document,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    worst,
+)
+from physgen.evaluate.physics.staging import GRAVITY, INERTIA, box, circle, scene
+
+Array = NDArray[np.float64]
+
+FLOATING = {"gravity": [0, 0]}
+
+
+def _slider(draw: Draw) -> list[Case]:
+    """Deviation of the way over the way to the rail's end, and of the resting place, likewise.
+
+    A block slides down a rail by g sin a t²/2 to its end. A cart with a drive of at
+    most F runs at F t/m, then at the drive's speed.
+    """
+    angle, length, mass = draw.number(15, 60, 1), draw.number(180, 260, 1), draw.mass()
+    side = draw.sign()
+    top = np.array([320.0 - side * 180, 60.0])
+    down = np.array([side * cos(radians(angle)), sin(radians(angle))])
+    begin = draw.number(20, 50, 1)
+    speed, time = draw.number(120, 220, 0), draw.number(0.2, 0.5, 3)
+    other = draw.mass()
+    objects = {
+        "block": box(top + begin * down, (36, 20), side * angle, mass=mass),
+        "cart": box((60, 360), (40, 20), mass=other),
+    }
+    joints = {
+        "rail": {
+            "objects": ["block"],
+            "slider": [top.tolist(), (top + length * down).tolist()],
+        },
+        "track": {
+            "objects": ["cart"],
+            "slider": [[60.0, 360.0], [600.0, 360.0]],
+            "drive": speed,
+            "force": other * speed / time,
+        },
+    }
+    way = length - begin
+
+    def measure(run: Run) -> Errors:
+        block, cart = run.track("block"), run.track("cart")
+        moved = block.displacements @ down
+        exact = GRAVITY * sin(radians(angle)) * block.times**2 / 2
+        slides = exact < way
+        pace = np.minimum(cart.times / time, 1) * speed
+        return {
+            "way": float(np.abs(moved - exact)[slides].max()) / way,
+            "end": float(np.abs(moved - way)[-1]) / way,
+            "drive": float(np.abs(cart.velocities[:, 0] - pace).max()) / speed,
+        }
+
+    return [Case(scene((640, 420), 2.0, objects, joints=joints), measure)]
+
+
+def _rope(draw: Draw) -> list[Case]:
+    """Deviation of the velocity after the rope's catch over that before, and of the energy lost over the kinetic one.
+
+    A ball is thrown; when its rope is tight, the velocity along the rope is lost and
+    the one across it stays: m (v·e)²/2 of the energy.
+    """
+    mass, length = draw.mass(), draw.number(120, 170, 1)
+    start = np.array([draw.number(20, 50, 1) * draw.sign(), draw.number(10, 40, 1)])
+    velocity = np.array([draw.number(-60, 60, 0), draw.number(0, 60, 0)])
+    anchor = np.array([320.0, 60.0])
+    objects = {
+        "ball": circle(anchor + start, 12, mass=mass, velocity=velocity.tolist())
+    }
+    joints = {
+        "rope": {
+            "objects": ["ball"],
+            "rope": [(anchor + start).tolist(), anchor.tolist()],
+            "length": length,
+        }
+    }
+
+    def flight(time: float) -> Array:
+        drop = np.array([0, GRAVITY * time**2 / 2])
+        return np.asarray(start + velocity * time + drop)
+
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        is_slack = np.hypot(*flight(middle)) < length
+        low, high = (middle, high) if is_slack else (low, middle)
+    along = flight(low) / length
+    before = velocity + np.array([0, GRAVITY * low])
+    lost = mass * float(before @ along) ** 2 / 2
+    after = before - (before @ along) * along
+
+    def measure(run: Run) -> Errors:
+        track = run.track("ball")
+        late = track.sample(low + 2 / 240)
+        # the speed along the circle, by the energy since the catch
+        height = track.y[late] - (anchor + flight(low))[1]
+        square = float(after @ after) + 2 * GRAVITY * height
+        speed = sqrt(max(square, 0.0))
+        energy = run.trajectory.energy
+        given = energy.dissipated[late] - energy.dissipated[0]
+        return {
+            "speed": abs(track.speed[late] - speed) / float(np.hypot(*before)),
+            "lost": abs(given / lost - 1),
+        }
+
+    return [Case(scene((640, 300), 1.0, objects, joints=joints), measure)]
+
+
+def _atwood(draw: Draw) -> list[Case]:
+    """Largest deviation of the way over the way at the end: a = g (m2 - m1)/(m1 + m2)."""
+    light, heavy = draw.number(50, 150, 0), draw.number(160, 400, 0)
+    side, apart = draw.sign(), draw.number(60, 120, 0)
+    left, right = (light, heavy) if side > 0 else (heavy, light)
+    x, other = 320 - apart, 320 + apart
+    objects = {
+        "left": circle((x, 260), 18, mass=left),
+        "right": circle((other, 260), 18, mass=right),
+    }
+    joints = {
+        "rope": {
+            "objects": ["left", "right"],
+            "pulley": [[x, 260], [x, 40], [other, 40], [other, 260]],
+        }
+    }
+    pull = GRAVITY * (right - left) / (right + left)
+    time = sqrt(2 * 150 / abs(pull))
+
+    def measure(run: Run) -> Errors:
+        track = run.track("right")
+        until = track.times <= time
+        exact = pull * track.times[until] ** 2 / 2
+        return {"way": float(np.abs(track.displacements[until, 1] - exact).max()) / 150}
+
+    return [Case(scene((640, 480), time, objects, joints=joints), measure)]
+
+
+def _gears(draw: Draw) -> list[Case]:
+    """Deviation of both spins over their closed form.
+
+    M = (I1 + I2/r²) a of the first, which turns r times for one turn of the second.
+    """
+    ratio = draw.sign() * draw.number(0.4, 2.5)
+    radius = draw.number(30, 60, 1)
+    other = radius * abs(ratio)
+    masses = [draw.mass(), draw.mass()]
+    places = [(320 - radius, 200.0), (320 + other, 200.0)]
+    objects = {
+        "driver": circle(places[0], radius, mass=masses[0]),
+        "wheel": circle(places[1], other, mass=masses[1]),
+    }
+    moments = [INERTIA["disc"] * masses[0] * radius**2]
+    moments.append(INERTIA["disc"] * masses[1] * other**2)
+    gain = draw.number(4, 12)
+    torque = gain * (moments[0] + moments[1] / ratio**2)
+    joints = {
+        "axle-1": {"objects": ["driver"], "pivot": list(places[0])},
+        "axle-2": {"objects": ["wheel"], "pivot": list(places[1])},
+        "teeth": {"objects": ["driver", "wheel"], "gear": ratio},
+    }
+    forces = [{"object": "driver", "torque": torque}]
+
+    def measure(run: Run) -> Errors:
+        driver, wheel = run.track("driver"), run.track("wheel")
+        time = driver.times[-1]
+        return {
+            "spin": worst(
+                [
+                    abs(driver.spin[-1] / (gain * time) - 1),
+                    abs(wheel.spin[-1] / (gain * time / ratio) - 1),
+                ]
+            )
+        }
+
+    return [
+        Case(
+            scene(
+                (640, 400), 2.0, objects, world=FLOATING, joints=joints, forces=forces
+            ),
+            measure,
+        )
+    ]
+
+
+def _pins(draw: Draw) -> list[Case]:
+    """Deviation of a flywheel's spin over its first one, and of a rod's resting angle over its limit.
+
+    Dry friction of torque M slows the wheel by M t/I until it stops; the rod falls onto
+    the limit of its hinge and rests there.
+    """
+    radius, mass = draw.number(30, 60, 1), draw.mass()
+    spin, time = draw.sign() * draw.number(200, 700, 0), draw.number(0.5, 1.4, 3)
+    moment = INERTIA["disc"] * mass * radius**2
+    limit = draw.number(15, 70, 1)
+    arm = draw.number(60, 100, 1)
+    objects: dict[str, Document] = {
+        "wheel": circle((120, 120), radius, mass=mass, spin=spin),
+        "rod": box((300 + arm, 120), (2 * arm, 12), mass=draw.mass()),
+    }
+    joints = {
+        "axle": {
+            "objects": ["wheel"],
+            "pivot": [120, 120],
+            "friction": moment * radians(abs(spin)) / time,
+        },
+        "hinge": {"objects": ["rod"], "pivot": [300, 120], "limits": [-20, limit]},
+    }
+
+    def measure(run: Run) -> Errors:
+        wheel, rod = run.track("wheel"), run.track("rod")
+        left = np.maximum(1 - wheel.times / time, 0)
+        return {
+            "spin": float(np.abs(wheel.spin / radians(spin) - left).max()),
+            "angle": float(np.abs(rod.angle / radians(limit) - 1)[-1]),
+        }
+
+    return [Case(scene((560, 340), 2.0, objects, joints=joints), measure)]
+
+
+def _breaking(draw: Draw) -> list[Case]:
+    """Deviation of the force at which a pendulum's pin breaks over the stated one.
+
+    A ball on a rod, released level, presses on its pin by m g s + m L w² along the rod,
+    s the sine of the angle fallen and w² = 2 m g L s/J, and by m g c (1 - m L²/J)
+    across it. The spin that it keeps when it is free gives s.
+    """
+    mass, arm, radius = draw.mass(), draw.number(90, 150, 1), draw.number(12, 25, 1)
+    side, part = draw.sign(), draw.number(1.2, 2.6)
+    moment = mass * (radius**2 / 2 + arm**2)
+    weight, pin = mass * GRAVITY, np.array([320.0, 120.0])
+    objects = {"ball": circle((320 + side * arm, 120), radius, mass=mass)}
+    joints = {
+        "pin": {
+            "objects": ["ball"],
+            "pivot": pin.tolist(),
+            "breaks": part * weight,
+        }
+    }
+
+    def measure(run: Run) -> Errors:
+        spin = float(run.track("ball").spin[-1])
+        sine = spin**2 * moment / (2 * weight * arm)
+        along = weight * sine + mass * arm * spin**2
+        across = weight * sqrt(max(1 - sine**2, 0.0)) * (1 - mass * arm**2 / moment)
+        return {"force": abs(np.hypot(along, across) / (part * weight) - 1)}
+
+    fall = fall_time(part, arm)
+    return [Case(scene((640, 460), fall + 0.3, objects, joints=joints), measure)]
+
+
+def fall_time(part: float, arm: float) -> float:
+    """Return at least the s in which a pendulum of `arm` px, released level, falls to where it pulls `part` weights."""
+    sine = min(part / 3, 0.95)
+    return sqrt(2 * arm / GRAVITY) * atan2(sine, sqrt(1 - sine**2)) * 2 / pi * 1.5
+
+
+ROWS = (
+    Row(
+        41, "slider", "block on a rail, and a drive with a limit", "s = g sin a t²/2; v = F t/m to its speed",
+        "rails of 180 to 260 px at 15 to 60 degrees, 20 to 500 g; a cart at 120 to 220 px/s, reached in 0.2 to 0.5 s",
+        "Largest deviation of the way and of the end over the way, and of the speed over the drive's. Smooth motion: "
+        "0.3 %, of which a step of the ramp takes most.",
+        (Measure("way", 3e-3), Measure("end", 1e-3), Measure("drive", 3e-3)), _slider,
+    ),
+    Row(
+        42, "rope", "rope that catches a ball", "the velocity along the rope is lost: m (v·e)²/2",
+        "ropes of 120 to 170 px, thrown at up to 85 px/s from 20 to 50 px beside the anchor",
+        "Speed after the catch over that before, and the energy that it took over its closed form. Algebra: 0.3 %.",
+        (Measure("speed", 3e-3), Measure("lost", 3e-3)), _rope,
+    ),
+    Row(
+        43, "atwood", "Atwood's machine", "a = g (m2 - m1)/(m1 + m2)",
+        "50 to 150 g against 160 to 400 g, on either side",
+        "Largest deviation of the way over 150 px. Smooth motion: 0.3 %.",
+        (Measure("way", 3e-3),), _atwood,
+    ),
+    Row(
+        44, "gears", "torque on two toothed wheels", "M = (I1 + I2/r²) a; w1 = r w2",
+        "ratios of 0.4 to 2.5 in either direction, wheels of 30 to 150 px, 20 to 500 g",
+        "Spins after 2 s over their closed forms. Algebra: 0.3 %.",
+        (Measure("spin", 3e-3),), _gears,
+    ),
+    Row(
+        45, "pins", "dry friction in a pin, and a hinge with a limit", "w = w0 - M t/I, then 0; rests at the limit",
+        "wheels of 30 to 60 px at 200 to 700 degrees/s that stop in 0.5 to 1.4 s; limits of 15 to 70 degrees",
+        "Spin at any time over the first one: 0.3 %. The angle at the end over the limit: 0.1 %.",
+        (Measure("spin", 3e-3), Measure("angle", 1e-3)), _pins,
+    ),
+    Row(
+        46, "breaking", "pin that breaks", "F² = (m g s + m L w²)² + (m g c (1 - m L²/J))², w² = 2 m g L s/J",
+        "20 to 500 g on 90 to 150 px, forces of 1.2 to 2.6 weights",
+        "The force at the break, by the spin that is left, over the stated one. The mean over 1/240 s lags: 2 %.",
+        (Measure("force", 2e-2),), _breaking,
+    ),
+)  # fmt: skip

@@ -1,0 +1,248 @@
+"""Rows of forces that change with time, of still air, water and magnets, and of a finger that pulls."""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Document,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    worst,
+)
+from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene
+
+Array = NDArray[np.float64]
+
+FLOATING = {"gravity": [0, 0]}
+
+
+def _profiles(draw: Draw) -> list[Case]:
+    """Largest deviation of the velocity at the end over the greatest one: the integral of the force over the mass."""
+    duration = 1.0
+    start, gain = draw.number(0.05, 0.2, 3), draw.number(80, 160, 0)
+    span = duration - start
+    ramp, frequency = draw.number(0.2, 0.6, 3), draw.number(1, 6)
+    on, off = draw.number(0.05, 0.2, 3), draw.number(0.05, 0.2, 3)
+    table = [
+        [0, draw.number(-1, 1)],
+        [0.3, draw.number(0, 2)],
+        [0.6, draw.number(0, 1)],
+    ]
+    rate = 2 * pi * frequency
+    rounds, rest = divmod(span, on + off)
+    (_, a), (_, b), (_, c) = table
+    exact = {
+        "ramp": ramp / 2 + span - ramp,
+        "sine": (1 - np.cos(rate * span)) / rate,
+        "pulse": rounds * on + min(rest, on),
+        "table": 0.15 * (a + b) + 0.15 * (b + c) + c * (span - 0.6),
+    }
+    profiles = {"ramp": ramp, "sine": frequency, "pulse": [on, off], "table": table}
+    objects: dict[str, Document] = {}
+    forces = []
+    for k, name in enumerate(exact):
+        mass = draw.mass()
+        objects[name] = box((120, 60 + 90 * k), (40, 24), mass=mass)
+        forces.append(
+            {
+                "object": name,
+                "force": [mass * gain, 0],
+                "start": start,
+                "profile": {name: profiles[name]},
+            }
+        )
+
+    def measure(run: Run) -> Errors:
+        errors = [
+            abs(float(run.track(name).velocities[-1, 0]) / gain - value)
+            for name, value in exact.items()
+        ]
+        return {"velocity": worst(errors) / max(abs(v) for v in exact.values())}
+
+    return [
+        Case(
+            scene((480, 400), duration, objects, world=FLOATING, forces=forces), measure
+        )
+    ]
+
+
+def _terminal(draw: Draw) -> list[Case]:
+    """Largest deviation of the fall's speed over the terminal one, at any time.
+
+    With linear drag v = u (1 - e to the -g t/u), u = m g/(b w); with drag by the square
+    v = u tanh(g t/u), u² = m g/(c w); with both u follows from m g = b w u + c w u².
+    """
+    objects, fields, finals = {}, {}, {}
+    for k, name in enumerate(("linear", "square", "both")):
+        radius, mass = draw.number(10, 20), draw.mass()
+        final = draw.number(80, 200, 0)
+        objects[name] = circle((100 + 130 * k, 30), radius, mass=mass)
+        share = {"linear": 1.0, "square": 0.0, "both": draw.number(0.3, 0.7)}[name]
+        pull = mass * GRAVITY / (2 * radius)
+        fields[f"air-{name}"] = {
+            "air": "still",
+            "objects": [name],
+            "linear": share * pull / final,
+            "drag": (1 - share) * pull / final**2,
+        }
+        finals[name] = final
+
+    def measure(run: Run) -> Errors:
+        errors = []
+        for name, final in finals.items():
+            track = run.track(name)
+            speed, late = track.velocities[:, 1], GRAVITY * track.times / final
+            exact = {
+                "linear": final * (1 - np.exp(-late)),
+                "square": final * np.tanh(late),
+                "both": np.where(late > 12, final, speed),
+            }[name]
+            errors.append(float(np.abs(speed - exact).max()) / final)
+        return {"speed": worst(errors)}
+
+    duration = max(2.0, 12.5 * max(finals.values()) / GRAVITY)
+    return [Case(scene((460, 500), duration, objects, fields=fields), measure)]
+
+
+def _buoyancy(draw: Draw) -> list[Case]:
+    """Deviation of a raft's place over its swing, and of a sunken ball's rise, from their closed forms.
+
+    A box of width w swings with W² = r w g/m about the depth m/(r w); a ball below the
+    surface rises with (r A - m) g/m. Nothing brakes them.
+    """
+    density, wide, high = draw.number(0.5, 2), draw.number(120, 180, 0), 60.0
+    mass = density * wide * high * draw.number(0.35, 0.6)
+    swing, surface = draw.sign() * draw.number(4, 15, 1), 160.0
+    depth = mass / (density * wide)
+    rest = surface + depth - high / 2
+    radius = draw.number(12, 20)
+    volume = density * pi * radius**2
+    ball = volume * draw.number(0.6, 0.85)
+    objects = {
+        "raft": box((160, rest + swing), (wide, high), mass=mass),
+        "ball": circle((400, 420), radius, mass=ball),
+    }
+    fields = {"pool": {"water": [0, surface, 640, 400], "density": density}}
+    rate = sqrt(density * wide * GRAVITY / mass)
+    lift = (volume - ball) * GRAVITY / ball
+    rises = sqrt(2 * (420 - surface - 2 * radius) / lift)
+
+    def measure(run: Run) -> Errors:
+        raft, sunk = run.track("raft"), run.track("ball")
+        place = rest + swing * np.cos(rate * raft.times)
+        below = sunk.times < rises
+        rise = lift * sunk.times[below] ** 2 / 2
+        off = np.abs(420 - sunk.y[below] - rise).max() / rise.max()
+        return {
+            "raft": float(np.abs(raft.y - place).max()) / abs(swing),
+            "rise": float(off),
+        }
+
+    return [Case(scene((640, 480), 2.0, objects, fields=fields), measure)]
+
+
+def _magnets(draw: Draw) -> list[Case]:
+    """Deviation of the places after one turn over the distance: T = 2 pi sqrt(r³/(p (1/m1 + 1/m2)))."""
+    apart, masses = draw.number(120, 200, 1), [draw.mass(), draw.mass()]
+    period = draw.number(0.8, 1.6, 3)
+    ease = 1 / masses[0] + 1 / masses[1]
+    pull = (2 * pi / period) ** 2 * apart**3 / ease
+    speed = 2 * pi * apart / period * draw.sign()
+    total = sum(masses)
+    objects = {}
+    for k, name in enumerate(("north", "south")):
+        side = (1, -1)[k] * masses[1 - k] / total
+        objects[name] = circle(
+            (320 + side * apart, 240), 10, mass=masses[k], velocity=[0, side * speed]
+        )
+    fields = {"pull": {"magnet": ["north", "south"], "pull": pull}}
+
+    def measure(run: Run) -> Errors:
+        errors = []
+        for name in objects:
+            track = run.track(name)
+            x, y = (
+                float(np.interp(period, track.times, track.displacements[:, k])) for k in (0, 1)
+            )
+            errors.append(float(np.hypot(x, y)) / apart)
+        return {"place": worst(errors)}
+
+    return [
+        Case(
+            scene((640, 480), period + 0.1, objects, world=FLOATING, fields=fields),
+            measure,
+        )
+    ]
+
+
+def _finger(draw: Draw) -> list[Case]:
+    """Largest deviation of the place over the way: v t - (v/w) sin w t while it pulls, then straight on."""
+    mass, frequency = draw.mass(), draw.number(1.5, 4)
+    time, speed = draw.number(0.3, 0.6, 3), draw.sign() * draw.number(100, 200, 0)
+    rate = 2 * pi * frequency
+    middle = np.array([320.0, 120.0])
+    end = np.array([320 + speed * time, 120.0])
+    objects = {"puck": circle(middle, 20, mass=mass)}
+    joints = {
+        "finger": {
+            "objects": ["puck"],
+            "finger": [[0, *middle.tolist()], [time, *end.tolist()]],
+            "stiffness": mass * rate**2,
+        }
+    }
+
+    def measure(run: Run) -> Errors:
+        track = run.track("puck")
+        held = np.minimum(track.times, time)
+        last = speed * (1 - np.cos(rate * time))
+        exact = speed * (held - np.sin(rate * held) / rate)
+        exact += last * (track.times - held)
+        return {
+            "place": float(np.abs(track.displacements[:, 0] - exact).max()) / abs(end[0] - 320)
+        }
+
+    return [
+        Case(scene((640, 240), 1.0, objects, world=FLOATING, joints=joints), measure)
+    ]
+
+
+ROWS = (
+    Row(
+        55, "profiles", "forces that change with time", "v = F/m x integral of the factor",
+        "ramps of 0.2 to 0.6 s, sines of 1 to 6 Hz, pulses of 0.05 to 0.2 s, tables of three points",
+        "Largest deviation of the velocity over the greatest one. Steps take the exact mean: 1e-4.",
+        (Measure("velocity", 1e-4),), _profiles,
+    ),
+    Row(
+        56, "terminal", "terminal speed in still air", "v = u (1 - e to the -g t/u); v = u tanh(g t/u)",
+        "discs of 10 to 20 px, 20 to 500 g, terminal speeds of 80 to 200 px/s, linear, by the square, and both",
+        "Largest deviation of the speed at any time over the terminal one. Smooth motion: 0.3 %.",
+        (Measure("speed", 3e-3),), _terminal,
+    ),
+    Row(
+        57, "buoyancy", "raft that bobs, and a ball that rises", "W² = r w g/m; (r A - m) g/m",
+        "rafts of 120 to 180 px in water of 0.5 to 2 g/px², 4 to 15 px from rest; balls of 0.6 to 0.85 of it",
+        "Largest deviation of the raft over its swing, and of the rise over itself: 0.3 %; the phase adds up: 1 %.",
+        (Measure("raft", 1e-2), Measure("rise", 3e-3)), _buoyancy,
+    ),
+    Row(
+        58, "magnets", "two magnets that circle each other", "T = 2 pi sqrt(r³/(p (1/m1 + 1/m2)))",
+        "20 to 500 g, 120 to 200 px apart, turns of 0.8 to 1.6 s in either direction",
+        "Distance from the first places after one turn over that between the two. Smooth motion: 0.3 %.",
+        (Measure("place", 3e-3),), _magnets,
+    ),
+    Row(
+        59, "finger", "finger that pulls on a spring", "v t - (v/w) sin w t, then straight on",
+        "20 to 500 g, 1.5 to 4 swings a second, pulled for 0.3 to 0.6 s at 100 to 200 px/s to either side",
+        "Largest deviation of the place over the way. Smooth motion: 0.3 %.",
+        (Measure("place", 3e-3),), _finger,
+    ),
+)  # fmt: skip

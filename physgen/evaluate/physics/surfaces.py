@@ -1,0 +1,215 @@
+"""Rows of belts, static friction, bumpers, and of what passes in one direction or by its group."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from physgen.evaluate.physics.scorecard import (
+    Case,
+    Draw,
+    Errors,
+    Measure,
+    Row,
+    Run,
+    Unit,
+)
+from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene, segment
+
+
+def _conveyor(draw: Draw) -> list[Case]:
+    """Largest deviation of the way over the pick-up distance u²/(2 mu g), and of the work over m u².
+
+    Of the work, one half is lost to friction and one half becomes kinetic energy.
+    """
+    mu, mass = draw.number(0.15, 0.6), draw.mass()
+    speed, side = draw.number(80, 240, 0), draw.sign()
+    begin = 320.0 - side * 240
+    objects = {
+        "parcel": box((begin, 250), (90, 20), mass=mass, friction=mu, elasticity=0.0)
+    }
+    belt = segment((20, 260), (620, 260), friction=mu, conveyor=side * speed)
+    pull, time = mu * GRAVITY, speed / (mu * GRAVITY)
+    distance = speed**2 / (2 * pull)
+
+    def measure(run: Run) -> Errors:
+        track, work = run.track("parcel"), run.trajectory.energy.work
+        slides = np.minimum(track.times, time)
+        exact = pull * slides**2 / 2 + speed * (track.times - slides)
+        moved = side * track.displacements[:, 0]
+        return {
+            "way": float(np.abs(moved - exact).max()) / distance,
+            "work": abs(float(work[-1]) / (mass * speed**2) - 1),
+        }
+
+    duration = time + 0.6 * (480 - distance) / speed
+    return [Case(scene((640, 320), duration, objects, {"belt": belt}), measure)]
+
+
+def _stick_slip(draw: Draw) -> list[Case]:
+    """Deviation of the spring's largest and least stretch over their difference.
+
+    A block on a spring whose end moves at v sticks up to a stretch of mu_s N/k. It then
+    swings about mu_k N/k by R, R² = ((mu_s - mu_k) N/k)² + (v/w)², until its speed is 0.
+    """
+    mass, kinetic = draw.mass(), draw.number(0.15, 0.3)
+    static = kinetic + draw.number(0.12, 0.25)
+    pull, frequency = draw.number(20, 50, 0), draw.number(1.5, 2.5)
+    stiffness = mass * (2 * np.pi * frequency) ** 2
+    weight, length = mass * GRAVITY / stiffness, 120.0
+    surface = {"friction": kinetic, "static_friction": static, "elasticity": 0.0}
+    objects = {
+        "block": box((80, 200), (40, 30), mass=mass, **surface),
+        "hand": circle(
+            (80 + length, 200),
+            6,
+            motion={"path": [[0, 80 + length, 200], [6, 80 + length + 6 * pull, 200]]},
+        ),
+    }
+    joints = {
+        "band": {
+            "objects": ["block", "hand"],
+            "spring": [[80, 200], [80 + length, 200]],
+            "stiffness": stiffness,
+        }
+    }
+    # as deep as the engine lets it stand: it need not settle
+    floor = segment((0, 214.995), (640, 214.995), **surface)
+    swing = np.hypot((static - kinetic) * weight, pull / (2 * np.pi * frequency))
+    high, low = kinetic * weight + swing, kinetic * weight - swing
+    sticks = static * weight / pull
+
+    def measure(run: Run) -> Errors:
+        block, hand = run.track("block"), run.track("hand")
+        stretch = hand.x - block.x - length
+        since = block.times > sticks
+        spread = high - low
+        return {
+            "most": abs(float(stretch.max()) - high) / spread,
+            "least": abs(float(stretch[since].min()) - low) / spread,
+        }
+
+    slips = 2 * sqrt(mass / stiffness) * np.pi + (high - low) / pull
+    duration = min(sticks + slips + 0.2, 5.9)
+    return [
+        Case(
+            scene((640, 280), duration, objects, {"floor": floor}, joints=joints),
+            measure,
+        )
+    ]
+
+
+def _bumper(draw: Draw) -> list[Case]:
+    """Deviation of the height after a bounce over e² h, and of the work over m g h (e² - 1)."""
+    e, height, mass = draw.number(1.05, 1.6), draw.number(40, 90, 1), draw.mass()
+    radius = draw.number(10, 20)
+    objects = {
+        "ball": circle(
+            (160, 300 - radius - height),
+            radius,
+            mass=mass,
+            elasticity=1.0,
+            friction=0.0,
+        )
+    }
+    bumper = segment((60, 300), (260, 300), elasticity=round(e * e, 6), friction=0.0)
+    e = sqrt(round(e * e, 6))
+    fall = sqrt(2 * height / GRAVITY)
+
+    def measure(run: Run) -> Errors:
+        track, work = run.track("ball"), run.trajectory.energy.work
+        late = track.times > fall
+        top = 300 - radius - float(track.y[late].min())
+        gain = mass * GRAVITY * height * (e * e - 1)
+        return {
+            "height": abs(top / (e * e * height) - 1),
+            "work": abs(float(work[-1]) / gain - 1),
+        }
+
+    duration = fall * (1 + e) + 0.1
+    return [Case(scene((320, 340), duration, objects, {"bumper": bumper}), measure)]
+
+
+def _passing(draw: Draw) -> list[Case]:
+    """Deviation of the flight from y0 - v t + g t²/2 over its height, and whether all end where they must.
+
+    A ball passes up through a one-way shelf as if it were not there, and lands on it; a
+    ball of another group falls through floor and block onto a floor of its group.
+    """
+    radius, mass = draw.number(8, 20), draw.mass()
+    rise, side = draw.number(70, 120, 0), draw.sign()
+    shelf = 200.0
+    start = shelf + draw.number(50, 120, 1)
+    speed = sqrt(2 * GRAVITY * (start - shelf + radius + rise))
+    x = 320 - side * 160
+    objects = {
+        "climber": circle(
+            (x, start), radius, mass=mass, velocity=[0, -speed], elasticity=0.0
+        ),
+        "block": box((640 - x, 300), (80, 60), mass=draw.mass()),
+        "ghost": circle(
+            (640 - x, 90),
+            radius,
+            elasticity=0.0,
+            collision_group="back",
+            collides_with=["back"],
+        ),
+    }
+    walls = {
+        "shelf": segment(
+            (x - 90, shelf), (x + 90, shelf), one_way=[0, -1], elasticity=0.0
+        ),
+        "floor": segment((0, 330), (640, 330)),
+        "rear": segment((0, 380), (640, 380), collision_group="back", elasticity=0.0),
+    }
+    lands = speed / GRAVITY + sqrt(2 * rise / GRAVITY)
+
+    def measure(run: Run) -> Errors:
+        climber, ghost = run.track("climber"), run.track("ghost")
+        flies = climber.times < lands - 0.01
+        times = climber.times[flies]
+        exact = start - speed * times + GRAVITY * times**2 / 2
+        falls = ghost.times < sqrt(2 * (290 - radius) / GRAVITY) - 0.01
+        drop = GRAVITY * ghost.times[falls] ** 2 / 2
+        ends = (
+            abs(climber.y[-1] - (shelf - radius)) < 0.1,
+            abs(ghost.y[-1] - (380 - radius)) < 0.1,
+            abs(run.track("block").displacements[-1, 1]) < 0.1,
+        )
+        off = np.abs(climber.y[flies] - exact).max() / (start - shelf + rise)
+        return {
+            "flight": float(max(off, np.abs(ghost.displacements[falls, 1] - drop).max() / 290)),
+            "ends": float(not all(ends)),
+        }
+
+    return [Case(scene((640, 400), lands + 0.4, objects, walls), measure)]
+
+
+ROWS = (
+    Row(
+        47, "conveyor", "block that a belt picks up", "u²/(2 mu g) to the belt's speed; work m u²",
+        "mu 0.15 to 0.6, belts at 80 to 240 px/s to either side, 20 to 500 g",
+        "Largest deviation of the way over the pick-up distance, and the belt's work over its closed form: as for "
+        "sliding, 0.3 %.",
+        (Measure("way", 3e-3), Measure("work", 3e-3)), _conveyor,
+    ),
+    Row(
+        48, "stick-slip", "block on a spring that sticks and slips", "mu_k N/k ± R, R² = ((mu_s - mu_k) N/k)² + (v/w)²",
+        "mu_k 0.15 to 0.3, mu_s 0.12 to 0.25 above it, 1.5 to 2.5 swings a second, pulled at 20 to 50 px/s",
+        "Largest and least stretch of the spring over their difference. Friction changes at a step: 1 %.",
+        (Measure("most", 1e-2), Measure("least", 1e-2)), _stick_slip,
+    ),
+    Row(
+        49, "bumper", "bumper of elasticity above 1", "height e² h; work m g h (e² - 1)",
+        "e 1.05 to 1.6, heights of 40 to 90 px, 20 to 500 g",
+        "Height after the bounce and the work over their closed forms: 1 %, as for bounces.",
+        (Measure("height", 1e-2), Measure("work", 1e-2)), _bumper,
+    ),
+    Row(
+        50, "passing", "one-way shelf and collision groups", "free flight through what lets it pass",
+        "balls of 8 to 20 px that rise 70 to 120 px above a shelf; one of a group behind floor and block",
+        "Largest deviation from free flight over its height, 0.1 %, and whether all land where they must.",
+        (Measure("flight", 1e-3), Measure("ends", 0, Unit.SWITCH)), _passing,
+    ),
+)  # fmt: skip
