@@ -254,7 +254,7 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         context.color_range, context.colorspace = 1, 1
         context.color_primaries, context.color_trc = 1, 13
         context.flags |= BITEXACT
-        border = ((0, height - size[1]), (0, width - size[0]), (0, 0))
+        border = _padding(size)
 
         def write(rgb: U8) -> None:
             if size != (width, height):
@@ -359,6 +359,12 @@ def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     yield write
 
 
+def _padding(size: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the columns and rows that make a size (w, h) even, for `np.pad`."""
+    width, height = size
+    return [(0, height % 2), (0, width % 2), (0, 0)]
+
+
 OPENERS = {
     Format.MP4: _mp4,
     Format.GIF: _gif,
@@ -395,7 +401,7 @@ def open_alpha_clip(
         layout = "rgba64le" if channels == 4 else "rgb48le"
 
         def write(picture: NDArray[np.uint16]) -> None:
-            border = ((0, height - size[1]), (0, width - size[0]), (0, 0))
+            border = _padding(size)
             even = np.ascontiguousarray(np.pad(picture, border, mode="edge"))
             frame = av.VideoFrame.from_ndarray(even, format=layout)
             frame = frame.reformat(
@@ -420,8 +426,8 @@ def sample_frames(path: Path, count: int, side: int) -> list[U8]:
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
-            places = np.linspace(0, stream.frames - 1, count).round().astype(int)
-            numbers = set(places.tolist())
+            places = np.linspace(0, stream.frames - 1, count)
+            numbers = set(places.round().astype(int).tolist())
             scale = min(side / max(stream.width, stream.height), 1.0)
             width = max(round(stream.width * scale), 1)
             height = max(round(stream.height * scale), 1)
