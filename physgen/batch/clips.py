@@ -25,7 +25,7 @@ class FoundClip(NamedTuple):
 
 
 def checked_folders(roots: Sequence[Path]) -> list[Path]:
-    """Folders that exist, none of them within another. Raises InputError."""
+    """Return folders that exist, none of them within another. Raise InputError."""
     problems = []
     for root in roots:
         if not root.is_dir():
@@ -47,7 +47,7 @@ def checked_folders(roots: Sequence[Path]) -> list[Path]:
 
 
 def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
-    """Clips in the order of `roots`, and in each in the natural order of names; one folder is listed at a time.
+    """Yield clips in the order of `roots`, and in each in the natural order of names; one folder is listed at a time.
 
     Folders whose names begin with a dot, and folders within a clip's, are passed over.
     """
@@ -86,7 +86,7 @@ def _below(folder: Path, name: str) -> Iterator[FoundClip]:
 
 
 def _read(path: Path) -> Mapping[str, Any] | None:
-    """None: it cannot be read and may be a clip's; web pages have a file of that name, too."""
+    """Return a manifest; None if it cannot be read: web pages have a file of that name, too."""
     try:
         data = (
             json.loads(path.read_bytes()) if path.is_file() else None
@@ -97,7 +97,7 @@ def _read(path: Path) -> Mapping[str, Any] | None:
 
 
 def clip_folders(roots: Sequence[Path]) -> list[Path]:
-    """Every clip's folder in or below `roots`, once, in the natural order of paths. Raises InputError for none."""
+    """Return every clip's folder in or below `roots`, once, in the natural order of paths. Raise InputError for none."""
     found: dict[str, Path] = {}
     problems = []
     for root in roots:
@@ -136,7 +136,7 @@ class Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Raises InputError where the manifest cannot be read."""
+    """Raise InputError if the manifest cannot be read."""
     path = folder / MANIFEST
     try:
         if not path.is_file():

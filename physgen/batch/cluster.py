@@ -103,7 +103,7 @@ class BatchSize:
 
     @property
     def items(self) -> int:
-        """Number of items that take about BATCH_SECONDS."""
+        """Return the number of items that take about BATCH_SECONDS."""
         count = int(BATCH_SECONDS / max(self.seconds, BATCH_SECONDS / LARGEST_BATCH))
         return max(1, count)
 
@@ -119,7 +119,7 @@ def own_versions() -> Versions:
 def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, float]:
     """Run a pickled function on pickled items, on a worker, in the user's `folder`.
 
-    Return the pickled results and their duration, s. Raises InputError if the results would differ, or if the worker
+    Return the pickled results and their duration, s. Raise InputError if the results would differ, or if the worker
     does not see the folder.
     """
     versions_here = own_versions()
@@ -135,7 +135,7 @@ def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, f
 
 
 def _enter(folder: str) -> None:
-    """Change to the working folder of the user. Raises InputError."""
+    """Change to the working folder of the user. Raise InputError."""
     if not folder:
         return
     try:
@@ -172,7 +172,7 @@ def run_on_cluster(
     """Yield `work(item)` for each item, in order; `lost(item, error)` if its workers died each time.
 
     `ship` is the URL of a store for the files of jobs or requests, in place of a shared folder. `report` gets the
-    reason of a wait. Raises InputError if there is no such cluster or the results of a worker would differ,
+    reason of a wait. Raise InputError if there is no such cluster or the results of a worker would differ,
     ConnectionError if the scheduler is lost. A caller that stops early must close the generator, which cancels the
     tasks.
     """
@@ -335,7 +335,7 @@ def _current_client(address: str) -> Client | None:
 
 
 def _scheduler_place(address: str) -> dict[str, str]:
-    """Return the argument of Client for an address or a scheduler file. Raises InputError."""
+    """Return the argument of Client for an address or a scheduler file. Raise InputError."""
     if not address.endswith(".json"):
         return {"address": address}
     path = Path(address).expanduser()
@@ -360,7 +360,7 @@ def _close(part: Any) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence logs and warnings of Dask, whose errors are reported in our own words."""
+    """Reduce logs and warnings of Dask to none: its errors are reported in our own words."""
     # for good: it still logs after the block
     logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)
     disabled = logging.root.manager.disable

@@ -49,7 +49,7 @@ class Splits:
     seed: int
 
     def of(self, photo: str) -> str:
-        """The split of all clips of a photo, by its SHA-256 and the seed only, so that more photos change nothing.
+        """Return the split of all clips of a photo, by its SHA-256 and the seed only: more photos change nothing.
 
         >>> even = Splits((("train", 0.5), ("test", 0.5)), 0)
         >>> [even.of(photo) for photo in "abcdef"]
@@ -65,12 +65,12 @@ class Splits:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the splits."""
+        """Return the names of the splits."""
         return tuple(name for name, _ in self.shares)
 
 
 def read_splits(text: str, seed: int) -> Splits:
-    """Parses `train=0.8,test=0.2`. Raises InputError."""
+    """Parse `train=0.8,test=0.2`. Raise InputError."""
     shares: dict[str, float] = {}
     for part in text.split(","):
         name, _, share = (piece.strip() for piece in part.partition("="))
@@ -95,7 +95,7 @@ def read_splits(text: str, seed: int) -> Splits:
 
 
 def key(name: str) -> str:
-    """The end of a path in safe characters, with a hash of the whole that makes it unique.
+    """Return the end of a path in safe characters, with a hash of the whole that makes it unique.
 
     >>> key("sweep/00-1,mass=2.5")
     'sweep_00-1-mass-2-5-261caf6945'
@@ -107,9 +107,9 @@ def key(name: str) -> str:
 def read_sample(
     clip: FoundClip, splits: Splits
 ) -> tuple[dict[str, Path], dict[str, Any]]:
-    """The files of a clip by their names in the data set, with all labels, and its metadata as JSON.
+    """Return the files of a clip by their names in the data set, with all labels, and its metadata as JSON.
 
-    Raises InputError where the clip cannot be used.
+    Raise InputError if the clip cannot be used.
     """
     manifest = clip.manifest
     if manifest is None:
@@ -128,7 +128,7 @@ def read_sample(
 def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     """Name in the data set (`video.mp4`, `format/...` of a label) -> file.
 
-    Raises InputError where a file is missing, or there is no video.
+    Raise InputError if a file is missing, or there is no video.
     """
     if VIDEO not in files:
         raise InputError.of(
@@ -189,7 +189,7 @@ def _about(
 
 
 def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
-    """SHA-256 of the photo; without one, of the scene file."""
+    """Return the SHA-256 of the photo; without one, of the scene file."""
     image = document.get("image")
     if image is not None:
         name = PurePosixPath(str(image)).name
@@ -200,7 +200,7 @@ def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
 
 
 def _parameter(text: str) -> tuple[str, Any]:
-    """`KEY=VALUE`, as `--set` takes it."""
+    """Return `KEY=VALUE`, as `--set` takes it."""
     name, _, value = str(text).partition("=")
     try:
         return name, parse_yaml(value).data
@@ -219,7 +219,7 @@ class DatasetSummary:
 
     @property
     def total(self) -> int:
-        """Number of clips."""
+        """Return the number of clips."""
         return self.counts.total()
 
 
@@ -268,7 +268,7 @@ def gather(
     """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
 
     `copies` runs the copying of clips, here or on a cluster. `layout` is a name of LAYOUTS.
-    Clips that cannot be used are warned of and left out. Raises InputError if the folders or
+    Clips that cannot be used are warned of and left out. Raise InputError if the folders or
     `out` cannot be used, or if there is no clip.
     """
     roots = checked_folders(roots)
@@ -326,7 +326,7 @@ def _distinct_clips(
 
 
 def _check_output(out: Path, roots: Sequence[Path]) -> None:
-    """The folder must be empty or new, and apart from those that are read. Raises InputError."""
+    """Check that the folder is empty or new, and apart from those that are read. Raise InputError."""
     check_writable(out)
     for root in roots:
         mine, read = out.resolve(), root.resolve()

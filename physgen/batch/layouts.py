@@ -84,7 +84,7 @@ class Shards:
     patterns: Sequence[str] = ("*.tar",)
 
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
-        """Raises InputError if webdataset is not installed."""
+        """Raise InputError if webdataset is not installed."""
         if find_spec("webdataset") is None:
             found = "needs webdataset, which is not installed"
             raise InputError.of("--layout", '"webdataset"', found, install("labels"))

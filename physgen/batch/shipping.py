@@ -116,7 +116,7 @@ class Shipper:
         self._inputs: dict[object, Mapping[str, str]] = {}
 
     def shipments(self, items: Iterable[Any]) -> Iterator[Shipment]:
-        """Yield the items with their inputs. Raises InputError for paths outside of the working folder."""
+        """Yield the items with their inputs. Raise InputError for paths outside of the working folder."""
         for item in items:
             if isinstance(item, Job):
                 self._name(Path(item.out))
@@ -172,7 +172,7 @@ class Shipper:
         return names
 
     def _name(self, path: Path) -> str:
-        """Return a path below the working folder. Raises InputError for another one."""
+        """Return a path below the working folder. Raise InputError for another one."""
         name = Path(os.path.normpath(self._home / path))
         if not name.is_relative_to(self._home):
             found = "is outside of the working folder"
@@ -291,7 +291,7 @@ def _worker_folder(command: str) -> Path:
 
 
 def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
-    """Return the paths of all clips in or below folders of a store. Raises InputError for none."""
+    """Return the paths of all clips in or below folders of a store. Raise InputError for none."""
     folders: set[Path] = set()
     problems = []
     for root in roots:

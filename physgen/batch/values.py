@@ -45,14 +45,14 @@ class Value:
 
     @property
     def cell(self) -> Cell:
-        """As a table holds it; lists and mappings become YAML text."""
+        """Return a value as tables have it; lists and mappings become YAML text."""
         return self.text if isinstance(self.data, list | dict) else self.data
 
 
 def split(text: str) -> Iterator[tuple[str, bool]]:
-    """Parts between commas that are outside brackets and quotes, and whether each is bare text.
+    """Return parts between commas that are outside brackets and quotes, and whether each is bare text.
 
-    Raises RefusedError for what is no YAML.
+    Raise RefusedError for what is no YAML.
 
     >>> list(split("1, [2, 3],'a,b'"))
     [('1', True), ('[2, 3]', False), ("'a,b'", False)]
@@ -79,7 +79,7 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
 
 
 def read_values(text: str) -> tuple[Value, ...]:
-    """Values and ranges between commas. Raises RefusedError."""
+    """Return values and ranges between commas. Raise RefusedError."""
     found: list[Value] = []
     for part, bare in split(text):
         if part.startswith("~"):
@@ -110,17 +110,17 @@ def _read_value(text: str) -> Value:
 
 
 def parse_yaml(text: str) -> Value:
-    """Raises InputError with messages that name no place."""
+    """Raise InputError with messages that name no place."""
     return Value(text, plain(read(text, Source("", Path()), counted=False)))
 
 
 def number_value(data: int | float) -> Value:
-    """A number with its shortest exact text."""
+    """Return a number with its shortest exact text."""
     return Value(number(data), data)
 
 
 def _read_range(text: str) -> list[Value]:
-    """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises RefusedError."""
+    """Return the numbers of `start:end:count[:log]`, exactly: 0.3 is in 0:1:11. Raise RefusedError."""
     parts = text.split(":")
     fix = "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes"
     if (
@@ -158,7 +158,7 @@ def _read_range(text: str) -> list[Value]:
 
 
 def _log_between(low: float, high: float, share: float) -> float:
-    """Between two numbers of one sign, linear in the logarithm; rounded to 15 digits, so that 1:1000:4 holds 10."""
+    """Return numbers between two of one sign, even in the logarithm; rounded to 15 digits: 10 is in 1:1000:4."""
     begin, end = log(abs(low)), log(abs(high))
     size = float(f"{exp(begin + share * (end - begin)):.15g}")
     size = min(max(size, min(abs(low), abs(high))), max(abs(low), abs(high)))
@@ -176,7 +176,7 @@ class Distribution:
     values: tuple[Value, ...] = ()  # of a choice; a repeated value is drawn more often
 
     def at(self, share: float) -> Value:
-        """The quantile: the value below which that share of draws lies, 0 < share < 1."""
+        """Return the quantile: that share of draws is below the value, 0 < share < 1."""
         if self.name == "choice":
             return self.values[int(share * len(self.values))]
         low, high = self.numbers
@@ -188,7 +188,7 @@ class Distribution:
 
 
 def read_distribution(text: str) -> Distribution:
-    """Parses `~NAME(...)`. Raises RefusedError."""
+    """Parse `~NAME(...)`. Raise RefusedError."""
     call = _CALL(text)
     name = call[1].lower() if call else ""
     if call is None or name not in EXAMPLES:
@@ -214,7 +214,7 @@ def read_distribution(text: str) -> Distribution:
 
 
 def _fault(found: Distribution, parts: int) -> str:
-    """What is wrong with the numbers of a distribution that was written with so many parts."""
+    """Return the fault of the numbers of a distribution with so many parts."""
     numbers = found.numbers
     if found.name == "normal":
         if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):

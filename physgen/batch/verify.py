@@ -57,7 +57,7 @@ class MotionDifference:
     """The largest distance of each that differs, px, the largest first; empty where trajectory.npz does not tell."""
 
     def text(self) -> str:
-        """For a person."""
+        """Return the text for a person."""
         before, now = self.counts
         counts = (
             f"{counted(before, 'sample')} then, {now} now; " if before != now else ""
@@ -77,7 +77,7 @@ class FrameDifference:
     counts: tuple[int, int]  # how many frames there were, and are
 
     def text(self) -> str:
-        """For a person."""
+        """Return the text for a person."""
         before, now = self.counts
         parts = [f"{counted(before, 'frame')} then, {now} now"] if before != now else []
         if self.differ:
@@ -135,7 +135,7 @@ class Verdict:
         return f"{self.clip}: {self.outcome.value}: {'; '.join([*parts, *self.notes])}"
 
     def as_dict(self) -> dict[str, Any]:
-        """For a program."""
+        """Return the data for a program."""
         problems = [problem.as_dict() for problem in self.problems]
         return asdict(replace(self, problems=())) | {
             "outcome": self.outcome.value,
@@ -146,7 +146,7 @@ class Verdict:
 def verify(
     request: VerifyRequest, progress: pipeline.Progress = pipeline.silent
 ) -> Verdict:
-    """Renders the clip's scene again and compares; what is wrong with the clip or its scene is in the verdict."""
+    """Render the clip's scene again and compare; faults of the clip or its scene are in the verdict."""
     try:
         return _verify(request, progress)
     except InputError as error:
@@ -158,7 +158,7 @@ def verify(
 
 
 def failed(request: VerifyRequest, error: Exception) -> Verdict:
-    """The verdict where the machine or physgen failed, not the scene."""
+    """Return the verdict after a failure of the machine or physgen, not of the scene."""
     problems = InputError.of(str(request.folder), "", *describe_failure(error)).problems
     return Verdict(str(request.folder), Outcome.UNKNOWN, problems=tuple(problems))
 
@@ -205,7 +205,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
 
 
 def _source(manifest: Manifest, folder: Path) -> Path:
-    """The scene file that the manifest names. Raises InputError where it is not there."""
+    """Return the scene file that the manifest names. Raise InputError if it is missing."""
     path = Path(folder.resolve(), manifest.source)
     if not path.is_file():
         fix = "the clip or the scene was moved; name it with --scene FILE"
@@ -216,7 +216,7 @@ def _source(manifest: Manifest, folder: Path) -> Path:
 def _damaged_files(
     folder: Path, files: Mapping[str, str], progress: Callable[[str, int, int], None]
 ) -> dict[str, str]:
-    """Output files that are not as they were written -> what is wrong with them."""
+    """Return the faults of output files that have changed, by file."""
     found = {}
     for count, (name, digest) in enumerate(files.items(), 1):
         path = folder / name
@@ -231,7 +231,7 @@ def _damaged_files(
 
 
 def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
-    """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
+    """Return a clip's trajectory.npz, if it has the `samples` of the manifest."""
     if not path.is_file():
         return None
     try:
@@ -252,7 +252,7 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
 def _motion_difference(
     folder: Path, samples: Sequence[str], now: Trajectory
 ) -> MotionDifference | None:
-    """None for equal motions; `samples` are the hashes of the old one."""
+    """Return the difference of motions, None for equal ones; `samples` are the hashes of the old one."""
     hashes = now.sample_hashes()
     if hashes == list(samples):
         return None
@@ -284,7 +284,7 @@ def _motion_difference(
 def _frame_difference(
     then: Sequence[str], now: Sequence[str]
 ) -> FrameDifference | None:
-    """None for equal frames, by their hashes."""
+    """Return the difference of frames by their hashes, None for equal ones."""
     if list(then) == list(now):
         return None
     differ = sum(a != b for a, b in zip(then, now, strict=False))
@@ -292,13 +292,13 @@ def _frame_difference(
 
 
 def _first_difference(then: Sequence[str], now: Sequence[str]) -> int:
-    """Index of the first that differs; where none of both does, how many both have."""
+    """Return the index of the first item that differs; the number of common items if none does."""
     pairs = enumerate(zip(then, now, strict=False))
     return next((k for k, (a, b) in pairs if a != b), min(len(then), len(now)))
 
 
 def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """A sentence for each input file that differs, by hashes."""
+    """Return a sentence for each input file that differs, by hashes."""
     for name in (*then, *(name for name in now if name not in then)):
         if then.get(name) != now.get(name):
             if name not in then:
@@ -311,13 +311,13 @@ def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[s
 def changed_environment(
     then: Mapping[str, str], now: Mapping[str, str]
 ) -> Iterator[str]:
-    """A sentence for each version or property of the machine that differs, of those that are known of both."""
+    """Return a sentence for each version or property of the machine that differs, of those that are known of both."""
     for name, value in then.items():
         if name in now and now[name] != value:
             yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
 def few(texts: Sequence[str]) -> str:
-    """The first ones, and the number of the others."""
+    """Return the first ones, and the number of the others."""
     more = len(texts) - MAX_NAMED
     return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")

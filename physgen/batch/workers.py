@@ -51,12 +51,12 @@ class Child:
         self.send(work)
 
     def send(self, item: Any) -> None:
-        """Hands it an item."""
+        """Send the process an item."""
         with suppress(OSError):  # where it died while idle, `receive` notices
             self.line.send(item)
 
     def receive(self) -> Any:
-        """The result of the last item. Raises what the work raised, or LostError where the process died."""
+        """Return the result of the last item. Raise the error of the work, or LostError if the process died."""
         try:
             result, error = self.line.recv()
         except (EOFError, OSError):
@@ -73,7 +73,7 @@ class Child:
         return result
 
     def stop(self) -> None:
-        """Asks it to end, at once."""
+        """Ask the process to end, at once."""
         self._process.terminate()
         self.line.close()
 
@@ -90,7 +90,7 @@ def run_parallel(
     workers: int,
     lost: Callable[[Item, LostError], Result],
 ) -> Generator[Result, None, None]:
-    """`work(item)` for each item, in order; `lost(item, error)` where its process died each time.
+    """Yield `work(item)` for each item, in order; `lost(item, error)` if its process died each time.
 
     One worker is this process. Several are child processes: `work`, items and results are pickled, and what `work`
     raises is raised here. A caller that stops early must close the generator, which ends the processes.
@@ -150,7 +150,7 @@ def run_parallel(
 
 
 def child_main(line: Connection, parent: int) -> None:
-    """Main function of a Child: its end of the line, and the id of the process that asks."""
+    """Run a Child, with its end of the line and the id of the process that asks."""
     keep_freed_memory()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
@@ -168,7 +168,7 @@ def child_main(line: Connection, parent: int) -> None:
 
 
 def _pickled(answer: tuple[Any, Exception | None]) -> bytes:
-    """The answer; where it cannot be pickled, a RuntimeError that says why."""
+    """Return the answer; a RuntimeError with the reason if it cannot be pickled."""
     try:
         data = pickle.dumps(answer)
         pickle.loads(data)
@@ -179,7 +179,7 @@ def _pickled(answer: tuple[Any, Exception | None]) -> bytes:
 
 
 def _watch_parent(parent: int) -> None:
-    """Ends this process when the parent is gone: nobody waits for its results."""
+    """Stop this process after the end of its parent: its results have no use then."""
     while is_parent_running(parent):
         time.sleep(PARENT_CHECK)
     terminate_self()

@@ -155,7 +155,7 @@ class Clip:
 def clips_in(roots: Sequence[Path]) -> list[Clip]:
     """Find every clip in or below `roots`, once, in the natural order of folders.
 
-    Raises InputError for roots without clips.
+    Raise InputError for roots without clips.
 
     Folders whose names begin with a dot, and files that are not ours, are skipped.
     """

@@ -139,7 +139,7 @@ def _instead(beside: Path, final: Path, old: Path) -> None:
 def output_folder(out: Path, name: str) -> Path:
     """Return `out/<name>`. Refuses a folder with files that no earlier run of ours wrote: nothing is lost.
 
-    Raises OutputError if no file can be written there.
+    Raise OutputError if no file can be written there.
     """
     check_writable(out)
     final = out / name

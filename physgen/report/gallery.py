@@ -73,7 +73,7 @@ def write_gallery(
 ) -> Gallery:
     """Write the page of all clips below `roots`.
 
-    A file at `index` that physgen did not write is backed up, and `keep` gets its new path. Raises InputError for
+    A file at `index` that physgen did not write is backed up, and `keep` gets its new path. Raise InputError for
     roots that are no folders.
     """
     if index.is_dir():

@@ -169,7 +169,7 @@ def _installed_version(name: str) -> str:
 def file_hash(path: Path) -> str:
     """Compute the SHA-256 of a file, read in blocks.
 
-    Raises OSError, for what is no plain file too: a pipe never ends.
+    Raise OSError, for what is no plain file too: a pipe never ends.
     """
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "is no plain file", str(path))
