@@ -30,9 +30,9 @@ class Key:
     @property
     def path(self) -> KeyPath:
         """Return the key's parts."""
-        found = parse_key(self.key)
-        assert found is not None
-        return found
+        parts = parse_key(self.key)
+        assert parts is not None
+        return parts
 
     @property
     def place(self) -> Place:
@@ -89,8 +89,8 @@ def _read_axis(argument: str) -> Axis:
             f"write KEY=VALUES, in quotes where it has spaces, e.g. {EXAMPLE}",
         )
     if parse_key(key) is None:
-        found = f"{quoted(key)} is not a dotted key" if key else "has no key"
-        raise RefusedError(found, f"write e.g. {EXAMPLE}")
+        fault = f"{quoted(key)} is not a dotted key" if key else "has no key"
+        raise RefusedError(fault, f"write e.g. {EXAMPLE}")
     if values.startswith("~"):
         return Drawn(key, argument, read_distribution(values))
     if (call := re.match(r"(\w+)\s*\(", values)) and call[1] in EXAMPLES:

@@ -37,9 +37,9 @@ def checked_folders(roots: Sequence[Path]) -> list[Path]:
             if real[root].is_relative_to(real[other]) or real[other].is_relative_to(
                 real[root]
             ):
-                found = f"and {other} hold the same clips"
+                fault = f"and {other} hold the same clips"
                 problems += InputError.of(
-                    str(root), "", found, "name only one of them"
+                    str(root), "", fault, "name only one of them"
                 ).problems
     if problems:
         raise InputError(problems)
@@ -58,10 +58,12 @@ def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
 def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     try:
         with os.scandir(folder) as entries:
-            shown = (entry for entry in entries if not entry.name.startswith("."))
+            visible_entries = (
+                entry for entry in entries if not entry.name.startswith(".")
+            )
             inside = {
                 e.name: os.path.isdir(e) if e.is_symlink() else e.is_dir()
-                for e in shown
+                for e in visible_entries
             }
     except OSError:  # it may not be read, or has gone since
         return
@@ -75,14 +77,14 @@ def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     elif looks_like_clip(inside):
         yield FoundClip(folder, name, None)
         return
-    for below in sorted(
+    for child in sorted(
         (name for name, is_folder in inside.items() if is_folder), key=natural
     ):
-        path = folder / below
+        path = folder / child
         if not (
             path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve())
         ):  # no endless loop
-            yield from _below(path, f"{name}/{below}")
+            yield from _below(path, f"{name}/{child}")
 
 
 def _read(path: Path) -> Mapping[str, Any] | None:
@@ -97,25 +99,25 @@ def _read(path: Path) -> Mapping[str, Any] | None:
 
 
 def clip_folders(roots: Sequence[Path]) -> list[Path]:
-    """Return every clip's folder in or below `roots`, once, in the natural order of paths. Raise InputError for none."""
-    found: dict[str, Path] = {}
+    """Return every clip's folder in or below `roots`, once, in natural order. Raise InputError for none."""
+    folders: dict[str, Path] = {}
     problems = []
     for root in roots:
         if not root.is_dir():
             fix = "name folders that were rendered into"
             problems += InputError.of(str(root), "", "is no folder", fix).problems
             continue
-        below = {
+        children = {
             os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])
         }
-        if not below:
+        if not children:
             fix = "name a folder that physgen rendered into, e.g. out"
             problems += InputError.of(str(root), "", "holds no clip", fix).problems
-        found = {**below, **found}
+        folders = {**children, **folders}
     if problems:
         raise InputError(problems)
     return sorted(
-        found.values(), key=lambda folder: [natural(part) for part in folder.parts]
+        folders.values(), key=lambda folder: [natural(part) for part in folder.parts]
     )
 
 
@@ -142,7 +144,7 @@ def read_manifest(folder: Path) -> Manifest:
         if not path.is_file():
             raise OSError
         data: Mapping[str, Any] = json.loads(path.read_bytes())
-        refined = bool(data.get("refine"))
+        has_refinement = bool(data.get("refine"))
         platform = data["platform"]
         return Manifest(
             source=str(data["source"]),
@@ -153,8 +155,8 @@ def read_manifest(folder: Path) -> Manifest:
             inputs=_texts(data["inputs"]),
             files=_texts(data["files"]),
             samples=tuple(map(str, data["samples"])),
-            frames=tuple(map(str, data["unrefined" if refined else "frames"])),
-            refined=refined,
+            frames=tuple(map(str, data["unrefined" if has_refinement else "frames"])),
+            refined=has_refinement,
         )
     except (
         OSError,
@@ -165,8 +167,8 @@ def read_manifest(folder: Path) -> Manifest:
         OverflowError,
         RecursionError,
     ):
-        found = "is damaged: it is no manifest that can be read"
-        raise InputError.of(str(path), "", found, "render the scene again") from None
+        fault = "is damaged: it is no manifest that can be read"
+        raise InputError.of(str(path), "", fault, "render the scene again") from None
 
 
 def _texts(data: Mapping[str, Any]) -> dict[str, str]:

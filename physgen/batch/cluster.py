@@ -141,9 +141,9 @@ def _enter(folder: str) -> None:
     try:
         os.chdir(folder)
     except OSError:
-        found = f"is not there on a worker, {platform.node()}"
+        fault = f"is not there on a worker, {platform.node()}"
         fix = "run this from a folder that workers share, or add --ship URL"
-        raise InputError.of(FLAG, f'"{folder}"', found, fix) from None
+        raise InputError.of(FLAG, f'"{folder}"', fault, fix) from None
 
 
 def _version_error(theirs: Versions, ours: Versions) -> InputError:
@@ -155,9 +155,9 @@ def _version_error(theirs: Versions, ours: Versions) -> InputError:
     def text(known: Versions) -> str:
         return ", ".join(f"{name} {known.get(name, 'none')[:12]}" for name in names)
 
-    found = f"a worker on {platform.node()}"
-    expected = f"has {text(ours)}, and here is {text(theirs)}: its results would differ"
-    return InputError.of(FLAG, found, expected, "install the same on both")
+    value = f"a worker on {platform.node()}"
+    fault = f"has {text(ours)}, and here is {text(theirs)}: its results would differ"
+    return InputError.of(FLAG, value, fault, "install the same on both")
 
 
 def run_on_cluster(
@@ -276,9 +276,9 @@ class _ClusterRun:
         try:
             content, seconds = future.result()
         except (ModuleNotFoundError, AttributeError) as error:
-            found = f"has no physgen, or another one ({error})"
+            fault = f"has no physgen, or another one ({error})"
             fix = "install the same on both"
-            raise InputError.of(FLAG, self.address, found, fix) from None
+            raise InputError.of(FLAG, self.address, fault, fix) from None
         except (CancelledError, CommClosedError):
             raise self._scheduler_error() from None
         self.size.add(seconds, items)
@@ -318,9 +318,9 @@ def _connected(address: str) -> Iterator[Client]:
             client = Client(**place, timeout=TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:
             reason = str(error).split("\n")[0]
-            found = f"is no scheduler that answers within {TIMEOUT:g} s ({reason})"
+            fault = f"is no scheduler that answers within {TIMEOUT:g} s ({reason})"
             fix = "check that it runs and that this machine reaches it; `dask scheduler` starts one"
-            raise InputError.of(FLAG, f'"{address}"', found, fix) from None
+            raise InputError.of(FLAG, f'"{address}"', fault, fix) from None
         stack.callback(_close, client)
         yield client
 
@@ -363,11 +363,11 @@ def _quiet() -> Iterator[None]:
     """Reduce logs and warnings of Dask to none: its errors are reported in our own words."""
     # for good: it still logs after the block
     logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)
-    disabled = logging.root.manager.disable
+    previous_level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             yield
         finally:
-            logging.disable(disabled)
+            logging.disable(previous_level)

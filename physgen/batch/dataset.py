@@ -80,8 +80,8 @@ def read_splits(text: str, seed: int) -> Splits:
             value = -1.0
         if not _SPLIT_NAME.fullmatch(name) or not 0 < value <= 1 or name in shares:
             fix = "write e.g. train=0.8,validation=0.1,test=0.1"
-            found = "is no split with its share of the photos"
-            raise InputError.of("--split", f'"{part.strip()}"', found, fix)
+            fault = "is no split with its share of the photos"
+            raise InputError.of("--split", f'"{part.strip()}"', fault, fix)
         shares[name] = value
     total = sum(shares.values())
     if abs(total - 1) > 1e-6:
@@ -134,10 +134,10 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
         raise InputError.of(
             str(folder), "", f"has no {VIDEO}", "render it with --export"
         )
-    chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
+    names = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
-    chosen |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
-    for name, file in chosen.items():
+    names |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
+    for name, file in names.items():
         for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
@@ -145,7 +145,7 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
             raise InputError.of(
                 str(folder / file), "", "is missing", "render the clip again"
             )
-    return {name: folder / file for name, file in chosen.items()}
+    return {name: folder / file for name, file in names.items()}
 
 
 def _about(
@@ -235,11 +235,11 @@ class Sample:
 def copy_sample(splits: Splits, copy: Copier, clip: FoundClip) -> Sample:
     """Read the metadata of a clip, and copy its files."""
     try:
-        members, about = read_sample(clip, splits)
-        copy(members, about)
+        members, metadata = read_sample(clip, splits)
+        copy(members, metadata)
     except InputError as error:
         return Sample({}, problems=tuple(error.problems))
-    return Sample(about, members)
+    return Sample(metadata, members)
 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
@@ -294,8 +294,8 @@ def gather(
                 progress(summary.total)
         if not summary.total:
             fix = "name folders that physgen rendered or exported into"
-            found = "holds no clip that can be used"
-            raise InputError.of(", ".join(map(str, roots)), "", found, fix)
+            fault = "holds no clip that can be used"
+            raise InputError.of(", ".join(map(str, roots)), "", fault, fix)
         files = writer.files()
         names = [name for name in splits.names if summary.counts[name]]
         (folder / CARD).write_text(card(names, writer.patterns), encoding="utf-8")
@@ -317,9 +317,9 @@ def _distinct_clips(
     for clip in find_clips(roots):
         name = key(clip.name)
         if name in keys:
-            found = f"is called {name}, as another clip is"
+            fault = f"is called {name}, as another clip is"
             fix = "give one of their folders another name"
-            reject(InputError.of(str(clip.folder), "", found, fix).problems)
+            reject(InputError.of(str(clip.folder), "", fault, fix).problems)
             continue
         keys.add(name)
         yield clip
@@ -329,9 +329,9 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
     """Check that the folder is empty or new, and apart from those that are read. Raise InputError."""
     check_writable(out)
     for root in roots:
-        mine, read = out.resolve(), root.resolve()
-        if mine.is_relative_to(read) or read.is_relative_to(mine):
-            place = "holds" if mine in read.parents else "lies in"
+        output, read = out.resolve(), root.resolve()
+        if output.is_relative_to(read) or read.is_relative_to(output):
+            place = "holds" if output in read.parents else "lies in"
             fix = "name a folder beside it with -o"
             raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)
     if out.exists() and any(out.iterdir()):

@@ -86,8 +86,8 @@ class Shards:
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
         """Raise InputError if webdataset is not installed."""
         if find_spec("webdataset") is None:
-            found = "needs webdataset, which is not installed"
-            raise InputError.of("--layout", '"webdataset"', found, install("labels"))
+            fault = "needs webdataset, which is not installed"
+            raise InputError.of("--layout", '"webdataset"', fault, install("labels"))
         self._root, self._stack, self._shard_clips = root, stack, shard_clips
         self._writers: dict[str, Any] = {}
 
@@ -111,10 +111,10 @@ class Shards:
 
         folder = self._root / split
         folder.mkdir()
-        escaped = str(folder).replace("%", "%%")
+        safe_name = str(folder).replace("%", "%%")
         # a fixed time and no owner: equal clips give equal bytes
         return ShardWriter(
-            f"{escaped}/shard-%06d.tar",
+            f"{safe_name}/shard-%06d.tar",
             maxcount=self._shard_clips,
             verbose=0,
             encoder=False,

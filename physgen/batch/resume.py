@@ -93,9 +93,9 @@ def unchanged_inputs(
     home = scene.parent.resolve()
     inputs: Mapping[str, str] = manifest["inputs"]
     document = manifest["document"]
-    named = [scene, *([home / document["image"]] if "image" in document else [])]
+    paths = [scene, *([home / document["image"]] if "image" in document else [])]
     if any(
-        _relative(home, path) not in inputs for path in named
+        _relative(home, path) not in inputs for path in paths
     ):  # a link that leads elsewhere now
         return False
     if any(
@@ -111,12 +111,12 @@ def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    found = [
+    paths = [
         entry
         for entry in os.scandir(folder)
         if entry.name.endswith(".png") or entry.name in DATA
     ]
-    return [_relative(home, Path(entry.path)) for entry in found]
+    return [_relative(home, Path(entry.path)) for entry in paths]
 
 
 def _relative(home: Path, path: Path) -> str:
@@ -126,11 +126,11 @@ def _relative(home: Path, path: Path) -> str:
 
 def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:
     """Return the warnings of the run that made a clip."""
-    found = []
+    warnings = []
     for data in manifest["warnings"]:
         place = Place(str(data["file"]), int(data["line"]), int(data["column"]))
-        path, what, expected, fix = (
+        path, label, fault, fix = (
             str(data[name]) for name in ("path", "found", "expected", "fix")
         )
-        found.append(Problem(place, path, what, expected, fix, Severity.WARNING))
-    return found
+        warnings.append(Problem(place, path, label, fault, fix, Severity.WARNING))
+    return warnings

@@ -55,8 +55,8 @@ class Store:
         except (ImportError, ValueError, OSError) as error:
             reason = str(error).split("\n")[0]
             fix = "write e.g. s3://BUCKET/NAME, and install the package for it"
-            found = f"is no store ({reason})"
-            raise InputError.of(FLAG, f'"{url}"', found, fix) from None
+            fault = f"is no store ({reason})"
+            raise InputError.of(FLAG, f'"{url}"', fault, fix) from None
         self._files, self._root = opened
 
     def size(self, name: str) -> int | None:
@@ -73,9 +73,9 @@ class Store:
             self._files.makedirs(parent, exist_ok=True)
             self._files.put_file(str(path), self._path(name))
         except OSError as error:
-            found = f"cannot be written ({error.strerror or error})"
+            fault = f"cannot be written ({error.strerror or error})"
             fix = "name a store in which you may write"
-            raise InputError.of(FLAG, f'"{self.url}"', found, fix) from None
+            raise InputError.of(FLAG, f'"{self.url}"', fault, fix) from None
 
     def get(self, name: str, path: Path) -> None:
         """Read a file of the store into a local one. Raises FileNotFoundError."""
@@ -175,9 +175,9 @@ class Shipper:
         """Return a path below the working folder. Raise InputError for another one."""
         name = Path(os.path.normpath(self._home / path))
         if not name.is_relative_to(self._home):
-            found = "is outside of the working folder"
+            fault = "is outside of the working folder"
             fix = f"with {FLAG}, run the command in a folder that holds scenes and results"
-            raise InputError.of(str(path), "", found, fix)
+            raise InputError.of(str(path), "", fault, fix)
         return name.relative_to(self._home).as_posix()
 
 
@@ -222,12 +222,12 @@ def _run_job(store: Store, root: Path, job: Job) -> Any:
     """Make a clip unless the store has it unchanged, and store it."""
     with suppress(InputError):  # a scene without a name for its folder
         _fetch_clip(store, root, job.folder)
-    done = run(job)
+    result = run(job)
     with suppress(InputError):
-        if done.state is not State.UNCHANGED and (job.folder / MANIFEST).is_file():
+        if result.state is not State.UNCHANGED and (job.folder / MANIFEST).is_file():
             _store_clip(store, job.folder)
         shutil.rmtree(job.folder, ignore_errors=True)
-    return done
+    return result
 
 
 def _store_clip(store: Store, folder: Path) -> None:
@@ -298,8 +298,8 @@ def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
         clips = set(store.clips(root.as_posix()))
         if not clips:
             fix = f"name a folder below {store.url} that holds clips"
-            found = f"holds no clip in {store.url}"
-            problems += InputError.of(str(root), "", found, fix).problems
+            fault = f"holds no clip in {store.url}"
+            problems += InputError.of(str(root), "", fault, fix).problems
         folders |= clips
     if problems:
         raise InputError(problems)

@@ -153,17 +153,17 @@ def planned(
     def wrong(place: str, found: str, fix: str) -> None:
         problems.extend(InputError.of(place, "", found, fix).problems)
 
-    drawn = [axis for axis in axes if isinstance(axis, Drawn)]
-    if drawn and samples is None:
+    draws = [axis for axis in axes if isinstance(axis, Drawn)]
+    if draws and samples is None:
         wrong(
-            str(drawn[0].place),
+            str(draws[0].place),
             "is a distribution without a number of draws",
             "add e.g. --samples 100",
         )
-    if not drawn:
+    if not draws:
         fix = "give a key a distribution, e.g. 'objects.ball.mass=~uniform(100, 200)'"
-        for flag, given in (("--samples", samples), ("--seed", seed)):
-            if given is not None:
+        for flag, options in (("--samples", samples), ("--seed", seed)):
+            if options is not None:
                 wrong(flag, "has nothing to draw", fix)
     if not axes and len(variants) == 1:
         wrong(
@@ -172,7 +172,7 @@ def planned(
             "write e.g. objects.ball.mass=100:900:9, or --variant all",
         )
     sweep = Sweep(
-        tuple(axes), tuple(variants), (samples or 0) if drawn else 0, seed or 0
+        tuple(axes), tuple(variants), (samples or 0) if draws else 0, seed or 0
     )
     count = prod(sweep._sizes)
     if count > MAX_CLIPS:
@@ -260,13 +260,13 @@ def _scene(
     variant: str | None,
 ) -> Scene:
     """Raise InputError whose problems point to the sweep's arguments in place of `--set`."""
-    ours = sweep.set_to(values)
+    settings = sweep.set_to(values)
     places = {
         quoted(f"--set {text}", "", 80): axis.place
-        for text, axis in zip(ours, sweep.axes, strict=True)
+        for text, axis in zip(settings, sweep.axes, strict=True)
     }
     try:
-        return opened.scene((*overrides, *ours), variant)
+        return opened.scene((*overrides, *settings), variant)
     except InputError as error:
         raise InputError(
             replace(problem, place=places.get(problem.place.file, problem.place))

@@ -80,23 +80,23 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
 
 def read_values(text: str) -> tuple[Value, ...]:
     """Return values and ranges between commas. Raise RefusedError."""
-    found: list[Value] = []
-    for part, bare in split(text):
+    values: list[Value] = []
+    for part, is_bare in split(text):
         if part.startswith("~"):
             fix = "write the distribution alone, or ~choice(...)"
             raise RefusedError("mixes values and a distribution", fix)
-        found += _read_range(part) if bare and _RANGE(part) else [_read_value(part)]
-    if not found:
+        values += _read_range(part) if is_bare and _RANGE(part) else [_read_value(part)]
+    if not values:
         raise RefusedError(
             "has no values",
             "write some, with commas between them; null takes a key away",
         )
-    seen: set[str] = set()
-    for value in found:
-        if (same := repr(value.data)) in seen:
+    texts: set[str] = set()
+    for value in values:
+        if (same := repr(value.data)) in texts:
             raise RefusedError(f"has {quoted(value.text, '')} twice", "keep one")
-        seen.add(same)
-    return tuple(found)
+        texts.add(same)
+    return tuple(values)
 
 
 def _read_value(text: str) -> Value:
@@ -201,16 +201,16 @@ def read_distribution(text: str) -> Distribution:
         raise RefusedError(f"names no {'known ' * bool(name)}distribution", fix)
     parts = [part for part, _ in split(call[2] or "")]
     if name == "choice":
-        found = Distribution(name, values=tuple(map(_read_value, parts)))
+        distribution = Distribution(name, values=tuple(map(_read_value, parts)))
         fault = "has not two values to choose from" if len(parts) < 2 else ""
     else:
-        found = Distribution(
+        distribution = Distribution(
             name, tuple(float(part) for part in parts if _DECIMAL(part))
         )
-        fault = _fault(found, len(parts))
+        fault = _fault(distribution, len(parts))
     if fault:
         raise RefusedError(fault, f"write e.g. {EXAMPLES[name]}")
-    return found
+    return distribution
 
 
 def _fault(found: Distribution, parts: int) -> str:

@@ -166,38 +166,40 @@ def failed(request: VerifyRequest, error: Exception) -> Verdict:
 def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     folder = request.folder
     manifest = read_manifest(folder)
-    damaged = _damaged_files(folder, manifest.files, progress)
+    damage = _damaged_files(folder, manifest.files, progress)
     path = request.scene or _source(manifest, folder)
     scene = pipeline.load(
         path, manifest.overrides, manifest.variant, request.allow_outside
     )
     here = {"machine": f"{platform.machine()} {platform.system()}"}
-    there = {"machine": manifest.machine}
-    warm = Stages(Keep.NOTHING)
-    maps = warm.maps(scene)
-    compiled = warm.compile(scene, maps)
+    recorded_machine = {"machine": manifest.machine}
+    stages = Stages(Keep.NOTHING)
+    maps = stages.maps(scene)
+    compilation = stages.compile(scene, maps)
     progress("simulate", 0, 1)
     with scene.located():
-        now = warm.simulate(compiled.world, progress)
-    film = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
+        new_trajectory = stages.simulate(compilation.world, progress)
+    film = Film(scene, compilation, maps, RunRecord(scene="", command=[]), stages)
     hashes = []
-    for frame in film.annotated(film.frames(now), now):
+    for frame in film.annotated(film.frames(new_trajectory), new_trajectory):
         hashes.append(frame_hash(frame.rgb))
-        progress("render", len(hashes), len(film.shot(now).order))
-    motion = _motion_difference(folder, manifest.samples, now)
+        progress("render", len(hashes), len(film.shot(new_trajectory).order))
+    motion = _motion_difference(folder, manifest.samples, new_trajectory)
     pictures = _frame_difference(manifest.frames, hashes)
-    same = motion is None and pictures is None and not damaged
+    matches = motion is None and pictures is None and not damage
     return Verdict(
         clip=str(folder),
-        outcome=Outcome.EQUAL if same else Outcome.DIFFERS,
+        outcome=Outcome.EQUAL if matches else Outcome.DIFFERS,
         samples=len(manifest.samples),
         frames=len(manifest.frames),
         files=len(manifest.files),
         changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
         elsewhere=tuple(
-            changed_environment({**manifest.versions, **there}, {**versions(), **here})
+            changed_environment(
+                {**manifest.versions, **recorded_machine}, {**versions(), **here}
+            )
         ),
-        damaged=tuple(f"{name} {what}" for name, what in damaged.items()),
+        damaged=tuple(f"{name} {fault}" for name, fault in damage.items()),
         motion=motion,
         pictures=pictures,
         notes=(NOT_REFINED,) if manifest.refined else (),
@@ -217,17 +219,17 @@ def _damaged_files(
     folder: Path, files: Mapping[str, str], progress: Callable[[str, int, int], None]
 ) -> dict[str, str]:
     """Return the faults of output files that have changed, by file."""
-    found = {}
+    faults = {}
     for count, (name, digest) in enumerate(files.items(), 1):
         path = folder / name
         if ".." in name.split("/") or Path(name).is_absolute():
-            found[name] = "is no file of the clip"
+            faults[name] = "is no file of the clip"
         elif not path.is_file():
-            found[name] = "is missing"
+            faults[name] = "is missing"
         elif file_hash(path) != digest:
-            found[name] = "is not as it was written"
+            faults[name] = "is not as it was written"
         progress("files", count, len(files))
-    return found
+    return faults
 
 
 def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
@@ -259,26 +261,27 @@ def _motion_difference(
     counts = len(samples), len(hashes)
     first = _first_difference(samples, hashes)
     time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
-    found = MotionDifference(first, time, counts)
+    difference = MotionDifference(first, time, counts)
     then = _stored_motion(folder / "trajectory.npz", samples)
     if (
         then is None
         or then.names != now.names
         or not np.array_equal(then.times, now.times)
     ):
-        return found
-    between = then.poses[..., :2] - now.poses[..., :2]
-    apart = dict(
+        return difference
+    deviation = then.poses[..., :2] - now.poses[..., :2]
+    distances = dict(
         zip(
             now.names,
-            np.hypot(between[..., 0], between[..., 1]).max(axis=0).tolist(),
+            np.hypot(deviation[..., 0], deviation[..., 1]).max(axis=0).tolist(),
             strict=True,
         )
     )
     order = sorted(
-        (name for name in apart if apart[name]), key=lambda name: -apart[name]
+        (name for name in distances if distances[name]),
+        key=lambda name: -distances[name],
     )
-    return replace(found, objects={name: apart[name] for name in order})
+    return replace(difference, objects={name: distances[name] for name in order})
 
 
 def _frame_difference(

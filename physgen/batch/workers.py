@@ -46,8 +46,8 @@ class Child:
     """
 
     def __init__(self, work: Callable[[Any], Any]) -> None:
-        self.line, theirs = Pipe()
-        self._process = start_worker(child_main, theirs)
+        self.line, child_end = Pipe()
+        self._process = start_worker(child_main, child_end)
         self.send(work)
 
     def send(self, item: Any) -> None:
@@ -61,13 +61,13 @@ class Child:
             result, error = self.line.recv()
         except (EOFError, OSError):
             code = self._process.wait() or 0
-            names = {int(one): one.name for one in signal.Signals}
-            how = (
+            names = {int(item): item.name for item in signal.Signals}
+            state = (
                 f"ended by {names.get(-code, -code)}"
                 if code < 0
                 else f"ended with exit code {code}"
             )
-            raise LostError(f"its process {'was ' * (code < 0)}{how}") from None
+            raise LostError(f"its process {'was ' * (code < 0)}{state}") from None
         if error is not None:
             raise error
         return result
@@ -102,14 +102,14 @@ def run_parallel(
     idle: list[Child] = []
     busy: dict[Any, tuple[Child, int, Item, int]] = {}
     """Line -> process, the number of its item, the item, and how often it was begun."""
-    again: list[tuple[int, Item, int]] = []
-    done: dict[int, Result] = {}
+    retries: list[tuple[int, Item, int]] = []
+    results: dict[int, Result] = {}
     due = pulled = 0
     try:
         while True:
             while len(busy) < workers:
-                if again:
-                    number, item, tries = again.pop()
+                if retries:
+                    number, item, tries = retries.pop()
                 elif (
                     pulled < due + AHEAD * workers
                     and (entry := next(source, None)) is not None
@@ -121,8 +121,8 @@ def run_parallel(
                 child = idle.pop() if idle else Child(work)
                 busy[child.line] = child, number, item, tries + 1
                 child.send(item)
-            if due in done:
-                yield done.pop(due)
+            if due in results:
+                yield results.pop(due)
                 due += 1
                 continue
             if not busy:
@@ -130,13 +130,13 @@ def run_parallel(
             for line in wait(list(busy)):
                 child, number, item, tries = busy.pop(line)
                 try:
-                    done[number] = child.receive()
+                    results[number] = child.receive()
                     idle.append(child)
                 except LostError as error:
                     if tries < TRIES:
-                        again.append((number, item, tries))
+                        retries.append((number, item, tries))
                     else:
-                        done[number] = lost(item, error)
+                        results[number] = lost(item, error)
                 except BaseException:
                     idle.append(child)
                     raise

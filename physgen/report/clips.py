@@ -160,38 +160,38 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
     Folders whose names begin with a dot, and files that are not ours, are skipped.
     """
     fix = "name folders that physgen rendered into, e.g. out"
-    missing = [
+    errors = [
         InputError.of(str(root), "", "is no folder", fix)
         for root in roots
         if not root.is_dir()
     ]
-    if missing:
-        raise InputError(problem for error in missing for problem in error.problems)
-    found: dict[Path, Clip] = {}
+    if errors:
+        raise InputError(problem for error in errors for problem in error.problems)
+    clips: dict[Path, Clip] = {}
     for root in roots:
         for clip in _below(root):
-            found.setdefault(clip.home.resolve(), clip)
+            clips.setdefault(clip.home.resolve(), clip)
     # a clip whose refinement failed replaces the record of that failure
     failures = {
-        clip.home: clip for clip in found.values() if clip.home.name.endswith(ENDING)
+        clip.home: clip for clip in clips.values() if clip.home.name.endswith(ENDING)
     }
-    kept = []
-    for clip in found.values():
+    rest = []
+    for clip in clips.values():
         failure = failures.get(clip.home.with_name(clip.home.name + ENDING))
         if failure is not None and clip.problems:
-            kept.append(replace(clip, problems=failures.pop(failure.home).problems))
+            rest.append(replace(clip, problems=failures.pop(failure.home).problems))
         elif clip.home not in failures:
-            kept.append(clip)
+            rest.append(clip)
     return sorted(
-        [*kept, *failures.values()],
+        [*rest, *failures.values()],
         key=lambda clip: [natural(part) for part in clip.home.parts],
     )
 
 
 def _below(root: Path) -> Iterator[Clip]:
     for place, folders, files in os.walk(root):
-        here = Path(place)
-        clip = _rendered(here) if "manifest.json" in files else None
+        folder = Path(place)
+        clip = _rendered(folder) if "manifest.json" in files else None
         if clip is not None:
             folders.clear()  # folders inside a clip belong to it
             yield clip
@@ -200,9 +200,9 @@ def _below(root: Path) -> Iterator[Clip]:
         for name in files:
             if (
                 name.endswith(ENDING)
-                and (failure := read_failure(here / name)) is not None
+                and (failure := read_failure(folder / name)) is not None
             ):
-                yield _failed(here / name, failure)
+                yield _failed(folder / name, failure)
 
 
 def _rendered(folder: Path) -> Clip | None:

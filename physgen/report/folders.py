@@ -103,15 +103,15 @@ def atomic_folder(final: Path) -> Iterator[Path]:
     ):  # once: listing a folder of 100,000 clips takes long
         _SWEPT.add(final.parent.resolve())
         remove_leftovers(final.parent)
-    beside = partial(final)
-    shutil.rmtree(beside, ignore_errors=True)
-    beside.mkdir()
+    new_folder = partial(final)
+    shutil.rmtree(new_folder, ignore_errors=True)
+    new_folder.mkdir()
     old = partial(final, "old")
     try:
-        yield beside
-        _instead(beside, final, old)
+        yield new_folder
+        _instead(new_folder, final, old)
     except BaseException:
-        shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(new_folder, ignore_errors=True)
         if old.exists() and not final.exists():
             old.rename(final)
         raise
@@ -143,19 +143,21 @@ def output_folder(out: Path, name: str) -> Path:
     """
     check_writable(out)
     final = out / name
-    strange = _strangers(final)
-    if strange is None:
+    foreign_files = _strangers(final)
+    if foreign_files is None:
         fix = "choose another folder with -o"
         raise InputError.of(
             str(final), "", "is there already and was not made by physgen", fix
         )
-    if strange:
-        found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
+    if foreign_files:
+        names = ", ".join(foreign_files[:3]) + (
+            ", ..." if len(foreign_files) > 3 else ""
+        )
         fix = "move it out, or choose another folder with -o"
         raise InputError.of(
             str(final),
             "",
-            f"would be replaced, and holds {found}, which physgen did not make",
+            f"would be replaced, and holds {names}, which physgen did not make",
             fix,
         )
     return final
@@ -164,8 +166,8 @@ def output_folder(out: Path, name: str) -> Path:
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read the record of an earlier run; empty if it is damaged."""
     try:
-        found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        return found if found["manifest"] == 1 and {*found["files"]} else {}
+        record = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return record if record["manifest"] == 1 and {*record["files"]} else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 
@@ -175,18 +177,18 @@ def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
 
     "" for none.
     """
-    kept, there = (
+    new_names, old_names = (
         {str(name).partition("/")[0] for name in names}
         for names in (again, manifest.get("files", ()))
     )
-    return listed(sorted(there - kept), "and")
+    return listed(sorted(old_names - new_names), "and")
 
 
 def looks_like_clip(names: Iterable[str]) -> bool:
     """Return whether names in a folder are those of a clip without its manifest."""
-    there = set(names)
+    present_names = set(names)
     return (
-        "clip.json" not in there and len(there & CLIPS) > 1
+        "clip.json" not in present_names and len(present_names & CLIPS) > 1
     )  # data sets have clip.json
 
 

@@ -154,8 +154,8 @@ def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
 
 @cache
 def _installed() -> dict[str, str]:
-    found = {"physgen": __version__, "python": platform.python_version()}
-    return found | {name: _installed_version(name) for name in LIBRARIES}
+    known_versions = {"physgen": __version__, "python": platform.python_version()}
+    return known_versions | {name: _installed_version(name) for name in LIBRARIES}
 
 
 def _installed_version(name: str) -> str:
@@ -217,7 +217,7 @@ def inputs(
                 if p.suffix == ".png" or p.name in DATA
             )
     folder = scene.folder.resolve()
-    named = {}
+    paths = {}
     for file in dict.fromkeys(file.resolve() for file in files):
-        named[Path(os.path.relpath(file, folder)).as_posix()] = digest(file)
-    return named
+        paths[Path(os.path.relpath(file, folder)).as_posix()] = digest(file)
+    return paths
