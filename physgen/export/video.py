@@ -7,7 +7,7 @@ import shutil
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from enum import Enum
 from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
@@ -106,7 +106,7 @@ def open_video(
         # PyAV crashes if a disk has no room for the header
         path.write_bytes(bytes(HEADER))
     try:
-        with OPENERS[kind](path, size, rate) as write:
+        with _opener(kind)(path, size, rate) as write:
             yield write if rate == source_rate else _resample(write, source_rate, rate)
     except FFmpegError as error:
         if error.errno in NO_ROOM:
@@ -115,6 +115,17 @@ def open_video(
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
         expected = f"could not be encoded ({error.strerror or error})"
         raise InputError.of(place, found, expected, fix) from None
+
+
+def _opener(kind: Format) -> Callable[..., AbstractContextManager[Write]]:
+    """Return the function that opens a file of a format."""
+    openers = {
+        Format.MP4: _mp4,
+        Format.GIF: _gif,
+        Format.WEBP: _webp,
+        Format.PNG: _png,
+    }
+    return openers[kind]
 
 
 def _resample(write: Write, source_rate: Fraction, rate: Fraction) -> Write:
@@ -363,14 +374,6 @@ def _padding(size: tuple[int, int]) -> list[tuple[int, int]]:
     """Return the columns and rows that make a size (w, h) even, for `np.pad`."""
     width, height = size
     return [(0, height % 2), (0, width % 2), (0, 0)]
-
-
-OPENERS = {
-    Format.MP4: _mp4,
-    Format.GIF: _gif,
-    Format.WEBP: _webp,
-    Format.PNG: _png,
-}
 
 
 @contextmanager
