@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from physgen.problems import InputError
+from physgen.problems import InputError, Problem
 from physgen.report.folders import looks_like_clip
 from physgen.text import natural
 
@@ -25,29 +25,42 @@ class FoundClip(NamedTuple):
 
 
 def checked_folders(roots: Sequence[Path]) -> list[Path]:
-    """Return folders that exist, none of them within another. Raise InputError."""
+    """Folders that exist, none of them within another. Raises InputError."""
     problems = []
     for root in roots:
         if not root.is_dir():
             fix = "name folders that were rendered or exported into"
             problems += InputError.of(str(root), "", "is no folder", fix).problems
-    real = {root: root.resolve() for root in roots}
-    for n, root in enumerate(roots):
-        for other in roots[:n]:
-            if real[root].is_relative_to(real[other]) or real[other].is_relative_to(
-                real[root]
-            ):
-                fault = f"and {other} hold the same clips"
-                problems += InputError.of(
-                    str(root), "", fault, "name only one of them"
-                ).problems
+    problems += _repeated_roots(roots)
     if problems:
         raise InputError(problems)
     return list(roots)
 
 
+def check_distinct(roots: Sequence[Path]) -> None:
+    """Refuse folders within others. Raises InputError."""
+    problems = _repeated_roots(roots)
+    if problems:
+        raise InputError(problems)
+
+
+def _repeated_roots(roots: Sequence[Path]) -> list[Problem]:
+    """Return a problem for each pair of folders of which one holds the other."""
+    real = {root: root.resolve() for root in roots}
+    problems: list[Problem] = []
+    for n, root in enumerate(roots):
+        for other in roots[:n]:
+            if real[root].is_relative_to(real[other]) or real[other].is_relative_to(
+                real[root]
+            ):
+                found = f"and {other} hold the same clips"
+                fix = "name only one of them"
+                problems += InputError.of(str(root), "", found, fix).problems
+    return problems
+
+
 def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
-    """Yield clips in the order of `roots`, and in each in the natural order of names; one folder is listed at a time.
+    """Clips in the order of `roots`, and in each in the natural order of names; one folder is listed at a time.
 
     Folders whose names begin with a dot, and folders within a clip's, are passed over.
     """
@@ -58,12 +71,10 @@ def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
 def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     try:
         with os.scandir(folder) as entries:
-            visible_entries = (
-                entry for entry in entries if not entry.name.startswith(".")
-            )
+            shown = (entry for entry in entries if not entry.name.startswith("."))
             inside = {
                 e.name: os.path.isdir(e) if e.is_symlink() else e.is_dir()
-                for e in visible_entries
+                for e in shown
             }
     except OSError:  # it may not be read, or has gone since
         return
@@ -77,18 +88,18 @@ def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     elif looks_like_clip(inside):
         yield FoundClip(folder, name, None)
         return
-    for child in sorted(
+    for below in sorted(
         (name for name, is_folder in inside.items() if is_folder), key=natural
     ):
-        path = folder / child
+        path = folder / below
         if not (
             path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve())
         ):  # no endless loop
-            yield from _below(path, f"{name}/{child}")
+            yield from _below(path, f"{name}/{below}")
 
 
 def _read(path: Path) -> Mapping[str, Any] | None:
-    """Return a manifest; None if it cannot be read: web pages have a file of that name, too."""
+    """None: it cannot be read and may be a clip's; web pages have a file of that name, too."""
     try:
         data = (
             json.loads(path.read_bytes()) if path.is_file() else None
@@ -99,25 +110,25 @@ def _read(path: Path) -> Mapping[str, Any] | None:
 
 
 def clip_folders(roots: Sequence[Path]) -> list[Path]:
-    """Return every clip's folder in or below `roots`, once, in natural order. Raise InputError for none."""
-    folders: dict[str, Path] = {}
+    """Every clip's folder in or below `roots`, once, in the natural order of paths. Raises InputError for none."""
+    found: dict[str, Path] = {}
     problems = []
     for root in roots:
         if not root.is_dir():
             fix = "name folders that were rendered into"
             problems += InputError.of(str(root), "", "is no folder", fix).problems
             continue
-        children = {
+        below = {
             os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])
         }
-        if not children:
+        if not below:
             fix = "name a folder that physgen rendered into, e.g. out"
             problems += InputError.of(str(root), "", "holds no clip", fix).problems
-        folders = {**children, **folders}
+        found = {**below, **found}
     if problems:
         raise InputError(problems)
     return sorted(
-        folders.values(), key=lambda folder: [natural(part) for part in folder.parts]
+        found.values(), key=lambda folder: [natural(part) for part in folder.parts]
     )
 
 
@@ -138,13 +149,13 @@ class Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Raise InputError if the manifest cannot be read."""
+    """Raises InputError where the manifest cannot be read."""
     path = folder / MANIFEST
     try:
         if not path.is_file():
             raise OSError
         data: Mapping[str, Any] = json.loads(path.read_bytes())
-        has_refinement = bool(data.get("refine"))
+        refined = bool(data.get("refine"))
         platform = data["platform"]
         return Manifest(
             source=str(data["source"]),
@@ -155,8 +166,8 @@ def read_manifest(folder: Path) -> Manifest:
             inputs=_texts(data["inputs"]),
             files=_texts(data["files"]),
             samples=tuple(map(str, data["samples"])),
-            frames=tuple(map(str, data["unrefined" if has_refinement else "frames"])),
-            refined=has_refinement,
+            frames=tuple(map(str, data["unrefined" if refined else "frames"])),
+            refined=refined,
         )
     except (
         OSError,
@@ -167,8 +178,8 @@ def read_manifest(folder: Path) -> Manifest:
         OverflowError,
         RecursionError,
     ):
-        fault = "is damaged: it is no manifest that can be read"
-        raise InputError.of(str(path), "", fault, "render the scene again") from None
+        found = "is damaged: it is no manifest that can be read"
+        raise InputError.of(str(path), "", found, "render the scene again") from None
 
 
 def _texts(data: Mapping[str, Any]) -> dict[str, str]:

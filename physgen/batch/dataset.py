@@ -15,7 +15,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -23,7 +23,15 @@ from typing import Any
 
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
-from physgen.batch.layouts import LAYOUTS, SHARD_CLIPS, VIDEO, Copier, card
+from physgen.batch.layouts import (
+    LAYOUTS,
+    SHARD_CLIPS,
+    VIDEO,
+    Copier,
+    Layout,
+    Members,
+    card,
+)
 from physgen.batch.values import parse_yaml
 from physgen.files import check_writable
 from physgen.problems import InputError, Problem
@@ -49,7 +57,7 @@ class Splits:
     seed: int
 
     def of(self, photo: str) -> str:
-        """Return the split of all clips of a photo, by its SHA-256 and the seed only: more photos change nothing.
+        """The split of all clips of a photo, by its SHA-256 and the seed only, so that more photos change nothing.
 
         >>> even = Splits((("train", 0.5), ("test", 0.5)), 0)
         >>> [even.of(photo) for photo in "abcdef"]
@@ -65,12 +73,12 @@ class Splits:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the splits."""
+        """Of the splits."""
         return tuple(name for name, _ in self.shares)
 
 
 def read_splits(text: str, seed: int) -> Splits:
-    """Parse `train=0.8,test=0.2`. Raise InputError."""
+    """Parses `train=0.8,test=0.2`. Raises InputError."""
     shares: dict[str, float] = {}
     for part in text.split(","):
         name, _, share = (piece.strip() for piece in part.partition("="))
@@ -80,8 +88,8 @@ def read_splits(text: str, seed: int) -> Splits:
             value = -1.0
         if not _SPLIT_NAME.fullmatch(name) or not 0 < value <= 1 or name in shares:
             fix = "write e.g. train=0.8,validation=0.1,test=0.1"
-            fault = "is no split with its share of the photos"
-            raise InputError.of("--split", f'"{part.strip()}"', fault, fix)
+            found = "is no split with its share of the photos"
+            raise InputError.of("--split", f'"{part.strip()}"', found, fix)
         shares[name] = value
     total = sum(shares.values())
     if abs(total - 1) > 1e-6:
@@ -95,7 +103,7 @@ def read_splits(text: str, seed: int) -> Splits:
 
 
 def key(name: str) -> str:
-    """Return the end of a path in safe characters, with a hash of the whole that makes it unique.
+    """The end of a path in safe characters, with a hash of the whole that makes it unique.
 
     >>> key("sweep/00-1,mass=2.5")
     'sweep_00-1-mass-2-5-261caf6945'
@@ -107,9 +115,9 @@ def key(name: str) -> str:
 def read_sample(
     clip: FoundClip, splits: Splits
 ) -> tuple[dict[str, Path], dict[str, Any]]:
-    """Return the files of a clip by their names in the data set, with all labels, and its metadata as JSON.
+    """The files of a clip by their names in the data set, with all labels, and its metadata as JSON.
 
-    Raise InputError if the clip cannot be used.
+    Raises InputError where the clip cannot be used.
     """
     manifest = clip.manifest
     if manifest is None:
@@ -128,16 +136,16 @@ def read_sample(
 def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     """Name in the data set (`video.mp4`, `format/...` of a label) -> file.
 
-    Raise InputError if a file is missing, or there is no video.
+    Raises InputError where a file is missing, or there is no video.
     """
     if VIDEO not in files:
         raise InputError.of(
             str(folder), "", f"has no {VIDEO}", "render it with --export"
         )
-    names = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
+    chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
-    names |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
-    for name, file in names.items():
+    chosen |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
+    for name, file in chosen.items():
         for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
@@ -145,7 +153,7 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
             raise InputError.of(
                 str(folder / file), "", "is missing", "render the clip again"
             )
-    return {name: folder / file for name, file in names.items()}
+    return {name: folder / file for name, file in chosen.items()}
 
 
 def _about(
@@ -189,7 +197,7 @@ def _about(
 
 
 def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
-    """Return the SHA-256 of the photo; without one, of the scene file."""
+    """SHA-256 of the photo; without one, of the scene file."""
     image = document.get("image")
     if image is not None:
         name = PurePosixPath(str(image)).name
@@ -200,7 +208,7 @@ def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
 
 
 def _parameter(text: str) -> tuple[str, Any]:
-    """Return `KEY=VALUE`, as `--set` takes it."""
+    """`KEY=VALUE`, as `--set` takes it."""
     name, _, value = str(text).partition("=")
     try:
         return name, parse_yaml(value).data
@@ -219,7 +227,7 @@ class DatasetSummary:
 
     @property
     def total(self) -> int:
-        """Return the number of clips."""
+        """Number of clips."""
         return self.counts.total()
 
 
@@ -229,17 +237,18 @@ class Sample:
 
     about: Mapping[str, Any]
     members: Mapping[str, Path] = field(default_factory=dict)
+    folder: Path | None = None  # of its copy
     problems: tuple[Problem, ...] = ()
 
 
-def copy_sample(splits: Splits, copy: Copier, clip: FoundClip) -> Sample:
-    """Read the metadata of a clip, and copy its files."""
+def copy_sample(splits: Splits, copier: Copier, root: Path, clip: FoundClip) -> Sample:
+    """Read the metadata of a clip, and copy its files into the data set at `root`."""
     try:
-        members, metadata = read_sample(clip, splits)
-        copy(members, metadata)
+        members, about = read_sample(clip, splits)
+        folder = copier(root, members, about)
     except InputError as error:
         return Sample({}, problems=tuple(error.problems))
-    return Sample(metadata, members)
+    return Sample(about, members, folder)
 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
@@ -255,85 +264,114 @@ Copies = Callable[
 """Calls a function for each clip, in order, as `map` does."""
 
 
-def gather(
-    roots: Sequence[Path],
-    out: Path,
-    splits: Splits,
-    warn: Callable[[Problem], None],
-    progress: Callable[[int], None] = lambda count: None,
-    copies: Copies = map,
-    layout: str = "folder",
-    shard_clips: int = SHARD_CLIPS,
-) -> DatasetSummary:
-    """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
+@dataclass(frozen=True)
+class Gathering:
+    """How clips become a data set."""
 
-    `copies` runs the copying of clips, here or on a cluster. `layout` is a name of LAYOUTS.
-    Clips that cannot be used are warned of and left out. Raise InputError if the folders or
-    `out` cannot be used, or if there is no clip.
-    """
-    roots = checked_folders(roots)
-    _check_output(out, roots)
-    summary = DatasetSummary(Counter(dict.fromkeys(splits.names, 0)))
+    splits: Splits
+    warn: Callable[[Problem], None]
+    progress: Callable[[int], None] = lambda count: None
+    copies: Copies = map
+    """Copies clips, here or on a cluster."""
+    layout: str = "folder"  # a name of LAYOUTS
+    shard_clips: int = SHARD_CLIPS
+    root: Path | None = None
+    """The data set where clips are copied, if it is not that of the tables."""
+    fetched: Callable[[Members], AbstractContextManager[Members]] = nullcontext
+    """Brings the files of a clip here while they are read."""
 
-    def reject(problems: Sequence[Problem]) -> None:
-        summary.left_out += 1
-        for problem in problems:
-            warn(problem)
+    def write(self, folder: Path, clips: Iterator[FoundClip]) -> DatasetSummary:
+        """Write the clips into the new folder of a data set.
 
-    with atomic_folder(out.resolve()) as folder:
+        Clips that cannot be used are warned of and left out. Raises InputError if there is no clip.
+        """
+        summary = DatasetSummary(Counter(dict.fromkeys(self.splits.names, 0)))
+
+        def reject(problems: Sequence[Problem]) -> None:
+            summary.left_out += 1
+            for problem in problems:
+                self.warn(problem)
+
         with ExitStack() as stack:
-            writer = LAYOUTS[layout](folder, stack, shard_clips)
-            copy = partial(copy_sample, splits, writer.copier())
-            for sample in copies(copy, _distinct_clips(roots, reject)):
+            writer = LAYOUTS[self.layout](folder, stack, self.shard_clips)
+            copy = partial(copy_sample, self.splits, writer.copier, self.root or folder)
+            for sample in self.copies(copy, _distinct_clips(clips, reject)):
                 if sample.problems:
                     reject(sample.problems)
                     continue
-                writer.add(sample.members, sample.about)
+                self._add(writer, sample)
                 summary.counts[sample.about["split"]] += 1
                 summary.photos.add(sample.about["photo"])
-                progress(summary.total)
-        if not summary.total:
-            fix = "name folders that physgen rendered or exported into"
-            fault = "holds no clip that can be used"
-            raise InputError.of(", ".join(map(str, roots)), "", fault, fix)
-        files = writer.files()
-        names = [name for name in splits.names if summary.counts[name]]
-        (folder / CARD).write_text(card(names, writer.patterns), encoding="utf-8")
-        settings = {"dataset": 1, "seed": splits.seed, "splits": dict(splits.shares)}
-        if layout != "folder":
-            settings["layout"] = layout
+                self.progress(summary.total)
+        if summary.total:
+            summary.files = writer.files()
+            self._write_card(folder, summary, writer.patterns)
+        return summary
+
+    def _add(self, writer: Layout, sample: Sample) -> None:
+        if not writer.reads_clips:
+            writer.add(sample.members, sample.about)
+            return
+        with self.fetched(sample.members) as members:
+            writer.add(members, sample.about)
+
+    def _write_card(
+        self, folder: Path, summary: DatasetSummary, patterns: Sequence[str]
+    ) -> None:
+        """Write the files that describe the data set."""
+        names = [name for name in self.splits.names if summary.counts[name]]
+        (folder / CARD).write_text(card(names, patterns), encoding="utf-8")
+        shares = dict(self.splits.shares)
+        settings = {"dataset": 1, "seed": self.splits.seed, "splits": shares}
+        if self.layout != "folder":
+            settings["layout"] = self.layout
         content = {**settings, "physgen": __version__, "clips": summary.counts}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")
-    summary.files = [out / path.relative_to(folder) for path in files]
+
+
+def gather(roots: Sequence[Path], out: Path, how: Gathering) -> DatasetSummary:
+    """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
+
+    Raises InputError if the folders or `out` cannot be used, or if there is no clip.
+    """
+    roots = checked_folders(roots)
+    _check_output(out, roots)
+    with atomic_folder(out.resolve()) as folder:
+        summary = how.write(folder, find_clips(roots))
+        check_clips(summary, roots)
+    summary.files = [out / path.relative_to(folder) for path in summary.files]
     return summary
 
 
+def check_clips(summary: DatasetSummary, roots: Sequence[Path]) -> None:
+    """Refuse a data set without clips. Raises InputError."""
+    if not summary.total:
+        fix = "name folders that physgen rendered or exported into"
+        found = "holds no clip that can be used"
+        raise InputError.of(", ".join(map(str, roots)), "", found, fix)
+
+
 def _distinct_clips(
-    roots: Sequence[Path], reject: Callable[[Sequence[Problem]], None]
+    clips: Iterator[FoundClip], reject: Callable[[Sequence[Problem]], None]
 ) -> Iterator[FoundClip]:
     """Yield clips whose keys differ; the others are rejected."""
     keys: set[str] = set()
-    for clip in find_clips(roots):
+    for clip in clips:
         name = key(clip.name)
         if name in keys:
-            fault = f"is called {name}, as another clip is"
+            found = f"is called {name}, as another clip is"
             fix = "give one of their folders another name"
-            reject(InputError.of(str(clip.folder), "", fault, fix).problems)
+            reject(InputError.of(str(clip.folder), "", found, fix).problems)
             continue
         keys.add(name)
         yield clip
 
 
 def _check_output(out: Path, roots: Sequence[Path]) -> None:
-    """Check that the folder is empty or new, and apart from those that are read. Raise InputError."""
+    """The folder must be empty or new, and apart from those that are read. Raises InputError."""
     check_writable(out)
-    for root in roots:
-        output, read = out.resolve(), root.resolve()
-        if output.is_relative_to(read) or read.is_relative_to(output):
-            place = "holds" if output in read.parents else "lies in"
-            fix = "name a folder beside it with -o"
-            raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)
+    check_apart(out, roots)
     if out.exists() and any(out.iterdir()):
         raise InputError.of(
             str(out), "", "is not empty", "choose another folder with -o, or remove it"
@@ -342,3 +380,13 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
         raise InputError.of(
             str(out), "", "cannot be replaced", "name a new folder in it with -o"
         )
+
+
+def check_apart(out: Path, roots: Sequence[Path]) -> None:
+    """Refuse a data set within folders that are read, or around them. Raises InputError."""
+    for root in roots:
+        mine, read = out.resolve(), root.resolve()
+        if mine.is_relative_to(read) or read.is_relative_to(mine):
+            place = "holds" if mine in read.parents else "lies in"
+            fix = "name a folder beside it with -o"
+            raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)

@@ -447,7 +447,7 @@ def add_clips(parser: Parser) -> None:
     )
     parser.option("--fan", "N", draws, about, 0)
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
-    about = "refine the clip by a video diffusion model: animatediff, wan, or none; see physgen backends"
+    about = "refine the clip by a video diffusion model: animatediff, wan, ltx-video, or none; see physgen backends"
     parser.option("--refine", "NAME[:WEIGHTS]", str, about)
     parser.option(
         "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"

@@ -7,12 +7,15 @@ import re
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from physgen.cli.arguments import Parser
 from physgen.cli.output import print_error
 from physgen.files import install
 from physgen.problems import InputError
+
+if TYPE_CHECKING:
+    from physgen.batch.dataset import DatasetSummary, Gathering
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -89,6 +92,18 @@ def stored_clips(options: argparse.Namespace) -> list[Path]:
     with _dask_needed(options):
         from physgen.batch import shipping
     return shipping.stored_clips(shipping.Store(options.ship), options.folders)
+
+
+def gather_clips(options: argparse.Namespace, how: Gathering) -> DatasetSummary:
+    """Make a data set of folders, or of clips in a store. Raises InputError."""
+    if options.ship is None:
+        from physgen.batch.dataset import gather
+
+        return gather(options.folders, options.output, how)
+    with _dask_needed(options):
+        from physgen.batch import shipping
+    store = shipping.Store(options.ship)
+    return shipping.gather_stored(store, options.folders, options.output, how)
 
 
 @contextmanager

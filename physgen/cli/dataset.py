@@ -16,7 +16,13 @@ from physgen.cli.arguments import (
     number_of_clips,
     seed,
 )
-from physgen.cli.clusters import add_cluster, check_cluster, run_all
+from physgen.cli.clusters import (
+    add_cluster,
+    add_ship,
+    check_cluster,
+    gather_clips,
+    run_all,
+)
 from physgen.cli.output import OK, print_error, print_line, print_problem
 from physgen.problems import Place, Problem, Severity
 from physgen.text import counted
@@ -32,7 +38,7 @@ MAX_WARNINGS = 20
 
 
 def dataset(options: argparse.Namespace) -> int:
-    from physgen.batch.dataset import gather, lost_sample, read_splits
+    from physgen.batch.dataset import Gathering, lost_sample, read_splits
 
     check_folder_name(options.output)
     check_cluster(options)
@@ -54,16 +60,10 @@ def dataset(options: argparse.Namespace) -> int:
     ) -> Generator[Sample, None, None]:
         return run_all(options, copy, clips, 1, lost_sample)
 
-    done = gather(
-        options.folders,
-        options.output,
-        splits,
-        warn,
-        progress,
-        copies,
-        options.layout,
-        options.shard_clips,
-    )
+    how = Gathering(splits, warn, progress, copies, options.layout, options.shard_clips)
+    done = gather_clips(options, how)
+    place = "" if options.ship is None else options.ship.rstrip("/") + "/"
+    files = [f"{place}{path}" for path in done.files]
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
     if empty := [name for name, count in done.counts.items() if not count]:
@@ -76,14 +76,14 @@ def dataset(options: argparse.Namespace) -> int:
         )
     if options.json:
         line = {
-            "dataset": str(options.output),
+            "dataset": f"{place}{options.output}",
             "clips": done.counts,
             "left_out": done.left_out,
         }
-        print_line(json.dumps({**line, "files": [str(path) for path in done.files]}))
+        print_line(json.dumps({**line, "files": files}))
     else:
-        for path in done.files:
-            print_line(str(path))
+        for file in files:
+            print_line(file)
         split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
         print_error(f"{counted(done.total, 'clip')}: {split}")
     return WRONG_INPUT if done.left_out else OK
@@ -107,6 +107,7 @@ def add(parser: Parser) -> None:
         "--seed", "S", seed, "determines which photo is in which split; default: 0", 0
     )
     add_cluster(parser)
+    add_ship(parser)
     parser.flag("--json", "print a line of JSON")
 
 

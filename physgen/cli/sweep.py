@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 
 TABLE = "sweep.csv"
+TIMELESS = {"objects", "forces", "joints", "light"}
+"""Parts of a scene that change neither its number of frames nor a fixed duration."""
 MOST_TRACKED = 32
 """Objects with seven columns of outcomes each, at most, unless they are named."""
 
@@ -101,15 +104,12 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     out.mkdir(parents=True, exist_ok=True)
     running: deque[Point] = deque()  # jobs end in the order in which they begin
     numbers = range(len(plan))[options.part or slice(None)]
+    previews = Previews(plan, options)
 
     def jobs() -> Iterator[Job]:
         for point in map(plan.__getitem__, numbers):
             running.append(point)
-            preview: tuple[str, ...] = ()
-            if options.preview:
-                preview = preview_edits(
-                    options.scene, point.variant, options, point.overrides
-                )
+            preview = previews.edits(point) if options.preview else ()
             yield make(
                 options.scene,
                 point.variant,
@@ -139,6 +139,28 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
             ),
             finish=finish,
         )
+
+
+class Previews:
+    """The edits that make previews of the points of a sweep."""
+
+    def __init__(self, plan: Sweep, options: argparse.Namespace) -> None:
+        self._options = options
+        roots = {re.split(r"[.\[]", axis.key)[0] for axis in plan.axes}
+        self._keeps_timing = roots <= TIMELESS
+        self._shared: dict[str | None, tuple[str, ...]] = {}
+
+    def edits(self, point: Point) -> tuple[str, ...]:
+        """Return the edits of a point; points of a variant share them if frames and duration are the same."""
+        if point.variant in self._shared:
+            return self._shared[point.variant]
+        edits = preview_edits(
+            self._options.scene, point.variant, self._options, point.overrides
+        )
+        has_own_duration = any(edit.startswith("world.duration=") for edit in edits)
+        if self._keeps_timing and edits and not has_own_duration:
+            self._shared[point.variant] = edits
+        return edits
 
 
 def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -53,6 +55,11 @@ def contents(out: Path) -> dict[str, bytes]:
     return files
 
 
+def every_file(root: Path) -> dict[Path, bytes]:
+    paths = [path for path in root.rglob("*") if path.is_file()]
+    return {path.relative_to(root): path.read_bytes() for path in paths}
+
+
 def jobs_of(scene: Path, out: Path, count: int, **options: object) -> list[Job]:
     return [
         Job(
@@ -97,12 +104,8 @@ def test_a_cluster_sweeps_as_one_machine_does(
     gather = ["dataset", "shared", "--split", "train=1", "-o"]
     assert main([*gather, "one"]) == 0
     assert main([*gather, "other", "--cluster", two.address]) == 0
-    every = [
-        {path.relative_to(root): path.read_bytes() for path in root.rglob("*.*")}
-        for root in (tmp_path / "one", tmp_path / "other")
-    ]
-    assert every[0] == every[1]
-    assert len(every[0]) > 6 * 3
+    assert every_file(tmp_path / "one") == every_file(tmp_path / "other")
+    assert len(every_file(tmp_path / "one")) > 6 * 3
 
 
 @pytest.mark.slow
@@ -126,11 +129,67 @@ def test_a_store_takes_the_place_of_a_shared_folder(
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["unchanged"] == 2
     assert main(["verify", "out", *shipped, "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["equal"] == 2
+    shutil.copytree(tmp_path / "store" / "out", tmp_path / "here" / "out")
+    for layout in ("folder", "webdataset"):
+        command = ["dataset", "--layout", layout, "-o"]
+        assert main([*command, f"{layout}-here", "here/out"]) == 0
+        capsys.readouterr()
+        assert main([*command, f"{layout}-there", "out", *shipped]) == 0
+        for line in capsys.readouterr().out.splitlines():
+            assert line.startswith(f"{url}/{layout}-there/train/")
+            assert Path(line.removeprefix("file://")).is_file()
+        here, there = tmp_path / f"{layout}-here", tmp_path / "store"
+        assert every_file(there / f"{layout}-there") == every_file(here)
+    assert not (tmp_path / "folder-there").exists()
+    assert main(["dataset", "out", "-o", "folder-there", *shipped]) == 2
+    assert f"folder-there: is there already in {url}" in capsys.readouterr().err
+    assert main(["dataset", "nowhere", "-o", "third", *shipped]) == 2
+    assert f"nowhere: holds no clip in {url}" in capsys.readouterr().err
+    assert not (tmp_path / "store" / "third").exists()
     assert main(["verify", "nowhere", *shipped]) == 2
     assert f"nowhere: holds no clip in {url}" in capsys.readouterr().err
     monkeypatch.chdir(tmp_path / "out")
     assert main(["render", f"../{scene}", *shipped]) == 2
     assert "is outside of the working folder" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_clip_of_a_photo_is_made_on_a_cluster(
+    two: Cluster, pictured: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    photo, masks = "pictured/photo.png", "pictured/photo.assets/masks.png"
+    few = ["--set", "render.frames=4", "--report", "none"]
+    clip = ["clip", photo, "--masks", masks, *few]
+    assert main([*clip, "-o", "alone"]) == 0
+    alone = capsys.readouterr().out
+    assert main([*clip, "-o", "shared", "--cluster", two.address]) == 0
+    assert capsys.readouterr().out == alone.replace("alone", "shared")
+    assert contents(tmp_path / "alone") == contents(tmp_path / "shared")
+    assert (tmp_path / "shared" / "photo" / "video.mp4").is_file()
+
+
+@pytest.mark.slow
+def test_the_script_of_the_docs_starts_a_cluster(
+    lesson: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    """With Dask's local cluster in place of Slurm's, and less work."""
+    page = (Path(__file__).parents[2] / "docs" / "batches.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?SLURMCluster.*?)```", page, re.DOTALL)
+    slurm = "from dask_jobqueue import SLURMCluster", "SLURMCluster(**size)"
+    local = "from distributed import LocalCluster", "LocalCluster(n_workers=1)"
+    changes = {**dict(zip(slurm, local, strict=True)), "scale(64)": "scale(1)"}
+    changes |= {"500:1000": "500:2", '"--cluster"': '"--preview", "--cluster"'}
+    for old, new in changes.items():
+        assert script.count(old) == 1
+        script = script.replace(old, new)
+    monkeypatch.chdir(tmp_path)
+    lesson.rename("scene.yaml")
+    with dask_processes.alarm():
+        exec(script, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert [Path(line).name for line in lines[:2]] == ["00,mass=10", "01,mass=500"]
+    assert Path(lines[-1]).name == "sweep.csv"
 
 
 @pytest.mark.slow

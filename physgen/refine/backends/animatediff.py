@@ -57,7 +57,7 @@ class AnimateDiff:
             steps_offset=1, set_alpha_to_one=True,
         )  # fmt: skip
 
-    def schedule(self, steps: int, count: int) -> Schedule:
+    def schedule(self, steps: int, count: int, shape: torch.Size) -> Schedule:
         """Return the DDIM schedule."""
         return ddim(self._scheduler, steps, count)
 

@@ -184,9 +184,12 @@ def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
     return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
 
 
-def euler(scheduler: Any, steps: int, count: int) -> Schedule:
-    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023)."""
-    scheduler.set_timesteps(steps)
+def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
+    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023).
+
+    `settings` are further arguments of the scheduler's `set_timesteps`.
+    """
+    scheduler.set_timesteps(steps, **settings)
     times, sigmas = (
         scheduler.timesteps[-count:],
         scheduler.sigmas[-count - 1 :].numpy().astype(np.float32),
@@ -219,12 +222,12 @@ class Network(Protocol):
 
     pipe: Any
 
-    def schedule(self, steps: int, count: int) -> Schedule:
-        """The last `count` of `steps`."""
+    def schedule(self, steps: int, count: int, shape: torch.Size) -> Schedule:
+        """Return the last `count` of `steps` for windows of latents of this shape, (F', C, h, w)."""
         ...
 
-    def encode_text(self, text: str) -> Tensor:
-        """What the model understands of a text."""
+    def encode_text(self, text: str) -> Any:
+        """What the model understands of a text, as `predict` takes it."""
         ...
 
     def condition(self, frame: Tensor, latents: int) -> Any:
@@ -240,7 +243,7 @@ class Network(Protocol):
         ...
 
     def predict(
-        self, latents: Tensor, time: Tensor, text: Tensor, condition: Any
+        self, latents: Tensor, time: Tensor, text: Any, condition: Any
     ) -> Tensor:
         """What the model says of (F', C, h, w) on the processor at a level of noise."""
         ...
@@ -277,8 +280,8 @@ class Run:
     schedule: Schedule
     frames: Sequence[U8]
     guidance: float
-    text: Tensor
-    negative: Tensor | None
+    text: Any
+    negative: Any
     """What shall not be seen; None: the model is not guided."""
     conditions: dict[int, Any] = field(default_factory=dict)
     """By the first latent frame of a window."""
@@ -354,10 +357,11 @@ class Sampler:
             text = network.encode_text(prompt.prompt)
             negative = network.encode_text(prompt.negative) if guidance > 1 else None
             network.pipe.maybe_free_model_hooks()  # what reads text leaves the GPU to what reads frames
-            self._run = Run(
-                network.schedule(steps, count), frames, guidance, text, negative
-            )
-            latents = _array(network.encode(_video(frames)))
+            encoded = network.encode(_video(frames))
+            window = encoded[: self.grid.window].shape
+            schedule = network.schedule(steps, count, window)
+            self._run = Run(schedule, frames, guidance, text, negative)
+            latents = _array(encoded)
             network.pipe.maybe_free_model_hooks()  # and that to what denoises
         return latents
 
