@@ -13,6 +13,7 @@ from physgen.batch.values import (
     read_distribution,
     read_values,
 )
+from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem, RefusedError
 from physgen.scene.overlay import parse_key
 from physgen.text import KeyPath, quoted
@@ -29,14 +30,14 @@ class Key:
 
     @property
     def path(self) -> KeyPath:
-        """Return the key's parts."""
-        parts = parse_key(self.key)
-        assert parts is not None
-        return parts
+        """The key's parts."""
+        found = parse_key(self.key)
+        assert found is not None
+        return found
 
     @property
     def place(self) -> Place:
-        """Return the argument as messages name it."""
+        """The argument as messages name it."""
         return Place(quoted(self.argument, "", 80))
 
 
@@ -58,22 +59,22 @@ Axis = Listed | Drawn
 
 
 def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
-    """Return axes in the order of the arguments. Raise InputError with the problems of all of them."""
+    """Axes in the order of the arguments. Raises InputError with the problems of all of them."""
     problems: list[Problem] = []
     axes: list[Axis] = []
     for argument in arguments:
         try:
             axes.append(_read_axis(argument))
         except RefusedError as error:
-            problems.append(
-                Problem(Key("", argument).place, "", "", error.expected, error.fix)
-            )
+            problems.append(error.problem(Key("", argument).place))
     for n, later in enumerate(axes):
         for former in axes[:n]:
             if _covers(later.path, former.path):
-                found = f"leaves nothing of {former.place}"
-                fix = f"keep one; several values go into one argument: {former.key}=VALUE,VALUE"
-                problems.append(Problem(later.place, "", "", found, fix))
+                covered = Message.AXIS_COVERED
+                problem = covered.problem(
+                    later.place, other=former.place, key=former.key
+                )
+                problems.append(problem)
                 break
     if problems:
         raise InputError(problems)
@@ -81,32 +82,28 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
 
 
 def _read_axis(argument: str) -> Axis:
-    """Raise RefusedError."""
+    """Raises RefusedError."""
     key, equals, values = (part.strip() for part in argument.partition("="))
     if not equals:
-        raise RefusedError(
-            "has no =",
-            f"write KEY=VALUES, in quotes where it has spaces, e.g. {EXAMPLE}",
-        )
+        raise Message.AXIS_WITHOUT_VALUES.refusal()
     if parse_key(key) is None:
-        fault = f"{quoted(key)} is not a dotted key" if key else "has no key"
-        raise RefusedError(fault, f"write e.g. {EXAMPLE}")
+        if not key:
+            raise Message.AXIS_WITHOUT_KEY.refusal(example=EXAMPLE)
+        raise Message.AXIS_KEY_WRONG.refusal(key=quoted(key), example=EXAMPLE)
     if values.startswith("~"):
         return Drawn(key, argument, read_distribution(values))
     if (call := re.match(r"(\w+)\s*\(", values)) and call[1] in EXAMPLES:
-        raise RefusedError(
-            "is text as it stands", f"a distribution begins with ~: {key}=~{values}"
-        )
+        raise Message.AXIS_IS_TEXT.refusal(key=key, values=values)
     return Listed(key, argument, read_values(values))
 
 
 def same_key(axis: Axis) -> str:
-    """Return the key in one spelling: `pivot[0]` as `pivot.0`."""
+    """The key in one spelling: `pivot[0]` as `pivot.0`."""
     return ".".join(map(_bare, axis.path))
 
 
 def _covers(later: KeyPath, former: KeyPath) -> bool:
-    """Return whether the later key sets everything that the former key names."""
+    """Whether everything that the former key names lies within what the later one sets."""
     pairs = zip(map(_bare, later), map(_bare, former), strict=False)
     return len(later) <= len(former) and all(a in ("*", b) for a, b in pairs)
 

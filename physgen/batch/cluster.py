@@ -41,6 +41,7 @@ from physgen.batch.resume import CODE
 from physgen.batch.shipping import Store, shipped
 from physgen.batch.workers import LostError
 from physgen.environment import keep_freed_memory
+from physgen.messages import Message
 from physgen.operating_system import available_cores
 from physgen.pipeline.cache_keys import code_version
 from physgen.problems import InputError
@@ -105,7 +106,7 @@ class BatchSize:
 
     @property
     def items(self) -> int:
-        """Return the number of items that take about BATCH_SECONDS."""
+        """Number of items that take about BATCH_SECONDS."""
         count = int(BATCH_SECONDS / max(self.seconds, BATCH_SECONDS / LARGEST_BATCH))
         return max(1, count)
 
@@ -121,7 +122,7 @@ def own_versions() -> Versions:
 def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, float]:
     """Run a pickled function on pickled items, on a worker, in the user's `folder`.
 
-    Return the pickled results and their duration, s. Raise InputError if the results would differ, or if the worker
+    Return the pickled results and their duration, s. Raises InputError if the results would differ, or if the worker
     does not see the folder.
     """
     versions_here = own_versions()
@@ -137,15 +138,15 @@ def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, f
 
 
 def _enter(folder: str) -> None:
-    """Change to the working folder of the user. Raise InputError."""
+    """Change to the working folder of the user. Raises InputError."""
     if not folder:
         return
     try:
         os.chdir(folder)
     except OSError:
-        fault = f"is not there on a worker, {platform.node()}"
-        fix = "run this from a folder that workers share, or add --ship URL"
-        raise InputError.of(FLAG, f'"{folder}"', fault, fix) from None
+        raise Message.WORKER_LACKS_FOLDER.error(
+            FLAG, f'"{folder}"', node=platform.node()
+        ) from None
 
 
 def _version_error(theirs: Versions, ours: Versions) -> InputError:
@@ -157,9 +158,10 @@ def _version_error(theirs: Versions, ours: Versions) -> InputError:
     def text(known: Versions) -> str:
         return ", ".join(f"{name} {known.get(name, 'none')[:12]}" for name in names)
 
-    value = f"a worker on {platform.node()}"
-    fault = f"has {text(ours)}, and here is {text(theirs)}: its results would differ"
-    return InputError.of(FLAG, value, fault, "install the same on both")
+    found = f"a worker on {platform.node()}"
+    return Message.WORKER_VERSION.error(
+        FLAG, found, version=text(ours), here=text(theirs)
+    )
 
 
 def run_on_cluster(
@@ -174,7 +176,7 @@ def run_on_cluster(
     """Yield `work(item)` for each item, in order; `lost(item, error)` if its workers died each time.
 
     `ship` is the URL of a store for the files of jobs or requests, in place of a shared folder. `report` gets the
-    reason of a wait. Raise InputError if there is no such cluster or the results of a worker would differ,
+    reason of a wait. Raises InputError if there is no such cluster or the results of a worker would differ,
     ConnectionError if the scheduler is lost. A caller that stops early must close the generator, which cancels the
     tasks.
     """
@@ -278,9 +280,9 @@ class _ClusterRun:
         try:
             content, seconds = future.result()
         except (ModuleNotFoundError, AttributeError) as error:
-            fault = f"has no physgen, or another one ({error})"
-            fix = "install the same on both"
-            raise InputError.of(FLAG, self.address, fault, fix) from None
+            raise Message.WORKER_WITHOUT_PHYSGEN.error(
+                FLAG, self.address, error=error
+            ) from None
         except (CancelledError, CommClosedError):
             raise self._scheduler_error() from None
         self.size.add(seconds, items)
@@ -320,9 +322,9 @@ def _connected(address: str) -> Iterator[Client]:
             client = Client(**place, timeout=TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:
             reason = str(error).split("\n")[0]
-            fault = f"is no scheduler that answers within {TIMEOUT:g} s ({reason})"
-            fix = "check that it runs and that this machine reaches it; `dask scheduler` starts one"
-            raise InputError.of(FLAG, f'"{address}"', fault, fix) from None
+            raise Message.NO_SCHEDULER_ANSWERS.error(
+                FLAG, f'"{address}"', timeout=TIMEOUT, reason=reason
+            ) from None
         stack.callback(_close, client)
         yield client
 
@@ -337,20 +339,18 @@ def _current_client(address: str) -> Client | None:
 
 
 def _scheduler_place(address: str) -> dict[str, str]:
-    """Return the argument of Client for an address or a scheduler file. Raise InputError."""
+    """Return the argument of Client for an address or a scheduler file. Raises InputError."""
     if not address.endswith(".json"):
         return {"address": address}
     path = Path(address).expanduser()
     if not path.is_file():
-        fix = "start it: dask scheduler --scheduler-file FILE.json"
-        raise InputError.of(FLAG, f'"{address}"', "is no scheduler file", fix)
+        raise Message.NOT_A_SCHEDULER_FILE.error(FLAG, f'"{address}"')
     try:
         scheduler = json.loads(path.read_text(encoding="utf-8"))["address"]
     except (OSError, ValueError, KeyError, TypeError):
         scheduler = None
     if not isinstance(scheduler, str):
-        fix = "name the file that `dask scheduler --scheduler-file FILE.json` writes"
-        raise InputError.of(FLAG, f'"{address}"', "names no scheduler", fix)
+        raise Message.NO_SCHEDULER_IN_FILE.error(FLAG, f'"{address}"')
     return {"scheduler_file": str(path)}
 
 
@@ -362,14 +362,14 @@ def _close(part: Any) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Reduce logs and warnings of Dask to none: its errors are reported in our own words."""
+    """Silence logs and warnings of Dask, whose errors are reported in our own words."""
     # for good: it still logs after the block
     logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)
-    previous_level = logging.root.manager.disable
+    disabled = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             yield
         finally:
-            logging.disable(previous_level)
+            logging.disable(disabled)

@@ -34,6 +34,7 @@ from physgen.batch.layouts import (
 )
 from physgen.batch.values import parse_yaml
 from physgen.files import check_writable
+from physgen.messages import Message
 from physgen.problems import InputError, Problem
 from physgen.report.folders import atomic_folder
 from physgen.scene.load import scene_name
@@ -87,18 +88,11 @@ def read_splits(text: str, seed: int) -> Splits:
         except ValueError:
             value = -1.0
         if not _SPLIT_NAME.fullmatch(name) or not 0 < value <= 1 or name in shares:
-            fix = "write e.g. train=0.8,validation=0.1,test=0.1"
-            found = "is no split with its share of the photos"
-            raise InputError.of("--split", f'"{part.strip()}"', found, fix)
+            raise Message.NOT_A_SPLIT.error("--split", f'"{part.strip()}"')
         shares[name] = value
     total = sum(shares.values())
     if abs(total - 1) > 1e-6:
-        raise InputError.of(
-            "--split",
-            f'"{text}"',
-            f"adds up to {total:.6g}",
-            "make the shares add up to 1",
-        )
+        raise Message.SPLITS_NOT_ONE.error("--split", f'"{text}"', total=total)
     return Splits(tuple(shares.items()), seed)
 
 
@@ -121,16 +115,12 @@ def read_sample(
     """
     manifest = clip.manifest
     if manifest is None:
-        raise InputError.of(
-            str(clip.folder), "", "has no manifest that can be read", "render it again"
-        )
+        raise Message.NO_MANIFEST.error(str(clip.folder))
     try:
         members = _members(clip.folder, manifest["files"])
         return members, _about(clip, manifest, members, splits)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        raise InputError.of(
-            str(clip.folder), "", "has a damaged manifest", "render it again"
-        ) from None
+        raise Message.SAMPLE_MANIFEST_DAMAGED.error(str(clip.folder)) from None
 
 
 def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
@@ -139,9 +129,7 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     Raises InputError where a file is missing, or there is no video.
     """
     if VIDEO not in files:
-        raise InputError.of(
-            str(folder), "", f"has no {VIDEO}", "render it with --export"
-        )
+        raise Message.NO_VIDEO_IN_CLIP.error(str(folder), file=VIDEO)
     chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
     chosen |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
@@ -150,9 +138,7 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
         if not (folder / file).is_file():
-            raise InputError.of(
-                str(folder / file), "", "is missing", "render the clip again"
-            )
+            raise Message.FILE_OF_CLIP_MISSING.error(str(folder / file))
     return {name: folder / file for name, file in chosen.items()}
 
 
@@ -253,8 +239,7 @@ def copy_sample(splits: Splits, copier: Copier, root: Path, clip: FoundClip) -> 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
     """Return the sample of a clip that could not be copied."""
-    fix = "run the command again"
-    problems = InputError.of(str(clip.folder), "", f"failed: {error}", fix).problems
+    problems = Message.SAMPLE_FAILED.error(str(clip.folder), error=error).problems
     return Sample({}, problems=tuple(problems))
 
 
@@ -347,9 +332,7 @@ def gather(roots: Sequence[Path], out: Path, how: Gathering) -> DatasetSummary:
 def check_clips(summary: DatasetSummary, roots: Sequence[Path]) -> None:
     """Refuse a data set without clips. Raises InputError."""
     if not summary.total:
-        fix = "name folders that physgen rendered or exported into"
-        found = "holds no clip that can be used"
-        raise InputError.of(", ".join(map(str, roots)), "", found, fix)
+        raise Message.NO_USABLE_CLIP.error(", ".join(map(str, roots)))
 
 
 def _distinct_clips(
@@ -360,9 +343,9 @@ def _distinct_clips(
     for clip in clips:
         name = key(clip.name)
         if name in keys:
-            found = f"is called {name}, as another clip is"
-            fix = "give one of their folders another name"
-            reject(InputError.of(str(clip.folder), "", found, fix).problems)
+            reject(
+                Message.SAMPLES_CALLED_ALIKE.error(str(clip.folder), name=name).problems
+            )
             continue
         keys.add(name)
         yield clip
@@ -373,13 +356,9 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
     check_writable(out)
     check_apart(out, roots)
     if out.exists() and any(out.iterdir()):
-        raise InputError.of(
-            str(out), "", "is not empty", "choose another folder with -o, or remove it"
-        )
+        raise Message.OUTPUT_NOT_EMPTY.error(str(out))
     if out.is_mount() or out.resolve() == Path.cwd():
-        raise InputError.of(
-            str(out), "", "cannot be replaced", "name a new folder in it with -o"
-        )
+        raise Message.OUTPUT_NOT_REPLACEABLE.error(str(out))
 
 
 def check_apart(out: Path, roots: Sequence[Path]) -> None:
@@ -388,5 +367,4 @@ def check_apart(out: Path, roots: Sequence[Path]) -> None:
         mine, read = out.resolve(), root.resolve()
         if mine.is_relative_to(read) or read.is_relative_to(mine):
             place = "holds" if mine in read.parents else "lies in"
-            fix = "name a folder beside it with -o"
-            raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)
+            raise Message.OUTPUT_AMONG_INPUTS.error(str(out), place=place, root=root)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
 from physgen.files import install
-from physgen.problems import InputError
+from physgen.messages import Message
 
 ROWS, ABOUT = "metadata.jsonl", "clip.json"
 VIDEO = "video.mp4"
@@ -87,8 +87,8 @@ class Shards:
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
         """Raises InputError if webdataset is not installed."""
         if find_spec("webdataset") is None:
-            found = "needs webdataset, which is not installed"
-            raise InputError.of("--layout", '"webdataset"', found, install("labels"))
+            missing, command = Message.WEBDATASET_MISSING, install("labels")
+            raise missing.error("--layout", '"webdataset"', install=command)
         self.copier: Copier = leave_files
         self._root, self._stack, self._shard_clips = root, stack, shard_clips
         self._writers: dict[str, Any] = {}

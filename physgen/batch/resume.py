@@ -33,7 +33,7 @@ CODE = (
 
 
 def clip_mark(*options: Any) -> str:
-    """Return a hash of the options of a clip, as plain data, and of the code, but not of its input files."""
+    """Hash of the options of a clip, as plain data, and of the code that makes it; not of the files that are read."""
     from physgen.pipeline.cache_keys import code_version, key
     from physgen.report.record import versions
 
@@ -42,7 +42,7 @@ def clip_mark(*options: Any) -> str:
 
 @cache
 def _data_version() -> str:
-    """Return the SHA-256 of the data that comes with the code: schema, templates, tables."""
+    """SHA-256 of the data that comes with the code: schema, templates, tables."""
     import physgen
     from physgen.files import resource
 
@@ -62,7 +62,7 @@ def _data_version() -> str:
 def unchanged_clip(
     folder: Path, mark: str, scene: Path, digest: Callable[[Path], str]
 ) -> Mapping[str, Any] | None:
-    """Return the manifest of the clip in `folder`; None if it is missing, damaged, or made of other inputs.
+    """The manifest of the clip in `folder`; None where it is missing, damaged, or made of other inputs.
 
     `scene` is the file of its scene; `digest` returns a file's SHA-256.
     """
@@ -84,18 +84,18 @@ def unchanged_clip(
 def unchanged_inputs(
     manifest: Mapping[str, Any], mark: str, scene: Path, digest: Callable[[Path], str]
 ) -> bool:
-    """Return whether a clip would be made of the same inputs, options and code now.
+    """Whether a clip would be made of the same inputs, options and code now.
 
-    Raise OSError, ValueError, KeyError, TypeError or AttributeError for a damaged manifest or a missing input.
+    Raises OSError, ValueError, KeyError, TypeError or AttributeError for a damaged manifest or a missing input.
     """
     if manifest["manifest"] != 1 or manifest["mark"] != mark or not manifest["frames"]:
         return False
     home = scene.parent.resolve()
     inputs: Mapping[str, str] = manifest["inputs"]
     document = manifest["document"]
-    paths = [scene, *([home / document["image"]] if "image" in document else [])]
+    named = [scene, *([home / document["image"]] if "image" in document else [])]
     if any(
-        _relative(home, path) not in inputs for path in paths
+        _relative(home, path) not in inputs for path in named
     ):  # a link that leads elsewhere now
         return False
     if any(
@@ -107,30 +107,32 @@ def unchanged_inputs(
 
 
 def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
-    """Return the maps and records that exist now: a new one changes the clip, too."""
+    """The maps and records that exist now: a new one changes the clip, too."""
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    paths = [
+    found = [
         entry
         for entry in os.scandir(folder)
         if entry.name.endswith(".png") or entry.name in DATA
     ]
-    return [_relative(home, Path(entry.path)) for entry in paths]
+    return [_relative(home, Path(entry.path)) for entry in found]
 
 
 def _relative(home: Path, path: Path) -> str:
-    """Return the path as manifests name files: the target of links, relative to the scene's folder."""
+    """As manifests name files: the target of links, relative to the scene's folder."""
     return Path(os.path.relpath(os.path.realpath(path), home)).as_posix()
 
 
 def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:
-    """Return the warnings of the run that made a clip."""
-    warnings = []
+    """The warnings of the run that made a clip."""
+    found = []
     for data in manifest["warnings"]:
         place = Place(str(data["file"]), int(data["line"]), int(data["column"]))
-        path, label, fault, fix = (
+        path, what, expected, fix = (
             str(data[name]) for name in ("path", "found", "expected", "fix")
         )
-        warnings.append(Problem(place, path, label, fault, fix, Severity.WARNING))
-    return warnings
+        code = str(data.get("code", ""))
+        warning = Problem(place, path, what, expected, fix, Severity.WARNING, code=code)
+        found.append(warning)
+    return found

@@ -17,7 +17,8 @@ from physgen.batch.outcomes import outcomes
 from physgen.batch.resume import clip_mark, recorded_warnings, unchanged_clip
 from physgen.export.video import NO_ROOM, Format
 from physgen.files import file_stamp, final_name, write_atomic, write_with_backup
-from physgen.problems import InputError, OutputError, Place, Problem, Severity
+from physgen.messages import Message
+from physgen.problems import InputError, OutputError, Place, Problem
 from physgen.registry import Plan, load_plan
 from physgen.report.clips import remove_failure, write_failure
 from physgen.report.folders import read_manifest
@@ -35,7 +36,7 @@ class Refiner:
     config: Path | None = None  # in place of the user's own physgen.toml
 
     def plan(self) -> Plan:
-        """Return the plan with the configuration files. Raise InputError."""
+        """With the configuration files. Raises InputError."""
         plan = load_plan(config=self.config)
         choice = plan.choices.get("refine")
         if not self.setting or (
@@ -45,7 +46,7 @@ class Refiner:
         return load_plan([f"refine={self.setting}"], config=self.config)
 
     def identity(self) -> str:
-        """Return a hash that changes if clips have to be made again."""
+        """Changes where clips have to be made again."""
         try:
             plan = self.plan()
             choice = plan.choices.get("refine")
@@ -82,19 +83,19 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Return the name of the clip's folder. Raise InputError if the scene's name cannot be one."""
+        """Of the clip's folder. Raises InputError where the scene's name cannot be one."""
         return self.options.name or pipeline.output_name(
             self.scene, self.options.variant
         )
 
     @property
     def folder(self) -> Path:
-        """Return the clip's folder. Raise InputError."""
+        """The clip's. Raises InputError."""
         return Path(self.out) / self.name
 
     @property
     def mark(self) -> str:
-        """Return a name of all options of the clip, the refining model, and the code."""
+        """Identifies all options of the clip, the refining model, and the code."""
         draw_seed = self.options.draw_seed if self.options.draws else 0
         options = replace(
             self.options,
@@ -134,16 +135,16 @@ class Done:
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     """Makes one clip in this process, unless it exists unchanged."""
     if job.video is None:
-        result = _run(job, progress)
+        done = _run(job, progress)
     else:
-        result = _run_to_file(job, job.video, progress)
-    if result.folder is None or job.tracked is None:
-        return result
+        done = _run_to_file(job, job.video, progress)
+    if done.folder is None or job.tracked is None:
+        return done
     try:
-        trajectory = read_trajectory(result.folder / "trajectory.npz")
-        return replace(result, outcomes=outcomes(trajectory, job.tracked))
+        trajectory = read_trajectory(done.folder / "trajectory.npz")
+        return replace(done, outcomes=outcomes(trajectory, job.tracked))
     except (OSError, ValueError, KeyError) as error:  # another command replaces it
-        return failed(job, error, result.problems, result.seconds)
+        return failed(job, error, done.problems, done.seconds)
 
 
 def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
@@ -155,33 +156,34 @@ def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
     earlier = read_manifest(job.folder).get("files", {}).get(name)
     source = job.folder / name
     stamp = file_stamp(source)
-    result = _run(job, progress)
+    done = _run(job, progress)
     is_new = source.is_file() and file_stamp(source) != stamp
-    if result.folder is None and not is_new:
-        return result
+    if done.folder is None and not is_new:
+        return done
     # without a folder but with a new file, only another format failed
-    backup: list[Path] = []
+    kept: list[Path] = []
     try:
         data = source.read_bytes()
         if video.is_file() and sha256(video.read_bytes()).hexdigest() == earlier:
             write_atomic(video, data)
         else:
-            write_with_backup(video, data, backup.append)
+            write_with_backup(video, data, kept.append)
     except OSError as error:
-        return failed(job, error, result.problems, result.seconds)
-    warnings = [_backup_warning(video, path) for path in backup]
-    return replace(result, problems=(*result.problems, *warnings))
+        return failed(job, error, done.problems, done.seconds)
+    warnings = [_backup_warning(video, path) for path in kept]
+    return replace(done, problems=(*done.problems, *warnings))
 
 
 def _backup_warning(path: Path, backup: Path) -> Problem:
     """Return the warning that a file at `path` was renamed."""
-    fault = f"differed from the new one and is kept as {backup.name}"
-    place = Place(str(path))
-    return Problem(place, "", "the file there", fault, "", Severity.WARNING)
+    previous = Message.FILE_KEPT
+    return previous.warning(
+        Place(str(path)), "", "the previous file", backup=backup.name
+    )
 
 
 def _run(job: Job, progress: pipeline.Progress) -> Done:
-    start_time = time.perf_counter()
+    begun = time.perf_counter()
     warnings: list[Problem] = []
     try:
         options = replace(job.options, name=job.name, mark=job.mark)
@@ -205,37 +207,36 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
             warn=warnings.append,
         )
     except Exception as error:
-        return failed(job, error, warnings, time.perf_counter() - start_time)
+        return failed(job, error, warnings, time.perf_counter() - begun)
     if job.pictures:
         from physgen.report.gallery import keep_pictures
 
         keep_pictures(folder, Path(job.out) / "index.html")
-    return Done(
-        job, folder, tuple(warnings), State.MADE, time.perf_counter() - start_time
-    )
+    return Done(job, folder, tuple(warnings), State.MADE, time.perf_counter() - begun)
 
 
 @cache
 def _warm() -> pipeline.Stages:
-    """Return the state of this process that serves the next clip, too."""
+    """What this process keeps from one clip for the next."""
     return pipeline.Stages()
 
 
 @cache
 def _refiners(refiner: Refiner) -> pipeline.Refiners:
-    """Return models that are loaded once per process."""
+    """Models are loaded once per process."""
     return pipeline.Refiners(refiner.plan)
 
 
 def failed(
     job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0
 ) -> Done:
-    """Return the result of a job that raised `error`."""
+    """The result of a job that raised `error`."""
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
     else:
-        fault, fix = describe_failure(error)
-        problems = list(InputError.of(job.scene, "", fault, fix).problems)
+        failure, fix = describe_failure(error)
+        message = Message.JOB_FAILED
+        problems = [message.problem(Place(job.scene), failure=failure, fix=fix)]
     disk_full = isinstance(error, OSError) and error.errno in NO_ROOM
     can_write = not isinstance(error, OutputError)
     return Done(
@@ -249,25 +250,23 @@ def failed(
 
 
 def describe_failure(error: Exception) -> tuple[str, str]:
-    """Describe a failure that is no fault of the input, with the fix."""
+    """What failed other than the input, and the fix."""
     if isinstance(error, OSError):
-        place = f"{final_name(str(error.filename))}: " if error.filename else ""
-        return f"failed: {place}{error.strerror or error}", ""
+        where = f"{final_name(str(error.filename))}: " if error.filename else ""
+        return f"failed: {where}{error.strerror or error}", ""
     from physgen.batch.workers import LostError
 
     if isinstance(error, MemoryError | LostError):
-        fault = (
+        found = (
             "ran out of memory"
             if isinstance(error, MemoryError)
             else f"failed: {error}"
         )
-        return fault, "try fewer --jobs or a smaller scene"
+        return found, "try fewer --jobs or a smaller scene"
     frames = traceback.extract_tb(error.__traceback__)[-1:]
-    position = "".join(
-        f" in {Path(frame.filename).name}:{frame.lineno}" for frame in frames
-    )
+    at = "".join(f" in {Path(frame.filename).name}:{frame.lineno}" for frame in frames)
     return (
-        f"failed: {type(error).__name__}{position}: {error}",
+        f"failed: {type(error).__name__}{at}: {error}",
         "this is a fault of physgen's: please report it",
     )
 

@@ -37,6 +37,7 @@ from physgen.batch.dataset import (
 from physgen.batch.layouts import Members
 from physgen.batch.run import Job, State
 from physgen.batch.verify import VerifyRequest
+from physgen.messages import Message
 from physgen.problems import InputError, collect
 from physgen.report.record import TIMING, file_hash, inputs
 from physgen.text import natural
@@ -63,9 +64,7 @@ class Store:
             opened = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
         except (ImportError, ValueError, OSError) as error:
             reason = str(error).split("\n")[0]
-            fix = "write e.g. s3://BUCKET/NAME, and install the package for it"
-            found = f"is no store ({reason})"
-            raise InputError.of(FLAG, f'"{url}"', found, fix) from None
+            raise Message.NOT_A_STORE.error(FLAG, f'"{url}"', reason=reason) from None
         self._files, self._root = opened
 
     def size(self, name: str) -> int | None:
@@ -86,9 +85,9 @@ class Store:
             self._files.makedirs(parent, exist_ok=True)
             self._files.put_file(str(path), self._path(name))
         except OSError as error:
-            found = f"cannot be written ({error.strerror or error})"
-            fix = "name a store in which you may write"
-            raise InputError.of(FLAG, f'"{self.url}"', found, fix) from None
+            raise Message.STORE_UNWRITABLE.error(
+                FLAG, f'"{self.url}"', reason=error.strerror or error
+            ) from None
 
     def get(self, name: str, path: Path) -> None:
         """Read a file of the store into a local one. Raises FileNotFoundError."""
@@ -190,9 +189,7 @@ class Shipper:
         """Return a path below the working folder. Raises InputError for another one."""
         name = Path(os.path.normpath(self._home / path))
         if not name.is_relative_to(self._home):
-            found = "is outside of the working folder"
-            fix = f"with {FLAG}, run the command in a folder that holds scenes and results"
-            raise InputError.of(str(path), "", found, fix)
+            raise Message.OUTSIDE_WORKING_FOLDER.error(str(path))
         return name.relative_to(self._home).as_posix()
 
 
@@ -337,9 +334,9 @@ def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
     for root in roots:
         clips = set(store.clips(root.as_posix()))
         if not clips:
-            fix = f"name a folder below {store.url} that holds clips"
-            found = f"holds no clip in {store.url}"
-            problems += InputError.of(str(root), "", found, fix).problems
+            problems += Message.NO_CLIP_IN_STORE.error(
+                str(root), url=store.url
+            ).problems
         folders |= clips
     if problems:
         raise InputError(problems)

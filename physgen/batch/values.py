@@ -13,7 +13,8 @@ from typing import Any
 
 import yaml
 
-from physgen.problems import InputError, RefusedError
+from physgen.messages import Message
+from physgen.problems import InputError
 from physgen.scene.document import Source, plain, read
 from physgen.tables import Cell
 from physgen.text import listed, nearest, number, quoted
@@ -45,14 +46,14 @@ class Value:
 
     @property
     def cell(self) -> Cell:
-        """Return a value as tables have it; lists and mappings become YAML text."""
+        """As a table holds it; lists and mappings become YAML text."""
         return self.text if isinstance(self.data, list | dict) else self.data
 
 
 def split(text: str) -> Iterator[tuple[str, bool]]:
-    """Return parts between commas that are outside brackets and quotes, and whether each is bare text.
+    """Parts between commas that are outside brackets and quotes, and whether each is bare text.
 
-    Raise RefusedError for what is no YAML.
+    Raises RefusedError for what is no YAML.
 
     >>> list(split("1, [2, 3],'a,b'"))
     [('1', True), ('[2, 3]', False), ("'a,b'", False)]
@@ -60,8 +61,7 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
     try:
         root = yaml.compose(f"[{text}\n]", Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError):
-        fix = "close brackets and quotes, and put text that holds such a character in quotes within quotes"
-        raise RefusedError("is not YAML with commas between the values", fix) from None
+        raise Message.VALUES_NOT_YAML.refusal() from None
     nodes = root.value if root is not None else []
     spans = [(node.start_mark.index - 1, node.end_mark.index - 1) for node in nodes]
     begins, ends = [begin for begin, _ in spans], [end for _, end in spans]
@@ -69,8 +69,7 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
         "#" in text[begin:end]
         for begin, end in zip([0, *ends], [*begins, len(text)], strict=True)
     ):
-        fix = "put text that holds # in quotes within quotes"
-        raise RefusedError("holds # after a space, which begins a comment", fix)
+        raise Message.VALUES_WITH_COMMENT.refusal()
     for node, (begin, end) in zip(nodes, spans, strict=True):
         yield (
             text[begin:end].strip(),
@@ -79,24 +78,20 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
 
 
 def read_values(text: str) -> tuple[Value, ...]:
-    """Return values and ranges between commas. Raise RefusedError."""
-    values: list[Value] = []
-    for part, is_bare in split(text):
+    """Values and ranges between commas. Raises RefusedError."""
+    found: list[Value] = []
+    for part, bare in split(text):
         if part.startswith("~"):
-            fix = "write the distribution alone, or ~choice(...)"
-            raise RefusedError("mixes values and a distribution", fix)
-        values += _read_range(part) if is_bare and _RANGE(part) else [_read_value(part)]
-    if not values:
-        raise RefusedError(
-            "has no values",
-            "write some, with commas between them; null takes a key away",
-        )
-    texts: set[str] = set()
-    for value in values:
-        if (same := repr(value.data)) in texts:
-            raise RefusedError(f"has {quoted(value.text, '')} twice", "keep one")
-        texts.add(same)
-    return tuple(values)
+            raise Message.VALUES_MIXED.refusal()
+        found += _read_range(part) if bare and _RANGE(part) else [_read_value(part)]
+    if not found:
+        raise Message.VALUES_MISSING.refusal()
+    seen: set[str] = set()
+    for value in found:
+        if (same := repr(value.data)) in seen:
+            raise Message.TWICE_IN_LIST.refusal(value=quoted(value.text, ""))
+        seen.add(same)
+    return tuple(found)
 
 
 def _read_value(text: str) -> Value:
@@ -104,39 +99,38 @@ def _read_value(text: str) -> Value:
         return parse_yaml(text)
     except InputError as error:
         problem = error.problems[0]
-        raise RefusedError(
-            f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix
+        reason = f"{problem.found} {problem.expected}"
+        wrong = Message.VALUE_NOT_YAML
+        raise wrong.refusal(
+            value=quoted(text), reason=reason, fix=problem.fix
         ) from None
 
 
 def parse_yaml(text: str) -> Value:
-    """Raise InputError with messages that name no place."""
+    """Raises InputError with messages that name no place."""
     return Value(text, plain(read(text, Source("", Path()), counted=False)))
 
 
 def number_value(data: int | float) -> Value:
-    """Return a number with its shortest exact text."""
+    """A number with its shortest exact text."""
     return Value(number(data), data)
 
 
 def _read_range(text: str) -> list[Value]:
-    """Return the numbers of `start:end:count[:log]`, exactly: 0.3 is in 0:1:11. Raise RefusedError."""
+    """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises RefusedError."""
     parts = text.split(":")
-    fix = "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes"
     if (
         len(parts) not in (3, 4)
         or not all(map(_DECIMAL, parts[:2]))
         or parts[3:] not in ([], ["log"])
     ):
-        raise RefusedError("is not start:end:count", fix)
+        raise Message.NOT_A_RANGE.refusal()
     count = int(parts[2]) if re.fullmatch("[0-9]{1,18}", parts[2]) else 0
     if not 2 <= count <= MAX_COUNT:
-        raise RefusedError(f"has no count from 2 to {MAX_COUNT:,} behind its ends", fix)
+        raise Message.RANGE_COUNT.refusal(most=MAX_COUNT)
     begin, end = map(Fraction, parts[:2])
     if begin == end:
-        raise RefusedError(
-            "ends where it begins", f"write {parts[0]} alone, or another end"
-        )
+        raise Message.RANGE_WITHOUT_LENGTH.refusal(value=parts[0])
     if not parts[3:]:
         exact = [begin + (end - begin) * Fraction(k, count - 1) for k in range(count)]
     elif begin * end > 0:
@@ -146,7 +140,7 @@ def _read_range(text: str) -> list[Value]:
         )
         exact = [begin, *map(Fraction, inner), end]
     else:
-        raise RefusedError(NO_LOGARITHM, "take both above 0, or both below")
+        raise Message.RANGE_WITHOUT_LOGARITHM.refusal()
     return [
         number_value(
             int(value)
@@ -158,7 +152,7 @@ def _read_range(text: str) -> list[Value]:
 
 
 def _log_between(low: float, high: float, share: float) -> float:
-    """Return numbers between two of one sign, even in the logarithm; rounded to 15 digits: 10 is in 1:1000:4."""
+    """Between two numbers of one sign, linear in the logarithm; rounded to 15 digits, so that 1:1000:4 holds 10."""
     begin, end = log(abs(low)), log(abs(high))
     size = float(f"{exp(begin + share * (end - begin)):.15g}")
     size = min(max(size, min(abs(low), abs(high))), max(abs(low), abs(high)))
@@ -176,7 +170,7 @@ class Distribution:
     values: tuple[Value, ...] = ()  # of a choice; a repeated value is drawn more often
 
     def at(self, share: float) -> Value:
-        """Return the quantile: that share of draws is below the value, 0 < share < 1."""
+        """The quantile: the value below which that share of draws lies, 0 < share < 1."""
         if self.name == "choice":
             return self.values[int(share * len(self.values))]
         low, high = self.numbers
@@ -188,33 +182,32 @@ class Distribution:
 
 
 def read_distribution(text: str) -> Distribution:
-    """Parse `~NAME(...)`. Raise RefusedError."""
+    """Parses `~NAME(...)`. Raises RefusedError."""
     call = _CALL(text)
     name = call[1].lower() if call else ""
     if call is None or name not in EXAMPLES:
         close = nearest(name, EXAMPLES)
-        fix = (
-            f"did you mean {EXAMPLES[close]}?"
-            if close
-            else f"write {listed(EXAMPLES.values())}"
-        )
-        raise RefusedError(f"names no {'known ' * bool(name)}distribution", fix)
+        fix = f"write {listed(EXAMPLES.values())}"
+        if close:
+            fix = f"did you mean {EXAMPLES[close]}?"
+        raise Message.UNKNOWN_DISTRIBUTION.refusal(fix=fix)
     parts = [part for part, _ in split(call[2] or "")]
     if name == "choice":
-        distribution = Distribution(name, values=tuple(map(_read_value, parts)))
+        found = Distribution(name, values=tuple(map(_read_value, parts)))
         fault = "has not two values to choose from" if len(parts) < 2 else ""
     else:
-        distribution = Distribution(
+        found = Distribution(
             name, tuple(float(part) for part in parts if _DECIMAL(part))
         )
-        fault = _fault(distribution, len(parts))
+        fault = _fault(found, len(parts))
     if fault:
-        raise RefusedError(fault, f"write e.g. {EXAMPLES[name]}")
-    return distribution
+        wrong = Message.DISTRIBUTION_WRONG
+        raise wrong.refusal(fault=fault, example=EXAMPLES[name])
+    return found
 
 
 def _fault(found: Distribution, parts: int) -> str:
-    """Return the fault of the numbers of a distribution with so many parts."""
+    """What is wrong with the numbers of a distribution that was written with so many parts."""
     numbers = found.numbers
     if found.name == "normal":
         if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):

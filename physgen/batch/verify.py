@@ -16,8 +16,9 @@ import numpy as np
 from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
 from physgen.batch.run import describe_failure
+from physgen.messages import Message
 from physgen.pipeline.stages import Film, Keep, Stages
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, Place, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, versions
 from physgen.simulate.trajectory import Trajectory, read_trajectory
 from physgen.text import counted, quoted, rounded
@@ -57,7 +58,7 @@ class MotionDifference:
     """The largest distance of each that differs, px, the largest first; empty where trajectory.npz does not tell."""
 
     def text(self) -> str:
-        """Return the text for a person."""
+        """For a person."""
         before, now = self.counts
         counts = (
             f"{counted(before, 'sample')} then, {now} now; " if before != now else ""
@@ -77,7 +78,7 @@ class FrameDifference:
     counts: tuple[int, int]  # how many frames there were, and are
 
     def text(self) -> str:
-        """Return the text for a person."""
+        """For a person."""
         before, now = self.counts
         parts = [f"{counted(before, 'frame')} then, {now} now"] if before != now else []
         if self.differ:
@@ -135,7 +136,7 @@ class Verdict:
         return f"{self.clip}: {self.outcome.value}: {'; '.join([*parts, *self.notes])}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the data for a program."""
+        """For a program."""
         problems = [problem.as_dict() for problem in self.problems]
         return asdict(replace(self, problems=())) | {
             "outcome": self.outcome.value,
@@ -146,7 +147,7 @@ class Verdict:
 def verify(
     request: VerifyRequest, progress: pipeline.Progress = pipeline.silent
 ) -> Verdict:
-    """Render the clip's scene again and compare; faults of the clip or its scene are in the verdict."""
+    """Renders the clip's scene again and compares; what is wrong with the clip or its scene is in the verdict."""
     try:
         return _verify(request, progress)
     except InputError as error:
@@ -158,48 +159,48 @@ def verify(
 
 
 def failed(request: VerifyRequest, error: Exception) -> Verdict:
-    """Return the verdict after a failure of the machine or physgen, not of the scene."""
-    problems = InputError.of(str(request.folder), "", *describe_failure(error)).problems
-    return Verdict(str(request.folder), Outcome.UNKNOWN, problems=tuple(problems))
+    """The verdict where the machine or physgen failed, not the scene."""
+    failure, fix = describe_failure(error)
+    folder, message = str(request.folder), Message.JOB_FAILED
+    problem = message.problem(Place(folder), failure=failure, fix=fix)
+    return Verdict(folder, Outcome.UNKNOWN, problems=(problem,))
 
 
 def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     folder = request.folder
     manifest = read_manifest(folder)
-    damage = _damaged_files(folder, manifest.files, progress)
+    damaged = _damaged_files(folder, manifest.files, progress)
     path = request.scene or _source(manifest, folder)
     scene = pipeline.load(
         path, manifest.overrides, manifest.variant, request.allow_outside
     )
     here = {"machine": f"{platform.machine()} {platform.system()}"}
-    recorded_machine = {"machine": manifest.machine}
-    stages = Stages(Keep.NOTHING)
-    maps = stages.maps(scene)
-    compilation = stages.compile(scene, maps)
+    there = {"machine": manifest.machine}
+    warm = Stages(Keep.NOTHING)
+    maps = warm.maps(scene)
+    compiled = warm.compile(scene, maps)
     progress("simulate", 0, 1)
     with scene.located():
-        new_trajectory = stages.simulate(compilation.world, progress)
-    film = Film(scene, compilation, maps, RunRecord(scene="", command=[]), stages)
+        now = warm.simulate(compiled.world, progress)
+    film = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
     hashes = []
-    for frame in film.annotated(film.frames(new_trajectory), new_trajectory):
+    for frame in film.annotated(film.frames(now), now):
         hashes.append(frame_hash(frame.rgb))
-        progress("render", len(hashes), len(film.shot(new_trajectory).order))
-    motion = _motion_difference(folder, manifest.samples, new_trajectory)
+        progress("render", len(hashes), len(film.shot(now).order))
+    motion = _motion_difference(folder, manifest.samples, now)
     pictures = _frame_difference(manifest.frames, hashes)
-    matches = motion is None and pictures is None and not damage
+    same = motion is None and pictures is None and not damaged
     return Verdict(
         clip=str(folder),
-        outcome=Outcome.EQUAL if matches else Outcome.DIFFERS,
+        outcome=Outcome.EQUAL if same else Outcome.DIFFERS,
         samples=len(manifest.samples),
         frames=len(manifest.frames),
         files=len(manifest.files),
         changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
         elsewhere=tuple(
-            changed_environment(
-                {**manifest.versions, **recorded_machine}, {**versions(), **here}
-            )
+            changed_environment({**manifest.versions, **there}, {**versions(), **here})
         ),
-        damaged=tuple(f"{name} {fault}" for name, fault in damage.items()),
+        damaged=tuple(f"{name} {what}" for name, what in damaged.items()),
         motion=motion,
         pictures=pictures,
         notes=(NOT_REFINED,) if manifest.refined else (),
@@ -207,33 +208,32 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
 
 
 def _source(manifest: Manifest, folder: Path) -> Path:
-    """Return the scene file that the manifest names. Raise InputError if it is missing."""
+    """The scene file that the manifest names. Raises InputError where it is not there."""
     path = Path(folder.resolve(), manifest.source)
     if not path.is_file():
-        fix = "the clip or the scene was moved; name it with --scene FILE"
-        raise InputError.of(str(folder / manifest.source), "", "is not there", fix)
+        raise Message.SOURCE_MOVED.error(str(folder / manifest.source))
     return path.parent.resolve() / path.name
 
 
 def _damaged_files(
     folder: Path, files: Mapping[str, str], progress: Callable[[str, int, int], None]
 ) -> dict[str, str]:
-    """Return the faults of output files that have changed, by file."""
-    faults = {}
+    """Output files that are not as they were written -> what is wrong with them."""
+    found = {}
     for count, (name, digest) in enumerate(files.items(), 1):
         path = folder / name
         if ".." in name.split("/") or Path(name).is_absolute():
-            faults[name] = "is no file of the clip"
+            found[name] = "is not a file of the clip"
         elif not path.is_file():
-            faults[name] = "is missing"
+            found[name] = "is missing"
         elif file_hash(path) != digest:
-            faults[name] = "is not as it was written"
+            found[name] = "is not as it was written"
         progress("files", count, len(files))
-    return faults
+    return found
 
 
 def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
-    """Return a clip's trajectory.npz, if it has the `samples` of the manifest."""
+    """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
     if not path.is_file():
         return None
     try:
@@ -254,40 +254,39 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
 def _motion_difference(
     folder: Path, samples: Sequence[str], now: Trajectory
 ) -> MotionDifference | None:
-    """Return the difference of motions, None for equal ones; `samples` are the hashes of the old one."""
+    """None for equal motions; `samples` are the hashes of the old one."""
     hashes = now.sample_hashes()
     if hashes == list(samples):
         return None
     counts = len(samples), len(hashes)
     first = _first_difference(samples, hashes)
     time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
-    difference = MotionDifference(first, time, counts)
+    found = MotionDifference(first, time, counts)
     then = _stored_motion(folder / "trajectory.npz", samples)
     if (
         then is None
         or then.names != now.names
         or not np.array_equal(then.times, now.times)
     ):
-        return difference
-    deviation = then.poses[..., :2] - now.poses[..., :2]
-    distances = dict(
+        return found
+    between = then.poses[..., :2] - now.poses[..., :2]
+    apart = dict(
         zip(
             now.names,
-            np.hypot(deviation[..., 0], deviation[..., 1]).max(axis=0).tolist(),
+            np.hypot(between[..., 0], between[..., 1]).max(axis=0).tolist(),
             strict=True,
         )
     )
     order = sorted(
-        (name for name in distances if distances[name]),
-        key=lambda name: -distances[name],
+        (name for name in apart if apart[name]), key=lambda name: -apart[name]
     )
-    return replace(difference, objects={name: distances[name] for name in order})
+    return replace(found, objects={name: apart[name] for name in order})
 
 
 def _frame_difference(
     then: Sequence[str], now: Sequence[str]
 ) -> FrameDifference | None:
-    """Return the difference of frames by their hashes, None for equal ones."""
+    """None for equal frames, by their hashes."""
     if list(then) == list(now):
         return None
     differ = sum(a != b for a, b in zip(then, now, strict=False))
@@ -295,13 +294,13 @@ def _frame_difference(
 
 
 def _first_difference(then: Sequence[str], now: Sequence[str]) -> int:
-    """Return the index of the first item that differs; the number of common items if none does."""
+    """Index of the first that differs; where none of both does, how many both have."""
     pairs = enumerate(zip(then, now, strict=False))
     return next((k for k, (a, b) in pairs if a != b), min(len(then), len(now)))
 
 
 def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """Return a sentence for each input file that differs, by hashes."""
+    """A sentence for each input file that differs, by hashes."""
     for name in (*then, *(name for name in now if name not in then)):
         if then.get(name) != now.get(name):
             if name not in then:
@@ -314,13 +313,13 @@ def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[s
 def changed_environment(
     then: Mapping[str, str], now: Mapping[str, str]
 ) -> Iterator[str]:
-    """Return a sentence for each version or property of the machine that differs, of those that are known of both."""
+    """A sentence for each version or property of the machine that differs, of those that are known of both."""
     for name, value in then.items():
         if name in now and now[name] != value:
             yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
 def few(texts: Sequence[str]) -> str:
-    """Return the first ones, and the number of the others."""
+    """The first ones, and the number of the others."""
     more = len(texts) - MAX_NAMED
     return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -26,6 +26,7 @@ from physgen.cli.arguments import (
 )
 from physgen.cli.clusters import is_parallel, run_all
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
+from physgen.messages import Message
 from physgen.problems import (
     InputError,
     OutputError,
@@ -196,8 +197,11 @@ def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
         return refiner, tuple(options.set)
     name = options.refine.partition(":")[0]
     if name not in registry.names("refine"):
-        fix = registry.suggestion(name, registry.names("refine"))
-        raise InputError.of("--refine", f'"{name}"', "is no backend that refines", fix)
+        raise Message.UNKNOWN_REFINER.error(
+            "--refine",
+            f'"{name}"',
+            fix=registry.suggestion(name, registry.names("refine")),
+        )
     return refiner, (*options.set, f"refine.backend={name}")
 
 
@@ -235,9 +239,8 @@ def check_names(jobs: list[Job]) -> None:
     for job in jobs:
         name = pipeline.output_name(job.scene, job.options.variant)
         if name in seen:
-            expected = f"would be written over {seen[name]}: both are called {name}"
-            problems += InputError.of(
-                job.scene, "", expected, "render them into two folders"
+            problems += Message.CLIPS_CALLED_ALIKE.error(
+                job.scene, name=name, other=seen[name]
             ).problems
         seen.setdefault(name, job.scene)
     if problems:
@@ -426,7 +429,7 @@ def part(text: str) -> slice:
     if first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step):
         return slice(int(first) - 1, None, int(step))
     raise argparse.ArgumentTypeError(
-        f"{text} is no part; write e.g. 2/8, the second of 8 machines"
+        f"{text} is not a part; write e.g. 2/8, the second of 8 machines"
     )
 
 

@@ -20,16 +20,17 @@ from physgen.cli.clusters import (
     add_cluster,
     add_ship,
     check_cluster,
-    gather_clips,
+    gather_stored,
     run_all,
 )
 from physgen.cli.output import OK, print_error, print_line, print_problem
-from physgen.problems import Place, Problem, Severity
+from physgen.messages import Message
+from physgen.problems import Place, Problem
 from physgen.text import counted
 
 if TYPE_CHECKING:
     from physgen.batch.clips import FoundClip
-    from physgen.batch.dataset import Sample
+    from physgen.batch.dataset import DatasetSummary, Sample
 
 INTERVAL = 10_000
 """Clips between two lines of progress."""
@@ -38,7 +39,7 @@ MAX_WARNINGS = 20
 
 
 def dataset(options: argparse.Namespace) -> int:
-    from physgen.batch.dataset import Gathering, lost_sample, read_splits
+    from physgen.batch.dataset import Gathering, gather, lost_sample, read_splits
 
     check_folder_name(options.output)
     check_cluster(options)
@@ -61,32 +62,45 @@ def dataset(options: argparse.Namespace) -> int:
         return run_all(options, copy, clips, 1, lost_sample)
 
     how = Gathering(splits, warn, progress, copies, options.layout, options.shard_clips)
-    done = gather_clips(options, how)
-    place = "" if options.ship is None else options.ship.rstrip("/") + "/"
-    files = [f"{place}{path}" for path in done.files]
+    if options.ship is None:
+        done = gather(options.folders, options.output, how)
+    else:
+        done = gather_stored(options, how)
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
-    if empty := [name for name, count in done.counts.items() if not count]:
-        photos = len(done.photos)
-        there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
-        fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
-        expected = f"has no clip in {', '.join(empty)}: {there}"
-        print_problem(
-            Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING)
-        )
+    _warn_of_empty_splits(done, options.output)
+    _print_summary(done, options)
+    return WRONG_INPUT if done.left_out else OK
+
+
+def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
+    """Print a warning if a split has no clip."""
+    empty = [name for name, count in done.counts.items() if not count]
+    if not empty:
+        return
+    photos = len(done.photos)
+    there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
+    place = Place(str(output))
+    names = ", ".join(empty)
+    print_problem(Message.SPLIT_EMPTY.warning(place, empty=names, there=there))
+
+
+def _print_summary(done: DatasetSummary, options: argparse.Namespace) -> None:
+    """Print the files that readers open, in their store if there is one."""
+    store = "" if options.ship is None else options.ship.rstrip("/") + "/"
+    files = [f"{store}{path}" for path in done.files]
     if options.json:
         line = {
-            "dataset": f"{place}{options.output}",
+            "dataset": f"{store}{options.output}",
             "clips": done.counts,
             "left_out": done.left_out,
         }
         print_line(json.dumps({**line, "files": files}))
-    else:
-        for file in files:
-            print_line(file)
-        split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
-        print_error(f"{counted(done.total, 'clip')}: {split}")
-    return WRONG_INPUT if done.left_out else OK
+        return
+    for file in files:
+        print_line(file)
+    split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
+    print_error(f"{counted(done.total, 'clip')}: {split}")
 
 
 def add(parser: Parser) -> None:

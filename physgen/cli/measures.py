@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from physgen.cli.arguments import Parser, names, positive, whole
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import Bar, print_error, print_problem
-from physgen.problems import InputError
+from physgen.messages import Message
 
 if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
@@ -38,8 +38,7 @@ def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
 
     if others := set(choices(options.backend)) - {"physics"}:
         role = f'"{", ".join(sorted(others))}"'
-        fix = "write physics=NAME"
-        raise InputError.of("--backend", role, "has no part in this", fix)
+        raise Message.ROLE_NOT_PHYSICS.error("--backend", role)
     table = read_table(options.table or SHIPPED)
     plan = load_plan(options.backend, config=options.config).of(("physics",))
     backends = Backends(plan)
@@ -76,8 +75,7 @@ def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
     from physgen.evaluate.controllability import findings, plot, sweep
 
     if options.variant == "all":
-        fix = "write one name"
-        raise InputError.of("--variant", "all", "names more than one", fix)
+        raise Message.VARIANT_ALL.error("--variant", "all")
     scene = pipeline.load(
         options.scene, options.set, options.variant, options.allow_outside
     )

@@ -29,8 +29,8 @@ from physgen.cli.clips import (
 from physgen.cli.clusters import add_cluster, add_ship, check_cluster
 from physgen.cli.output import OK, print_backup, print_line
 from physgen.files import check_writable
-from physgen.problems import InputError, Place, Problem
-from physgen.text import listed, nearest
+from physgen.messages import Message, one_of
+from physgen.problems import InputError, Place
 
 if TYPE_CHECKING:
     from physgen.batch.run import Job
@@ -50,8 +50,7 @@ def sweep(options: argparse.Namespace) -> int:
     from physgen.scene.load import Opened
 
     if "=" in options.scene and not Path(options.scene).exists():
-        fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
-        raise InputError.of(options.scene, "", "is no scene file", fix)
+        raise Message.SWEEP_WITHOUT_SCENE.error(options.scene)
     check_folder_name(options.output)
     check_cluster(options)
     opened = Opened(Path(options.scene), options.allow_outside)
@@ -95,12 +94,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     out = Path(options.output)
     check_writable(out)
     if (out / TABLE).is_dir():
-        raise InputError.of(
-            "-o",
-            f'"{out}"',
-            f"holds a folder {TABLE}, where the table would go",
-            "name another",
-        )
+        raise Message.TABLE_IS_FOLDER.error("-o", f'"{out}"')
     out.mkdir(parents=True, exist_ok=True)
     running: deque[Point] = deque()  # jobs end in the order in which they begin
     numbers = range(len(plan))[options.part or slice(None)]
@@ -169,17 +163,9 @@ def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, .
     problems = []
     for name in chosen:
         if name not in objects:
-            close = nearest(name, objects)
-            fix = (
-                f'did you mean "{close}"?'
-                if close
-                else f"write any of {listed(objects[:30])}"
-            )
-            problems.append(
-                Problem(
-                    Place("--track"), "", f'"{name}"', "is no object that can move", fix
-                )
-            )
+            place, fix = Place("--track"), one_of(name, objects)
+            wrong = Message.NOT_MOVABLE.problem(place, "", f'"{name}"', fix=fix)
+            problems.append(wrong)
     if problems:
         raise InputError(problems)
     return tuple(chosen)

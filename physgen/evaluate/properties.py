@@ -114,6 +114,10 @@ class Answer:
     reason: str = ""
 
 
+TABLE_START = "`objects:` and one line per object, e.g. `cup: {label: cup, mass: 118}`"
+"""First keys of a table, as messages name them."""
+
+
 def read_table(path: Path) -> Objects:
     """Return a table in YAML. Raise InputError."""
     fix = "write a table like physgen/evaluate/objects.yaml"
@@ -134,7 +138,8 @@ def read_table(path: Path) -> Objects:
 def _parse_table(path: Path) -> Objects:
     """Return a table. Raise an error of Python for a file that is not one."""
     text = decode(path.read_bytes(), str(path))
-    data: Any = plain(read(text, Source(str(path), path.parent)))
+    source_file = Source(str(path), path.parent)
+    data: Any = plain(read(text, source_file, start=TABLE_START))
     items = [_item(name, **row) for name, row in data["objects"].items()]
     rankings = []
     for name in data.get("rankings", {}):

@@ -22,9 +22,9 @@ from physgen.export.tapvid import Tapvid
 from physgen.export.trajectory import TrajectoryTables
 from physgen.files import install
 from physgen.maps import Percepts
-from physgen.problems import InputError, Problem
+from physgen.messages import Message, one_of
+from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Scene
-from physgen.text import listed, nearest
 
 
 @dataclass(frozen=True)
@@ -105,17 +105,12 @@ def choose_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
     for name in dict.fromkeys(names):
         row = known.get(name)
         if row is None:
-            similar = nearest(name, known)
-            fix = f"write any of {listed(list(known))}"
-            if similar:
-                fix = f'did you mean "{similar}"?'
-            fault = "is no format"
+            unknown, fix = Message.UNKNOWN_FORMAT, one_of(name, list(known))
+            problems.append(unknown.problem(Place(flag), "", f'"{name}"', fix=fix))
         elif row.library and find_spec(row.library) is None:
-            fault = f"needs {row.library}, which is not installed"
-            fix = install("labels")
-        else:
-            continue
-        problems += InputError.of(flag, f'"{name}"', fault, fix).problems
+            missing, command = Message.LIBRARY_MISSING, install("labels")
+            values = {"library": row.library, "install": command}
+            problems.append(missing.problem(Place(flag), "", f'"{name}"', **values))
     if problems:
         raise InputError(problems)
     return [known[name] for name in dict.fromkeys(names)]
@@ -139,11 +134,14 @@ def _count_problems(row: LabelFormat, scene: Scene) -> list[Problem]:
     if row.max_objects is None or count <= row.max_objects:
         return []
     found = f"{count:,} objects"
-    expected = (
-        f"are more than the format {row.name} can number, which is {row.max_objects}"
+    problem = Message.TOO_MANY_FOR_FORMAT.problem(
+        scene.place("objects"),
+        "objects",
+        found,
+        format=row.name,
+        most=row.max_objects,
     )
-    fix = "take coco, which has no limit, or leave objects out"
-    return [Problem(scene.place("objects"), "objects", found, expected, fix)]
+    return [problem]
 
 
 def _map_problems(
@@ -154,17 +152,22 @@ def _map_problems(
         return []
     found = f'--format "{row.name}"'
     if maps is None:
-        expected = "is made of a photo's maps, and there is no photo"
-        fix = f"leave {row.name} out"
-        return [Problem(scene.place("size"), "", found, expected, fix)]
+        without, place = Message.FORMAT_WITHOUT_PHOTO, scene.place("size")
+        return [without.problem(place, "", found, format=row.name)]
     if getattr(maps, row.needs) is not None:
         return []
     place = scene.place("assets")
     # `perceive` makes no depth by default
     option = " --backend depth=NAME" if row.needs == "depth" else ""
-    fix = f"have it made: physgen perceive --refresh {place.file}{option} -o NEW.yaml"
-    expected = f"is made of {row.needs}.png, which is not there"
-    return [Problem(place, "assets", found, expected, fix)]
+    problem = Message.FORMAT_WITHOUT_MAP.problem(
+        place,
+        "assets",
+        found,
+        map=row.needs,
+        scene=place.file,
+        option=option,
+    )
+    return [problem]
 
 
 @contextmanager

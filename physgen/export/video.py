@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.messages import Message
 from physgen.problems import InputError, Problem
 
 U8 = NDArray[np.uint8]
@@ -92,11 +93,10 @@ def open_video(
     Above the rate of `MAX_RATES`, frames are left out; the clip's duration stays.
     """
     max_side = MAX_SIDES.get(kind)
-    place, fix = f"--format {kind.value}", "render with --format png"
+    place = f"--format {kind.value}"
     if max_side is not None and max(size) > max_side:
         found = f"{size[0]} x {size[1]} px"
-        fault = f"is over the {max_side} px that it allows a side"
-        raise InputError.of(place, found, fault, fix)
+        raise Message.SIDE_TOO_LONG.error(place, found, most=max_side)
     source_rate = Fraction(fps).limit_denominator(1001)
     rate = min(source_rate, Fraction(MAX_RATES.get(kind, source_rate)))
     from av.error import FFmpegError
@@ -113,8 +113,8 @@ def open_video(
             file = str(folder / kind.file)
             raise OSError(error.errno, error.strerror, file) from None
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
-        expected = f"could not be encoded ({error.strerror or error})"
-        raise InputError.of(place, found, expected, fix) from None
+        reason = error.strerror or error
+        raise Message.ENCODING_REFUSED.error(place, found, reason=reason) from None
 
 
 def _opener(kind: Format) -> Callable[..., AbstractContextManager[Write]]:
@@ -208,9 +208,8 @@ class FormatWriter:
         if isinstance(error, InputError):
             return error
         reason = str(error) or type(error).__name__
-        expected = f"could not be encoded ({reason})"
-        fix = "render with --format png"
-        return InputError.of(f"--format {self._format}", "", expected, fix)
+        refused = Message.ENCODING_REFUSED
+        return refused.error(f"--format {self._format}", reason=reason)
 
     def _abandon(self, error: InputError) -> None:
         """Note why this format failed, and remove its file."""

@@ -16,6 +16,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from physgen.messages import Message
 from physgen.problems import InputError, Problem, Severity
 from physgen.report.record import write_json
 from physgen.text import natural
@@ -155,43 +156,42 @@ class Clip:
 def clips_in(roots: Sequence[Path]) -> list[Clip]:
     """Find every clip in or below `roots`, once, in the natural order of folders.
 
-    Raise InputError for roots without clips.
+    Raises InputError for roots without clips.
 
     Folders whose names begin with a dot, and files that are not ours, are skipped.
     """
-    fix = "name folders that physgen rendered into, e.g. out"
-    errors = [
-        InputError.of(str(root), "", "is no folder", fix)
+    missing = [
+        Message.NOT_A_CLIP_FOLDER.error(str(root))
         for root in roots
         if not root.is_dir()
     ]
-    if errors:
-        raise InputError(problem for error in errors for problem in error.problems)
-    clips: dict[Path, Clip] = {}
+    if missing:
+        raise InputError(problem for error in missing for problem in error.problems)
+    found: dict[Path, Clip] = {}
     for root in roots:
         for clip in _below(root):
-            clips.setdefault(clip.home.resolve(), clip)
+            found.setdefault(clip.home.resolve(), clip)
     # a clip whose refinement failed replaces the record of that failure
     failures = {
-        clip.home: clip for clip in clips.values() if clip.home.name.endswith(ENDING)
+        clip.home: clip for clip in found.values() if clip.home.name.endswith(ENDING)
     }
-    rest = []
-    for clip in clips.values():
+    kept = []
+    for clip in found.values():
         failure = failures.get(clip.home.with_name(clip.home.name + ENDING))
         if failure is not None and clip.problems:
-            rest.append(replace(clip, problems=failures.pop(failure.home).problems))
+            kept.append(replace(clip, problems=failures.pop(failure.home).problems))
         elif clip.home not in failures:
-            rest.append(clip)
+            kept.append(clip)
     return sorted(
-        [*rest, *failures.values()],
+        [*kept, *failures.values()],
         key=lambda clip: [natural(part) for part in clip.home.parts],
     )
 
 
 def _below(root: Path) -> Iterator[Clip]:
     for place, folders, files in os.walk(root):
-        folder = Path(place)
-        clip = _rendered(folder) if "manifest.json" in files else None
+        here = Path(place)
+        clip = _rendered(here) if "manifest.json" in files else None
         if clip is not None:
             folders.clear()  # folders inside a clip belong to it
             yield clip
@@ -200,9 +200,9 @@ def _below(root: Path) -> Iterator[Clip]:
         for name in files:
             if (
                 name.endswith(ENDING)
-                and (failure := read_failure(folder / name)) is not None
+                and (failure := read_failure(here / name)) is not None
             ):
-                yield _failed(folder / name, failure)
+                yield _failed(here / name, failure)
 
 
 def _rendered(folder: Path) -> Clip | None:

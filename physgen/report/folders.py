@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from physgen.files import check_writable, machine_id, partial
+from physgen.messages import Message
 from physgen.operating_system import is_running
-from physgen.problems import InputError
 from physgen.report.record import TIMING
 from physgen.text import listed
 
@@ -103,15 +103,15 @@ def atomic_folder(final: Path) -> Iterator[Path]:
     ):  # once: listing a folder of 100,000 clips takes long
         _SWEPT.add(final.parent.resolve())
         remove_leftovers(final.parent)
-    new_folder = partial(final)
-    shutil.rmtree(new_folder, ignore_errors=True)
-    new_folder.mkdir()
+    beside = partial(final)
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir()
     old = partial(final, "old")
     try:
-        yield new_folder
-        _instead(new_folder, final, old)
+        yield beside
+        _instead(beside, final, old)
     except BaseException:
-        shutil.rmtree(new_folder, ignore_errors=True)
+        shutil.rmtree(beside, ignore_errors=True)
         if old.exists() and not final.exists():
             old.rename(final)
         raise
@@ -139,35 +139,24 @@ def _instead(beside: Path, final: Path, old: Path) -> None:
 def output_folder(out: Path, name: str) -> Path:
     """Return `out/<name>`. Refuses a folder with files that no earlier run of ours wrote: nothing is lost.
 
-    Raise OutputError if no file can be written there.
+    Raises OutputError if no file can be written there.
     """
     check_writable(out)
     final = out / name
-    foreign_files = _strangers(final)
-    if foreign_files is None:
-        fix = "choose another folder with -o"
-        raise InputError.of(
-            str(final), "", "is there already and was not made by physgen", fix
-        )
-    if foreign_files:
-        names = ", ".join(foreign_files[:3]) + (
-            ", ..." if len(foreign_files) > 3 else ""
-        )
-        fix = "move it out, or choose another folder with -o"
-        raise InputError.of(
-            str(final),
-            "",
-            f"would be replaced, and holds {names}, which physgen did not make",
-            fix,
-        )
+    strange = _strangers(final)
+    if strange is None:
+        raise Message.FOLDER_OF_OTHERS.error(str(final))
+    if strange:
+        found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
+        raise Message.FILES_OF_OTHERS.error(str(final), files=found)
     return final
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read the record of an earlier run; empty if it is damaged."""
     try:
-        record = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        return record if record["manifest"] == 1 and {*record["files"]} else {}
+        found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return found if found["manifest"] == 1 and {*found["files"]} else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 
@@ -177,18 +166,18 @@ def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
 
     "" for none.
     """
-    new_names, old_names = (
+    kept, there = (
         {str(name).partition("/")[0] for name in names}
         for names in (again, manifest.get("files", ()))
     )
-    return listed(sorted(old_names - new_names), "and")
+    return listed(sorted(there - kept), "and")
 
 
 def looks_like_clip(names: Iterable[str]) -> bool:
     """Return whether names in a folder are those of a clip without its manifest."""
-    present_names = set(names)
+    there = set(names)
     return (
-        "clip.json" not in present_names and len(present_names & CLIPS) > 1
+        "clip.json" not in there and len(there & CLIPS) > 1
     )  # data sets have clip.json
 
 

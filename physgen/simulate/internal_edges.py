@@ -263,15 +263,14 @@ class InternalEdges:
         partners: of each owner, the owners that it touches.
         """
         first, second = shapes
-        ways = (second, first, contact), (first, second, contact.reversed())
-        for own, other, directed in ways:
-            if self._is_still_covered(frames, (own, other), directed):
-                return STILL
-        for own, other, directed in ways:
-            room = self._room(frames, own, other, partners, directed)
-            if room:
-                return room
-        return 0.0
+        if self._is_still_covered(frames, (second, first), contact):
+            return STILL
+        reversed_contact = contact.reversed()
+        if self._is_still_covered(frames, shapes, reversed_contact):
+            return STILL
+        return self._room(frames, second, first, partners, contact) or self._room(
+            frames, first, second, partners, reversed_contact
+        )
 
     def _is_still_covered(
         self, frames: Frames, pair: tuple[int, int], contact: Contact
@@ -288,11 +287,11 @@ class InternalEdges:
         place = WORLD
         if not surface.is_static:
             place = frames.of(surface.owner)
-        cover = self._cover_of(frames, pair, contact)
+        cover = self._begin_cover(frames, pair, contact)
         cover.extend(place, edges)
         return cover.is_whole
 
-    def _cover_of(
+    def _begin_cover(
         self, frames: Frames, pair: tuple[int, int], contact: Contact
     ) -> Cover:
         """Return the cover, still empty, of a contact between two shapes.
@@ -320,7 +319,7 @@ class InternalEdges:
         shape, beside = self._outlines[own], self._outlines[other]
         if not beside.corners:
             return 0.0
-        cover = self._cover_of(frames, (own, other), contact)
+        cover = self._begin_cover(frames, (own, other), contact)
         point = contact.points[0]
         nearby = self._nearby_edges(frames, own, other, partners, point)
         for order, (place, edges) in enumerate(nearby):
@@ -424,18 +423,20 @@ def internal_edges(
 def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
     """Return whether an edge has an end near a shape, or a corner of the shape near it."""
     ends = edge.ends
-    if _are_apart(ends, corners, 0) or _are_apart(ends, corners, 1):
+    if _has_gap(ends, corners, 0) or _has_gap(ends, corners, 1):
         return False
     return any(_distance(corners, end) < NEIGHBOURS for end in ends) or any(
         _distance(ends, corner) < NEIGHBOURS for corner in corners
     )
 
 
-def _are_apart(first: Sequence[Spot], second: Sequence[Spot], axis: int) -> bool:
-    """Return whether points are farther from others than neighbours along an axis."""
-    places = [point[axis] for point in first]
-    others = [point[axis] for point in second]
-    gap = max(min(places) - max(others), min(others) - max(places))
+def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
+    """Return whether an edge with these ends is farther from a shape than neighbours along an axis."""
+    end_places = [end[axis] for end in ends]
+    corner_places = [corner[axis] for corner in corners]
+    gap = max(
+        min(end_places) - max(corner_places), min(corner_places) - max(end_places)
+    )
     return gap > NEIGHBOURS
 
 

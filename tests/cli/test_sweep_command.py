@@ -142,7 +142,7 @@ def test_a_draw_that_makes_no_scene_is_a_row_and_a_card(
         ),
         (
             ["objects.ball.mass=1,2", "--track", "floor"],
-            '--track: "floor" is no object that can move',
+            '--track: "floor" is not an object that can move',
         ),
         (
             ["variants.heavy=1,2"],

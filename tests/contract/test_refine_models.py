@@ -382,11 +382,11 @@ def test_missing_weights_are_named_before_any_work(name: str):
             (fix,) = [
                 fix
                 for text, fix in told.items()
-                if f'--refine: "{id_}" holds the weights of' in text
+                if f'--refine: "{id_}" has the weights of' in text
             ]
             assert fix == f"run hf download {id_}, or write NAME:PATH"
     with pytest.raises(
-        InputError, match=r'--refine: "no/such/folder" is not there: the weights of'
+        InputError, match=r'--refine: "no/such/folder" does not exist: the weights of'
     ):
         made(name, "no/such/folder")
 
@@ -418,7 +418,7 @@ def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path
         (
             "animatediff",
             f"{base}/unet,{base}",
-            r"is a UNet2DConditionModel: no motion adapter; name a motion",
+            r"is a UNet2DConditionModel, not a motion adapter; name a motion",
         ),
         (
             "animatediff",

@@ -235,7 +235,7 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
         "short": ([true, "--frames", "9"], ["5 frames are fewer than --frames 9; give --frames 5"]),
         "no script": ([true, "--inception", str(root / "weights.pth")], ["does not load as Inception"]),
         "both sides": ([str(root / "nowhere"), "--reference", str(root / "nowhere")], ["no such file or folder"]),
-        "twice": ([one, one], ["0, 0 are names of one thing"]),
+        "twice": ([one, one], ["0, 0 are equal names"]),
     }  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from diffusers import AutoencoderKL, DiffusionPipeline
 from numpy.typing import NDArray
 from torch import Tensor
 
+from physgen.messages import Message
 from physgen.perceive.backends.models import (
     Flag,
     as_dtype,
@@ -33,7 +34,7 @@ from physgen.perceive.backends.models import (
     run_note,
     weight_ids,
 )
-from physgen.problems import InputError, collect
+from physgen.problems import collect
 from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
 from physgen.refine.latents import frames_held, latent_frames
 from physgen.registry import Options, Setup, hub_folder, read_options
@@ -55,9 +56,8 @@ def pipeline_index(weights: str, what: str) -> dict[str, Any]:
             None,
             *LIBRARIES,
         ):  # a module of its own: a program
-            reason = f"would run {kind[0]} for its {part}"
-            raise InputError.of(
-                REFINE.name, f'"{weights}"', reason, "name weights of plain parts"
+            raise Message.WEIGHTS_RUN_CODE.error(
+                REFINE.name, f'"{weights}"', kind=kind[0], part=part
             )
     return found
 
@@ -94,9 +94,8 @@ def check_pipeline_class(
 ) -> None:
     """Raises InputError where the pipeline `found` is none of those `known`."""
     if found not in known:
-        fix = f"name weights of a {known[0]}, or the backend of these"
-        raise InputError.of(
-            REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix
+        raise Message.WRONG_WEIGHTS.error(
+            REFINE.name, f'"{weights}"', known=known[0], kind=found, purpose=what
         )
 
 
@@ -320,13 +319,7 @@ class Sampler:
         if window:
             if window > self._trained.most:
                 found, most = f"{self._kind.name}.window: {window}", self._trained.most
-                fix = f"write at most {most}"
-                raise InputError.of(
-                    "physgen.toml",
-                    found,
-                    f"is more than the {most} frames that the model can see",
-                    fix,
-                )
+                raise Message.TOO_MANY_FRAMES.error("physgen.toml", found, most=most)
             grid = replace(grid, window=latent_frames(window, grid))
         return grid
 
