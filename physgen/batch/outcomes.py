@@ -21,7 +21,7 @@ EACH_OBJECT = ("x", "y", "angle_degrees", *ALL_OBJECTS)
 
 
 def columns(tracked: Sequence[str]) -> tuple[str, ...]:
-    """Columns of all objects together, then `objects.NAME.` of each tracked one."""
+    """Return columns of all objects together, then `objects.NAME.` of each tracked one."""
     return (
         *ALL_OBJECTS,
         *(f"objects.{name}.{column}" for name in tracked for column in EACH_OBJECT),
@@ -29,7 +29,7 @@ def columns(tracked: Sequence[str]) -> tuple[str, ...]:
 
 
 def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
-    """Cells by the names of columns, without empty ones.
+    """Return cells by the names of columns, without empty ones.
 
     x, y, angle_degrees: of the centre of mass at the last sample; the angle counts whole turns since t = 0.
     peak_speed: of the centre of mass, the greatest of all samples. rest_time: the first sample from which on the object
@@ -70,6 +70,6 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
 
 
 def _earliest(times: NDArray[np.float64]) -> float | None:
-    """s."""
+    """Return the earliest time, s."""
     first = float(times.min(initial=np.inf))
     return first if np.isfinite(first) else None

@@ -121,14 +121,14 @@ class Sweep:
         return tuple(found)
 
     def set_to(self, values: Sequence[Value]) -> tuple[str, ...]:
-        """`KEY=VALUE` for each axis."""
+        """Return `KEY=VALUE` for each axis."""
         return tuple(
             f"{axis.key}={value.text}"
             for axis, value in zip(self.axes, values, strict=True)
         )
 
     def typical(self) -> tuple[Value, ...]:
-        """The first value of each list and the median of each distribution."""
+        """Return the first value of each list and the median of each distribution."""
         return tuple(
             axis.values[0] if isinstance(axis, Listed) else axis.distribution.at(0.5)
             for axis in self.axes
@@ -136,7 +136,7 @@ class Sweep:
 
 
 def draw(seed: int, key: str, number: int) -> float:
-    """A draw of the uniform distribution over 0 < x < 1, independent for every seed, key and number."""
+    """Return a draw of the uniform distribution over 0 < x < 1, independent for every seed, key and number."""
     digest = sha256(f"{seed}\n{key}\n{number}".encode()).digest()
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) / 2**52
 
@@ -147,23 +147,23 @@ def planned(
     samples: int | None = None,
     seed: int | None = None,
 ) -> Sweep:
-    """A sweep whose parts fit together; None is an option that was not given. Raises InputError."""
+    """Return a sweep whose parts fit together; None is an option that was not given. Raise InputError."""
     problems: list[Problem] = []
 
     def wrong(place: str, found: str, fix: str) -> None:
         problems.extend(InputError.of(place, "", found, fix).problems)
 
-    drawn = [axis for axis in axes if isinstance(axis, Drawn)]
-    if drawn and samples is None:
+    draws = [axis for axis in axes if isinstance(axis, Drawn)]
+    if draws and samples is None:
         wrong(
-            str(drawn[0].place),
+            str(draws[0].place),
             "is a distribution without a number of draws",
             "add e.g. --samples 100",
         )
-    if not drawn:
+    if not draws:
         fix = "give a key a distribution, e.g. 'objects.ball.mass=~uniform(100, 200)'"
-        for flag, given in (("--samples", samples), ("--seed", seed)):
-            if given is not None:
+        for flag, options in (("--samples", samples), ("--seed", seed)):
+            if options is not None:
                 wrong(flag, "has nothing to draw", fix)
     if not axes and len(variants) == 1:
         wrong(
@@ -172,7 +172,7 @@ def planned(
             "write e.g. objects.ball.mass=100:900:9, or --variant all",
         )
     sweep = Sweep(
-        tuple(axes), tuple(variants), (samples or 0) if drawn else 0, seed or 0
+        tuple(axes), tuple(variants), (samples or 0) if draws else 0, seed or 0
     )
     count = prod(sweep._sizes)
     if count > MAX_CLIPS:
@@ -188,7 +188,7 @@ def planned(
 
 
 def clip_name(numbers: Sequence[str], parts: Sequence[str]) -> str:
-    """`00-01,part,part`; parts that would make it too long are counted: `,+2`."""
+    """Return `00-01,part,part`; parts that would make it too long are counted: `,+2`."""
     text = "-".join(numbers)
     for n, part in enumerate(parts):
         longer = f"{text},{part}"
@@ -200,7 +200,7 @@ def clip_name(numbers: Sequence[str], parts: Sequence[str]) -> str:
 
 
 def short_text(value: Value) -> str:
-    """A value in about four digits or a word, in characters that are safe in shells and file systems.
+    """Return a value in about four digits or a word, in characters that are safe in shells and file systems.
 
     >>> [short_text(Value("", data)) for data in (-500, 0.1 + 0.2, 12345.678, 1.5e-7, True, None, [256, 256], "a b/c")]
     ['-500', '0.3', '12346', '1.5e-7', 'true', 'none', '256x256', 'a_b_c']
@@ -232,9 +232,9 @@ def _short_scalar(data: Any) -> str:
 def check_values(
     sweep: Sweep, opened: Opened, overrides: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Loads the scene with a typical value of every key; returns the names of all objects that can move.
+    """Load the scene with a typical value of every key, and return the names of all objects that can move.
 
-    `overrides` are those of `--set`. Raises InputError where these values make no scene: then a key is misspelt, or no
+    `overrides` are those of `--set`. Raise InputError if these values make no scene: then a key is misspelt, or no
     value fits it. Other values that fail are failed clips.
     """
     typical = sweep.typical()
@@ -259,14 +259,14 @@ def _scene(
     values: Sequence[Value],
     variant: str | None,
 ) -> Scene:
-    """Raises InputError whose problems point to the sweep's arguments in place of `--set`."""
-    ours = sweep.set_to(values)
+    """Raise InputError whose problems point to the sweep's arguments in place of `--set`."""
+    settings = sweep.set_to(values)
     places = {
         quoted(f"--set {text}", "", 80): axis.place
-        for text, axis in zip(ours, sweep.axes, strict=True)
+        for text, axis in zip(settings, sweep.axes, strict=True)
     }
     try:
-        return opened.scene((*overrides, *ours), variant)
+        return opened.scene((*overrides, *settings), variant)
     except InputError as error:
         raise InputError(
             replace(problem, place=places.get(problem.place.file, problem.place))
@@ -275,7 +275,7 @@ def _scene(
 
 
 def table_columns(sweep: Sweep, outcomes: Sequence[str]) -> tuple[str, ...]:
-    """Columns of the table: the clip, its values, its state, its outcomes and its files."""
+    """Return the columns of the table: the clip, its values, its state, its outcomes and its files."""
     keys = (axis.key for axis in sweep.axes)
     return (
         "number",
@@ -292,7 +292,7 @@ def table_columns(sweep: Sweep, outcomes: Sequence[str]) -> tuple[str, ...]:
 
 
 def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
-    """Cells by the names of columns; paths are relative to the sweep's folder."""
+    """Return cells by the names of columns; paths are relative to the sweep's folder."""
     cells: dict[str, Cell] = {
         "number": point.number,
         "name": point.name,
@@ -316,13 +316,13 @@ def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
 
 
 def keep_other_table(table: Path, made: Path, keep: Callable[[Path], None]) -> None:
-    """A `table` of other clips or columns than the one just `made`, or any other file there, is kept as `NAME~`."""
+    """Keep a `table` of other clips or columns than the one just `made`, or any other file there, as `NAME~`."""
     if table.is_file() and _names(table) != _names(made):
         back_up(table, keep)
 
 
 def _names(table: Path) -> list[str | None]:
-    """The columns of a table and the names of its clips; nothing where it is none."""
+    """Return the columns of a table and the names of its clips; none if it is not a table."""
     with (
         table.open(encoding="utf-8", errors="replace", newline="") as text,
         suppress(csv.Error),

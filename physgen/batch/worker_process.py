@@ -20,10 +20,10 @@ class Worker(Protocol):
     """A process that runs a function; it has its own session, so that Ctrl-C reaches this process only."""
 
     def terminate(self) -> None:
-        """Ask it to end, at once."""
+        """Ask the process to end, at once."""
 
     def kill(self) -> None:
-        """End it."""
+        """Stop the process."""
 
     def wait(self, timeout: float | None = None) -> int | None:
         """Wait until it ends. Return its exit code, minus the number of a signal, or None if it still runs."""

@@ -46,34 +46,34 @@ class Child:
     """
 
     def __init__(self, work: Callable[[Any], Any]) -> None:
-        self.line, theirs = Pipe()
-        self._process = start_worker(child_main, theirs)
+        self.line, child_end = Pipe()
+        self._process = start_worker(child_main, child_end)
         self.send(work)
 
     def send(self, item: Any) -> None:
-        """Hands it an item."""
+        """Send the process an item."""
         with suppress(OSError):  # where it died while idle, `receive` notices
             self.line.send(item)
 
     def receive(self) -> Any:
-        """The result of the last item. Raises what the work raised, or LostError where the process died."""
+        """Return the result of the last item. Raise the error of the work, or LostError if the process died."""
         try:
             result, error = self.line.recv()
         except (EOFError, OSError):
             code = self._process.wait() or 0
-            names = {int(one): one.name for one in signal.Signals}
-            how = (
+            names = {int(item): item.name for item in signal.Signals}
+            state = (
                 f"ended by {names.get(-code, -code)}"
                 if code < 0
                 else f"ended with exit code {code}"
             )
-            raise LostError(f"its process {'was ' * (code < 0)}{how}") from None
+            raise LostError(f"its process {'was ' * (code < 0)}{state}") from None
         if error is not None:
             raise error
         return result
 
     def stop(self) -> None:
-        """Asks it to end, at once."""
+        """Ask the process to end, at once."""
         self._process.terminate()
         self.line.close()
 
@@ -90,7 +90,7 @@ def run_parallel(
     workers: int,
     lost: Callable[[Item, LostError], Result],
 ) -> Generator[Result, None, None]:
-    """`work(item)` for each item, in order; `lost(item, error)` where its process died each time.
+    """Yield `work(item)` for each item, in order; `lost(item, error)` if its process died each time.
 
     One worker is this process. Several are child processes: `work`, items and results are pickled, and what `work`
     raises is raised here. A caller that stops early must close the generator, which ends the processes.
@@ -102,14 +102,14 @@ def run_parallel(
     idle: list[Child] = []
     busy: dict[Any, tuple[Child, int, Item, int]] = {}
     """Line -> process, the number of its item, the item, and how often it was begun."""
-    again: list[tuple[int, Item, int]] = []
-    done: dict[int, Result] = {}
+    retries: list[tuple[int, Item, int]] = []
+    results: dict[int, Result] = {}
     due = pulled = 0
     try:
         while True:
             while len(busy) < workers:
-                if again:
-                    number, item, tries = again.pop()
+                if retries:
+                    number, item, tries = retries.pop()
                 elif (
                     pulled < due + AHEAD * workers
                     and (entry := next(source, None)) is not None
@@ -121,8 +121,8 @@ def run_parallel(
                 child = idle.pop() if idle else Child(work)
                 busy[child.line] = child, number, item, tries + 1
                 child.send(item)
-            if due in done:
-                yield done.pop(due)
+            if due in results:
+                yield results.pop(due)
                 due += 1
                 continue
             if not busy:
@@ -130,13 +130,13 @@ def run_parallel(
             for line in wait(list(busy)):
                 child, number, item, tries = busy.pop(line)
                 try:
-                    done[number] = child.receive()
+                    results[number] = child.receive()
                     idle.append(child)
                 except LostError as error:
                     if tries < TRIES:
-                        again.append((number, item, tries))
+                        retries.append((number, item, tries))
                     else:
-                        done[number] = lost(item, error)
+                        results[number] = lost(item, error)
                 except BaseException:
                     idle.append(child)
                     raise
@@ -150,7 +150,7 @@ def run_parallel(
 
 
 def child_main(line: Connection, parent: int) -> None:
-    """Main function of a Child: its end of the line, and the id of the process that asks."""
+    """Run a Child, with its end of the line and the id of the process that asks."""
     keep_freed_memory()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
@@ -168,7 +168,7 @@ def child_main(line: Connection, parent: int) -> None:
 
 
 def _pickled(answer: tuple[Any, Exception | None]) -> bytes:
-    """The answer; where it cannot be pickled, a RuntimeError that says why."""
+    """Return the answer; a RuntimeError with the reason if it cannot be pickled."""
     try:
         data = pickle.dumps(answer)
         pickle.loads(data)
@@ -179,7 +179,7 @@ def _pickled(answer: tuple[Any, Exception | None]) -> bytes:
 
 
 def _watch_parent(parent: int) -> None:
-    """Ends this process when the parent is gone: nobody waits for its results."""
+    """Stop this process after the end of its parent: its results have no use then."""
     while is_parent_running(parent):
         time.sleep(PARENT_CHECK)
     terminate_self()

@@ -60,7 +60,7 @@ def require_pycocotools() -> None:
         raise InputError.of("evaluate segmentation", "", found, fix) from None
 
 
-def encode_mask(mask: Mask) -> Runs:
+def runs(mask: Mask) -> Runs:
     """Return the run lengths of a mask (H, W)."""
     from pycocotools import mask as coco
 
@@ -99,8 +99,8 @@ class Pair:
         masks = []
         for object_id in np.unique(labels).tolist():
             if object_id not in (0, UNKNOWN_ID):
-                masks.append(encode_mask(labels == object_id))
-        return Truth(rgb, tuple(masks), encode_mask(labels == UNKNOWN_ID))
+                masks.append(runs(labels == object_id))
+        return Truth(rgb, tuple(masks), runs(labels == UNKNOWN_ID))
 
     @property
     def is_alone(self) -> bool:
@@ -374,7 +374,7 @@ def as_photo(name: str, truth: Truth, segments: Segments) -> Photo:
     masks, confidence = [], []
     for object_id in np.unique(labels).tolist():
         if 0 < object_id <= len(segments.confidence):
-            masks.append(encode_mask(labels == object_id))
+            masks.append(runs(labels == object_id))
             confidence.append(segments.confidence[object_id - 1])
     return Photo(
         name=name,

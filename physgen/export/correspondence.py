@@ -95,7 +95,8 @@ def spans(box: Slices) -> tuple[Array, Array]:
     """Return x (1, w) and y (h, 1) of a box, px."""
     rows, columns = box
     x = np.arange(columns.start, columns.stop, dtype=np.float64)
-    return x[None, :], np.arange(rows.start, rows.stop, dtype=np.float64)[:, None]
+    y = np.arange(rows.start, rows.stop, dtype=np.float64)
+    return x[None, :], y[:, None]
 
 
 def follow_ball(
@@ -105,32 +106,47 @@ def follow_ball(
 
     Both views have rotations in space. Pixels of the mask beyond the rim move with the rim.
     """
-    radius = world.bodies[body].radius
-    assert radius is not None
+    body_radius = world.bodies[body].radius
+    assert body_radius is not None
     assert view.spaces is not None
     assert other.spaces is not None
     scale = float(view.lens[0, 0])
-    other_scale = float(other.lens[0, 0])
-    radius *= scale
-    center_x, center_y = (scale * view.poses[body, :2] + view.lens[:, 2]).tolist()
-    other_center = other_scale * other.poses[body, :2] + other.lens[:, 2]
-    other_x, other_y = other_center.tolist()
+    radius = scale * body_radius
+    other_radius = radius * (float(other.lens[0, 0]) / scale)
+    center_x, center_y = _video_center(body, view)
     u = (x - center_x) / radius
     v = (y - center_y) / radius
-    square = u * u + v * v
-    depth = np.sqrt(np.maximum(1 - square, 0))
-    other_radius = radius * (other_scale / scale)
+    other_x, other_y = _video_center(body, other)
     shifted_x = other_x + other_radius * u
     shifted_y = other_y + other_radius * v
-    # pixels beyond the rim get the point of the rim
-    limit = 1 / np.sqrt(np.maximum(square, 1))
-    u, v = u * limit, v * limit
     turn = other.spaces[body] @ view.spaces[body].T
     scales = [[other_radius], [other_radius], [1.0]]
     change = (turn - np.diag([1.0, 1.0, 0.0])) * scales
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = change.tolist()
+    change_x, change_y, change_z = _turn_ball(u, v, change)
+    return shifted_x + change_x, shifted_y + change_y, change_z > 0
+
+
+def _turn_ball(u: Array, v: Array, matrix: Array) -> tuple[Array, Array, Array]:
+    """Return a matrix (3, 3) times the front points of a unit sphere at u and v, which broadcast.
+
+    Points beyond the rim are moved to the rim.
+    """
+    square = u * u + v * v
+    depth = np.sqrt(np.maximum(1 - square, 0))
+    limit = 1 / np.sqrt(np.maximum(square, 1))
+    u = u * limit
+    v = v * limit
+    first, second, third = matrix.tolist()
     return (
-        shifted_x + (xx * u + xy * v - xz * depth),
-        shifted_y + (yx * u + yy * v - yz * depth),
-        zx * u + zy * v > zz * depth,
+        first[0] * u + first[1] * v - first[2] * depth,
+        second[0] * u + second[1] * v - second[2] * depth,
+        third[0] * u + third[1] * v - third[2] * depth,
     )
+
+
+def _video_center(body: int, view: PosedView) -> tuple[float, float]:
+    """Return the centre of a body, video px."""
+    scale = float(view.lens[0, 0])
+    center = scale * view.poses[body, :2] + view.lens[:, 2]
+    x, y = center.tolist()
+    return x, y

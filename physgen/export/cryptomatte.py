@@ -87,7 +87,8 @@ def ranked_channels(shares: Mapping[str, F32]) -> dict[str, F32]:
         stack[index], ids[index] = share, object_id(name)
     ranks = np.argsort(-stack, axis=0, kind="stable")[:RANKS]
     coverage = np.take_along_axis(stack, ranks, axis=0)
-    values = np.where(coverage > 0, ids[ranks], np.uint32(0)).view(np.float32)
+    ranked_ids = np.where(coverage > 0, ids[ranks], np.uint32(0))
+    values = ranked_ids.view(np.float32)
     channels = {}
     for rank in range(RANKS):
         first, second = CHANNELS[rank % len(CHANNELS)]

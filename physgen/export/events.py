@@ -125,7 +125,8 @@ def _resample(world: World, trajectory: Trajectory) -> Trajectory:
     end = world.duration
     rate = max(LIMITS.rate, LIMITS.min_samples / end)
     rate = min(rate, world.steps_per_second)
-    even_times = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), limit) + 1)
+    steps = min(ceil(end * rate - 1e-6), limit)
+    even_times = np.linspace(0.0, end, steps + 1)
     # the last frame is before the end
     whole = trajectory.sampled(np.array([0.0, end]))
     touches = whole.contacts.touch_times[:limit, 0]
@@ -213,8 +214,10 @@ def _approach(
         if k < len(world.bodies):
             x, y, spin = trajectory.velocities[sample, k]
             arm = impact.at - trajectory.poses[sample, k, :2]
-            velocity = np.array([x - spin * arm[1], y + spin * arm[0]])
-            speeds[n] = sign * float(velocity @ impact.way)
+            point_x = x - spin * arm[1]
+            point_y = y + spin * arm[0]
+            speed = np.array([point_x, point_y]) @ impact.way
+            speeds[n] = sign * float(speed)
     return speeds[0], speeds[1]
 
 
@@ -226,7 +229,8 @@ def _motions(world: World, trajectory: Trajectory) -> Iterator[Event]:
     for k, (body, rest) in enumerate(zip(world.bodies, rests, strict=True)):
         poses = trajectory.poses[:, k]
         rim_shift = np.abs(poses[:, 2] - poses[0, 2]) * body.reach
-        shift = np.maximum(np.hypot(*(poses[:, :2] - poses[0, :2]).T), rim_shift)
+        center_shift = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
+        shift = np.maximum(center_shift, rim_shift)
         moved_samples = np.flatnonzero(shift > min_shift)
         if not len(moved_samples):
             continue
@@ -296,7 +300,8 @@ def _border_crossings(
             continue
         distances = _outside_distances(body, poses, lenses, shot.video)
         farthest = distances.max(axis=1)
-        changes = np.flatnonzero((farthest[1:] > 0) != (farthest[:-1] > 0)) + 1
+        is_outside = farthest > 0
+        changes = np.flatnonzero(is_outside[1:] != is_outside[:-1]) + 1
         for sample in changes.tolist():
             kind, outside_sample = EventKind.ENTER, sample - 1
             if farthest[sample] > 0:
@@ -327,7 +332,9 @@ def _outside_distances(
         x, y = np.concatenate(body.rings).T
         c = np.cos(poses[:, 2:])
         s = np.sin(poses[:, 2:])
-        rim = np.stack([c * x - s * y, s * x + c * y], axis=1)
+        rim_x = c * x - s * y
+        rim_y = s * x + c * y
+        rim = np.stack([rim_x, rim_y], axis=1)
         low = places + rim.min(axis=2)
         high = places + rim.max(axis=2)
     return _border_distances(low * scale + shift, high * scale + shift, size)

@@ -83,19 +83,22 @@ def _colour_disc() -> NDArray[np.uint8]:
     u = np.linspace(-1, 1, 2 * GRID + 1)[None, :]
     v = u.T
     radius = np.hypot(u, v)[..., None]
-    place = (np.arctan2(-v, -u) / np.pi + 1) / 2 * (len(wheel) - 1)
+    turn = (np.arctan2(-v, -u) / np.pi + 1) / 2
+    place = turn * (len(wheel) - 1)
     low = np.floor(place).astype(np.int64)
     part = (place - low)[..., None]
-    hue = wheel[low] * (1 - part) + wheel[(low + 1) % len(wheel)] * part
+    high = (low + 1) % len(wheel)
+    hue = wheel[low] * (1 - part) + wheel[high] * part
     colour = np.where(radius <= 1, 1 - radius * (1 - hue), hue * 0.75)
-    return np.ascontiguousarray(np.floor(255 * colour[..., ::-1]), np.uint8)
+    levels = np.floor(255 * colour[..., ::-1])
+    return np.ascontiguousarray(levels, np.uint8)
 
 
 def _colour_wheel() -> F32:
     """Return the hues of all directions, (K, 3), 0 to 1."""
     rows = []
-    for (first, last), count in SECTORS:
-        begin = np.array(COLOURS[first])
-        end = np.array(COLOURS[last])
-        rows.append(begin + (end - begin) * np.arange(count)[:, None] / count)
+    for pair, count in SECTORS:
+        begin, end = (np.array(COLOURS[letter]) for letter in pair)
+        steps = np.arange(count)[:, None]
+        rows.append(begin + (end - begin) * steps / count)
     return np.concatenate(rows).astype(np.float32)

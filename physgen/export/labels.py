@@ -101,23 +101,35 @@ def presences(covers: Iterable[Cover], ids: NDArray[np.uint16]) -> list[Presence
             covers_by_body.setdefault(cover.body, []).append(cover)
     found = []
     for body, body_covers in sorted(covers_by_body.items()):
-        (rows, columns), mask = _join_covers(body_covers)
-        visible_mask = ids[rows, columns] == body + 1
-        whole_mask = mask | visible_mask
-        x, y, w, h = _bounding_box(whole_mask)
-        if w:
-            box = (columns.start + x, rows.start + y, w, h)
-            part = np.s_[y : y + h, x : x + w]
-            found.append(Presence(body, box, whole_mask[part], visible_mask[part]))
+        presence = _presence(body, body_covers, ids)
+        if presence is not None:
+            found.append(presence)
     return found
+
+
+def _presence(
+    body: int, covers: Sequence[Cover], ids: NDArray[np.uint16]
+) -> Presence | None:
+    """Return the presence of a body; None if its covers have no pixel in the frame."""
+    (rows, columns), mask = _join_covers(covers)
+    visible_mask = ids[rows, columns] == body + 1
+    whole_mask = mask | visible_mask
+    x, y, w, h = _bounding_box(whole_mask)
+    if not w:
+        return None
+    box = (columns.start + x, rows.start + y, w, h)
+    part = np.s_[y : y + h, x : x + w]
+    return Presence(body, box, whole_mask[part], visible_mask[part])
 
 
 def _join_covers(covers: Sequence[Cover]) -> tuple[tuple[slice, slice], Mask]:
     """Return one box and mask (h, w) of all covers."""
     if len(covers) == 1:
         return covers[0].box, covers[0].mask
-    top, left = (min(cover.box[axis].start for cover in covers) for axis in (0, 1))
-    bottom, right = (max(cover.box[axis].stop for cover in covers) for axis in (0, 1))
+    top = min(cover.box[0].start for cover in covers)
+    bottom = max(cover.box[0].stop for cover in covers)
+    left = min(cover.box[1].start for cover in covers)
+    right = max(cover.box[1].stop for cover in covers)
     mask = np.zeros((bottom - top, right - left), bool)
     for cover in covers:
         rows, columns = cover.box

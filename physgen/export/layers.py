@@ -61,7 +61,8 @@ Put = Callable[[F32], None]
 
 def quantize(light: F32) -> U16:
     """Return linear light 0..1 as 16 bits."""
-    return np.rint(np.clip(light, 0, 1) * LIGHTEST).astype(np.uint16)
+    codes = np.rint(np.clip(light, 0, 1) * LIGHTEST)
+    return codes.astype(np.uint16)
 
 
 def round_light(light: F32) -> F32:

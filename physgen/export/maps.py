@@ -50,7 +50,9 @@ class Part:
         """Return the values (h, w[, C]) on a box of a view; `m` and `n` map its px to those of the photo."""
         rows, columns = box
         n += m * complex(columns.start, rows.start) - complex(*self.corner)
-        matrix = np.array([[m.real, -m.imag, n.real], [m.imag, m.real, n.imag]])
+        x_row = [m.real, -m.imag, n.real]
+        y_row = [m.imag, m.real, n.imag]
+        matrix = np.array([x_row, y_row])
         size = (columns.stop - columns.start, rows.stop - rows.start)
         warped = cv2.warpAffine(
             self.values, matrix, size, flags=WARP, borderMode=cv2.BORDER_REPLICATE
@@ -105,7 +107,8 @@ class Layers:
         m, _ = similarity(-1, view, self._photo)
         x, y = view.lens @ [*view.poses[body, :2], 1.0]
         photo_x, photo_y = self._photo.poses[body, :2]
-        return part.warp(box, m, complex(photo_x, photo_y) - m * complex(x, y))
+        shift = complex(photo_x, photo_y) - m * complex(x, y)
+        return part.warp(box, m, shift)
 
     def _ground_codes(self, lens: Array) -> U16:
         """Return the codes of the background; they are computed again only if the camera has moved."""
@@ -148,8 +151,11 @@ def parts_of(values: F32, clip: Clip) -> dict[int, Part]:
             continue
         left = max(x - LIMITS.pad, 0)
         top = max(y - LIMITS.pad, 0)
-        box = np.s_[top : y + h + LIMITS.pad, left : x + w + LIMITS.pad]
-        parts[body] = Part((left, top), _extend(values[box], mask[box]))
+        right = x + w + LIMITS.pad
+        bottom = y + h + LIMITS.pad
+        box = np.s_[top:bottom, left:right]
+        part_values = _extend(values[box], mask[box])
+        parts[body] = Part((left, top), part_values)
     return parts
 
 
@@ -159,7 +165,8 @@ def _extend(values: F32, mask: Mask) -> F32:
     _, labels = cv2.distanceTransformWithLabels(
         outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    table = np.zeros((int(labels.max()) + 1, *values.shape[2:]), np.float32)
+    count = int(labels.max()) + 1
+    table = np.zeros((count, *values.shape[2:]), np.float32)
     table[labels[mask]] = values[mask]
     return np.ascontiguousarray(table[labels])
 
@@ -258,7 +265,8 @@ class Normals(Writer):
         square = u * u + v * v
         limit = 1 / np.sqrt(np.maximum(square, 1))
         depth = np.sqrt(np.maximum(1 - square, 0))
-        normals = np.stack([u * limit, v * limit, depth], axis=-1).astype(np.float32)
+        components = [u * limit, v * limit, depth]
+        normals = np.stack(components, axis=-1).astype(np.float32)
         is_outside = square > (1 + CODES.ball_margin / radius) ** 2
         if (is_outside & (view.ids[box] == body + 1)).any():
             other_normals = self._turn(body, part, view, box)
@@ -270,7 +278,9 @@ class Normals(Writer):
         angle = float(view.poses[body, 2] - self._start[body, 2])
         c = np.cos(angle)
         s = np.sin(angle)
-        rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        x_row = [c, -s, 0]
+        y_row = [s, c, 0]
+        rotation = np.array([x_row, y_row, [0, 0, 1]])
         normals = self._layers.turn(body, part, view, box)
         return np.asarray(cv2.transform(normals, rotation), np.float32)
 

@@ -86,13 +86,6 @@ def physics(clip: Clip) -> dict[str, Any]:
     table = None
     if world.press > 0:
         table = {"friction": scene.world.table_friction, "press": world.press}
-    objects = []
-    bodies = zip(scene.objects, world.bodies, clip.labels, strict=True)
-    for item, body, label in bodies:
-        objects.append(_object(scene, item, body, label, scale))
-    boundaries = []
-    for boundary, wall in zip(scene.boundaries, world.walls, strict=True):
-        boundaries.append(_boundary(scene, boundary, wall))
     return {
         "version": 1,
         "clip": clip.name,
@@ -106,13 +99,22 @@ def physics(clip: Clip) -> dict[str, Any]:
         "gravity": gravity,
         "gravity_m_s2": [scale.meters(value) for value in gravity],
         "table": table,
-        "objects": objects,
-        "boundaries": boundaries,
+        "objects": _objects(clip),
+        "boundaries": _boundaries(scene, world),
         "pairs": [_pairing(pairing) for pairing in pairings(world)],
         "forces": [_push(push, world) for push in world.pushes],
         "joints": [_joint(joint, world) for joint in world.joints],
         "fields": [_field(field, world) for field in world.fields],
     }
+
+
+def _objects(clip: Clip) -> list[dict[str, Any]]:
+    scene = clip.scene
+    objects = []
+    bodies = zip(scene.objects, clip.world.bodies, clip.labels, strict=True)
+    for item, body, label in bodies:
+        objects.append(_object(scene, item, body, label, clip.scale))
+    return objects
 
 
 def _object(
@@ -145,6 +147,13 @@ def _object(
         **_stated(item, CONTACT_KEYS, (None,)),
         "from": _sources(scene, f"objects.{item.name}", SOURCE_KEYS, item.provenance),
     }
+
+
+def _boundaries(scene: Scene, world: World) -> list[dict[str, Any]]:
+    boundaries = []
+    for boundary, wall in zip(scene.boundaries, world.walls, strict=True):
+        boundaries.append(_boundary(scene, boundary, wall))
+    return boundaries
 
 
 def _boundary(scene: Scene, boundary: Boundary, wall: Wall) -> dict[str, Any]:
@@ -215,12 +224,13 @@ def _sources(
 
 def _push(push: Push, world: World) -> dict[str, Any]:
     """Return a push; its place is the point of the photo at which it acts."""
-    row: dict[str, Any] = {"object": world.bodies[push.body].name, "start": push.start}
+    body = world.bodies[push.body]
+    row: dict[str, Any] = {"object": body.name, "start": push.start}
     if push.load is Load.TORQUE:
         row["torque"] = push.torque
     else:
         row[push.load.value] = push.vector.tolist()
-        row["place"] = (world.bodies[push.body].center + push.at).tolist()
+        row["place"] = (body.center + push.at).tolist()
     if push.profile is not None:
         row["profile"] = {push.profile.kind.value: push.profile.numbers}
     if push.load is not Load.IMPULSE:

@@ -93,7 +93,8 @@ class Tapvid(Writer):
         view = moment.view
         self._video[view.index] = view.rgb
         self._ids.append(compress(view.ids.tobytes(), 1))
-        areas = np.bincount(view.ids.ravel(), minlength=len(self._clip.names) + 1)
+        count = len(self._clip.names) + 1
+        areas = np.bincount(view.ids.ravel(), minlength=count)
         self._areas.append(areas.astype(np.float64))
         self._lenses.append(view.lens)
         self._poses.append(view.poses)
@@ -131,27 +132,20 @@ class Tapvid(Writer):
 
     def _choose_points(self) -> Points:
         """Return random points, in each frame in proportion to the visible area; the seed is the clip's name."""
-        digest = sha256(self._clip.name.encode()).digest()
-        rng = np.random.default_rng(int.from_bytes(digest[:8], "big"))
+        rng = np.random.default_rng(_seed(self._clip.name))
         areas = np.stack(self._areas)
-        totals = areas.sum(axis=0)
-        counts = point_counts(totals, LIMITS.points)
-        owners = np.repeat(np.arange(len(totals)), counts)
-        frame_choices = []
-        for k, count in enumerate(counts):
-            if count:
-                shares = areas[:, k] / totals[k]
-                frame_choices.append(rng.choice(len(areas), count, p=shares))
-        frames = np.concatenate(frame_choices)
+        counts = point_counts(areas.sum(axis=0), LIMITS.points)
+        owners = np.repeat(np.arange(len(counts)), counts)
+        frames = _choose_frames(areas, counts, rng)
         places = np.empty((len(owners), 2))
         for frame in np.unique(frames):
             is_here = frames == frame
-            ids = self._read_ids(int(frame))
             groups = []
             for k in np.unique(owners[is_here]):
-                groups.append((int(k), np.flatnonzero(is_here & (owners == k))))
+                numbers = np.flatnonzero(is_here & (owners == k))
+                groups.append((int(k), numbers))
             requests = [(k, len(numbers)) for k, numbers in groups]
-            choices = choose_places(ids, requests, rng)
+            choices = choose_places(self._read_ids(int(frame)), requests, rng)
             for (_, numbers), group_places in zip(groups, choices, strict=True):
                 places[numbers] = group_places
         return Points(owners - 1, frames, places)
@@ -159,7 +153,8 @@ class Tapvid(Writer):
     def _find_visible(self, places: Array, points: Points) -> Mask:
         """Return whether the pixel at a point (K, T, 2) shows the point's object, (K, T)."""
         width, height = self._clip.size
-        columns, rows = (np.rint(places[..., k]).astype(np.int64) for k in (0, 1))
+        columns = np.rint(places[..., 0]).astype(np.int64)
+        rows = np.rint(places[..., 1]).astype(np.int64)
         has_column = (columns >= 0) & (columns < width)
         is_inside = has_column & (rows >= 0) & (rows < height)
         pixels = np.where(is_inside, rows * width + columns, 0)
@@ -170,12 +165,31 @@ class Tapvid(Writer):
         return np.asarray(is_inside & is_own)
 
 
+def _seed(name: str) -> int:
+    """Return the seed of a clip's name."""
+    digest = sha256(name.encode()).digest()
+    return int.from_bytes(digest[:8], "big")
+
+
+def _choose_frames(areas: Array, counts: Index, rng: np.random.Generator) -> Index:
+    """Return a frame for each point, (K,), by visible areas (T, N + 1) px and numbers of points (N + 1,)."""
+    totals = areas.sum(axis=0)
+    choices = []
+    for k, count in enumerate(counts):
+        if count:
+            shares = areas[:, k] / totals[k]
+            choices.append(rng.choice(len(areas), count, p=shares))
+    return np.concatenate(choices)
+
+
 def track_points(
     points: Points, camera: CameraPath, world: World
 ) -> tuple[Array, Mask]:
     """Return places (K, T, 2) px in each view, hidden ones too, and which (K, T) are on a ball's far side."""
     scale = camera.lenses[:, 0, 0]
-    shift = camera.lenses[:, 0, 2] + 1j * camera.lenses[:, 1, 2]
+    shift_x = camera.lenses[:, 0, 2]
+    shift_y = camera.lenses[:, 1, 2]
+    shift = shift_x + 1j * shift_y
     choices = points.places[:, 0] + 1j * points.places[:, 1]
     photo_places = (choices - shift[points.frame]) / scale[points.frame]
     places = np.empty((len(photo_places), len(scale)), np.complex128)
@@ -186,20 +200,28 @@ def track_points(
         place = photo_places[is_own]
         if index < 0:
             places[is_own] = place[:, None]
-            continue
-        poses = camera.poses[:, index]
-        body = world.bodies[index]
-        center = poses[:, 0] + 1j * poses[:, 1]
-        offset = place - center[frame]
-        if camera.spaces is not None and is_ball(body) and body.radius is not None:
-            spaces = camera.spaces[:, index]
-            rolled, far_side[is_own] = _roll(offset / body.radius, frame, spaces)
-            places[is_own] = center + body.radius * rolled
         else:
-            turn = np.exp(1j * poses[:, 2])
-            places[is_own] = center + (offset / turn[frame])[:, None] * turn
+            tracks = _track_body(place, frame, index, camera, world)
+            places[is_own], far_side[is_own] = tracks
     video_places = scale * places + shift
     return np.stack([video_places.real, video_places.imag], axis=-1), far_side
+
+
+def _track_body(
+    place: Complex, frame: Index, index: int, camera: CameraPath, world: World
+) -> tuple[Complex, Mask]:
+    """Return places (K, T) photo px of points of a body, and which are on a ball's far side."""
+    poses = camera.poses[:, index]
+    body = world.bodies[index]
+    center = poses[:, 0] + 1j * poses[:, 1]
+    offset = place - center[frame]
+    if camera.spaces is not None and is_ball(body) and body.radius is not None:
+        spaces = camera.spaces[:, index]
+        rolled, far_side = _roll(offset / body.radius, frame, spaces)
+        return center + body.radius * rolled, far_side
+    turn = np.exp(1j * poses[:, 2])
+    places = center + (offset / turn[frame])[:, None] * turn
+    return places, np.zeros(places.shape, bool)
 
 
 def _roll(place: Complex, frame: Index, spaces: Array) -> tuple[Complex, Mask]:
@@ -212,7 +234,8 @@ def _roll(place: Complex, frame: Index, spaces: Array) -> tuple[Complex, Mask]:
     depth = np.sqrt(np.maximum(1 - np.abs(rim) ** 2, 0))
     normals = np.stack([rim.real, rim.imag, -depth], axis=-1)
     start_normals = np.einsum("kij,ki->kj", spaces[frame], normals)  # at t = 0
-    x, y, z = np.moveaxis(np.einsum("tij,kj->kti", spaces, start_normals), -1, 0)
+    turned_normals = np.einsum("tij,kj->kti", spaces, start_normals)
+    x, y, z = np.moveaxis(turned_normals, -1, 0)
     return x + 1j * y + (place - rim)[:, None], z > LIMITS.far_side
 
 
@@ -254,6 +277,6 @@ def choose_places(
             pixels = np.flatnonzero(is_own)
         chosen_pixels = rng.choice(pixels, count)
         rows, columns = np.divmod(chosen_pixels, ids.shape[1])
-        offsets = rng.uniform(-0.5, 0.5, (count, 2))
-        choices.append(np.column_stack([columns, rows]) + offsets)
+        centers = np.column_stack([columns, rows])
+        choices.append(centers + rng.uniform(-0.5, 0.5, (count, 2)))
     return choices

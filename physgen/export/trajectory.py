@@ -93,9 +93,11 @@ def video_motion(
         early = max(time - CAMERA_STEP, 0.0)
         late = time + CAMERA_STEP
         lens_rate = (shot.affine(late) - shot.affine(early)) / (late - early)
-        points = np.column_stack([poses[t, :, :2], np.ones(len(poses[t]))])
+        ones = np.ones(len(poses[t]))
+        points = np.column_stack([poses[t, :, :2], ones])
         places[t] = points @ lens.T
-        speeds[t] = velocities[t, :, :2] @ lens[:, :2].T + points @ lens_rate.T
+        own_speeds = velocities[t, :, :2] @ lens[:, :2].T
+        speeds[t] = own_speeds + points @ lens_rate.T
     return places, speeds
 
 
@@ -111,7 +113,8 @@ def rows(
         "places_m",
         "velocities_m_s",
     )
-    columns = np.concatenate([arrays[key] for key in keys], axis=2).tolist()
+    parts = [arrays[key] for key in keys]
+    columns = np.concatenate(parts, axis=2).tolist()
     clip_times = arrays["clip_times"].tolist()
     times = arrays["times"].tolist()
     table_rows = []

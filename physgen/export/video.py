@@ -7,7 +7,7 @@ import shutil
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from enum import Enum
 from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
@@ -106,7 +106,7 @@ def open_video(
         # PyAV crashes if a disk has no room for the header
         path.write_bytes(bytes(HEADER))
     try:
-        with OPENERS[kind](path, size, rate) as write:
+        with _opener(kind)(path, size, rate) as write:
             yield write if rate == source_rate else _resample(write, source_rate, rate)
     except FFmpegError as error:
         if error.errno in NO_ROOM:
@@ -115,6 +115,17 @@ def open_video(
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
         reason = error.strerror or error
         raise Message.ENCODING_REFUSED.error(place, found, reason=reason) from None
+
+
+def _opener(kind: Format) -> Callable[..., AbstractContextManager[Write]]:
+    """Return the function that opens a file of a format."""
+    openers = {
+        Format.MP4: _mp4,
+        Format.GIF: _gif,
+        Format.WEBP: _webp,
+        Format.PNG: _png,
+    }
+    return openers[kind]
 
 
 def _resample(write: Write, source_rate: Fraction, rate: Fraction) -> Write:
@@ -253,7 +264,7 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         context.color_range, context.colorspace = 1, 1
         context.color_primaries, context.color_trc = 1, 13
         context.flags |= BITEXACT
-        border = ((0, height - size[1]), (0, width - size[0]), (0, 0))
+        border = _padding(size)
 
         def write(rgb: U8) -> None:
             if size != (width, height):
@@ -358,12 +369,10 @@ def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     yield write
 
 
-OPENERS = {
-    Format.MP4: _mp4,
-    Format.GIF: _gif,
-    Format.WEBP: _webp,
-    Format.PNG: _png,
-}
+def _padding(size: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the columns and rows that make a size (w, h) even, for `np.pad`."""
+    width, height = size
+    return [(0, height % 2), (0, width % 2), (0, 0)]
 
 
 @contextmanager
@@ -394,7 +403,7 @@ def open_alpha_clip(
         layout = "rgba64le" if channels == 4 else "rgb48le"
 
         def write(picture: NDArray[np.uint16]) -> None:
-            border = ((0, height - size[1]), (0, width - size[0]), (0, 0))
+            border = _padding(size)
             even = np.ascontiguousarray(np.pad(picture, border, mode="edge"))
             frame = av.VideoFrame.from_ndarray(even, format=layout)
             frame = frame.reformat(
@@ -419,8 +428,8 @@ def sample_frames(path: Path, count: int, side: int) -> list[U8]:
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
-            places = np.linspace(0, stream.frames - 1, count).round().astype(int)
-            numbers = set(places.tolist())
+            places = np.linspace(0, stream.frames - 1, count)
+            numbers = set(places.round().astype(int).tolist())
             scale = min(side / max(stream.width, stream.height), 1.0)
             width = max(round(stream.width * scale), 1)
             height = max(round(stream.height * scale), 1)

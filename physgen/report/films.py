@@ -52,7 +52,7 @@ def _rgb(file: Path) -> U8:
 def poster(film: Path) -> bytes:
     """Encode the first frame of a film, which is the photo, as WebP.
 
-    Raises OSError if it cannot be read.
+    Raise OSError if it cannot be read.
     """
     try:
         frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)

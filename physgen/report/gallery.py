@@ -74,7 +74,7 @@ def write_gallery(
 ) -> Gallery:
     """Write the page of all clips below `roots`.
 
-    A file at `index` that physgen did not write is backed up, and `keep` gets its new path. Raises InputError for
+    A file at `index` that physgen did not write is backed up, and `keep` gets its new path. Raise InputError for
     roots that are no folders.
     """
     if index.is_dir():
@@ -133,12 +133,12 @@ def gallery_page(
         cards.append(card)
     free_keys = [key for key in keys if not key.follows]
     subjects = {clip.subject for clip in clips if clip.document}
-    swept = bool(free_keys) and len(subjects) == 1
+    is_sweep = bool(free_keys) and len(subjects) == 1
     data = {
         "clips": [card.pop("data") for card in cards],
         "keys": [_axis(key) for key in keys],
-        "swept": swept,
-        "grid": swept and _is_grid(clips, free_keys),
+        "swept": is_sweep,
+        "grid": is_sweep and _is_grid(clips, free_keys),
     }
     hero = None
     if not data["grid"]:
@@ -156,8 +156,8 @@ def gallery_page(
         common=LIMITS.common_labels,
         many=LIMITS.many,
         keys=[_filter(key) for key in keys if _is_filter(key)],
-        swept=swept,
-        sentence=_sentence(clips, free_keys if swept else []),
+        swept=is_sweep,
+        sentence=_sentence(clips, free_keys if is_sweep else []),
         hero=hero,
         aspect=_aspect(clips),
         data=script_json(data),
@@ -186,10 +186,10 @@ def _label_choices(clips: Sequence[Clip]) -> list[tuple[str, int]]:
     None if there is one alone.
     """
     labels = Counter(label for clip in clips for label in clip.labels)
-    rendered = sum(bool(clip.document) for clip in clips)
+    scene_count = sum(bool(clip.document) for clip in clips)
     choices = []
     for label, count in labels.most_common():
-        if count < rendered:
+        if count < scene_count:
             choices.append((label, count))
     return choices if len(choices) > 1 else []
 
@@ -274,11 +274,11 @@ def _card_data(
 
 def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
     """Describe what the page shows, and how to look at it."""
-    failed = sum(bool(clip.problems) for clip in clips)
-    count, lost = counted(len(clips), "clip"), ""
-    if failed:
-        count = f"{len(clips) - failed:,} of {count}"
-        lost = f"; {failed:,} failed, as {'its card says' if failed == 1 else 'their cards say'}"
+    failure_count = sum(bool(clip.problems) for clip in clips)
+    count, failure_note = counted(len(clips), "clip"), ""
+    if failure_count:
+        count = f"{len(clips) - failure_count:,} of {count}"
+        failure_note = f"; {failure_count:,} failed, as {'its card says' if failure_count == 1 else 'their cards say'}"
     if swept:
         ranges = []
         for key in swept[:3]:
@@ -286,10 +286,12 @@ def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
             ranges.append(
                 f"{key.name} {' to '.join(dict.fromkeys((texts[0], texts[-1])))} {key.unit}".strip()
             )
-        return f"{count} of one scene, simulated with {', '.join(ranges)}{lost}."
+        return (
+            f"{count} of one scene, simulated with {', '.join(ranges)}{failure_note}."
+        )
     photos = {clip.photo for clip in clips} - {""}
     source = f" from {counted(len(photos), 'photo')}" if photos else ""
-    return f"{count}, simulated{source}{lost}. Point at a card or tap it to play; open it for its report."
+    return f"{count}, simulated{source}{failure_note}. Point at a card or tap it to play; open it for its report."
 
 
 def _folder(clip: Clip, home: Path) -> str:
@@ -300,11 +302,11 @@ def _folder(clip: Clip, home: Path) -> str:
 def _facts(clip: Clip) -> str:
     if not clip.document:
         return "no clip"
-    wide, high = clip.size
+    width, high = clip.size
     parts = (
         counted(clip.objects, "object") if clip.objects else "no objects",
         f"{rounded(clip.duration)} s",
-        f"{wide} × {high}",
+        f"{width} × {high}",
     )
     return " · ".join(part.replace(" ", "\u00a0") for part in parts)
 
@@ -322,11 +324,11 @@ def clip_poster(clip: Clip, files: Path) -> str:
     path = files / f"{clip.seal}.photo.webp"
     if not path.is_file():
         try:
-            made = poster(clip.film)
+            picture = poster(clip.film)
         except OSError:
             return ""
         files.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, made)
+        write_atomic(path, picture)
     return link(path, files.parent)
 
 

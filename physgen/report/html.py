@@ -37,11 +37,11 @@ def _environment(folder: Path) -> Any:
     import jinja2
 
     loader = jinja2.FileSystemLoader(folder)
-    made = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined
     )
-    made.filters |= {"rounded": rounded, "value": value_text}
-    return made
+    environment.filters |= {"rounded": rounded, "value": value_text}
+    return environment
 
 
 def script_json(data: object) -> str:

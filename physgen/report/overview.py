@@ -97,8 +97,8 @@ def draw_overview(
     row = round(ROW * letter)
     scale = min(scale, (LONGEST - row) / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-    small = cv2.resize(rgb, size, interpolation=how).astype(np.float32)
+    style = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    small = cv2.resize(rgb, size, interpolation=style).astype(np.float32)
     picture = np.asarray(DIM * small + 0.5, np.uint8)
     pen = max(1.6, PEN * max(size))
     objects = _regions(labels, document.get("objects", {}), scale)
@@ -198,8 +198,8 @@ def _draw_pushes(
         length = float(np.hypot(*way))
         if not length:
             continue
-        least, most = (share * longer for share in PUSH_LENGTHS)
-        way *= float(np.clip(length, least, most)) / length
+        min_length, max_length = (share * longer for share in PUSH_LENGTHS)
+        way *= float(np.clip(length, min_length, max_length)) / length
         tail = region.center
         straight_arrow(layer, tail, tail + way, 2.2 * pen)
     layer.onto(picture, PUSH)
@@ -212,12 +212,12 @@ def _write_names(picture: U8, regions: Sequence[_Region], letter: float) -> None
     """Write each name on a dark tag near its region, where it covers no other name."""
     room = TAG_ROOM * letter
     tags, words = Layer(_size(picture), 0.0), Layer(_size(picture), 0.0)
-    taken: list[Box] = []
+    places: list[Box] = []
     for region in regions:
-        wide = text_width(region.text, letter) + 2 * room
+        width = text_width(region.text, letter) + 2 * room
         high = letter + 2 * room
-        box = _place(region, (wide, high), _size(picture), taken)
-        taken.append(box)
+        box = _place(region, (width, high), _size(picture), places)
+        places.append(box)
         left, top, right, bottom = box
         corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
         tags.area(np.array(corners))
@@ -237,36 +237,36 @@ def _place(
     The first place counts that covers no other tag; if each covers some, that which
     covers least.
     """
-    (wide, high), (left, top, right, bottom) = size, region.box
+    (width, high), (left, top, right, bottom) = size, region.box
     x, y = region.center
     centers = (
         (x, top - high / 2),
         (x, bottom + high / 2),
         (x, y),
-        (left - wide / 2, y),
-        (right + wide / 2, y),
+        (left - width / 2, y),
+        (right + width / 2, y),
         (x, top + high / 2),
         (x, bottom - high / 2),
-        (left + wide / 2, top - high / 2),
-        (right - wide / 2, bottom + high / 2),
+        (left + width / 2, top - high / 2),
+        (right - width / 2, bottom + high / 2),
     )
     best: tuple[float, Box] | None = None
     for a, b in centers:
-        a = min(max(a, wide / 2), picture[0] - wide / 2)
+        a = min(max(a, width / 2), picture[0] - width / 2)
         b = min(max(b, high / 2), picture[1] - high / 2)
-        box = a - wide / 2, b - high / 2, a + wide / 2, b + high / 2
-        covered = sum(_overlap(box, other) for other in taken)
-        if best is None or covered < best[0]:
-            best = covered, box
+        box = a - width / 2, b - high / 2, a + width / 2, b + high / 2
+        overlap = sum(_overlap(box, other) for other in taken)
+        if best is None or overlap < best[0]:
+            best = overlap, box
     assert best is not None
     return best[1]
 
 
 def _overlap(one: Box, other: Box) -> float:
     """Return the common area of two boxes, px²."""
-    wide = min(one[2], other[2]) - max(one[0], other[0])
+    width = min(one[2], other[2]) - max(one[0], other[0])
     high = min(one[3], other[3]) - max(one[1], other[1])
-    return max(wide, 0.0) * max(high, 0.0)
+    return max(width, 0.0) * max(high, 0.0)
 
 
 def _caption(document: Mapping[str, Any], velocities: Velocities) -> str:
@@ -280,8 +280,8 @@ def _caption(document: Mapping[str, Any], velocities: Velocities) -> str:
     view = document.get("world", {}).get("view")
     if view in _VIEWS:
         parts.append(f"seen from {_VIEWS[view]}")
-    pushed = [name for name, velocity in velocities.items() if any(velocity)]
-    parts.append(f"pushed: {', '.join(pushed)}" if pushed else "nothing is pushed")
+    pushes = [name for name, velocity in velocities.items() if any(velocity)]
+    parts.append(f"pushed: {', '.join(pushes)}" if pushes else "nothing is pushed")
     return " · ".join(parts)
 
 

@@ -96,9 +96,9 @@ def report_page(
     `scene_text` is the scene file with every default filled in.
     """
     width, height = scene.size
-    player, written = parts.player, None
+    player, source_text = parts.player, None
     with suppress(OSError, ValueError):  # places name files as the user knows them
-        written = (scene.folder / Path(scene.place("").file).name).read_text(
+        source_text = (scene.folder / Path(scene.place("").file).name).read_text(
             encoding="utf-8"
         )
     page: str = template("report.html.j2").render(
@@ -144,7 +144,7 @@ def report_page(
         perception=parts.perception,
         retouched=parts.refinement,
         fan=parts.uncertainty,
-        provenance=provenance(record, scene_text, written),
+        provenance=provenance(record, scene_text, source_text),
         version=__version__,
     )
     return page
@@ -171,11 +171,11 @@ def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
             "begin": begin,
             "pair": (names[first], names[second]),
             "lasts": None if end is None else f"{end - begin:.3f} s",
-            "impulse": f"{rounded(given / newton)} N·s"
+            "impulse": f"{rounded(impulses / newton)} N·s"
             if newton
-            else f"{rounded(given)} g·px/s",
+            else f"{rounded(impulses)} g·px/s",
         }
-        for first, second, begin, end, given in sorted(
+        for first, second, begin, end, impulses in sorted(
             strongest, key=lambda touch: (touch[2], touch[:2])
         )
     ]
@@ -206,7 +206,7 @@ def _engine(record: RunRecord) -> list[str]:
 
 def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     """Name, value, and the value in SI units."""
-    scale, (wide, high) = world.pixels_per_meter, world.size
+    scale, (width, high) = world.pixels_per_meter, world.size
     gravity = float(np.hypot(*world.gravity))
     facts = [
         ("view", world.view.value, ""),
@@ -218,8 +218,8 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
         ),
         (
             "canvas",
-            f"{wide} × {high} px",
-            f"{rounded(wide / scale)} × {rounded(high / scale)} m",
+            f"{width} × {high} px",
+            f"{rounded(width / scale)} × {rounded(high / scale)} m",
         ),
         ("duration", f"{value_text(world.duration)} s", ""),
         (

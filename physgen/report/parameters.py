@@ -66,11 +66,14 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
 
     Each kind has a scale of its own.
     """
-    found: dict[str, list[tuple[Array, Array, str]]] = {"velocity": [], "force": []}
+    arrow_list: dict[str, list[tuple[Array, Array, str]]] = {
+        "velocity": [],
+        "force": [],
+    }
     for body in world.bodies:
         if body.velocity.any():
             title = f"{body.name}: {value_text(body.velocity)} px/s"
-            found["velocity"].append((body.center, body.velocity, title))
+            arrow_list["velocity"].append((body.center, body.velocity, title))
     for push in world.pushes:
         if push.load is not Load.TORQUE and push.vector.any():
             body, unit = (
@@ -80,7 +83,7 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
             title = (
                 f"{push.load.value} on {body.name}: {value_text(push.vector)} {unit}"
             )
-            found["force"].append(
+            arrow_list["force"].append(
                 (
                     body.center + push.at,
                     push.vector,
@@ -89,11 +92,13 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
             )
     longest = LONGEST_ARROW * float(np.hypot(*world.size))
     rows = []
-    for kind, some in found.items():
-        most = max((float(np.hypot(*vector)) for _, vector, _ in some), default=0.0)
+    for kind, vectors in arrow_list.items():
+        max_size = max(
+            (float(np.hypot(*vector)) for _, vector, _ in vectors), default=0.0
+        )
         rows += [
-            (kind, tail, tail + vector / most * longest, title)
-            for tail, vector, title in some
+            (kind, tail, tail + vector / max_size * longest, title)
+            for tail, vector, title in vectors
         ]
     return rows
 
@@ -108,27 +113,30 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
     """Return a row for each joint and field: `name`, `kind`, `on`, `at`, `how`."""
     rows = []
     for joint in scene.joints:
-        at = " to ".join(map(value_text, joint.points))
+        place = " to ".join(map(value_text, joint.points))
         rows.append(
             (
                 joint.name,
                 joint.kind.value,
                 " and ".join([*joint.objects, "the world"][:2]),
-                at,
+                place,
                 _settings(joint),
             )
         )
     for field in scene.fields:
-        on = ", ".join(field.objects[:8]) + (", ..." if len(field.objects) > 8 else "")
-        here = field.kind in (FieldKind.ATTRACTOR, FieldKind.WATER)
-        at = value_text(field.vector) if here else "everywhere"
-        at = "between each two" if field.kind is FieldKind.MAGNET else at
+        names = ", ".join(field.objects[:8])
+        if len(field.objects) > 8:
+            names += ", ..."
+        has_place = field.kind in (FieldKind.ATTRACTOR, FieldKind.WATER)
+        place = value_text(field.vector) if has_place else "everywhere"
+        if field.kind is FieldKind.MAGNET:
+            place = "between each two"
         rows.append(
             (
                 field.name,
                 field.kind.value,
-                on or "every dynamic object",
-                at,
+                names or "every dynamic object",
+                place,
                 _strength(field),
             )
         )
@@ -241,7 +249,7 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
 
 def collapsed(rows: Sequence[Row]) -> list[Row]:
     """Merge rows that are equal but for the name and the lines of the file, at the place of the first."""
-    alike: dict[tuple[object, ...], list[Row]] = {}
+    equal_rows: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
         cells = [
             (
@@ -253,8 +261,10 @@ def collapsed(rows: Sequence[Row]) -> list[Row]:
             )
             for name, cell in row.cells.items()
         ]
-        alike.setdefault((row.label, row.kind, row.also, *cells), []).append(row)
-    return [rows[0] if len(rows) == 1 else _together(rows) for rows in alike.values()]
+        equal_rows.setdefault((row.label, row.kind, row.also, *cells), []).append(row)
+    return [
+        rows[0] if len(rows) == 1 else _together(rows) for rows in equal_rows.values()
+    ]
 
 
 def _together(rows: Sequence[Row]) -> Row:
@@ -311,8 +321,8 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
 
 def _shape(body: Body) -> str:
     if body.radius is not None:
-        what = body.solid.value if body.solid is not Solid.DISC else "circle"
-        return f"{what}, r {rounded(body.radius, 4)} px"
+        shape_name = body.solid.value if body.solid is not Solid.DISC else "circle"
+        return f"{shape_name}, r {rounded(body.radius, 4)} px"
     corners = sum(len(ring) for ring in body.rings)
     pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""
     return f"polygon, {corners} corners{pieces}"

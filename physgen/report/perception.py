@@ -157,12 +157,15 @@ def perception(
     if maps.background is None or maps.clean is None:
         behind = maps.background if maps.clean is None else maps.clean
         if behind is not None:
-            without = (
+            object_text = (
                 "the objects" if maps.clean is None else "the objects and their shadows"
             )
             pictures.append(
                 _picture(
-                    "background", "Background", f"The place without {without}.", behind
+                    "background",
+                    "Background",
+                    f"The place without {object_text}.",
+                    behind,
                 )
             )
         return Perception(tuple(pictures), ())
@@ -181,13 +184,13 @@ def written_suitability(assets: Path | None) -> str:
 
     `""` if they have no record of it.
     """
-    found = recorded(assets, "suitability")
-    reasons = found.get("reasons")
-    told = (
-        str(found.get("verdict", "")),
+    record = recorded(assets, "suitability")
+    reasons = record.get("reasons")
+    parts = (
+        str(record.get("verdict", "")),
         "; ".join(map(str, reasons if isinstance(reasons, list) else ())),
     )
-    return ": ".join(filter(None, told))
+    return ": ".join(filter(None, parts))
 
 
 def compared(
@@ -226,55 +229,57 @@ def _photo_pictures(
     photo = fitted(maps.rgb, SIDE)
     count = f"{len(objects)} object{'s' * (len(objects) != 1)}"
     bounds = f"{len(walls)} boundar{'ies' if len(walls) != 1 else 'y'}"
-    masked = _masked(maps.rgb, labels, max(height, width) / SIDE)
-    outlined = _outlined(photo, photo.shape[1] / width, objects, walls)
-    _draw_doubtful(outlined, photo.shape[1] / width, doubtful)
+    mask_picture = _masked(maps.rgb, labels, max(height, width) / SIDE)
+    outline_picture = _outlined(photo, photo.shape[1] / width, objects, walls)
+    _draw_doubtful(outline_picture, photo.shape[1] / width, doubtful)
     if doubtful:
         names = [doubt_text(one.name, one.confidence) for one in doubtful]
         seen += f". Perhaps objects, too, dashed: {listed(names, 'and')}"
     return [
         _picture("photo", "Photo", f"{width} × {height} px.", photo),
-        _picture("masks", "Masks", f"{count}, each in its own colour.", masked),
+        _picture("masks", "Masks", f"{count}, each in its own colour.", mask_picture),
         _picture(
             "shapes",
             "Shapes and supports",
             f"{count}; {bounds}, in yellow; seen {seen}.",
-            outlined,
+            outline_picture,
         ),
     ]
 
 
 def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:
     """Yield pictures of depth, normals, albedo, shading and light, if they exist."""
-    found = []
+    pictures = []
     if maps.depth is not None:
-        found.append(
+        pictures.append(
             _picture(
                 "depth", "Depth", "Bright is near, dark is far.", _depth(maps.depth)
             )
         )
     if maps.normals is not None:
         text = "Orientation of surfaces: red to the right, green downwards, blue towards you."
-        found.append(
+        pictures.append(
             _picture("normals", "Normals", text, _u8(127.5 + 127.5 * maps.normals))
         )
     if maps.albedo is not None:
         text = "Colours without the light on them."
-        found.append(_picture("albedo", "Albedo", text, encode_u8(maps.albedo)))
+        pictures.append(_picture("albedo", "Albedo", text, encode_u8(maps.albedo)))
     if maps.shading is not None:
-        most = max(float(np.percentile(maps.shading, 99.5)), 1e-6)
-        grey = np.repeat(encode_u8(np.clip(maps.shading / most, 0, 1))[..., None], 3, 2)
-        found.append(
+        max_value = max(float(np.percentile(maps.shading, 99.5)), 1e-6)
+        grey = np.repeat(
+            encode_u8(np.clip(maps.shading / max_value, 0, 1))[..., None], 3, 2
+        )
+        pictures.append(
             _picture("shading", "Shading", "The light without the colours.", grey)
         )
     if light is not None:
         height, width = fitted(maps.rgb, SIDE).shape[:2]
         text = light_description(light)
         alt = f"A shaded sphere. {text}"
-        found.append(
+        pictures.append(
             _picture("light", "Light", text, light_picture(light, (width, height)), alt)
         )
-    return found
+    return pictures
 
 
 def _u8(values: NDArray[np.floating[Any]]) -> U8:
@@ -316,8 +321,8 @@ def _masked(rgb: U8, labels: U16, scale: float) -> U8:
 def _shadows(rgb: U8, objects: U16) -> U8:
     """Draw the photo in grey, shadows in the colours of the objects that cast them."""
     grey = _grey(rgb)
-    there = (objects > 0)[..., None]
-    return _u8(np.where(there, 0.45 * grey + 0.55 * _colours(objects), 0.8 * grey))
+    region = (objects > 0)[..., None]
+    return _u8(np.where(region, 0.45 * grey + 0.55 * _colours(objects), 0.8 * grey))
 
 
 def _outlined(
@@ -325,16 +330,16 @@ def _outlined(
 ) -> U8:
     """Draw outlines in the colours of the masks, boundaries in yellow."""
     size = picture.shape[1], picture.shape[0]
-    dim, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
+    pale_photo, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
     for chain in walls:
         lines.line((chain + 0.5) * scale - 0.5, 2.2)
-    lines.onto(dim, SUPPORT)
+    lines.onto(pale_photo, SUPPORT)
     for number, rings in objects:
         layer = Layer(size, 0.6)
         for ring in rings:
             layer.line((ring + 0.5) * scale - 0.5, 1.6, closed=True)
-        layer.onto(dim, colour(number))
-    return dim
+        layer.onto(pale_photo, colour(number))
+    return pale_photo
 
 
 def _draw_doubtful(
@@ -354,18 +359,18 @@ def _by_object(scene: Scene, shadows: U16) -> U16:
 
     0 for objects that are no longer there.
     """
-    found = np.zeros_like(shadows)
+    numbers = np.zeros_like(shadows)
     for k, item in enumerate(scene.objects, 1):
         if isinstance(item.mask, MaskId):
-            found[shadows == item.mask.id] = k
-    return found
+            numbers[shadows == item.mask.id] = k
+    return numbers
 
 
 def _depth(depth: NDArray[np.float32]) -> U8:
     low, high = np.percentile(depth, (0.5, 99.5)).tolist()
-    near = _u8(255 * (1 - np.clip((depth - low) / max(high - low, 1e-6), 0, 1)))
+    brightness = _u8(255 * (1 - np.clip((depth - low) / max(high - low, 1e-6), 0, 1)))
     return np.asarray(
-        cv2.applyColorMap(near, cv2.COLORMAP_CIVIDIS)[..., ::-1], np.uint8
+        cv2.applyColorMap(brightness, cv2.COLORMAP_CIVIDIS)[..., ::-1], np.uint8
     )
 
 
@@ -376,17 +381,21 @@ def light_description(light: Light) -> str:
     'From the upper left, in front of the scene; 20 % of it from all around.'
     """
     x, y, z = light.direction
-    across = "" if abs(x) < 0.2 else "right" if x > 0 else "left"
-    up = "" if abs(y) < 0.2 else "above" if y < 0 else "below"
-    corner = {"above": "upper", "below": "lower"}.get(up, "")
+    horizontal = "" if abs(x) < 0.2 else "right" if x > 0 else "left"
+    vertical = "" if abs(y) < 0.2 else "above" if y < 0 else "below"
+    corner = {"above": "upper", "below": "lower"}.get(vertical, "")
     where = (
-        f"the {corner} {across}" if across and up else f"the {across}" if across else up
+        f"the {corner} {horizontal}"
+        if horizontal and vertical
+        else f"the {horizontal}"
+        if horizontal
+        else vertical
     )
-    deep = (
+    depth = (
         "" if abs(z) < 0.2 else "in front of the scene" if z > 0 else "behind the scene"
     )
     share = light.ambient / max(light.ambient + light.intensity, 1e-6)
-    return f"From {', '.join(filter(None, (where, deep)))}; {100 * share:.0f} % of it from all around."
+    return f"From {', '.join(filter(None, (where, depth)))}; {100 * share:.0f} % of it from all around."
 
 
 def light_picture(light: Light, size: tuple[int, int]) -> U8:

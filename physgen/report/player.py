@@ -87,12 +87,14 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
     """Return the background without the shadows of some of its sprites."""
     background = stage.background
     if stage.lit is not None and moving:
-        dark = stage.lit.total.copy()
+        shadow_share = stage.lit.total.copy()
         for k in moving:
-            if (whole := stage.lit.casts[k].whole) is not None:
-                (x0, y0, x1, y1), was = whole
-                dark[y0:y1, x0:x1] -= was
-        background = encode_u8(shaded_background(stage.lit.plate, dark, stage.lit.tint))
+            if (full_plate := stage.lit.casts[k].whole) is not None:
+                (x0, y0, x1, y1), before = full_plate
+                shadow_share[y0:y1, x0:x1] -= before
+        background = encode_u8(
+            shaded_background(stage.lit.plate, shadow_share, stage.lit.tint)
+        )
     return webp(_smaller(background, _less(stage)), LIMITS.quality)
 
 
@@ -142,37 +144,37 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         slice(max(x0 - 1, 0), min(x1 + 1, w)),
     )
     alpha = sprite.coverage[rows, columns]
-    bare = sprite.light[rows, columns] / np.maximum(alpha, 1e-3)[..., None]
+    colours = sprite.light[rows, columns] / np.maximum(alpha, 1e-3)[..., None]
     covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
-    pixels = np.dstack([encode_u8(np.clip(bare, 0, 1)), covers])
+    pixels = np.dstack([encode_u8(np.clip(colours, 0, 1)), covers])
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
     # a ball whose skin is of one colour looks the same however it has turned: its shading stays
-    alike = (
+    is_equal = (
         sprite.ball is not None
         and float(np.ptp(sprite.ball.skin, axis=(0, 1)).max()) < 1e-6
     )
-    found = {
+    picture = {
         "body": sprite.body,
         "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
-        "turns": not alike,
+        "turns": not is_equal,
         "face": round(sprite.face / scale, 3),
         "src": webp(_smaller(pixels, less), LIMITS.quality),
     }
     if (
         sprite.ball is not None
-        and found["turns"]
+        and picture["turns"]
         and less == 1
         and alpha.size <= LIMITS.large
     ):
         ball = sprite.ball
-        found["ball"] = {
+        picture["ball"] = {
             "center": [round(ball.center[0] - left, 3), round(ball.center[1] - top, 3)],
             "radius": round(ball.radius, 3),
             "skin": _coded(ball.skin[rows, columns]),
             "lit": _coded(ball.lit[rows, columns]),
             "gloss": _coded(ball.gloss[rows, columns], signed=True),
         }
-    return found
+    return picture
 
 
 def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
@@ -180,13 +182,13 @@ def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
 
     Zero is grey if `signed`.
     """
-    most = max(float(np.abs(values).max()), 1e-6)
-    roots = np.sqrt(np.abs(values) / most)
+    max_value = max(float(np.abs(values).max()), 1e-6)
+    roots = np.sqrt(np.abs(values) / max_value)
     codes = (
         128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
     )
     return {
-        "most": float(f"{most:.4g}"),
+        "most": float(f"{max_value:.4g}"),
         "src": webp(np.rint(codes).astype(np.uint8), LIMITS.balls),
     }
 
@@ -207,17 +209,17 @@ def _placed(box: PixelBox, scale: float) -> list[float]:
 
 def keyed(path: Array, reach: float) -> list[int]:
     """Samples of a way (T, 3) px, px, rad between which it is about straight: ends and the most bent between them."""
-    flat = path * (1, 1, reach)
-    keys = [0, len(flat) - 1] if len(flat) > 1 else [0]
+    scaled_path = path * (1, 1, reach)
+    keys = [0, len(scaled_path) - 1] if len(scaled_path) > 1 else [0]
     while len(keys) < LIMITS.keys:
-        samples = np.arange(len(flat))
-        straight = np.stack(
-            [np.interp(samples, keys, column[keys]) for column in flat.T], axis=1
+        samples = np.arange(len(scaled_path))
+        chords = np.stack(
+            [np.interp(samples, keys, column[keys]) for column in scaled_path.T], axis=1
         )
-        away = np.abs(flat - straight).max(axis=1)
-        if away.max() <= LIMITS.strays:
+        distances = np.abs(scaled_path - chords).max(axis=1)
+        if distances.max() <= LIMITS.strays:
             break
-        keys = sorted({*keys, int(away.argmax())})
+        keys = sorted({*keys, int(distances.argmax())})
     return keys
 
 
@@ -306,7 +308,7 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
     )
     covers = covers[y0:y1, x0:x1]
     total = float(covers.sum())
-    at = [
+    offset = [
         float((covers.sum(axis=0) * np.arange(x1 - x0)).sum()) / total + box[0] + x0,
         float((covers.sum(axis=1) * np.arange(y1 - y0)).sum()) / total + box[1] + y0,
     ]
@@ -317,7 +319,7 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
     place = (box[0] + x0, box[1] + y0, box[0] + x1, box[1] + y1)
     return {
         "box": _placed(place, 1.0),
-        "at": [round(v, 2) for v in at],
+        "at": [round(v, 2) for v in offset],
         "src": webp(black, 0),  # coverage is kept whatever the quality
     }
 
@@ -336,16 +338,16 @@ def player_data(
     T, N = len(trajectory.times), len(world.bodies)
     if not T or LIMITS.most < T * N:
         return None
-    seen, struck = trajectory, list[Impact]()
+    seen, impacts = trajectory, list[Impact]()
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
         seen = trajectory.sampled(
             sample_times(trajectory, LIMITS.finer, max(T, LIMITS.few // N))
         )
-        struck = find_impacts(
+        impacts = find_impacts(
             world, seen, world.duration / max(len(world.times), 1) / LIMITS.finer
         )
-        struck = sorted(
-            sorted(struck, key=lambda impact: -impact.impulse)[: LIMITS.most_impacts],
+        impacts = sorted(
+            sorted(impacts, key=lambda impact: -impact.impulse)[: LIMITS.most_impacts],
             key=lambda impact: impact.time,
         )
     kinds = set(Overlay)
@@ -373,9 +375,9 @@ def player_data(
         ],
         "energy": _energy(seen),
         "touches": touches(seen),
-        "impacts": [_impact(impact) for impact in struck],
+        "impacts": [_impact(impact) for impact in impacts],
         "arrows": asdict(
-            scales(world, seen, kinds, [impact.impulse for impact in struck])
+            scales(world, seen, kinds, [impact.impulse for impact in impacts])
         ),
         "background": plate(stage, moving),
         "sprites": sprites(stage),
@@ -426,9 +428,11 @@ def _body(
     scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, float]
 ) -> Data:
     pose, velocity = seen.poses[:, k], seen.velocities[:, k]
-    found = figure(scene, k, body)
+    columns = figure(scene, k, body)
     if seen.turns.size and (seen.turns[:, k] != seen.turns[:1, k]).any():
-        found["q"] = [column(part, LIMITS.turn) for part in _steady(seen.turns[:, k]).T]
+        columns["q"] = [
+            column(part, LIMITS.turn) for part in _steady(seen.turns[:, k]).T
+        ]
     for name, values, kind in (
         ("x", pose[:, 0], "place"),
         ("y", pose[:, 1], "place"),
@@ -437,13 +441,13 @@ def _body(
         ("vy", velocity[:, 1], "speed"),
         ("w", velocity[:, 2], "spin"),
     ):
-        found[name] = column(values, steps[kind])
-    return found
+        columns[name] = column(values, steps[kind])
+    return columns
 
 
 def figure(scene: Scene, k: int, body: Body) -> Data:
     """Return a body without its motion; outlines are about its centre of mass."""
-    found: Data = {
+    figure_data: Data = {
         "name": body.name,
         "label": scene.objects[k].label,
         "motion": body.motion.value,
@@ -451,14 +455,14 @@ def figure(scene: Scene, k: int, body: Body) -> Data:
         "ball": body.solid is Solid.SPHERE and body.radius is not None,
     }
     if body.radius is not None:
-        found["radius"] = round(body.radius, 3)
+        figure_data["radius"] = round(body.radius, 3)
     else:
-        found["rings"] = [_rounded(ring) for ring in body.rings]
-        found["pieces"] = [_rounded(piece) for piece in body.pieces]
+        figure_data["rings"] = [_rounded(ring) for ring in body.rings]
+        figure_data["pieces"] = [_rounded(piece) for piece in body.pieces]
     if body.rest is not None:  # the pose in which its picture was cut out
         x, y, angle = body.rest.tolist()
-        found["rest"] = [round(x, 3), round(y, 3), round(angle, 6)]
-    return found
+        figure_data["rest"] = [round(x, 3), round(y, 3), round(angle, 6)]
+    return figure_data
 
 
 def _steady(turns: Array) -> Array:
@@ -506,16 +510,21 @@ def touches(seen: Trajectory) -> list[list[float | int | None]]:
     total = np.zeros(len(contacts.touch_pairs))
     for (
         key,
-        mine,
+        total_rows,
     ) in (
         begins.items()
     ):  # impulses up to a sample belong to the touch begun last before it
-        of = np.flatnonzero(pair == key)
-        at = (
-            np.searchsorted([begin for begin, _ in mine], when[of] + LIMITS.instant) - 1
+        indices = np.flatnonzero(pair == key)
+        row_indices = (
+            np.searchsorted(
+                [begin for begin, _ in total_rows], when[indices] + LIMITS.instant
+            )
+            - 1
         )
         np.add.at(
-            total, np.array([row for _, row in mine])[np.maximum(at, 0)], size[of]
+            total,
+            np.array([row for _, row in total_rows])[np.maximum(row_indices, 0)],
+            size[indices],
         )
     return [
         [
@@ -614,5 +623,5 @@ def _camera(shot: Shot) -> list[list[float]] | None:
                 for v in (left, top, shot.video[0] / large, shot.video[1] / large)
             ]
         )
-    whole = [-0.5, -0.5, *map(float, shot.photo)]
-    return views if np.abs(np.array(views) - whole).max(initial=0.0) > 1.0 else None
+    canvas = [-0.5, -0.5, *map(float, shot.photo)]
+    return views if np.abs(np.array(views) - canvas).max(initial=0.0) > 1.0 else None

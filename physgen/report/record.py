@@ -154,8 +154,8 @@ def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
 
 @cache
 def _installed() -> dict[str, str]:
-    found = {"physgen": __version__, "python": platform.python_version()}
-    return found | {name: _installed_version(name) for name in LIBRARIES}
+    known_versions = {"physgen": __version__, "python": platform.python_version()}
+    return known_versions | {name: _installed_version(name) for name in LIBRARIES}
 
 
 def _installed_version(name: str) -> str:
@@ -169,7 +169,7 @@ def _installed_version(name: str) -> str:
 def file_hash(path: Path) -> str:
     """Compute the SHA-256 of a file, read in blocks.
 
-    Raises OSError, for what is no plain file too: a pipe never ends.
+    Raise OSError, for what is no plain file too: a pipe never ends.
     """
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "is no plain file", str(path))
@@ -217,7 +217,7 @@ def inputs(
                 if p.suffix == ".png" or p.name in DATA
             )
     folder = scene.folder.resolve()
-    named = {}
+    paths = {}
     for file in dict.fromkeys(file.resolve() for file in files):
-        named[Path(os.path.relpath(file, folder)).as_posix()] = digest(file)
-    return named
+        paths[Path(os.path.relpath(file, folder)).as_posix()] = digest(file)
+    return paths

@@ -54,11 +54,11 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
     splits: set[tuple[int, ...]] = set()
     labels = zip(rows, names, shortest_names(names), strict=False)
     for (path, values), name, parts in labels:
-        rendered = []
+        distinct_values = []
         for value, clip in zip(values, clips, strict=True):
             if clip.document:
-                rendered.append(value)
-        split = tuple(rendered.index(value) for value in rendered)
+                distinct_values.append(value)
+        split = tuple(distinct_values.index(value) for value in distinct_values)
         short_name = " ".join(parts).replace("_", " ")
         # A text has a unit of its own.
         has_text = any(isinstance(value, str) for value in values)
@@ -96,7 +96,7 @@ def _edits(clip: Clip) -> dict[KeyPath, Value]:
 
     The last of a key counts.
     """
-    found: dict[KeyPath, Value] = {}
+    edits: dict[KeyPath, Value] = {}
     for text in clip.overrides:
         try:
             edit = edit_of_flag(text, Source("--set", Path()))
@@ -104,8 +104,8 @@ def _edits(clip: Clip) -> dict[KeyPath, Value]:
             continue
         parts = re.findall(r"[^.\[\]]+", edit.key)
         path = tuple(int(part) if part.isdecimal() else part for part in parts)
-        found |= dict(_leaves(plain(edit.value), path))
-    return found
+        edits |= dict(_leaves(plain(edit.value), path))
+    return edits
 
 
 def _leaves(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Value]]:
@@ -144,8 +144,10 @@ def shortest_names(paths: Sequence[str]) -> list[list[str]]:
     for parts in every_path:
         count = _least_parts(parts)
         while count < len(parts):
-            same = [other for other in every_path if other[-count:] == parts[-count:]]
-            if len(same) == 1:
+            duplicates = [
+                other for other in every_path if other[-count:] == parts[-count:]
+            ]
+            if len(duplicates) == 1:
                 break
             count += 1
         names.append(parts[-count:])
@@ -163,10 +165,10 @@ def _path_parts(path: str) -> list[str]:
 def _least_parts(parts: Sequence[str]) -> int:
     """Return how many last parts mean something at all."""
     is_component = parts[-1] in ("x", "y", "z")
-    least = 2 if is_component or parts[-2:-1] == ["table"] else 1
-    while least < len(parts) and parts[-least].isdecimal():
-        least += 1
-    return min(least, len(parts))
+    count = 2 if is_component or parts[-2:-1] == ["table"] else 1
+    while count < len(parts) and parts[-count].isdecimal():
+        count += 1
+    return min(count, len(parts))
 
 
 def unit(path: KeyPath) -> str:

@@ -78,12 +78,13 @@ def uncertainty_section(
 
 
 def _facts(fan: Ensemble) -> str:
-    draws, what = len(fan.outcomes), len(fan.doubts)
-    drawn = f"{what} number{'s' * (what != 1)}"
-    lost = draws - len(fan.whole)
-    failed = f"; {lost} could not be simulated" if lost else ""
+    draws, number_count = len(fan.outcomes), len(fan.doubts)
+    number_text = f"{number_count} number{'s' * (number_count != 1)}"
+    failure_count = draws - len(fan.whole)
+    failure_note = f"; {failure_count} could not be simulated" if failure_count else ""
     return (
-        f"{draws} draws (seed {fan.seed}) of {drawn}, each as wide as its source is unsure, each simulated{failed}. "
+        f"{draws} draws (seed {fan.seed}) of {number_text}, each as wide as its source is unsure, "
+        f"each simulated{failure_note}. "
         "All other numbers are kept, velocities and pushes included."
     )
 
@@ -92,11 +93,11 @@ def _paths(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, 
     """Return the paths, those of rare fates last, so that they stay visible."""
     found = []
     for k in shown:
-        one = fan.outcomes[k]
-        assert one is not None
+        path = fan.outcomes[k]
+        assert path is not None
         for b in range(len(fan.names)):
             if d := _path(fan.poses[k, :, b, :2], world):
-                found.append({"fate": Fate(int(one.fates[b])).name.lower(), "d": d})
+                found.append({"fate": Fate(int(path.fates[b])).name.lower(), "d": d})
     count = Counter(way["fate"] for way in found)
     return sorted(found, key=lambda way: -count[way["fate"]])
 

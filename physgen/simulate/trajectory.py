@@ -115,7 +115,7 @@ class Trajectory:
     """The same motion at other times (K,) s, rising; of a run, not of a file."""
 
     def imbalance(self, least: float = 0.0) -> float:
-        """By how much kinetic + potential + dissipated - work strays, as a part of the energy that flows.
+        """Return the largest change of kinetic + potential + dissipated - work, as a part of the energy that flows.
 
         What flows counts as at least `least`, g·px²/s²: where all is at rest, nothing does.
         """
@@ -152,7 +152,7 @@ class Trajectory:
         return float(self.times[last])
 
     def sample_hashes(self) -> list[str]:
-        """SHA-256 of each sample's time, poses and velocities, as little-endian float64."""
+        """Return the SHA-256 of each sample's time, poses and velocities, as little-endian float64."""
         return [
             hashlib.sha256(
                 b"".join(np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v))
@@ -168,7 +168,7 @@ class Trajectory:
         write_atomic(path, buffer.getvalue())
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
-        """Flat names of the archive's arrays."""
+        """Return the archive's arrays by flat names."""
         arrays: dict[str, NDArray[np.generic]] = {
             "times": self.times,
             "names": np.array(self.names, dtype=np.str_),
@@ -191,7 +191,7 @@ class Trajectory:
         return arrays
 
     def as_json(self) -> str:
-        """The same arrays as one JSON object; a touch that outlasts the clip ends at null, JSON having no infinity."""
+        """Return the arrays as one JSON object; a touch that outlasts the clip ends at null: JSON has no infinity."""
         arrays = {name: array.tolist() for name, array in self.as_arrays().items()}
         times = self.contacts.touch_times.tolist()
         arrays["contacts_touch_times"] = [
@@ -200,7 +200,7 @@ class Trajectory:
         return json.dumps(arrays, allow_nan=False) + "\n"
 
     def as_csv(self) -> str:
-        """A line a sample and object: s, name, px, px, rad, px/s, px/s, rad/s."""
+        """Return a line a sample and object: s, name, px, px, rad, px/s, px/s, rad/s."""
         lines = [HEADING]
         for t, time in enumerate(self.times.tolist()):
             for n, name in enumerate(self.names):
@@ -210,7 +210,7 @@ class Trajectory:
 
 
 def is_trajectory(path: Path) -> bool:
-    """Whether this module wrote a file, judged by its first bytes."""
+    """Return whether this module wrote a file, judged by its first bytes."""
     try:
         if not path.is_file():
             return False
@@ -226,7 +226,7 @@ def is_trajectory(path: Path) -> bool:
 
 
 def read_trajectory(path: Path | io.BytesIO) -> Trajectory:
-    """The inverse of `Trajectory.save`; nothing is unpickled."""
+    """Read a file of `Trajectory.save`; nothing is unpickled."""
     with np.load(path, allow_pickle=False) as file:
         parts = {
             part: {
@@ -266,7 +266,7 @@ START_TIME = 0.005
 
 
 def resting_mask(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """(T, N): whether a body moves and turns no faster than one at rest may."""
+    """Return whether a body moves and turns no faster than one at rest may, (T, N)."""
     velocity = trajectory.velocities
     turning = np.abs(velocity[..., 2:])
     if trajectory.rolls.shape[1]:
@@ -276,7 +276,7 @@ def resting_mask(trajectory: Trajectory) -> NDArray[np.bool_]:
 
 
 def rest_times(trajectory: Trajectory) -> list[float | None]:
-    """s of each body: the first sample from which on it rests, 0 where it always does; None: it moves to the end."""
+    """Return the first time (s) from which on each body rests, 0 if it always does; None: it moves to the end."""
     found = []
     for quiet in resting_mask(trajectory).T:
         moving = np.flatnonzero(~quiet)
@@ -290,7 +290,7 @@ def rest_times(trajectory: Trajectory) -> list[float | None]:
 
 
 def new_touches(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """(E,): touches of pairs that did not touch from the start."""
+    """Return which touches (E,) are of pairs that did not touch from the start."""
     contacts = trajectory.contacts
     pairs = [tuple(pair) for pair in contacts.touch_pairs.tolist()]
     early = contacts.touch_times[:, 0] < START_TIME
@@ -299,14 +299,14 @@ def new_touches(trajectory: Trajectory) -> NDArray[np.bool_]:
 
 
 def quaternions_from_vectors(vector: Array) -> Array:
-    """Rotation vectors (..., 3) rad -> quaternions (..., 4)."""
+    """Return the quaternions (..., 4) of rotation vectors (..., 3) rad."""
     half = vector / 2
     angle = np.sqrt((half**2).sum(axis=-1, keepdims=True))
     return np.concatenate([np.cos(angle), half * np.sinc(angle / np.pi)], axis=-1)
 
 
 def compose_quaternions(later: Array, earlier: Array) -> Array:
-    """The quaternions (..., 4) of turning by `earlier`, then by `later` (Hamilton's product)."""
+    """Return the quaternions (..., 4) of turning by `earlier`, then by `later` (Hamilton's product)."""
     a, b = np.moveaxis(later, -1, 0), np.moveaxis(earlier, -1, 0)
     return np.stack(
         [
@@ -320,7 +320,7 @@ def compose_quaternions(later: Array, earlier: Array) -> Array:
 
 
 def cumulative_quaternions(vectors: Array, start: Array) -> Array:
-    """(S, N, 4) quaternions after each of S steps of rotation vectors (S, N, 3), begun at (N, 4).
+    """Return quaternions (S, N, 4) after each of S steps of rotation vectors (S, N, 3), begun at (N, 4).
 
     Products of neighbours, then of neighbours' neighbours (Hillis and Steele, Commun. ACM 29, 1170, 1986): as many
     passes as S has binary digits.
@@ -337,7 +337,7 @@ def cumulative_quaternions(vectors: Array, start: Array) -> Array:
 
 
 def rotation_matrices(quaternion: Array) -> Array:
-    """(..., 4) -> rotation matrices (..., 3, 3) about the image axes, +z into the photo."""
+    """Return the rotation matrices (..., 3, 3) of quaternions (..., 4) about the image axes, +z into the photo."""
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -58,7 +58,7 @@ class Spread:
     logit: bool = False
 
     def at(self, z: float) -> float:
-        """The value at a quantile of the standard normal distribution; rises with `z`."""
+        """Return the value at a quantile of the standard normal distribution; rises with `z`."""
         if self.logit:
             return 1 / (1 + (1 - self.median) / self.median * exp(-self.sigma * z))
         if self.at_least or self.most < inf:
@@ -77,7 +77,7 @@ class Spread:
 def spread(
     parameter: str, value: float, confidence: float, at_least: bool = False
 ) -> Spread | None:
-    """The distribution of a value with a confidence of 0..1; None where it is certain.
+    """Return the distribution of a value with a confidence of 0..1; None if it is certain.
 
     >>> wide = spread("mass", 100.0, 0.5)
     >>> [round(wide.at(z), 9) for z in (-1, 0, 1)]
@@ -111,14 +111,14 @@ class UncertainValue:
 
     @property
     def path(self) -> str:
-        """Key in the scene file."""
+        """Return the key in the scene file."""
         return f"{self.section}.{self.name}.{self.parameter}"
 
 
 def uncertain_values(
     scene: Scene, variant: str | None = None
 ) -> tuple[UncertainValue, ...]:
-    """Every uncertain value, of objects, then of boundaries; `variant` is the one that was applied."""
+    """Return every uncertain value, of objects, then of boundaries; `variant` is the one that was applied."""
     provenance = Provenance(scene, variant)
     of_objects = [
         value for item in scene.objects for value in _of_object(scene, item, provenance)
@@ -186,7 +186,7 @@ def _of_boundary(
 
 
 def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Array:
-    """(count, P): draws of all values; those of objects of one label are correlated, as these are of one material."""
+    """Return draws (count, P) of all values; objects of one label are of one material, so theirs are correlated."""
 
     @cache
     def normal(*key: str) -> Array:
@@ -211,7 +211,7 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
 
 
 def uniform(seed: int, count: int, *key: str) -> Array:
-    """(count,) uniform draws in 0..1: the first ones of a stream for every `key`."""
+    """Return uniform draws (count,) in 0..1: the first ones of a stream for every `key`."""
     digest = sha256("\0".join((str(seed), *key)).encode()).digest()
     return np.random.Generator(
         np.random.Philox(key=int.from_bytes(digest[:16], "big"))
@@ -219,7 +219,7 @@ def uniform(seed: int, count: int, *key: str) -> Array:
 
 
 def with_draw(scene: Scene, values: Sequence[UncertainValue], draw: Array) -> Scene:
-    """The scene with the numbers `(P,)` of one draw."""
+    """Return the scene with the numbers `(P,)` of one draw."""
     edits: dict[tuple[str, str], dict[str, float]] = {}
     for value, number in zip(values, draw.tolist(), strict=True):
         edits.setdefault((value.section, value.name), {})[value.parameter] = number

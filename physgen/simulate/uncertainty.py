@@ -80,11 +80,11 @@ class Ensemble:
 
     @property
     def whole(self) -> list[int]:
-        """Numbers of the draws that could be simulated."""
+        """Return the numbers of the draws that could be simulated."""
         return [k for k, outcome in enumerate(self.outcomes) if outcome is not None]
 
     def table(self) -> str:
-        """CSV with a line per draw: the drawn values, then the outcome of each body; see docs/rendering.md."""
+        """Return CSV with a line per draw: the drawn values, then the outcome of each body; see docs/rendering.md."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         outcomes = [f"{name}.{column}" for name in self.names for column in COLUMNS]
@@ -160,12 +160,12 @@ def simulate_ensemble(
 
 
 def size(body: Body) -> float:
-    """px: the diameter of a disc of the body's area."""
+    """Return the diameter of a disc of the body's area, px."""
     return float(2 * np.sqrt(area(body) / np.pi))
 
 
 def outcome(world: World, run: Trajectory) -> Outcome:
-    """The outcome of a densely sampled simulation.
+    """Return the outcome of a densely sampled simulation.
 
     A body falls where it tips, by more than 45 degrees, or drops by more than half its size, more steeply than at 45
     degrees: what slides or rolls down a slope does not. Circles do not tip. What a joint holds does not fall.
@@ -184,7 +184,7 @@ def outcome(world: World, run: Trajectory) -> Outcome:
 
 
 def _can_fall(world: World) -> Flags:
-    """Dynamic bodies without joints, of a scene with gravity that is seen from the side."""
+    """Return dynamic bodies without joints, of a scene with gravity that is seen from the side."""
     joined = {body for joint in world.joints for body in (joint.first, joint.second)}
     pulled = world.view is View.SIDE and world.gravity.any()
     free = [
@@ -209,7 +209,7 @@ def _drop(world: World, run: Trajectory) -> Array:
 
 
 def _outside(world: World, poses: Array) -> Flags:
-    """(B,): bodies of which no part is on the canvas."""
+    """Return which bodies (B,) have no part on the canvas."""
     width, height = world.size
     reach = np.array([body.reach for body in world.bodies])
     x, y = poses[:, 0], poses[:, 1]
@@ -233,7 +233,7 @@ VERBS = {
 
 
 def wilson(count: int, total: int) -> tuple[float, float]:
-    """The 95 % interval of a share of `count` in `total` draws (Wilson, J. Am. Stat. Assoc. 22, 1927).
+    """Return the 95 % interval of a share of `count` in `total` draws (Wilson, J. Am. Stat. Assoc. 22, 1927).
 
     >>> [round(end, 3) for end in wilson(13, 32)]
     [0.255, 0.577]
@@ -246,7 +246,7 @@ def wilson(count: int, total: int) -> tuple[float, float]:
 
 
 def radius(places: Array) -> float:
-    """px about their median within which 9 of 10 places `(N, 2)` lie."""
+    """Return the radius (px) about their median that contains 9 of 10 places `(N, 2)`."""
     off = places - np.median(places, axis=0)
     return (
         float(np.quantile(np.hypot(*off.T), MOST, method="higher"))
@@ -256,7 +256,7 @@ def radius(places: Array) -> float:
 
 
 def percent(share: float) -> str:
-    """A share as text.
+    """Return a share as text.
 
     >>> percent(0.4062), percent(1.0), percent(0.997)
     ('41 %', '100 %', '99.7 %')
@@ -286,21 +286,21 @@ class Verdict:
 
     @property
     def share(self) -> float:
-        """0..1: of draws in which the event happens."""
+        """Return the share of draws in which the event happens, 0..1."""
         return self.counts[self.event] / self.total
 
     @property
     def decided(self) -> bool:
-        """Whether every draw has the same fate."""
+        """Return whether every draw has the same fate."""
         return self.counts[self.event] == self.total
 
     @property
     def placed(self) -> bool:
-        """Whether the final place is decided, too, relative to the body's size."""
+        """Return whether the final place is decided, too, relative to the body's size."""
         return self.radius <= SIZE_SHARE * self.size
 
     def sentences(self) -> list[str]:
-        """What is decided and what is not, without the body's name."""
+        """Return sentences on certain and uncertain events, without the body's name."""
         low, high = (percent(end) for end in self.interval)
         count, total, verb = self.counts[self.event], self.total, VERBS[self.event]
         interval = f"95 % interval {low} to {high}"
@@ -323,7 +323,7 @@ class Verdict:
         return lines
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         return {
             "draws": {
                 fate.name.lower(): self.counts[fate]
@@ -343,13 +343,13 @@ class Verdict:
 
 
 def verdicts(fan: Ensemble) -> list[Verdict]:
-    """One per body; none where no draw could be simulated."""
+    """Return a verdict for each body; none if no draw could be simulated."""
     outcomes = [outcome for outcome in fan.outcomes if outcome is not None]
     return [_verdict(fan, b, outcomes) for b in range(len(fan.names)) if outcomes]
 
 
 def headline(fan: Ensemble, found: Sequence[Verdict]) -> str:
-    """One sentence about all bodies."""
+    """Return one sentence about all bodies."""
     if not found:
         return (
             f"None of the {len(fan.outcomes)} draws could be simulated."

@@ -12,15 +12,15 @@ from physgen.evaluate.segmentation import (
     Runs,
     calibration_error,
     counts,
-    encode_mask,
     match,
+    runs,
 )
 
 
 def square(x: int, y: int, side: int = 10) -> Runs:
     mask = np.zeros((120, 120), np.bool_)
     mask[y : y + side, x : x + side] = True
-    return encode_mask(mask)
+    return runs(mask)
 
 
 def test_a_case_worked_out_by_hand() -> None:
@@ -63,9 +63,7 @@ def test_where_nobody_judges_nothing_counts() -> None:
     # right; within; mostly within; mostly without
     said = [square(10, 10), square(70, 10), square(46, 40), square(43, 70)]
     confidence = np.array([0.9, 0.8, 0.7, 0.6])
-    photo = Photo(
-        "x", (120, 120), [square(10, 10)], [encode_mask(unjudged)], said, confidence
-    )
+    photo = Photo("x", (120, 120), [square(10, 10)], [runs(unjudged)], said, confidence)
     found = counts(match([photo]).photos)
     assert (found["true"], found["said"], found["hit"]) == (1, 2, 1)
 

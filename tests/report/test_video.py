@@ -78,7 +78,7 @@ def test_the_same_bytes_every_run(tmp_path: Path, kind: Format) -> None:
 
 def test_pictures_larger_than_an_encoder_takes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match="17000 x 4 px is over the 16384 px that it allows a side"
+        InputError, match="17000 x 4 px is over the 16384 px per side of this format"
     ):
         open_video(tmp_path, Format.MP4, (17000, 4), 30).__enter__()
     assert not list(tmp_path.iterdir())

@@ -170,7 +170,8 @@ def _magnets(draw: Draw) -> list[Case]:
         for name in objects:
             track = run.track(name)
             x, y = (
-                float(np.interp(period, track.times, track.displacements[:, k])) for k in (0, 1)
+                float(np.interp(period, track.times, track.displacements[:, k]))
+                for k in (0, 1)
             )
             errors.append(float(np.hypot(x, y)) / apart)
         return {"place": worst(errors)}
@@ -206,7 +207,8 @@ def _finger(draw: Draw) -> list[Case]:
         exact = speed * (held - np.sin(rate * held) / rate)
         exact += last * (track.times - held)
         return {
-            "place": float(np.abs(track.displacements[:, 0] - exact).max()) / abs(end[0] - 320)
+            "place": float(np.abs(track.displacements[:, 0] - exact).max())
+            / abs(end[0] - 320)
         }
 
     return [

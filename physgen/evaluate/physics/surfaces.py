@@ -179,7 +179,9 @@ def _passing(draw: Draw) -> list[Case]:
         )
         off = np.abs(climber.y[flies] - exact).max() / (start - shelf + rise)
         return {
-            "flight": float(max(off, np.abs(ghost.displacements[falls, 1] - drop).max() / 290)),
+            "flight": float(
+                max(off, np.abs(ghost.displacements[falls, 1] - drop).max() / 290)
+            ),
             "ends": float(not all(ends)),
         }
 
