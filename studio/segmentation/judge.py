@@ -194,6 +194,27 @@ def _as_numbers(model: HistGradientBoostingRegressor) -> dict[str, NDArray]:
     return {**numbers, "depth": np.array(depth), "base": np.array(base)}
 
 
+def mean_judge(
+    one: dict[str, NDArray], other: dict[str, NDArray]
+) -> dict[str, NDArray]:
+    """Return the numbers of a judge that expects the mean of two judges' fits."""
+    mean = {"fit": one["fit"], "right": (one["right"] + other["right"]) / 2}
+    for stage in judge.STAGES:
+        count = len(one[f"{stage}.feature"])
+        for part in ("feature", "threshold", "low", "high", "root", "value"):
+            name = f"{stage}.{part}"
+            # places of nodes move behind the nodes of the first judge
+            is_place = part in ("low", "high", "root")
+            moved = other[name] + is_place * count
+            mean[name] = np.concatenate([one[name], moved]).astype(one[name].dtype)
+        mean[f"{stage}.value"] /= 2
+        depths = one[f"{stage}.depth"], other[f"{stage}.depth"]
+        mean[f"{stage}.depth"] = np.maximum(*depths)
+        bases = one[f"{stage}.base"], other[f"{stage}.base"]
+        mean[f"{stage}.base"] = np.mean(bases)
+    return mean
+
+
 def calibrate(fit: Array, right: Array) -> dict[str, NDArray]:
     """Return pairs of a fit and the share of chosen candidates of such a fit that are right."""
     curve = IsotonicRegression(y_min=0, y_max=1, out_of_bounds="clip").fit(fit, right)
@@ -286,6 +307,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("examples", type=Path, help="folder of judge_examples.py")
     parser.add_argument("-o", "--output", type=Path, default=SHIPPED)
+    parser.add_argument(
+        "--mean-with", type=Path, help="former judge, of which half is kept"
+    )
     parser.add_argument("--least", type=float, default=0.55, help="fit of an object")
     args = parser.parse_args()
     pictures = read_folder(args.examples / "training")
@@ -305,6 +329,9 @@ def main() -> None:
     for stage, subset in zip(judge.STAGES, (taught, described), strict=True):
         trees = teach(subset, FOLDS)
         numbers |= {f"{stage}.{name}": part for name, part in trees.items()}
+    if args.mean_with:
+        with np.load(args.mean_with) as stored:
+            numbers = mean_judge(dict(stored), numbers)
     np.savez_compressed(args.output, **numbers)
     report_held_out(
         args.examples / "held-out", judge.read_judge(args.output), args.least
