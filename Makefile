@@ -9,6 +9,8 @@ BIN = .venv/bin
 OUT = out/demo
 LEFT_OUT = cans cups kitchen marbles pendulum pyramid ramp seesaw shelf toy-car
 TORCH = torch==2.13.0
+# as the command has it: each worker of pytest has a core, and more threads only wait, busily
+export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: demo test test-slow browser docs bench studio train clean
 

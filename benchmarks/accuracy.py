@@ -105,7 +105,7 @@ def frames(rows: Any) -> list[Row]:
     scenes = {row["scene"] for row in rows if row["half"] == "test"}
     state = (
         "met"
-        if ahead.reached
+        if ahead.is_enough
         else f"missed: {fidelity.BAR:g} dB on shadows were asked for"
     )
     found = (

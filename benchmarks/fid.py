@@ -241,7 +241,7 @@ def fid(folder: Path) -> list[dict]:
             row["farther_than"] = {
                 other: {
                     kind: farther(one[row["method"]], one[f"{other}, {way}"])
-                    for kind, one in found.found.items()
+                    for kind, one in found.distances.items()
                 }
                 for other in TOLD
             }
@@ -275,7 +275,7 @@ def halves(features: list[np.ndarray]) -> float:
     for _ in range(8):
         half = np.zeros(side.count)
         half[random.permutation(side.count)[: side.count // 2]] = 1
-        found.append(frechet(side.weighted(half), side.weighted(1 - half)))
+        found.append(frechet(side.moments_of(half), side.moments_of(1 - half)))
     return float(np.mean(found))
 
 

@@ -109,8 +109,6 @@ INTENDED: dict[str, str] = {
     "commands/simulate/*": "of wall-ball, whose story was edited",
     "commands/variants/clip/*": "shadows end where their floor ends",
     "commands/verify/video.gif": "shadows end where their floor ends",
-    "refused/refine-no-step.yaml/messages": "the case names another model: its columns move",
-    "refused/refine-few-steps.yaml/messages": "the case names another model: its columns move",
     "export/cans/messages": "export does not report how long the frames play",
 }
 """Patterns of entries (`group/name/item`, as fnmatch reads them) that may differ, with the reason."""
@@ -406,15 +404,16 @@ def flag_values(runner: Runner, *command: str) -> Values:
 
 
 def refused_values(runner: Runner, case: str) -> Values:
-    """Messages about a wrong file."""
-    first = (
-        (runner.folder / "cases" / case).read_text(encoding="utf-8").partition("\n")[0]
-    )
-    flags = (
-        first.removeprefix("# flags: ").split() if first.startswith("# flags: ") else []
-    )
-    done = runner.run("check", case, *flags, cwd="cases")
-    return outcome(done) | {"output": done.stdout.splitlines()}
+    """Messages about a wrong file, by the flags of each command in its first lines."""
+    lines = (runner.folder / "cases" / case).read_text(encoding="utf-8").splitlines()
+    mark = "# flags: "
+    commands = [line.removeprefix(mark) for line in lines if line.startswith(mark)]
+    values = {}
+    for flags in commands or [""]:
+        done = runner.run("check", case, *flags.split(), cwd="cases")
+        result = outcome(done) | {"output": done.stdout.splitlines()}
+        values |= {f"{key} {flags}".strip(): value for key, value in result.items()}
+    return values
 
 
 def sweep_values(runner: Runner) -> Values:

@@ -26,7 +26,7 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.environment import this_machine
-from physgen.evaluate.segmentation import Photo, match, runs
+from physgen.evaluate.segmentation import Photo, encode_mask, match
 from physgen.problems import InputError
 from physgen.scene.scene import Motion, View
 
@@ -100,12 +100,12 @@ def found(path: Path, truth: Path) -> dict:
     maps = pipeline.percepts(pipeline.load(path))
     assert maps is not None
     said, known = (
-        [runs(ids == i) for i in np.unique(ids[ids > 0])]
+        [encode_mask(ids == i) for i in np.unique(ids[ids > 0])]
         for ids in (maps.labels, true.astype(np.uint16))
     )
     size = maps.labels.shape[1], maps.labels.shape[0]
     (judged,) = match([Photo("", size, known, (), said, np.ones(len(said)))]).photos
-    hits = judged.overlap[judged.right]
+    hits = judged.overlap[judged.is_match]
     return {
         "true": len(known),
         "met": len(hits),

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.evaluate.fidelity import TRUTH, Truth, read_ids, replayed, truths
-from physgen.export.flow import SEEN
+from physgen.evaluate.fidelity import TRUTH, Truth, read_ids, replay, truths
+from physgen.export.flow import VISIBLE
 from physgen.photos import read_image
 from physgen.pipeline.clip import Labels
 from physgen.pipeline.stages import Film, Keep, Stages
@@ -81,7 +81,7 @@ def compared(truth: Truth, folder: Path) -> Row:
                 str(folder / f"flo/visible/forward/{k + 1:05d}.png"),
                 cv2.IMREAD_UNCHANGED,
             )
-            == SEEN
+            == VISIBLE
         )
         moves = told & (np.hypot(*np.moveaxis(flow, 2, 0)) > MOVES)
         apart = np.abs(warped(rgb[k + 1], flow).astype(int) - rgb[k]).mean(axis=2)
@@ -116,7 +116,7 @@ def export(truth: Truth, folder: Path) -> None:
     compiled = warm.compile(truth.scene, maps)
     labels = Labels.of(("davis", "flo"), truth.scene, maps.percepts)
     filming = Film(truth.scene, compiled, maps, record, warm)
-    labels.of_frames(filming, replayed(truth, compiled), folder, record, silent)
+    labels.of_frames(filming, replay(truth, compiled), folder, record, silent)
 
 
 def numbering(truth: Truth) -> Ids:

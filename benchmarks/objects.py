@@ -24,9 +24,9 @@ from segments import ROOT, rounded
 
 from physgen import registry
 from physgen.evaluate.segmentation import (
-    Judged,
     Pair,
     Photo,
+    PhotoMatches,
     as_photo,
     calibration_error,
     counts,
@@ -162,7 +162,7 @@ def objects(folder: Path) -> list[dict]:
     """
     rows: list[dict] = []
     without: list[dict] = []
-    real: list[Judged] = []
+    real: list[PhotoMatches] = []
     sets = photo_sets(folder)
     for name, some in sets.items():
         photos, ablated, cpu = _measure(some)
@@ -265,10 +265,10 @@ def _former_rows(sets: set[str]) -> list[dict]:
     return [row for row in json.loads(text)["rows"] if row["set"] in sets]
 
 
-def _reliability(judged: list[Judged]) -> list[dict]:
+def _reliability(judged: list[PhotoMatches]) -> list[dict]:
     """Return the share of objects that are right, by the confidence stated."""
     stated = np.concatenate([one.confidence for one in judged] or [np.zeros(0)])
-    right = np.concatenate([one.right for one in judged] or [np.zeros(0, bool)])
+    right = np.concatenate([one.is_match for one in judged] or [np.zeros(0, bool)])
     rows = []
     for low, high in pairwise(CONFIDENCES):
         inside = (stated >= low) & ((stated < high) | (high == CONFIDENCES[-1]))

@@ -19,7 +19,7 @@ from physgen.environment import this_machine
 from physgen.evaluate.controllability import findings as answered
 from physgen.evaluate.controllability import sweep
 from physgen.evaluate.measure import Findings, Progress
-from physgen.evaluate.properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
+from physgen.evaluate.properties import MASS, ORDER, SHIPPED, Origin, ask, read_table
 from physgen.evaluate.properties import findings as weighed
 from physgen.evaluate.runtime import Run, Time, gpu, total
 from physgen.evaluate.runtime import findings as timed
@@ -45,7 +45,7 @@ def properties(folder: Path) -> list[dict]:
     rows = []
     for sized in (True, False):
         found = weighed(
-            asked, ask(asked, backends, sized, _quiet), Asked("table", sized)
+            asked, ask(asked, backends, sized, _quiet), Origin("table", sized)
         )
         if sized:
             found = with_studio(

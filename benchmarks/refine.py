@@ -222,10 +222,10 @@ def quality(
     model = registry.make("refine", name, Setup(weights, device, dtype))
     rows = []
     for truth in fidelity.truths(ROOT / "studio/truth", names):
-        scene, maps = fidelity.seen(truth)
+        scene, maps = fidelity.perceive_truth(truth)
         compiled = pipeline.compile(scene, maps)
         run, stage = (
-            fidelity.replayed(truth, compiled),
+            fidelity.replay(truth, compiled),
             pipeline.stage(scene, compiled, maps),
         )
         drawn = [frame.rgb for frame in pipeline.render(stage, run)]

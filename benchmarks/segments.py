@@ -20,9 +20,9 @@ from pycocotools import mask as coco
 
 from physgen import registry
 from physgen.evaluate.segmentation import (
-    Found,
     Pair,
     Photo,
+    Scores,
     Truth,
     as_photo,
     evaluate,
@@ -186,7 +186,7 @@ def outlined(truth: Truth, segments: Segments) -> NDArray[np.uint8]:
     return tile
 
 
-def _total(found: Found) -> dict:
+def _total(found: Scores) -> dict:
     return {
         key: value
         for key, value in found.total.items()
@@ -198,7 +198,7 @@ def _reliability(real: list[Photo]) -> list[dict]:
     """How many detections are right, by the confidence that perception states."""
     judged = match(real).photos
     stated = np.concatenate([one.confidence for one in judged] or [np.zeros(0)])
-    right = np.concatenate([one.right for one in judged] or [np.zeros(0, bool)])
+    right = np.concatenate([one.is_match for one in judged] or [np.zeros(0, bool)])
     rows = []
     for low, high in pairwise(CONFIDENCES):
         inside = (stated >= low) & ((stated < high) | (high == 1.0))

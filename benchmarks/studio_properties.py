@@ -21,10 +21,10 @@ from physgen.evaluate.properties import (
     ORDER,
     Answer,
     Order,
-    found_scale,
     mass_cells,
     masses,
     order,
+    scale_by_labels,
 )
 from physgen.maps import read_labels
 from physgen.materials import kind as kind_of
@@ -95,7 +95,7 @@ def _kinds_of(file: Path, physics: Physics) -> list[Kind]:
     objects = [replace(one, label=true[one.id][0]) for one in cut if one.id in true]
     scaled, found = (
         physics(rgb, objects, per_meter),
-        physics(rgb, objects, found_scale(objects)),
+        physics(rgb, objects, scale_by_labels(objects)),
     )
     alike: dict[Any, list[int]] = {}
     for one in objects:
@@ -133,8 +133,8 @@ def with_studio(findings: Findings, kinds: Sequence[Kind]) -> Findings:
         lines[MASS].append(mass_cells(name, score))
     for of in COEFFICIENTS:
         found = _ordered(kinds, of)
-        pairs = {"pairs": found.count, "right": found.right, "tied": found.tied}
-        wrong = [list(pair) for pair in found.wrong]
+        pairs = {"pairs": found.count, "right": found.right, "tied": found.ties}
+        wrong = [list(pair) for pair in found.wrong_pairs]
         rows.append(
             {
                 "kind": of,
@@ -144,7 +144,7 @@ def with_studio(findings: Findings, kinds: Sequence[Kind]) -> Findings:
                 "not_in_order": wrong,
             }
         )
-        shares = f"{found.right} of {found.count}", str(found.tied)
+        shares = f"{found.right} of {found.count}", str(found.ties)
         lines[ORDER].append((of, "studio's photos, within each", *shares, ""))
     sections = tuple(
         replace(
@@ -155,13 +155,13 @@ def with_studio(findings: Findings, kinds: Sequence[Kind]) -> Findings:
         )
         for one in findings.sections
     )
-    more = {**findings.more, "studio": [_kind_row(one) for one in kinds]}
+    more = {**findings.extra, "studio": [_kind_row(one) for one in kinds]}
     sentence = "On the studio's photos the true masks and labels are given; whoever made the scenes set what is true."
     return replace(
         findings,
         rows=rows,
         sections=sections,
-        more=more,
+        extra=more,
         sentences=(*findings.sentences, sentence),
     )
 

@@ -12,7 +12,8 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from physgen.problems import InputError, OutputError
+from physgen.messages import Message
+from physgen.problems import OutputError, Place
 
 EXIF_ORIENTATION = 0x0112
 """Tag of how a camera was held; 1 is upright."""
@@ -93,10 +94,6 @@ def machine_id() -> str:
     return sha256("\n".join(parts).encode()).hexdigest()[:8]
 
 
-OUTPUT_FIX = "name a folder that can be written"
-"""What to do about an output folder that refuses files."""
-
-
 def check_writable(folder: Path) -> None:
     """Write and remove a byte in an output folder, or where it would be created.
 
@@ -107,7 +104,8 @@ def check_writable(folder: Path) -> None:
     while not os.path.lexists(existing) and existing != existing.parent:
         existing = existing.parent
     if not existing.is_dir():
-        raise OutputError.of(str(existing), "", "is a file", OUTPUT_FIX)
+        problem = Message.OUTPUT_IS_FILE.problem(Place(str(existing)))
+        raise OutputError([problem])
     probe = partial(existing / "physgen")
     try:
         try:
@@ -116,9 +114,9 @@ def check_writable(folder: Path) -> None:
             probe.unlink(missing_ok=True)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise OutputError.of(
-            str(folder), "", f"cannot be written: {reason}", OUTPUT_FIX
-        ) from None
+        unwritable = Message.OUTPUT_UNWRITABLE
+        problem = unwritable.problem(Place(str(folder)), reason=reason)
+        raise OutputError([problem]) from None
 
 
 def check_text_names(*paths: Path | None) -> None:
@@ -130,9 +128,7 @@ def check_text_names(*paths: Path | None) -> None:
         try:
             str(path).encode()
         except UnicodeEncodeError:
-            found = "has a name that is not UTF-8"
-            fix = "rename it, for example to photo.png"
-            raise InputError.of(str(path), "", found, fix) from None
+            raise Message.NAME_NOT_UTF8.error(str(path)) from None
 
 
 def final_name(path: str) -> str:

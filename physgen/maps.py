@@ -19,6 +19,7 @@ from physgen.arrays import U8 as U8
 from physgen.arrays import U16 as U16
 from physgen.arrays import Mask
 from physgen.files import back_up, write_with_backup
+from physgen.messages import Message
 from physgen.photos import (
     open_picture,
     page_count,
@@ -26,7 +27,7 @@ from physgen.photos import (
     read_channels,
     read_image,
 )
-from physgen.problems import InputError, Limit, Place
+from physgen.problems import Limit, Place
 
 Keep = Callable[[Path], None]
 """Called with every file that was kept under another name."""
@@ -126,8 +127,7 @@ def _read_painted(path: Path) -> tuple[U8 | U16, Mask | None]:
     alpha, colours = channels[:, :, -1], channels[:, :, :-1]
     highest_alpha = int(alpha.max())
     if highest_alpha == 0:
-        fix = "save it with the objects opaque"
-        raise InputError.of(str(path), "", "is transparent everywhere", fix)
+        raise Message.MAP_TRANSPARENT.error(str(path))
     # Masks that were drawn over a photo are translucent.
     opaque = 2 * alpha.astype(np.uint32) >= highest_alpha
     if opaque.all():
@@ -142,13 +142,10 @@ def _check_painting(path: Path) -> None:
         is_lossy_webp = image.format == "WEBP" and _is_lossy_webp(path)
         if image.format in LOSSY or is_lossy_webp:
             name = LOSSY.get(str(image.format), "a lossy WebP")
-            expected = f"is {name}, whose compression changes ids"
-            fix = "save it as PNG, without smoothing"
-            raise InputError.of(str(path), "", expected, fix)
+            raise Message.MAP_LOSSY.error(str(path), format=name)
         count = page_count(image)
         if count > 1:
-            expected = f"has {count} layers or frames"
-            raise InputError.of(str(path), "", expected, "save it as one flat PNG")
+            raise Message.MAP_LAYERS.error(str(path), count=count)
 
 
 def _is_lossy_webp(path: Path) -> bool:
@@ -195,8 +192,8 @@ def _label_ids(painting: U8 | U16, path: Path) -> U16:
     code = (red.astype(np.uint64) << 32) + (green.astype(np.uint64) << 16) + blue
     colours, ids = np.unique(code, return_inverse=True)
     if len(colours) > 65535:
-        count, fix = f"{len(colours)} colours", "give each object one colour"
-        raise InputError.of(str(path), count, "are too many for a label map", fix)
+        found = f"{len(colours):,} colours"
+        raise Message.MAP_COLOURS.error(str(path), found)
     ids = ids.reshape(code.shape)
     has_background = colours[0] == 0
     if not has_background:
@@ -253,9 +250,10 @@ class _MapReader:
             return None
         size = picture_size(path)
         if size != self.size:
-            expected = "differs from the photo's {} x {} px".format(*self.size)
-            fix = "make it the photo's size"
-            raise InputError.of(str(path), "{} x {} px".format(*size), expected, fix)
+            found = "{} x {} px".format(*size)
+            width, height = self.size
+            differs = Message.NOT_PHOTO_SIZE
+            raise differs.error(str(path), found, width=width, height=height)
         return path
 
     def read_grey(self, name: str, low: float = 0.0, high: float = 1.0) -> F32 | None:
@@ -275,8 +273,7 @@ class _MapReader:
             return None
         picture = read_channels(path)
         if picture.ndim == 2 or picture.shape[2] < 3:
-            expected = "has one channel where three are meant"
-            raise InputError.of(str(path), "", expected, "save it in colour")
+            raise Message.MAP_ONE_CHANNEL.error(str(path))
         return picture[:, :, :3]
 
     def read_colour(self, name: str) -> U8 | None:

@@ -8,7 +8,7 @@ from enum import Enum
 from pathlib import Path
 
 from physgen.files import install
-from physgen.problems import InputError
+from physgen.messages import Message
 
 SIGNATURE = 16
 """Bytes at the start of a file by which its format is recognised."""
@@ -79,8 +79,7 @@ def load_reader(kind: PhoneFormat, path: Path) -> None:
         from PIL import features
 
         if not features.check("avif"):
-            expected = "is an AVIF picture, which this build of Pillow does not read"
-            raise InputError.of(str(path), "", expected, 'pip install "pillow>=11.3"')
+            raise Message.AVIF_UNREADABLE.error(str(path))
         return
     try:
         if kind is PhoneFormat.HEIC:
@@ -91,8 +90,9 @@ def load_reader(kind: PhoneFormat, path: Path) -> None:
             import pillow_jxl  # noqa: F401  registers its format with Pillow
     except ImportError:
         name, package = PACKAGES[kind]
-        expected = f"is a {name} picture, which needs {package}"
-        raise InputError.of(str(path), "", expected, install("phone")) from None
+        raise Message.PHONE_FORMAT_UNREADABLE.error(
+            str(path), package=package, format=name, install=install("phone")
+        ) from None
 
 
 # ISO media files

@@ -35,6 +35,7 @@ from physgen.colour_spaces import (
     measured_space,
 )
 from physgen.files import EXIF_ORIENTATION, FORMATS, SCENE_FORMATS
+from physgen.messages import Message
 from physgen.phone_formats import (
     PhoneFormat,
     avif_colour_codes,
@@ -239,26 +240,22 @@ def open_picture(
     """
     from PIL import Image, UnidentifiedImageError
 
-    def problem(expected: str, fix: str) -> InputError:
-        return InputError.of(str(path), "", expected, fix)
-
+    name = str(path)
     try:
         formats = _usable_formats(path, formats)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
             image = Image.open(path, formats=formats)
     except FileNotFoundError:
-        raise problem("no such file", _similar_picture(path)) from None
+        raise Message.NO_SUCH_FILE.error(name, fix=_similar_picture(path)) from None
     except IsADirectoryError:
-        raise problem("is a folder", "name a picture in it") from None
+        raise Message.FOLDER_FOR_PICTURE.error(name) from None
     except PermissionError:
-        raise problem("may not be read", "change its permissions") from None
+        raise Message.PICTURE_FORBIDDEN.error(name) from None
     except Image.DecompressionBombError:
         raise Limit.PIXELS.error(Place(str(path))) from None
     except UnidentifiedImageError:
-        raise problem(
-            "is not a picture that can be read", "save it as PNG or JPEG"
-        ) from None
+        raise Message.NOT_A_PICTURE.error(name) from None
     except InputError:
         raise
     except (
@@ -273,9 +270,7 @@ def open_picture(
         if width * height > Limit.PIXELS.most:
             raise Limit.PIXELS.error(Place(str(path)), found=f"{width} x {height} px")
         if (kind := _unusual(image, path)) is not None:
-            raise problem(
-                f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits"
-            )
+            raise Message.PICTURE_UNUSUAL.error(name, kind=kind)
         yield image
 
 
@@ -467,8 +462,7 @@ def _unusual(image: Image.Image, path: Path) -> str | None:
 
 def _damaged(path: Path, error: Exception) -> InputError:
     reason = (str(error) or type(error).__name__).splitlines()[0][:120]
-    expected = f"is not a picture that can be read ({reason})"
-    return InputError.of(str(path), "", expected, "save it as PNG or JPEG")
+    return Message.PICTURE_DAMAGED.error(str(path), reason=reason)
 
 
 # colour
@@ -487,9 +481,7 @@ def _meaning(image: Image.Image, path: Path) -> tuple[str, ToSrgb | None, bool]:
         try:
             to_srgb = describe(image, path)
         except HighDynamicRangeError:
-            fix = "tone-map it to standard range first"
-            expected = "is a picture of high dynamic range"
-            raise InputError.of(str(path), "", expected, fix) from None
+            raise Message.PICTURE_HIGH_RANGE.error(str(path)) from None
         except ColourError:
             is_readable = False
             continue

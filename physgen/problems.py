@@ -58,6 +58,8 @@ class Problem:
     """Name of the variant whose edits are wrong, `""` for the file itself."""
     origin: Place | None = None
     """Where the wrong value was written, if an overlay at `place` made it wrong."""
+    code: str = ""
+    """Name of the template in `physgen.messages`, or of the limit: `not-a-number`."""
 
     def __str__(self) -> str:
         parts = [str(self.place)]
@@ -77,9 +79,14 @@ class Problem:
         # A file may contain control characters, which could drive a terminal.
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
+    def refusal(self) -> RefusedError:
+        """Return the refusal of the value, without its place."""
+        return RefusedError(self.expected, self.fix, self.code)
+
     def as_dict(self) -> dict[str, object]:
         """Return the problem as JSON, for `--json`."""
         return {
+            "code": self.code,
             "file": self.place.file,
             "line": self.place.line,
             "column": self.place.column,
@@ -165,9 +172,20 @@ class RefusedError(ValueError):
     `expected` and `fix` become those of a Problem where its place is known.
     """
 
-    def __init__(self, expected: str, fix: str) -> None:
+    def __init__(self, expected: str, fix: str, code: str = "") -> None:
         super().__init__(expected)
-        self.expected, self.fix = expected, fix
+        self.expected, self.fix, self.code = expected, fix, code
+
+    def problem(
+        self,
+        place: Place,
+        path: str = "",
+        found: str = "",
+        severity: Severity = Severity.ERROR,
+    ) -> Problem:
+        """Return the problem of the value at its place."""
+        problem = Problem(place, path, found, self.expected, self.fix, severity)
+        return replace(problem, code=self.code)
 
 
 MIB = 2**20
@@ -237,9 +255,22 @@ class Limit(Enum):
         self.amount = f"{most // _UNITS.get(unit, 1):,} {unit}".strip()
         self.expected, self.fix = expected.format(self.amount), fix.format(self.amount)
 
+    @property
+    def code(self) -> str:
+        """Name of the limit in problems: `limit-pixels`."""
+        return f"limit-{self.name.lower()}"
+
+    def problem(self, place: Place, path: str = "", found: str = "") -> Problem:
+        """Return the problem of an input that exceeds the limit."""
+        return self.refusal().problem(place, path, found)
+
+    def refusal(self) -> RefusedError:
+        """Return the refusal of a value that exceeds the limit."""
+        return RefusedError(self.expected, self.fix, self.code)
+
     def error(self, place: Place, path: str = "", found: str = "") -> InputError:
         """Return the error of an input that exceeds the limit."""
-        return InputError([Problem(place, path, found, self.expected, self.fix)])
+        return InputError([self.problem(place, path, found)])
 
 
 # Refusals of the editor, and of edits of a file
@@ -268,15 +299,20 @@ class EditError(Exception):
     """
 
     def __init__(
-        self, why: Why, message: str, fix: str, more: Mapping[str, Any] | None = None
+        self,
+        why: Why,
+        message: str,
+        fix: str,
+        more: Mapping[str, Any] | None = None,
+        code: str = "",
     ) -> None:
         super().__init__(message)
-        self.why, self.message, self.fix = why, message, fix
+        self.why, self.message, self.fix, self.code = why, message, fix, code
         self.more: Mapping[str, Any] = more or {}
 
     def body(self) -> dict[str, Any]:
         """Return the answer as JSON."""
-        error = {"message": self.message, "fix": self.fix}
+        error = {"code": self.code, "message": self.message, "fix": self.fix}
         return {"error": error, "problems": [], **self.more}
 
 

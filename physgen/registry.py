@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.files import install
+from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem, collect
 
 FLAG = Place("--backend")
@@ -86,13 +87,14 @@ def _option_problems(
 
     place = Place("physgen.toml")
     if key not in known:
-        fix = suggestion(key, known)
-        yield Problem(place, path, f'"{key}"', "means nothing here", fix)
+        yield Message.UNKNOWN_OPTION.problem(
+            place, path, f'"{key}"', fix=suggestion(key, known)
+        )
         return
     default, schema = known[key]
     fix = "leave it out" if default is None else f"the default is {default!r}"
     for error in Draft202012Validator(schema).iter_errors(value):
-        yield Problem(place, path, "", error.message, fix)
+        yield Message.WRONG_OPTION.problem(place, path, reason=error.message, fix=fix)
 
 
 @dataclass(frozen=True)
@@ -164,15 +166,15 @@ def find(role: str, name: str | None = None) -> Backend:
     'fill'
     """
     if role not in roles():
-        raise InputError.of(
-            "--backend", f'"{role}"', "is not a role", suggestion(role, roles())
+        raise Message.UNKNOWN_ROLE.error(
+            "--backend", f'"{role}"', fix=suggestion(role, roles())
         )
     for row in BACKENDS:
         if row.role == role and name in (None, row.name):
             return row
     found = f'{role}="{name}"'
-    raise InputError.of(
-        "--backend", found, "is not a backend", suggestion(str(name), names(role))
+    raise Message.UNKNOWN_BACKEND.error(
+        "--backend", found, fix=suggestion(str(name), names(role))
     )
 
 
@@ -184,9 +186,13 @@ def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
     row = find(role, name)
     if missing := row.missing():
         verb = "is" if len(missing) == 1 else "are"
-        expected = f"needs {', '.join(missing)}, which {verb} not installed"
-        raise InputError(
-            [Problem(FLAG, "", f'{role}="{row.name}"', expected, install("models"))]
+        raise Message.PACKAGES_MISSING.error_at(
+            FLAG,
+            "",
+            f'{role}="{row.name}"',
+            verb=verb,
+            packages=", ".join(missing),
+            install=install("models"),
         )
     module, _, factory = row.target.partition(":")
     build = getattr(importlib.import_module(module), factory)
@@ -261,10 +267,7 @@ def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
     def read(setting: str) -> tuple[str, Choice]:
         role, sign, text = setting.partition("=")
         if not sign:
-            fix = "write e.g. inpaint=fill"
-            raise InputError(
-                [Problem(place, "", f'"{setting}"', "is not ROLE=NAME", fix)]
-            )
+            raise Message.CHOICE_WITHOUT_ROLE.error_at(place, "", f'"{setting}"')
         return role, choice(role, text, place)
 
     return dict(collect(partial(read, setting) for setting in settings))
@@ -284,13 +287,11 @@ def choice(role: str, text: str, place: Place = FLAG) -> Choice:
         ) from None
     found = f'"{role}={text}"'
     if colon and not (row.weights or row.takes_setup):
-        expected, fix = "names weights for what has none", f"write {role}={name}"
-        raise InputError([Problem(place, "", found, expected, fix)])
+        none = Message.TAKES_NO_WEIGHTS
+        raise none.error_at(place, "", found, role=role, name=name)
     if colon and not weights:
-        fix = f"write {role}={name}:PATH"
-        raise InputError(
-            [Problem(place, "", found, "names nothing after the colon", fix)]
-        )
+        empty = Message.WEIGHTS_EMPTY
+        raise empty.error_at(place, "", found, role=role, name=name)
     return Choice(name, weights, place)
 
 
@@ -375,21 +376,16 @@ def _user_configuration() -> Path:
 def _switch_problems(switches: Mapping[str, Any], place: Place) -> Iterator[Problem]:
     for key, value in switches.items():
         if not isinstance(value, str):
-            yield Problem(place, key, repr(value), "is not text", "write text")
+            yield Message.SWITCH_NOT_TEXT.problem(place, key, repr(value))
         elif key == "device" and not DEVICE.fullmatch(value):
-            fix = "write auto, cpu, cuda, cuda:1 or mps"
-            yield Problem(place, "", f'"{value}"', "is no device", fix)
+            yield Message.UNKNOWN_DEVICE.problem(place, "", f'"{value}"')
         elif key == "dtype" and value not in DTYPES:
-            yield Problem(
-                place,
-                "",
-                f'"{value}"',
-                "is no number format",
-                suggestion(value, DTYPES),
+            yield Message.UNKNOWN_NUMBER_FORMAT.problem(
+                place, "", f'"{value}"', fix=suggestion(value, DTYPES)
             )
         elif key == "profile" and value not in PROFILES:
-            yield Problem(
-                place, "", f'"{value}"', "is no profile", suggestion(value, PROFILES)
+            yield Message.UNKNOWN_PROFILE.problem(
+                place, "", f'"{value}"', fix=suggestion(value, PROFILES)
             )
 
 
@@ -411,8 +407,8 @@ def read_configuration(path: Path) -> Configuration:
     for name, table in data.items():
         if name not in known or not isinstance(table, dict):
             fix = suggestion(name, [*SWITCHES, "backend", *known])
-            expected = "means nothing here"
-            problems.append(Problem(place, name, f'"{name}"', expected, fix))
+            unknown = Message.UNKNOWN_TABLE
+            problems.append(unknown.problem(place, name, f'"{name}"', fix=fix))
     if problems:
         raise InputError(problems)
     return switches, file_choices, data
@@ -425,19 +421,18 @@ def _read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        expected, fix = f"cannot be read ({error.strerror})", "see --config"
+        unreadable, reason = Message.CONFIGURATION_UNREADABLE, str(error.strerror)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        expected, fix = f"is not TOML: {error}", "see docs/models.md for an example"
-    raise InputError.of(str(path), "", expected, fix) from None
+        unreadable, reason = Message.NOT_TOML, str(error)
+    raise unreadable.error(str(path), reason=reason) from None
 
 
 def _file_choice(role: str, value: Any, path: Path) -> Choice:
     """Read a line of the section `[backend]`. Raises InputError."""
     place = Place(str(path))
     if not role or not isinstance(value, str):
-        fix = 'write e.g. depth = "marigold" below [backend]'
         key = f"backend.{role}"
-        raise InputError([Problem(place, key, repr(value), "is not text", fix)])
+        raise Message.CHOICE_NOT_TEXT.error_at(place, key, repr(value))
     name, colon, weights = value.partition(":")
     parts = [_relative_to(path, part) for part in weights.split(",")]
     return choice(role, f"{name}{colon}{','.join(parts)}", place)
@@ -496,9 +491,8 @@ class Backends:
         needs_depth = "depth" in self.plan.row("boundary").uses
         if needs_depth and self.plan.row("depth").name == "none":
             boundary = self.plan.choices["boundary"]
-            fix = "choose one for depth, too: depth=marigold, or depth=file:PATH"
             name = f'"boundary={boundary}"'
-            yield Problem(boundary.place, "", name, "needs depth", fix)
+            yield Message.NEEDS_DEPTH.problem(boundary.place, "", name)
 
     def begin(self) -> None:
         """Start another photo with an empty record."""
@@ -544,9 +538,9 @@ class Backends:
             if row is find(role):
                 raise  # a defect of the default, not of a choice
             name = f"{role}={self.plan.choices[role]}"
-            expected = f"failed ({describe_error(error)})"
-            fix = "see what failed, or choose another"
-            raise InputError([Problem(FLAG, "", name, expected, fix)]) from error
+            raise Message.BACKEND_FAILED.error_at(
+                FLAG, "", name, error=describe_error(error)
+            ) from error
         take_note = getattr(self._made[role], "note", None)
         seconds = time.perf_counter() - start
         note = take_note() if take_note else {}

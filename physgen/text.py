@@ -230,6 +230,21 @@ def rounded(value: float, digits: int = 3) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+LEAST_WHOLE = 0.01
+"""Share of 1 from which whole percents are exact enough."""
+
+
+def percent(share: float) -> str:
+    """Return a share of 1 as people write it.
+
+    >>> percent(0.08), percent(0.463), percent(0.0031)
+    ('8 %', '46 %', '0.31 %')
+    """
+    if abs(share) >= LEAST_WHOLE:
+        return f"{100 * share:.0f} %"
+    return f"{rounded(100 * share, 2)} %"
+
+
 def value_text(value: object) -> str:
     """Return a value as people write it; empty for None.
 

@@ -12,9 +12,10 @@ import numpy as np
 from PIL import Image
 
 from physgen.arrays import U8 as U8
+from physgen.messages import Message
 from physgen.phone_formats import recognise
 from physgen.photos import open_picture, over_white, read_photo
-from physgen.problems import InputError, Limit, Place
+from physgen.problems import Limit, Place
 from physgen.text import natural
 
 SUFFIXES = (
@@ -80,8 +81,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             container = av.open(file, options=options, metadata_errors="replace")
         except FFmpegError as error:
             reason = (error.strerror or str(error)).lower()
-            expected = f"is not a video that can be read ({reason})"
-            raise InputError.of(str(path), "", expected, CONVERT) from None
+            raise Message.VIDEO_UNREADABLE.error(str(path), reason=reason) from None
         with container:
             stream = _moving_stream(container, path)
             if stream.width * stream.height > Limit.PIXELS.most:
@@ -96,7 +96,7 @@ def _moving_stream(container: Any, path: Path) -> Any:
         disposition = stream.disposition
         if not disposition & disposition.attached_pic:
             return stream
-    raise InputError.of(str(path), "", "has no moving picture", "name a video")
+    raise Message.VIDEO_WITHOUT_PICTURES.error(str(path))
 
 
 def _decoded_frames(path: Path) -> Iterator[VideoFrame]:
@@ -113,15 +113,13 @@ def _decoded_frames(path: Path) -> Iterator[VideoFrame]:
         except FFmpegError as error:
             reason = (error.strerror or str(error)).lower()
             place = f"{path}: frame {count}"
-            expected = f"cannot be decoded ({reason})"
-            raise InputError.of(place, "", expected, CONVERT) from None
+            raise Message.FRAME_DAMAGED.error(place, reason=reason) from None
 
 
 def _video_frame(frame: Any, path: Path, number: int) -> VideoFrame:
     """Convert a decoded frame. Raises InputError for a high dynamic range."""
     if frame.color_trc in HDR_TRANSFERS:
-        fix = "tone-map it to standard range first"
-        raise InputError.of(str(path), "", "is a video of high dynamic range", fix)
+        raise Message.VIDEO_HIGH_RANGE.error(str(path))
     seconds = None
     if frame.duration:
         seconds = float(frame.duration * frame.time_base)
@@ -197,14 +195,12 @@ def read_video(path: Path) -> Video:
         height, width = frame.rgb.shape[:2]
         size = size or (width, height)
         if size != (width, height):
-            expected = f"differs from the {size[0]} x {size[1]} px of the first frame"
-            fix = "make all frames the same size"
-            raise InputError.of(frame.place, f"{width} x {height} px", expected, fix)
+            raise Message.FRAME_SIZE.error(
+                frame.place, f"{width} x {height} px", width=size[0], height=size[1]
+            )
         seconds.append(frame.seconds)
     if size is None:
-        raise InputError.of(
-            str(path), "", "has no frame", "name a video that shows something"
-        )
+        raise Message.VIDEO_EMPTY.error(str(path))
     timed = [s for s in seconds if s]
     if fps is None and timed:
         fps = len(timed) / sum(timed)
@@ -237,8 +233,7 @@ def in_folder(folder: Path) -> list[Path]:
     """
     pictures = [path for path in folder.iterdir() if _is_frame_file(path)]
     if not pictures:
-        fix = "name a folder of one picture a frame"
-        raise InputError.of(str(folder), "", "holds no pictures", fix)
+        raise Message.FOLDER_WITHOUT_PICTURES.error(str(folder))
     return sorted(pictures, key=lambda path: natural(path.name))
 
 
@@ -253,7 +248,7 @@ def is_picture(path: Path) -> bool:
     Raises InputError if there is no file.
     """
     if not path.is_file():
-        raise InputError.of(str(path), "", "no such file", "check the path")
+        raise Message.NO_SUCH_FILE.error(str(path), fix="check the path")
     with path.open("rb") as file:
         head = file.read(16)
     is_sequence = head[8:12] in (b"avis", b"hevc", b"hevx", b"msf1")
@@ -302,5 +297,5 @@ def _decoded_page(image: Image.Image, index: int, place: str) -> tuple[U8, float
         rgba = np.asarray(image.convert("RGBA"))
         duration = float(image.info.get("duration") or 0)
     except (EOFError, OSError, SyntaxError, ValueError):
-        raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
+        raise Message.PAGE_DAMAGED.error(place) from None
     return rgba, duration

@@ -151,14 +151,14 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
         load_plan(config=file)
     lines = [str(problem).removeprefix(f"{file}: ") for problem in error.value.problems]
     expected = [
-        '"gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
-        '"float8" is no number format; did you mean float',
-        '"offlne" is no profile; did you mean offline?',
+        '"gpu" is not a device; write auto, cpu, cuda, cuda:1 or mps',
+        '"float8" is not a number format; did you mean float',
+        '"offlne" is not a profile; did you mean offline?',
         '"segmnt" is not a role; did you mean segment?',
         'segment="sam4" is not a backend; did you mean sam3? choose from learned, grounding-dino+sam',
-        '"inpaint=fill:x" names weights for what has none; write inpaint=fill',
+        '"inpaint=fill:x" has weights, but the backend takes none; write inpaint=fill',
         'backend.depth: 3 is not text; write e.g. depth = "marigold"',
-        'vln: "vln" means nothing here; did you mean vlm?',
+        'vln: "vln" is not a key of physgen.toml; did you mean vlm?',
     ]
     assert len(lines) == len(expected)
     assert all(any(line.startswith(start) for line in lines) for start in expected), (
@@ -172,12 +172,12 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
         (
             ["depth=marigold:"],
             {},
-            'depth=marigold:" names nothing after the colon; write depth=marigold:PATH',
+            'depth=marigold:" has nothing after the colon; write depth=marigold:PATH',
         ),
         (
             ["segment=learned:x"],
             {},
-            'segment=learned:x" names weights for what has none; write segment=learned',
+            'segment=learned:x" has weights, but the backend takes none; write segment=learned',
         ),
         (
             [],
@@ -204,7 +204,7 @@ def test_every_wrong_option_is_told_at_once():
     assert list(map(str, error.value.problems)) == [
         "physgen.toml: marigold.prompt: 4 is not of type 'string'; the default is ''",
         "physgen.toml: marigold.steps: 0 is less than the minimum of 1; leave it out",
-        'physgen.toml: marigold.stepz: "stepz" means nothing here; did you mean steps? choose from steps, prompt',
+        'physgen.toml: marigold.stepz: "stepz" is not a key of this table; did you mean steps? choose from steps, prompt',
     ]
 
 

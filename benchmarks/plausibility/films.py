@@ -13,12 +13,12 @@ Rng = np.random.Generator
 
 def stranger(tracks: Tracks) -> Tracks:
     """As anybody's: no walls, pushes or joints are known; masses neither."""
-    return replace(tracks, held=frozenset(), masses=None)
+    return replace(tracks, guided_bodies=frozenset(), masses=None)
 
 
 def weighed(tracks: Tracks) -> Tracks:
     """The same with its masses."""
-    return replace(tracks, held=frozenset())
+    return replace(tracks, guided_bodies=frozenset())
 
 
 def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:

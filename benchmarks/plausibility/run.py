@@ -98,7 +98,7 @@ def _row(name: str, tracks: str, verdicts: list[Verdict]) -> dict:
         "studio": name,
         "tracks": tracks,
         "clips": len(verdicts),
-        "called_wrong": sum(verdict.wrong is True for verdict in verdicts),
+        "called_wrong": sum(verdict.is_wrong is True for verdict in verdicts),
         "not_asked": len(verdicts) - len(scores),
         "least": round(min(scores), 4) if scores else None,
         "faults": [

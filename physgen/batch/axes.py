@@ -13,6 +13,7 @@ from physgen.batch.values import (
     read_distribution,
     read_values,
 )
+from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem, RefusedError
 from physgen.scene.overlay import parse_key
 from physgen.text import KeyPath, quoted
@@ -65,15 +66,15 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
         try:
             axes.append(_read_axis(argument))
         except RefusedError as error:
-            problems.append(
-                Problem(Key("", argument).place, "", "", error.expected, error.fix)
-            )
+            problems.append(error.problem(Key("", argument).place))
     for n, later in enumerate(axes):
         for former in axes[:n]:
             if _covers(later.path, former.path):
-                found = f"leaves nothing of {former.place}"
-                fix = f"keep one; several values go into one argument: {former.key}=VALUE,VALUE"
-                problems.append(Problem(later.place, "", "", found, fix))
+                covered = Message.AXIS_COVERED
+                problem = covered.problem(
+                    later.place, other=former.place, key=former.key
+                )
+                problems.append(problem)
                 break
     if problems:
         raise InputError(problems)
@@ -84,19 +85,15 @@ def _read_axis(argument: str) -> Axis:
     """Raises RefusedError."""
     key, equals, values = (part.strip() for part in argument.partition("="))
     if not equals:
-        raise RefusedError(
-            "has no =",
-            f"write KEY=VALUES, in quotes where it has spaces, e.g. {EXAMPLE}",
-        )
+        raise Message.AXIS_WITHOUT_VALUES.refusal()
     if parse_key(key) is None:
-        found = f"{quoted(key)} is not a dotted key" if key else "has no key"
-        raise RefusedError(found, f"write e.g. {EXAMPLE}")
+        if not key:
+            raise Message.AXIS_WITHOUT_KEY.refusal(example=EXAMPLE)
+        raise Message.AXIS_KEY_WRONG.refusal(key=quoted(key), example=EXAMPLE)
     if values.startswith("~"):
         return Drawn(key, argument, read_distribution(values))
     if (call := re.match(r"(\w+)\s*\(", values)) and call[1] in EXAMPLES:
-        raise RefusedError(
-            "is text as it stands", f"a distribution begins with ~: {key}=~{values}"
-        )
+        raise Message.AXIS_IS_TEXT.refusal(key=key, values=values)
     return Listed(key, argument, read_values(values))
 
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from physgen.problems import InputError
+from physgen.messages import Message
+from physgen.problems import InputError, Problem
 from physgen.report.folders import looks_like_clip
 from physgen.text import natural
 
@@ -29,21 +30,32 @@ def checked_folders(roots: Sequence[Path]) -> list[Path]:
     problems = []
     for root in roots:
         if not root.is_dir():
-            fix = "name folders that were rendered or exported into"
-            problems += InputError.of(str(root), "", "is no folder", fix).problems
+            problems += Message.NOT_A_FOLDER_OF_CLIPS.error(str(root)).problems
+    problems += _repeated_roots(roots)
+    if problems:
+        raise InputError(problems)
+    return list(roots)
+
+
+def check_distinct(roots: Sequence[Path]) -> None:
+    """Refuse folders within others. Raises InputError."""
+    problems = _repeated_roots(roots)
+    if problems:
+        raise InputError(problems)
+
+
+def _repeated_roots(roots: Sequence[Path]) -> list[Problem]:
+    """Return a problem for each pair of folders of which one holds the other."""
     real = {root: root.resolve() for root in roots}
+    problems: list[Problem] = []
     for n, root in enumerate(roots):
         for other in roots[:n]:
             if real[root].is_relative_to(real[other]) or real[other].is_relative_to(
                 real[root]
             ):
-                found = f"and {other} hold the same clips"
-                problems += InputError.of(
-                    str(root), "", found, "name only one of them"
-                ).problems
-    if problems:
-        raise InputError(problems)
-    return list(roots)
+                shared = Message.FOLDERS_SHARE_CLIPS
+                problems += shared.error(str(root), other=other).problems
+    return problems
 
 
 def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
@@ -102,15 +114,13 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
     problems = []
     for root in roots:
         if not root.is_dir():
-            fix = "name folders that were rendered into"
-            problems += InputError.of(str(root), "", "is no folder", fix).problems
+            problems += Message.NOT_RENDERED_INTO.error(str(root)).problems
             continue
         below = {
             os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])
         }
         if not below:
-            fix = "name a folder that physgen rendered into, e.g. out"
-            problems += InputError.of(str(root), "", "holds no clip", fix).problems
+            problems += Message.NO_CLIP_IN_FOLDER.error(str(root)).problems
         found = {**below, **found}
     if problems:
         raise InputError(problems)
@@ -165,8 +175,7 @@ def read_manifest(folder: Path) -> Manifest:
         OverflowError,
         RecursionError,
     ):
-        found = "is damaged: it is no manifest that can be read"
-        raise InputError.of(str(path), "", found, "render the scene again") from None
+        raise Message.MANIFEST_DAMAGED.error(str(path)) from None
 
 
 def _texts(data: Mapping[str, Any]) -> dict[str, str]:

@@ -15,7 +15,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -23,9 +23,18 @@ from typing import Any
 
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
-from physgen.batch.layouts import LAYOUTS, SHARD_CLIPS, VIDEO, Copier, card
+from physgen.batch.layouts import (
+    LAYOUTS,
+    SHARD_CLIPS,
+    VIDEO,
+    Copier,
+    Layout,
+    Members,
+    card,
+)
 from physgen.batch.values import parse_yaml
 from physgen.files import check_writable
+from physgen.messages import Message
 from physgen.problems import InputError, Problem
 from physgen.report.folders import atomic_folder
 from physgen.scene.load import scene_name
@@ -79,18 +88,11 @@ def read_splits(text: str, seed: int) -> Splits:
         except ValueError:
             value = -1.0
         if not _SPLIT_NAME.fullmatch(name) or not 0 < value <= 1 or name in shares:
-            fix = "write e.g. train=0.8,validation=0.1,test=0.1"
-            found = "is no split with its share of the photos"
-            raise InputError.of("--split", f'"{part.strip()}"', found, fix)
+            raise Message.NOT_A_SPLIT.error("--split", f'"{part.strip()}"')
         shares[name] = value
     total = sum(shares.values())
     if abs(total - 1) > 1e-6:
-        raise InputError.of(
-            "--split",
-            f'"{text}"',
-            f"adds up to {total:.6g}",
-            "make the shares add up to 1",
-        )
+        raise Message.SPLITS_NOT_ONE.error("--split", f'"{text}"', total=total)
     return Splits(tuple(shares.items()), seed)
 
 
@@ -113,16 +115,12 @@ def read_sample(
     """
     manifest = clip.manifest
     if manifest is None:
-        raise InputError.of(
-            str(clip.folder), "", "has no manifest that can be read", "render it again"
-        )
+        raise Message.NO_MANIFEST.error(str(clip.folder))
     try:
         members = _members(clip.folder, manifest["files"])
         return members, _about(clip, manifest, members, splits)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        raise InputError.of(
-            str(clip.folder), "", "has a damaged manifest", "render it again"
-        ) from None
+        raise Message.SAMPLE_MANIFEST_DAMAGED.error(str(clip.folder)) from None
 
 
 def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
@@ -131,9 +129,7 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     Raises InputError where a file is missing, or there is no video.
     """
     if VIDEO not in files:
-        raise InputError.of(
-            str(folder), "", f"has no {VIDEO}", "render it with --export"
-        )
+        raise Message.NO_VIDEO_IN_CLIP.error(str(folder), file=VIDEO)
     chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
     chosen |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
@@ -142,9 +138,7 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
         if not (folder / file).is_file():
-            raise InputError.of(
-                str(folder / file), "", "is missing", "render the clip again"
-            )
+            raise Message.FILE_OF_CLIP_MISSING.error(str(folder / file))
     return {name: folder / file for name, file in chosen.items()}
 
 
@@ -229,23 +223,23 @@ class Sample:
 
     about: Mapping[str, Any]
     members: Mapping[str, Path] = field(default_factory=dict)
+    folder: Path | None = None  # of its copy
     problems: tuple[Problem, ...] = ()
 
 
-def copy_sample(splits: Splits, copy: Copier, clip: FoundClip) -> Sample:
-    """Read the metadata of a clip, and copy its files."""
+def copy_sample(splits: Splits, copier: Copier, root: Path, clip: FoundClip) -> Sample:
+    """Read the metadata of a clip, and copy its files into the data set at `root`."""
     try:
         members, about = read_sample(clip, splits)
-        copy(members, about)
+        folder = copier(root, members, about)
     except InputError as error:
         return Sample({}, problems=tuple(error.problems))
-    return Sample(about, members)
+    return Sample(about, members, folder)
 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
     """Return the sample of a clip that could not be copied."""
-    fix = "run the command again"
-    problems = InputError.of(str(clip.folder), "", f"failed: {error}", fix).problems
+    problems = Message.SAMPLE_FAILED.error(str(clip.folder), error=error).problems
     return Sample({}, problems=tuple(problems))
 
 
@@ -255,71 +249,103 @@ Copies = Callable[
 """Calls a function for each clip, in order, as `map` does."""
 
 
-def gather(
-    roots: Sequence[Path],
-    out: Path,
-    splits: Splits,
-    warn: Callable[[Problem], None],
-    progress: Callable[[int], None] = lambda count: None,
-    copies: Copies = map,
-    layout: str = "folder",
-    shard_clips: int = SHARD_CLIPS,
-) -> DatasetSummary:
-    """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
+@dataclass(frozen=True)
+class Gathering:
+    """How clips become a data set."""
 
-    `copies` runs the copying of clips, here or on a cluster. `layout` is a name of LAYOUTS.
-    Clips that cannot be used are warned of and left out. Raises InputError if the folders or
-    `out` cannot be used, or if there is no clip.
-    """
-    roots = checked_folders(roots)
-    _check_output(out, roots)
-    summary = DatasetSummary(Counter(dict.fromkeys(splits.names, 0)))
+    splits: Splits
+    warn: Callable[[Problem], None]
+    progress: Callable[[int], None] = lambda count: None
+    copies: Copies = map
+    """Copies clips, here or on a cluster."""
+    layout: str = "folder"  # a name of LAYOUTS
+    shard_clips: int = SHARD_CLIPS
+    root: Path | None = None
+    """The data set where clips are copied, if it is not that of the tables."""
+    fetched: Callable[[Members], AbstractContextManager[Members]] = nullcontext
+    """Brings the files of a clip here while they are read."""
 
-    def reject(problems: Sequence[Problem]) -> None:
-        summary.left_out += 1
-        for problem in problems:
-            warn(problem)
+    def write(self, folder: Path, clips: Iterator[FoundClip]) -> DatasetSummary:
+        """Write the clips into the new folder of a data set.
 
-    with atomic_folder(out.resolve()) as folder:
+        Clips that cannot be used are warned of and left out. Raises InputError if there is no clip.
+        """
+        summary = DatasetSummary(Counter(dict.fromkeys(self.splits.names, 0)))
+
+        def reject(problems: Sequence[Problem]) -> None:
+            summary.left_out += 1
+            for problem in problems:
+                self.warn(problem)
+
         with ExitStack() as stack:
-            writer = LAYOUTS[layout](folder, stack, shard_clips)
-            copy = partial(copy_sample, splits, writer.copier())
-            for sample in copies(copy, _distinct_clips(roots, reject)):
+            writer = LAYOUTS[self.layout](folder, stack, self.shard_clips)
+            copy = partial(copy_sample, self.splits, writer.copier, self.root or folder)
+            for sample in self.copies(copy, _distinct_clips(clips, reject)):
                 if sample.problems:
                     reject(sample.problems)
                     continue
-                writer.add(sample.members, sample.about)
+                self._add(writer, sample)
                 summary.counts[sample.about["split"]] += 1
                 summary.photos.add(sample.about["photo"])
-                progress(summary.total)
-        if not summary.total:
-            fix = "name folders that physgen rendered or exported into"
-            found = "holds no clip that can be used"
-            raise InputError.of(", ".join(map(str, roots)), "", found, fix)
-        files = writer.files()
-        names = [name for name in splits.names if summary.counts[name]]
-        (folder / CARD).write_text(card(names, writer.patterns), encoding="utf-8")
-        settings = {"dataset": 1, "seed": splits.seed, "splits": dict(splits.shares)}
-        if layout != "folder":
-            settings["layout"] = layout
+                self.progress(summary.total)
+        if summary.total:
+            summary.files = writer.files()
+            self._write_card(folder, summary, writer.patterns)
+        return summary
+
+    def _add(self, writer: Layout, sample: Sample) -> None:
+        if not writer.reads_clips:
+            writer.add(sample.members, sample.about)
+            return
+        with self.fetched(sample.members) as members:
+            writer.add(members, sample.about)
+
+    def _write_card(
+        self, folder: Path, summary: DatasetSummary, patterns: Sequence[str]
+    ) -> None:
+        """Write the files that describe the data set."""
+        names = [name for name in self.splits.names if summary.counts[name]]
+        (folder / CARD).write_text(card(names, patterns), encoding="utf-8")
+        shares = dict(self.splits.shares)
+        settings = {"dataset": 1, "seed": self.splits.seed, "splits": shares}
+        if self.layout != "folder":
+            settings["layout"] = self.layout
         content = {**settings, "physgen": __version__, "clips": summary.counts}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")
-    summary.files = [out / path.relative_to(folder) for path in files]
+
+
+def gather(roots: Sequence[Path], out: Path, how: Gathering) -> DatasetSummary:
+    """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
+
+    Raises InputError if the folders or `out` cannot be used, or if there is no clip.
+    """
+    roots = checked_folders(roots)
+    _check_output(out, roots)
+    with atomic_folder(out.resolve()) as folder:
+        summary = how.write(folder, find_clips(roots))
+        check_clips(summary, roots)
+    summary.files = [out / path.relative_to(folder) for path in summary.files]
     return summary
 
 
+def check_clips(summary: DatasetSummary, roots: Sequence[Path]) -> None:
+    """Refuse a data set without clips. Raises InputError."""
+    if not summary.total:
+        raise Message.NO_USABLE_CLIP.error(", ".join(map(str, roots)))
+
+
 def _distinct_clips(
-    roots: Sequence[Path], reject: Callable[[Sequence[Problem]], None]
+    clips: Iterator[FoundClip], reject: Callable[[Sequence[Problem]], None]
 ) -> Iterator[FoundClip]:
     """Yield clips whose keys differ; the others are rejected."""
     keys: set[str] = set()
-    for clip in find_clips(roots):
+    for clip in clips:
         name = key(clip.name)
         if name in keys:
-            found = f"is called {name}, as another clip is"
-            fix = "give one of their folders another name"
-            reject(InputError.of(str(clip.folder), "", found, fix).problems)
+            reject(
+                Message.SAMPLES_CALLED_ALIKE.error(str(clip.folder), name=name).problems
+            )
             continue
         keys.add(name)
         yield clip
@@ -328,17 +354,17 @@ def _distinct_clips(
 def _check_output(out: Path, roots: Sequence[Path]) -> None:
     """The folder must be empty or new, and apart from those that are read. Raises InputError."""
     check_writable(out)
+    check_apart(out, roots)
+    if out.exists() and any(out.iterdir()):
+        raise Message.OUTPUT_NOT_EMPTY.error(str(out))
+    if out.is_mount() or out.resolve() == Path.cwd():
+        raise Message.OUTPUT_NOT_REPLACEABLE.error(str(out))
+
+
+def check_apart(out: Path, roots: Sequence[Path]) -> None:
+    """Refuse a data set within folders that are read, or around them. Raises InputError."""
     for root in roots:
         mine, read = out.resolve(), root.resolve()
         if mine.is_relative_to(read) or read.is_relative_to(mine):
             place = "holds" if mine in read.parents else "lies in"
-            fix = "name a folder beside it with -o"
-            raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)
-    if out.exists() and any(out.iterdir()):
-        raise InputError.of(
-            str(out), "", "is not empty", "choose another folder with -o, or remove it"
-        )
-    if out.is_mount() or out.resolve() == Path.cwd():
-        raise InputError.of(
-            str(out), "", "cannot be replaced", "name a new folder in it with -o"
-        )
+            raise Message.OUTPUT_AMONG_INPUTS.error(str(out), place=place, root=root)

@@ -10,13 +10,12 @@ import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
 from physgen.files import install
-from physgen.problems import InputError
+from physgen.messages import Message
 
 ROWS, ABOUT = "metadata.jsonl", "clip.json"
 VIDEO = "video.mp4"
@@ -29,15 +28,17 @@ About = Mapping[str, Any]
 """The metadata of a clip, as JSON."""
 
 
-Copier = Callable[[Members, About], None]
+Copier = Callable[[Path, Members, About], Path | None]
+"""Copies the files of a clip into the data set at a path; returns the folder that it wrote."""
 
 
 class Layout(Protocol):
     """Writes samples into a data set."""
 
-    def copier(self) -> Copier:
-        """Return a function that copies the files of a clip, also on another machine."""
-        ...
+    copier: Copier
+    """Runs on any machine, before `add`."""
+    reads_clips: bool
+    """Whether `add` reads the files of clips."""
 
     def add(self, members: Members, about: About) -> None:
         """Write the next sample into its split."""
@@ -55,19 +56,18 @@ class Folders:
     """A folder a clip, and a table a split: what Hugging Face's `videofolder` loads."""
 
     patterns: Sequence[str] = (ROWS, f"*/{VIDEO}")
+    reads_clips = False
 
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
+        self.copier: Copier = write_folder
         self._root, self._stack = root, stack
         self._rows: dict[str, BinaryIO] = {}
-
-    def copier(self) -> Copier:
-        """Return the function that writes the clip's folder."""
-        return partial(write_folder, self._root)
 
     def add(self, members: Members, about: About) -> None:
         """Write the clip's row; its folder is there."""
         split = about["split"]
         if split not in self._rows:
+            (self._root / split).mkdir(exist_ok=True)
             table = (self._root / split / ROWS).open("wb")
             self._rows[split] = self._stack.enter_context(table)
         row = {"file_name": f"{about['key']}/{VIDEO}", **about}
@@ -82,18 +82,16 @@ class Shards:
     """WebDataset shards, by its own writer; the same clips give the same bytes."""
 
     patterns: Sequence[str] = ("*.tar",)
+    reads_clips = True
 
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
         """Raises InputError if webdataset is not installed."""
         if find_spec("webdataset") is None:
-            found = "needs webdataset, which is not installed"
-            raise InputError.of("--layout", '"webdataset"', found, install("labels"))
+            missing, command = Message.WEBDATASET_MISSING, install("labels")
+            raise missing.error("--layout", '"webdataset"', install=command)
+        self.copier: Copier = leave_files
         self._root, self._stack, self._shard_clips = root, stack, shard_clips
         self._writers: dict[str, Any] = {}
-
-    def copier(self) -> Copier:
-        """Return a function that copies nothing: `add` reads the files."""
-        return leave_files
 
     def add(self, members: Members, about: About) -> None:
         """Add the clip to the last shard of its split."""
@@ -147,18 +145,19 @@ def card(splits: Sequence[str], patterns: Sequence[str]) -> str:
     return "\n".join([*lines, "---", ""])
 
 
-def write_folder(root: Path, members: Members, about: About) -> None:
+def write_folder(root: Path, members: Members, about: About) -> Path:
     """Write the folder of a clip into the data set at `root`."""
-    home = root / about["split"] / about["key"]
+    home: Path = root / about["split"] / about["key"]
     for name, file in members.items():
         place = home / name
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, place)
     (home / ABOUT).write_bytes(json_line(about))
+    return home
 
 
-def leave_files(members: Members, about: About) -> None:
-    """Copy nothing."""
+def leave_files(root: Path, members: Members, about: About) -> None:
+    """Copy nothing: shards are written by `add`."""
 
 
 def json_line(data: Mapping[str, Any]) -> bytes:

@@ -132,5 +132,7 @@ def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:
         path, what, expected, fix = (
             str(data[name]) for name in ("path", "found", "expected", "fix")
         )
-        found.append(Problem(place, path, what, expected, fix, Severity.WARNING))
+        code = str(data.get("code", ""))
+        warning = Problem(place, path, what, expected, fix, Severity.WARNING, code=code)
+        found.append(warning)
     return found

@@ -17,7 +17,8 @@ from physgen.batch.outcomes import outcomes
 from physgen.batch.resume import clip_mark, recorded_warnings, unchanged_clip
 from physgen.export.video import NO_ROOM, Format
 from physgen.files import file_stamp, final_name, write_atomic, write_with_backup
-from physgen.problems import InputError, OutputError, Place, Problem, Severity
+from physgen.messages import Message
+from physgen.problems import InputError, OutputError, Place, Problem
 from physgen.registry import Plan, load_plan
 from physgen.report.clips import remove_failure, write_failure
 from physgen.report.folders import read_manifest
@@ -175,9 +176,10 @@ def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
 
 def _backup_warning(path: Path, backup: Path) -> Problem:
     """Return the warning that a file at `path` was renamed."""
-    expected = f"differed from the new one and is kept as {backup.name}"
-    place = Place(str(path))
-    return Problem(place, "", "the file there", expected, "", Severity.WARNING)
+    previous = Message.FILE_KEPT
+    return previous.warning(
+        Place(str(path)), "", "the previous file", backup=backup.name
+    )
 
 
 def _run(job: Job, progress: pipeline.Progress) -> Done:
@@ -232,8 +234,9 @@ def failed(
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
     else:
-        found, fix = describe_failure(error)
-        problems = list(InputError.of(job.scene, "", found, fix).problems)
+        failure, fix = describe_failure(error)
+        message = Message.JOB_FAILED
+        problems = [message.problem(Place(job.scene), failure=failure, fix=fix)]
     disk_full = isinstance(error, OSError) and error.errno in NO_ROOM
     can_write = not isinstance(error, OutputError)
     return Done(

@@ -2,6 +2,7 @@
 
     URL/inputs/<SHA-256>              each scene file, photo and map, once
     URL/<output folder>/<clip>/...    each clip, as on one machine; its manifest.json is written last
+    URL/<data set>/...                a data set, as on one machine; its dataset.json is written last
 
 Paths are those below the user's working folder. A worker works in a folder of its own that mirrors it, so that clips
 have the same bytes as on one machine.
@@ -15,8 +16,8 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -25,10 +26,19 @@ from uuid import uuid4
 import fsspec
 
 from physgen import pipeline
-from physgen.batch.clips import MANIFEST
-from physgen.batch.run import Job, State, run
-from physgen.batch.verify import VerifyRequest, verify
-from physgen.problems import InputError
+from physgen.batch.clips import MANIFEST, FoundClip, check_distinct
+from physgen.batch.dataset import (
+    DATASET_FILE,
+    DatasetSummary,
+    Gathering,
+    check_apart,
+    check_clips,
+)
+from physgen.batch.layouts import Members
+from physgen.batch.run import Job, State
+from physgen.batch.verify import VerifyRequest
+from physgen.messages import Message
+from physgen.problems import InputError, collect
 from physgen.report.record import TIMING, file_hash, inputs
 from physgen.text import natural
 
@@ -54,9 +64,7 @@ class Store:
             opened = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
         except (ImportError, ValueError, OSError) as error:
             reason = str(error).split("\n")[0]
-            fix = "write e.g. s3://BUCKET/NAME, and install the package for it"
-            found = f"is no store ({reason})"
-            raise InputError.of(FLAG, f'"{url}"', found, fix) from None
+            raise Message.NOT_A_STORE.error(FLAG, f'"{url}"', reason=reason) from None
         self._files, self._root = opened
 
     def size(self, name: str) -> int | None:
@@ -66,6 +74,10 @@ class Store:
         except FileNotFoundError:
             return None
 
+    def holds(self, name: str) -> bool:
+        """Return whether there is a file or folder."""
+        return bool(self._files.exists(self._path(name)))
+
     def put(self, path: Path, name: str) -> None:
         """Write a local file into the store."""
         parent = self._path(name).rpartition("/")[0]
@@ -73,9 +85,9 @@ class Store:
             self._files.makedirs(parent, exist_ok=True)
             self._files.put_file(str(path), self._path(name))
         except OSError as error:
-            found = f"cannot be written ({error.strerror or error})"
-            fix = "name a store in which you may write"
-            raise InputError.of(FLAG, f'"{self.url}"', found, fix) from None
+            raise Message.STORE_UNWRITABLE.error(
+                FLAG, f'"{self.url}"', reason=error.strerror or error
+            ) from None
 
     def get(self, name: str, path: Path) -> None:
         """Read a file of the store into a local one. Raises FileNotFoundError."""
@@ -103,7 +115,7 @@ class Store:
 class Shipment:
     """An item of work, and what a worker fetches for it."""
 
-    item: Any  # a Job or a VerifyRequest
+    item: Any  # a Job, a VerifyRequest or a FoundClip
     inputs: Mapping[str, str]  # path below the working folder -> SHA-256
 
 
@@ -119,10 +131,12 @@ class Shipper:
         """Yield the items with their inputs. Raises InputError for paths outside of the working folder."""
         for item in items:
             if isinstance(item, Job):
-                self._name(Path(item.out))
+                self.name(Path(item.out))
                 yield Shipment(item, self._job_inputs(item))
-            else:
+            elif isinstance(item, VerifyRequest):
                 yield Shipment(item, self._request_inputs(item))
+            else:
+                yield Shipment(item, {})
 
     def _job_inputs(self, job: Job) -> Mapping[str, str]:
         """Return the inputs of a clip; clips with the same scene and photo share them."""
@@ -168,35 +182,36 @@ class Shipper:
             name = f"{INPUTS}/{digest}"
             if self.store.size(name) != file.stat().st_size:
                 self.store.put(file, name)
-            names[self._name(file)] = digest
+            names[self.name(file)] = digest
         return names
 
-    def _name(self, path: Path) -> str:
+    def name(self, path: Path) -> str:
         """Return a path below the working folder. Raises InputError for another one."""
         name = Path(os.path.normpath(self._home / path))
         if not name.is_relative_to(self._home):
-            found = "is outside of the working folder"
-            fix = f"with {FLAG}, run the command in a folder that holds scenes and results"
-            raise InputError.of(str(path), "", found, fix)
+            raise Message.OUTSIDE_WORKING_FOLDER.error(str(path))
         return name.relative_to(self._home).as_posix()
 
 
 def shipped(
     store: Store,
+    work: Callable[[Any], Result],
     items: Iterable[Any],
     lost: Callable[[Any, Exception], Result],
 ) -> tuple[Callable[[Shipment], Any], Iterator[Shipment], Callable[..., Result]]:
-    """Return work, items and `lost` of `run_on_cluster` for jobs or requests whose files are in a store."""
+    """Return work, items and `lost` of `run_on_cluster` for items whose files are in a store."""
 
     def lost_shipment(shipment: Shipment, error: Exception) -> Result:
         return lost(shipment.item, error)
 
-    work = partial(run_shipment, store.url, uuid4().hex)
-    return work, Shipper(store).shipments(items), lost_shipment
+    shipped_work = partial(run_shipment, store.url, uuid4().hex, work)
+    return shipped_work, Shipper(store).shipments(items), lost_shipment
 
 
-def run_shipment(url: str, command: str, shipment: Shipment) -> Any:
-    """Fetch the files of an item, work on it, and store the clip; on a worker.
+def run_shipment(
+    url: str, command: str, work: Callable[[Any], Any], shipment: Shipment
+) -> Any:
+    """Fetch the files of an item, work on it, and store the results; on a worker.
 
     Items of one `command` share a folder: they have the same inputs.
     """
@@ -205,33 +220,55 @@ def run_shipment(url: str, command: str, shipment: Shipment) -> Any:
     os.chdir(root)
     for name, digest in shipment.inputs.items():
         _fetch_input(store, digest, root, Path(name))
-    if isinstance(shipment.item, Job):
-        return _run_job(store, root, shipment.item)
-    request: VerifyRequest = shipment.item
+    item = shipment.item
+    if isinstance(item, Job):
+        return _run_job(store, root, work, item)
+    if isinstance(item, VerifyRequest):
+        return _run_request(store, root, work, item)
+    return _copy_clip(store, root, work, item)
+
+
+def _run_request(
+    store: Store, root: Path, work: Callable[[Any], Any], request: VerifyRequest
+) -> Any:
+    """Fetch a clip with its inputs, and verify it."""
     manifest = _fetch_clip(store, root, request.folder)
     if request.scene is None:
         folder = (request.folder / str(manifest.get("source", ""))).parent
         for name, digest in dict(manifest.get("inputs", {})).items():
             _fetch_input(store, str(digest), root, folder / str(name))
-    verdict = verify(request)
+    verdict = work(request)
     shutil.rmtree(request.folder, ignore_errors=True)
     return verdict
 
 
-def _run_job(store: Store, root: Path, job: Job) -> Any:
+def _copy_clip(
+    store: Store, root: Path, work: Callable[[Any], Any], clip: FoundClip
+) -> Any:
+    """Fetch a clip, and store its copy in a data set."""
+    manifest = _fetch_clip(store, root, clip.folder)
+    sample = work(clip._replace(manifest=manifest or None))
+    if sample.folder is not None:
+        _store_folder(store, sample.folder)
+        shutil.rmtree(sample.folder, ignore_errors=True)
+    shutil.rmtree(clip.folder, ignore_errors=True)
+    return sample
+
+
+def _run_job(store: Store, root: Path, work: Callable[[Any], Any], job: Job) -> Any:
     """Make a clip unless the store has it unchanged, and store it."""
     with suppress(InputError):  # a scene without a name for its folder
         _fetch_clip(store, root, job.folder)
-    done = run(job)
+    done = work(job)
     with suppress(InputError):
         if done.state is not State.UNCHANGED and (job.folder / MANIFEST).is_file():
-            _store_clip(store, job.folder)
+            _store_folder(store, job.folder)
         shutil.rmtree(job.folder, ignore_errors=True)
     return done
 
 
-def _store_clip(store: Store, folder: Path) -> None:
-    """Replace a clip in the store; its manifest comes last, and says that it is complete."""
+def _store_folder(store: Store, folder: Path) -> None:
+    """Replace a folder in the store; the manifest of a clip comes last, and says that it is complete."""
     store.remove(folder.as_posix())
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     files.sort(key=lambda path: path == folder / MANIFEST)
@@ -297,10 +334,66 @@ def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
     for root in roots:
         clips = set(store.clips(root.as_posix()))
         if not clips:
-            fix = f"name a folder below {store.url} that holds clips"
-            found = f"holds no clip in {store.url}"
-            problems += InputError.of(str(root), "", found, fix).problems
+            problems += Message.NO_CLIP_IN_STORE.error(
+                str(root), url=store.url
+            ).problems
         folders |= clips
     if problems:
         raise InputError(problems)
     return sorted(folders, key=lambda folder: [natural(part) for part in folder.parts])
+
+
+def gather_stored(
+    store: Store, roots: Sequence[Path], out: Path, how: Gathering
+) -> DatasetSummary:
+    """Make a data set at the path `out` of a store, complete or not at all, of the clips in or below `roots`.
+
+    Raises InputError if the folders or `out` cannot be used, or if there is no clip.
+    """
+    check_distinct(roots)
+    check_apart(out, roots)
+    target = Path(Shipper(store).name(out))
+    if store.holds(target.as_posix()):
+        fix = "choose another folder with -o, or remove it"
+        found = f"is there already in {store.url}"
+        raise InputError.of(str(out), "", found, fix)
+    how = replace(how, root=target, fetched=partial(_fetched, store))
+    clips = _found_clips(store, roots)
+    with tempfile.TemporaryDirectory(prefix="physgen-") as name:
+        folder = Path(name)
+        try:
+            summary = how.write(folder, iter(clips))
+            check_clips(summary, roots)
+            files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+            files.sort(key=lambda path: path == folder / DATASET_FILE)
+            for path in files:
+                store.put(path, (target / path.relative_to(folder)).as_posix())
+        except BaseException:
+            store.remove(target.as_posix())
+            raise
+        summary.files = [target / path.relative_to(folder) for path in summary.files]
+    return summary
+
+
+def _found_clips(store: Store, roots: Sequence[Path]) -> list[FoundClip]:
+    """Return the clips in or below folders of a store; workers read their manifests. Raises InputError."""
+    names = map(Shipper(store).name, roots)
+    folders = collect(partial(stored_clips, store, [Path(name)]) for name in names)
+    clips = []
+    for root, found in zip(roots, folders, strict=True):
+        above = Path(root).resolve().parent
+        for folder in found:
+            name = folder.resolve().relative_to(above).as_posix()
+            clips.append(FoundClip(folder, name, None))
+    return clips
+
+
+@contextmanager
+def _fetched(store: Store, members: Members) -> Iterator[Members]:
+    """Bring the files of a clip here, and remove them afterwards."""
+    with tempfile.TemporaryDirectory(prefix="physgen-") as name:
+        copies = {}
+        for member, path in members.items():
+            copies[member] = Path(name) / member
+            store.get(path.as_posix(), copies[member])
+        yield copies

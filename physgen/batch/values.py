@@ -13,7 +13,8 @@ from typing import Any
 
 import yaml
 
-from physgen.problems import InputError, RefusedError
+from physgen.messages import Message
+from physgen.problems import InputError
 from physgen.scene.document import Source, plain, read
 from physgen.tables import Cell
 from physgen.text import listed, nearest, number, quoted
@@ -60,8 +61,7 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
     try:
         root = yaml.compose(f"[{text}\n]", Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError):
-        fix = "close brackets and quotes, and put text that holds such a character in quotes within quotes"
-        raise RefusedError("is not YAML with commas between the values", fix) from None
+        raise Message.VALUES_NOT_YAML.refusal() from None
     nodes = root.value if root is not None else []
     spans = [(node.start_mark.index - 1, node.end_mark.index - 1) for node in nodes]
     begins, ends = [begin for begin, _ in spans], [end for _, end in spans]
@@ -69,8 +69,7 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
         "#" in text[begin:end]
         for begin, end in zip([0, *ends], [*begins, len(text)], strict=True)
     ):
-        fix = "put text that holds # in quotes within quotes"
-        raise RefusedError("holds # after a space, which begins a comment", fix)
+        raise Message.VALUES_WITH_COMMENT.refusal()
     for node, (begin, end) in zip(nodes, spans, strict=True):
         yield (
             text[begin:end].strip(),
@@ -83,18 +82,14 @@ def read_values(text: str) -> tuple[Value, ...]:
     found: list[Value] = []
     for part, bare in split(text):
         if part.startswith("~"):
-            fix = "write the distribution alone, or ~choice(...)"
-            raise RefusedError("mixes values and a distribution", fix)
+            raise Message.VALUES_MIXED.refusal()
         found += _read_range(part) if bare and _RANGE(part) else [_read_value(part)]
     if not found:
-        raise RefusedError(
-            "has no values",
-            "write some, with commas between them; null takes a key away",
-        )
+        raise Message.VALUES_MISSING.refusal()
     seen: set[str] = set()
     for value in found:
         if (same := repr(value.data)) in seen:
-            raise RefusedError(f"has {quoted(value.text, '')} twice", "keep one")
+            raise Message.TWICE_IN_LIST.refusal(value=quoted(value.text, ""))
         seen.add(same)
     return tuple(found)
 
@@ -104,8 +99,10 @@ def _read_value(text: str) -> Value:
         return parse_yaml(text)
     except InputError as error:
         problem = error.problems[0]
-        raise RefusedError(
-            f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix
+        reason = f"{problem.found} {problem.expected}"
+        wrong = Message.VALUE_NOT_YAML
+        raise wrong.refusal(
+            value=quoted(text), reason=reason, fix=problem.fix
         ) from None
 
 
@@ -122,21 +119,18 @@ def number_value(data: int | float) -> Value:
 def _read_range(text: str) -> list[Value]:
     """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises RefusedError."""
     parts = text.split(":")
-    fix = "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes"
     if (
         len(parts) not in (3, 4)
         or not all(map(_DECIMAL, parts[:2]))
         or parts[3:] not in ([], ["log"])
     ):
-        raise RefusedError("is not start:end:count", fix)
+        raise Message.NOT_A_RANGE.refusal()
     count = int(parts[2]) if re.fullmatch("[0-9]{1,18}", parts[2]) else 0
     if not 2 <= count <= MAX_COUNT:
-        raise RefusedError(f"has no count from 2 to {MAX_COUNT:,} behind its ends", fix)
+        raise Message.RANGE_COUNT.refusal(most=MAX_COUNT)
     begin, end = map(Fraction, parts[:2])
     if begin == end:
-        raise RefusedError(
-            "ends where it begins", f"write {parts[0]} alone, or another end"
-        )
+        raise Message.RANGE_WITHOUT_LENGTH.refusal(value=parts[0])
     if not parts[3:]:
         exact = [begin + (end - begin) * Fraction(k, count - 1) for k in range(count)]
     elif begin * end > 0:
@@ -146,7 +140,7 @@ def _read_range(text: str) -> list[Value]:
         )
         exact = [begin, *map(Fraction, inner), end]
     else:
-        raise RefusedError(NO_LOGARITHM, "take both above 0, or both below")
+        raise Message.RANGE_WITHOUT_LOGARITHM.refusal()
     return [
         number_value(
             int(value)
@@ -193,12 +187,10 @@ def read_distribution(text: str) -> Distribution:
     name = call[1].lower() if call else ""
     if call is None or name not in EXAMPLES:
         close = nearest(name, EXAMPLES)
-        fix = (
-            f"did you mean {EXAMPLES[close]}?"
-            if close
-            else f"write {listed(EXAMPLES.values())}"
-        )
-        raise RefusedError(f"names no {'known ' * bool(name)}distribution", fix)
+        fix = f"write {listed(EXAMPLES.values())}"
+        if close:
+            fix = f"did you mean {EXAMPLES[close]}?"
+        raise Message.UNKNOWN_DISTRIBUTION.refusal(fix=fix)
     parts = [part for part, _ in split(call[2] or "")]
     if name == "choice":
         found = Distribution(name, values=tuple(map(_read_value, parts)))
@@ -209,7 +201,8 @@ def read_distribution(text: str) -> Distribution:
         )
         fault = _fault(found, len(parts))
     if fault:
-        raise RefusedError(fault, f"write e.g. {EXAMPLES[name]}")
+        wrong = Message.DISTRIBUTION_WRONG
+        raise wrong.refusal(fault=fault, example=EXAMPLES[name])
     return found
 
 

@@ -16,8 +16,9 @@ import numpy as np
 from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
 from physgen.batch.run import describe_failure
+from physgen.messages import Message
 from physgen.pipeline.stages import Film, Keep, Stages
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, Place, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, versions
 from physgen.simulate.trajectory import Trajectory, read_trajectory
 from physgen.text import counted, quoted, rounded
@@ -159,8 +160,10 @@ def verify(
 
 def failed(request: VerifyRequest, error: Exception) -> Verdict:
     """The verdict where the machine or physgen failed, not the scene."""
-    problems = InputError.of(str(request.folder), "", *describe_failure(error)).problems
-    return Verdict(str(request.folder), Outcome.UNKNOWN, problems=tuple(problems))
+    failure, fix = describe_failure(error)
+    folder, message = str(request.folder), Message.JOB_FAILED
+    problem = message.problem(Place(folder), failure=failure, fix=fix)
+    return Verdict(folder, Outcome.UNKNOWN, problems=(problem,))
 
 
 def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
@@ -208,8 +211,7 @@ def _source(manifest: Manifest, folder: Path) -> Path:
     """The scene file that the manifest names. Raises InputError where it is not there."""
     path = Path(folder.resolve(), manifest.source)
     if not path.is_file():
-        fix = "the clip or the scene was moved; name it with --scene FILE"
-        raise InputError.of(str(folder / manifest.source), "", "is not there", fix)
+        raise Message.SOURCE_MOVED.error(str(folder / manifest.source))
     return path.parent.resolve() / path.name
 
 
@@ -221,7 +223,7 @@ def _damaged_files(
     for count, (name, digest) in enumerate(files.items(), 1):
         path = folder / name
         if ".." in name.split("/") or Path(name).is_absolute():
-            found[name] = "is no file of the clip"
+            found[name] = "is not a file of the clip"
         elif not path.is_file():
             found[name] = "is missing"
         elif file_hash(path) != digest:

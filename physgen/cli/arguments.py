@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
-from physgen.problems import InputError
+from physgen.messages import Message
 from physgen.text import quoted
 
 WRONG_INPUT = 2
@@ -99,6 +99,8 @@ class Parser(argparse.ArgumentParser):
         """As argparse; an unknown flag is reported by its command, with the nearest flag that the command has."""
         options, unknown = self.parse_known_args(args, namespace)
         command = self.commands.get(getattr(options, "command", ""), self)
+        # a measure of `evaluate` is a command with its own flags and example
+        command = command.commands.get(getattr(options, "what", ""), command)
         if not unknown and not command.wrong:
             return options
         flags = [
@@ -178,7 +180,7 @@ def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
     def read(text: str) -> Any:
         if not text.strip() or "\0" in text:
             raise argparse.ArgumentTypeError(
-                "is no name; write the path of a new file or folder"
+                "is not a name; write the path of a new file or folder"
             )
         long = max(len(os.fsencode(part)) for part in text.split("/"))
         if long > LONGEST_NAME:
@@ -286,11 +288,8 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
         if flag.startswith("--") and len(pieces) > 1:
             is_key = flag == "--set" and "=" not in "".join(pieces)
             value = "=".join(pieces) if is_key else _joined(pieces)
-            raise InputError.of(
-                flag,
-                quoted(" ".join(pieces)),
-                "has spaces, which end the value of a flag",
-                f'write {flag} "{quoted(value, "")}"',
+            raise Message.VALUE_SPLIT.error(
+                flag, quoted(" ".join(pieces)), flag=flag, value=quoted(value, "")
             )
 
 
@@ -313,7 +312,7 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
     pieces = [piece for piece in pieces if piece]
     fix = f"write px of the photo, e.g. {form}"
     if any(piece.endswith("%") for piece in pieces):
-        raise InputError.of(flag, quoted(text), "is in percent", fix)
+        raise Message.IN_PERCENT.error(flag, quoted(text), fix=fix)
     try:
         values = tuple(float(piece) for piece in pieces)
     except ValueError:
@@ -322,7 +321,8 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
     if len(values) != count and other is not None:
         fix = f"write {other}, or {fix.removeprefix('write ')}"
     if len(values) != count or not all(abs(v) < 1e6 for v in values):
-        raise InputError.of(flag, quoted(text), f"is not {count} numbers", fix)
+        wrong = Message.NOT_COORDINATES
+        raise wrong.error(flag, quoted(text), count=count, fix=fix)
     return values
 
 
@@ -337,8 +337,9 @@ def check_folder_name(output: str | Path | None) -> None:
         return
     path = Path(output)
     if path.suffix.lower() in FILE_SUFFIXES and not path.exists():
-        fix = f"name a folder, e.g. {path.with_suffix('')}"
-        raise InputError.of("-o", f'"{path}"', "is no name for a folder", fix)
+        raise Message.NOT_A_FOLDER_NAME.error(
+            "-o", f'"{path}"', example=path.with_suffix("")
+        )
 
 
 def check_scene_name(output: Path | None) -> None:
@@ -346,5 +347,4 @@ def check_scene_name(output: Path | None) -> None:
     if output is not None and (
         output.suffix not in (".yaml", ".yml") or output.is_dir()
     ):
-        fix = "end it in .yaml; without -o the scene is printed"
-        raise InputError.of("-o", f'"{output}"', "is no name for a scene file", fix)
+        raise Message.NOT_A_SCENE_NAME.error("-o", f'"{output}"')

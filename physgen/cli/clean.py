@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, print_error, print_json, print_line
 from physgen.files import cache_folder
-from physgen.problems import InputError
+from physgen.messages import Message
 
 if TYPE_CHECKING:
     from physgen.scene.saving import UnusedPath
@@ -52,7 +52,7 @@ def _unused_of(path: Path) -> list[UnusedPath]:
     if path.is_dir():
         return _unused_in(path)
     if not path.is_file():
-        raise InputError.of(str(path), "", "is not there", "name a scene or a folder")
+        raise Message.NOTHING_TO_CLEAN.error(str(path))
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
     folder = _unused_in(path.parent, backup)

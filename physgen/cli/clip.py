@@ -30,7 +30,8 @@ from physgen.cli.render import (
     render,
     video_file,
 )
-from physgen.problems import InputError, Problem
+from physgen.messages import Message
+from physgen.problems import Problem
 
 
 def clip(options: argparse.Namespace) -> int:
@@ -47,8 +48,7 @@ def clip(options: argparse.Namespace) -> int:
         check_folder_name(output)
     elif len(options.image) > 1:
         found = f'"{output}"'
-        expected = f"is one file for {len(options.image)} clips"
-        raise InputError.of("-o", found, expected, "name a folder")
+        raise Message.ONE_FILE_FOR_CLIPS.error("-o", found, count=len(options.image))
     scenes, problems = _perceive(options, video)
     if not options.json:
         for scene in scenes:

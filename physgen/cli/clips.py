@@ -26,6 +26,7 @@ from physgen.cli.arguments import (
 )
 from physgen.cli.clusters import is_parallel, run_all
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
+from physgen.messages import Message
 from physgen.problems import (
     InputError,
     OutputError,
@@ -152,9 +153,9 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     checks: list[Callable[[], Any]] = [partial(_refining, options)]
     if options.export:
-        from physgen.export.formats import chosen_formats
+        from physgen.export.formats import choose_formats
 
-        checks.append(partial(chosen_formats, options.export, "--export"))
+        checks.append(partial(choose_formats, options.export, "--export"))
     refiner, overrides = collect(checks)[0]
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
@@ -196,8 +197,11 @@ def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
         return refiner, tuple(options.set)
     name = options.refine.partition(":")[0]
     if name not in registry.names("refine"):
-        fix = registry.suggestion(name, registry.names("refine"))
-        raise InputError.of("--refine", f'"{name}"', "is no backend that refines", fix)
+        raise Message.UNKNOWN_REFINER.error(
+            "--refine",
+            f'"{name}"',
+            fix=registry.suggestion(name, registry.names("refine")),
+        )
     return refiner, (*options.set, f"refine.backend={name}")
 
 
@@ -235,9 +239,8 @@ def check_names(jobs: list[Job]) -> None:
     for job in jobs:
         name = pipeline.output_name(job.scene, job.options.variant)
         if name in seen:
-            expected = f"would be written over {seen[name]}: both are called {name}"
-            problems += InputError.of(
-                job.scene, "", expected, "render them into two folders"
+            problems += Message.CLIPS_CALLED_ALIKE.error(
+                job.scene, name=name, other=seen[name]
             ).problems
         seen.setdefault(name, job.scene)
     if problems:
@@ -426,7 +429,7 @@ def part(text: str) -> slice:
     if first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step):
         return slice(int(first) - 1, None, int(step))
     raise argparse.ArgumentTypeError(
-        f"{text} is no part; write e.g. 2/8, the second of 8 machines"
+        f"{text} is not a part; write e.g. 2/8, the second of 8 machines"
     )
 
 
@@ -447,7 +450,7 @@ def add_clips(parser: Parser) -> None:
     )
     parser.option("--fan", "N", draws, about, 0)
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
-    about = "refine the clip by a video diffusion model: animatediff, wan, or none; see physgen backends"
+    about = "refine the clip by a video diffusion model: animatediff, wan, ltx-video, or none; see physgen backends"
     parser.option("--refine", "NAME[:WEIGHTS]", str, about)
     parser.option(
         "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"

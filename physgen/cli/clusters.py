@@ -7,12 +7,15 @@ import re
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from physgen.cli.arguments import Parser
 from physgen.cli.output import print_error
 from physgen.files import install
-from physgen.problems import InputError
+from physgen.messages import Message
+
+if TYPE_CHECKING:
+    from physgen.batch.dataset import DatasetSummary, Gathering
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -27,7 +30,7 @@ def address(text: str) -> str:
     if ADDRESS.fullmatch(text):
         return text
     raise argparse.ArgumentTypeError(
-        f"{text} is no cluster; write tcp://HOST:8786, a scheduler's FILE.json, or local:4"
+        f"{text} is not a cluster; write tcp://HOST:8786, a scheduler's FILE.json, or local:4"
     )
 
 
@@ -48,14 +51,11 @@ def check_cluster(options: argparse.Namespace) -> None:
     ship = getattr(options, "ship", None)
     jobs = getattr(options, "jobs", 1)
     if ship == "":
-        fix = "write s3://BUCKET/NAME, or another URL of fsspec"
-        raise InputError.of("--ship", '""', "is no store", fix)
+        raise Message.STORE_EMPTY.error("--ship", '""')
     if options.cluster is None and ship is not None:
-        fix = "add --cluster ADDRESS"
-        raise InputError.of("--ship", f'"{ship}"', "is for clusters", fix)
+        raise Message.STORE_WITHOUT_CLUSTER.error("--ship", f'"{ship}"')
     if options.cluster is not None and jobs > 1:
-        fix = "leave it out: the cluster has as many as it has workers"
-        raise InputError.of("--jobs", str(jobs), "is for one machine", fix)
+        raise Message.JOBS_WITH_CLUSTER.error("--jobs", str(jobs))
 
 
 def is_parallel(options: argparse.Namespace, count: int) -> bool:
@@ -86,9 +86,28 @@ def run_all(
 
 def stored_clips(options: argparse.Namespace) -> list[Path]:
     """Return the folders of all clips below those of the command, in its store. Raises InputError."""
+    shipping = _shipping(options)
+    folders: list[Path] = shipping.stored_clips(
+        shipping.Store(options.ship), options.folders
+    )
+    return folders
+
+
+def gather_stored(options: argparse.Namespace, how: Gathering) -> DatasetSummary:
+    """Make a data set of clips in a store, in the store. Raises InputError."""
+    shipping = _shipping(options)
+    store = shipping.Store(options.ship)
+    summary: DatasetSummary = shipping.gather_stored(
+        store, options.folders, options.output, how
+    )
+    return summary
+
+
+def _shipping(options: argparse.Namespace) -> Any:
+    """Return the module that reads and writes stores. Raises InputError."""
     with _dask_needed(options):
         from physgen.batch import shipping
-    return shipping.stored_clips(shipping.Store(options.ship), options.folders)
+    return shipping
 
 
 @contextmanager
@@ -97,6 +116,7 @@ def _dask_needed(options: argparse.Namespace) -> Iterator[None]:
     try:
         yield
     except ImportError:
-        found = "needs Dask, which is not installed"
         place = f'"{options.cluster}"'
-        raise InputError.of("--cluster", place, found, install("cluster")) from None
+        raise Message.DASK_MISSING.error(
+            "--cluster", place, install=install("cluster")
+        ) from None

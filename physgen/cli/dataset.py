@@ -16,14 +16,21 @@ from physgen.cli.arguments import (
     number_of_clips,
     seed,
 )
-from physgen.cli.clusters import add_cluster, check_cluster, run_all
+from physgen.cli.clusters import (
+    add_cluster,
+    add_ship,
+    check_cluster,
+    gather_stored,
+    run_all,
+)
 from physgen.cli.output import OK, print_error, print_line, print_problem
-from physgen.problems import Place, Problem, Severity
+from physgen.messages import Message
+from physgen.problems import Place, Problem
 from physgen.text import counted
 
 if TYPE_CHECKING:
     from physgen.batch.clips import FoundClip
-    from physgen.batch.dataset import Sample
+    from physgen.batch.dataset import DatasetSummary, Sample
 
 INTERVAL = 10_000
 """Clips between two lines of progress."""
@@ -32,7 +39,7 @@ MAX_WARNINGS = 20
 
 
 def dataset(options: argparse.Namespace) -> int:
-    from physgen.batch.dataset import gather, lost_sample, read_splits
+    from physgen.batch.dataset import Gathering, gather, lost_sample, read_splits
 
     check_folder_name(options.output)
     check_cluster(options)
@@ -54,39 +61,46 @@ def dataset(options: argparse.Namespace) -> int:
     ) -> Generator[Sample, None, None]:
         return run_all(options, copy, clips, 1, lost_sample)
 
-    done = gather(
-        options.folders,
-        options.output,
-        splits,
-        warn,
-        progress,
-        copies,
-        options.layout,
-        options.shard_clips,
-    )
+    how = Gathering(splits, warn, progress, copies, options.layout, options.shard_clips)
+    if options.ship is None:
+        done = gather(options.folders, options.output, how)
+    else:
+        done = gather_stored(options, how)
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
-    if empty := [name for name, count in done.counts.items() if not count]:
-        photos = len(done.photos)
-        there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
-        fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
-        expected = f"has no clip in {', '.join(empty)}: {there}"
-        print_problem(
-            Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING)
-        )
+    _warn_of_empty_splits(done, options.output)
+    _print_summary(done, options)
+    return WRONG_INPUT if done.left_out else OK
+
+
+def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
+    """Print a warning if a split has no clip."""
+    empty = [name for name, count in done.counts.items() if not count]
+    if not empty:
+        return
+    photos = len(done.photos)
+    there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
+    place = Place(str(output))
+    names = ", ".join(empty)
+    print_problem(Message.SPLIT_EMPTY.warning(place, empty=names, there=there))
+
+
+def _print_summary(done: DatasetSummary, options: argparse.Namespace) -> None:
+    """Print the files that readers open, in their store if there is one."""
+    store = "" if options.ship is None else options.ship.rstrip("/") + "/"
+    files = [f"{store}{path}" for path in done.files]
     if options.json:
         line = {
-            "dataset": str(options.output),
+            "dataset": f"{store}{options.output}",
             "clips": done.counts,
             "left_out": done.left_out,
         }
-        print_line(json.dumps({**line, "files": [str(path) for path in done.files]}))
-    else:
-        for path in done.files:
-            print_line(str(path))
-        split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
-        print_error(f"{counted(done.total, 'clip')}: {split}")
-    return WRONG_INPUT if done.left_out else OK
+        print_line(json.dumps({**line, "files": files}))
+        return
+    for file in files:
+        print_line(file)
+    split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
+    print_error(f"{counted(done.total, 'clip')}: {split}")
 
 
 def add(parser: Parser) -> None:
@@ -107,6 +121,7 @@ def add(parser: Parser) -> None:
         "--seed", "S", seed, "determines which photo is in which split; default: 0", 0
     )
     add_cluster(parser)
+    add_ship(parser)
     parser.flag("--json", "print a line of JSON")
 
 

@@ -24,7 +24,8 @@ from physgen.cli.output import (
 )
 from physgen.cli.perceive import BEGIN, add_backends, crew_of
 from physgen.files import check_writable, install
-from physgen.problems import InputError
+from physgen.messages import Message, Note
+from physgen.problems import InputError, Place, RefusedError
 from physgen.text import quoted
 
 if TYPE_CHECKING:
@@ -37,8 +38,9 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 def edit(options: argparse.Namespace) -> int:
     if missing := [name for name in NEEDED if find_spec(name) is None]:
-        what = f"needs {' and '.join(missing)}, not installed here"
-        raise InputError.of("physgen edit", "", what, install("edit"))
+        raise Message.EDITOR_PACKAGES_MISSING.error(
+            "physgen edit", packages=" and ".join(missing), install=install("edit")
+        )
     check_folder_name(options.output)
     check_writable(options.output)
     host = options.host.strip() or LOOPBACK[0]
@@ -108,9 +110,9 @@ def edit_file(options: argparse.Namespace) -> int:
         if not (is_merge and name in doubtful):
             named(scene, str(path), name)
     if is_merge and len(names) < 2:
-        fix = f"write physgen merge {path} {names[0]} and what is a part of it"
-        expected = "is one name; two or more are merged"
-        raise InputError.of(str(path), quoted(names[0]), expected, fix)
+        raise Message.MERGE_NEEDS_TWO.error(
+            str(path), quoted(names[0]), path=path, name=names[0]
+        )
     if is_merge and names[0] in doubtful:
         _refuse_doubtful_first(scene, path, names)
     text, at = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
@@ -126,7 +128,8 @@ def edit_file(options: argparse.Namespace) -> int:
             else edited(text, ops[options.command])
         )
     except EditError as error:
-        raise InputError.of(str(path), "", error.message, error.fix) from None
+        refusal = RefusedError(error.message, error.fix, error.code)
+        raise InputError([refusal.problem(Place(str(path)))]) from None
     after = Opened(path, options.allow_outside, made.text)
     after.scene()
     failed = {problem.variant for problem in before.variant_problems}
@@ -139,7 +142,9 @@ def edit_file(options: argparse.Namespace) -> int:
     save_scene(
         path.resolve(),
         made.text.encode("utf-8"),
-        lambda kept: print_error(f"{_past_tense(made.what)}; backup: {kept.name}"),
+        lambda kept: print_error(
+            Note.EDITED.text(edit=_past_tense(made.what), backup=kept.name)
+        ),
     )
     print_line(str(path))
     return OK
@@ -161,9 +166,8 @@ def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None
     if path.exists() or len(files) != 1:
         return
     names = [str(path), *(text for text in words if text not in files)]
-    fix = f"write physgen {command} {' '.join([*files, *names])}"
-    raise InputError.of(
-        str(path), "", "is no scene file: the scene is the first argument", fix
+    raise Message.SCENE_NOT_FIRST.error(
+        str(path), command=command, arguments=" ".join([*files, *names])
     )
 
 
@@ -174,8 +178,7 @@ def _refuse_doubtful_first(scene: Scene, path: Path, names: Sequence[str]) -> No
     if objects:
         others = [name for name in names if name != objects[0]]
         fix = f"write {' '.join([objects[0], *others])}"
-    expected = "is a doubtful region, not an object"
-    raise InputError.of(str(path), quoted(names[0]), expected, fix)
+    raise Message.DOUBTFUL_FIRST.error(str(path), quoted(names[0]), fix=fix)
 
 
 def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
@@ -187,12 +190,13 @@ def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
     for name in names:
         parts = [part for part in re.split(r"[,;\s]+", name) if part]
         if name not in objects and len(parts) > 1 and objects.issuperset(parts):
-            fix = f"write them apart: {' '.join(parts)}"
-            raise InputError.of(str(path), quoted(name), "is more than one name", fix)
+            raise Message.SEVERAL_NAMES_IN_ONE.error(
+                str(path), quoted(name), parts=" ".join(parts)
+            )
         if name not in objects and name in kinds:
-            fix = "edit its lines in the file, or use physgen edit"
-            expected = f"is a {kinds[name]}, not an object"
-            raise InputError.of(str(path), quoted(name), expected, fix)
+            raise Message.NAME_OF_ANOTHER_KIND.error(
+                str(path), quoted(name), kind=kinds[name]
+            )
 
 
 def _scene(options: argparse.Namespace) -> tuple[Path, bool]:

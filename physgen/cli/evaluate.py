@@ -22,7 +22,8 @@ from physgen.cli.output import (
     print_problems,
 )
 from physgen.files import install
-from physgen.problems import InputError, collect
+from physgen.messages import Message
+from physgen.problems import collect
 
 if TYPE_CHECKING:
     from physgen.evaluate.backends.inception import Inception
@@ -52,7 +53,7 @@ def show(findings: Findings, options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import as_json, text
 
     sys.stdout.write(as_json(findings) if options.json else text(findings))
-    return OK if findings.passed else FAILED
+    return OK if findings.has_passed else FAILED
 
 
 def hand_over(findings: Findings, options: argparse.Namespace) -> int:
@@ -90,9 +91,7 @@ def run_segmentation(options: argparse.Namespace) -> int:
     chosen = choices(options.backend)
     if set(chosen) - {"segment"}:
         role = f'"{", ".join(sorted(set(chosen) - {"segment"}))}"'
-        raise InputError.of(
-            "--backend", role, "has no part in this", "write segment=NAME"
-        )
+        raise Message.ROLE_NOT_SEGMENT.error("--backend", role)
     found, warnings = pairs(options.folder)
     print_problems(warnings)
     check_output(options.output)
@@ -153,9 +152,7 @@ def run_fid(options: argparse.Namespace) -> int:
     try:
         measured = measure(truth, clips, features, settings, bar.show)
     except MemoryError:
-        expected = "makes frames that do not fit into memory"
-        fix = "give a smaller --size, or fewer --frames"
-        raise InputError.of("--size", str(options.size), expected, fix) from None
+        raise Message.FRAMES_TOO_LARGE.error("--size", str(options.size)) from None
     bar.clear()
     print_problems(measured.warnings)
     return hand_over(findings(measured, options.skip), options)
@@ -168,8 +165,10 @@ def _features(file: Path) -> Inception:
 
         return Inception(file)
     except ModuleNotFoundError as error:
-        found, fix = f"needs {error.name}, which is not installed", install("models")
-        raise InputError.of("--inception", "", found, fix) from None
+        missing, command = Message.INCEPTION_NEEDS, install("models")
+        raise missing.error(
+            "--inception", package=error.name, install=command
+        ) from None
 
 
 def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
@@ -177,10 +176,7 @@ def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
     named = {path.resolve().stem: [path] for path in paths}
     if len(named) < len(paths) or REFERENCE in named:
         names = ", ".join(path.resolve().stem for path in paths)
-        fix = "give each method's folder a name of its own"
-        raise InputError.of(
-            "evaluate fid", names, f'are names of one thing, or "{REFERENCE}"', fix
-        )
+        raise Message.METHODS_CALLED_ALIKE.error("evaluate fid", names)
     return named
 
 
@@ -213,15 +209,9 @@ def run_study(options: argparse.Namespace) -> int:
     from physgen.evaluate.study import check_page, make, methods_in, write_study
 
     if any(path.suffix == ".json" for path in options.paths):
-        fix = "name the key that was made with the page, e.g. --key study.key.json"
-        raise InputError.of("--key", "", "is missing: answers are read with it", fix)
+        raise Message.KEY_MISSING.error("--key")
     if len(options.paths) > 1:
-        raise InputError.of(
-            str(options.paths[1]),
-            "",
-            "is a second folder",
-            "name one that holds all methods' folders",
-        )
+        raise Message.SECOND_FOLDER.error(str(options.paths[1]))
     page: Path = options.output or Path("study.html")
     check_page(page)
     bar = Bar()
@@ -229,7 +219,7 @@ def run_study(options: argparse.Namespace) -> int:
     made = make(methods, options.videos or VIDEOS, options.seed, bar.show)
     bar.clear()
     key = write_study(made, page, print_backup)
-    if left_out := set(methods.scenes) - set(methods.complete):
+    if left_out := set(methods.scenes) - set(methods.common_scenes):
         print_error(
             f"left out, since not every method has made them: {', '.join(sorted(left_out))}"
         )
@@ -273,9 +263,7 @@ def _read_study(options: argparse.Namespace) -> int:
     from physgen.evaluate.study import read_key
 
     if options.videos is not None:
-        raise InputError.of(
-            "--videos", "", "has no part in reading answers", "leave it out, or --key"
-        )
+        raise Message.VIDEOS_WITH_KEY.error("--videos")
     check_output(options.output)
     key = read_key(options.key)
     answers = read_answers(files_in(options.paths, options.key), key)
@@ -376,7 +364,7 @@ def add(parser: Parser) -> None:
             epilog=f"example: physgen evaluate {measure.example}",
         )
         sub.flag("--json", "print as JSON")
-        sub.wrong = parser.wrong  # reported by the command
+        parser.commands[measure.name] = sub
         measure.add(sub)
 
 

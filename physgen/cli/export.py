@@ -10,11 +10,11 @@ from physgen.cli.clips import add_overlays, check_names, make_all, variants_of
 
 def export(options: argparse.Namespace) -> int:
     from physgen.batch.run import Job
-    from physgen.export.formats import chosen_formats
+    from physgen.export.formats import choose_formats
     from physgen.pipeline import Page, RenderOptions
 
     check_folder_name(options.output)
-    chosen_formats(options.format)
+    choose_formats(options.format)
     jobs = [
         Job(
             path,

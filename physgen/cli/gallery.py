@@ -8,7 +8,7 @@ from pathlib import Path
 from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, Bar, print_backup, print_json
 from physgen.files import check_writable
-from physgen.problems import InputError
+from physgen.messages import Message
 
 PAGE_SUFFIXES = (".html", ".htm")
 """Endings that browsers open as a page."""
@@ -23,15 +23,13 @@ def gallery(options: argparse.Namespace) -> int:
         options.output or (folders[0] if len(folders) == 1 else Path()) / "index.html"
     )
     if not index.is_dir() and index.suffix.lower() not in PAGE_SUFFIXES:
-        fix = f"end it in .html, e.g. -o {index.with_suffix('.html')}"
-        raise InputError.of("-o", f'"{index}"', "is no name for a page", fix)
+        raise Message.NOT_A_PAGE_NAME.error(
+            "-o", f'"{index}"', example=index.with_suffix(".html")
+        )
     if not index.is_dir():
         check_writable(index.parent)
     if not index.is_dir() and not clips_in(folders):
-        fix = "physgen render scene.yaml -o DIR makes some"
-        raise InputError.of(
-            ", ".join(map(str, folders)), "", "holds no clips of physgen", fix
-        )
+        raise Message.NO_PHYSGEN_CLIPS.error(", ".join(map(str, folders)))
     bar = Bar()
     made = write_gallery(
         folders, index, title=options.title, progress=bar.show, keep=print_backup

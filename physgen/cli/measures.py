@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from physgen.cli.arguments import Parser, names, positive, whole
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import Bar, print_error, print_problem
-from physgen.problems import InputError
+from physgen.messages import Message
 
 if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
@@ -33,20 +33,19 @@ def add_properties(parser: Parser) -> None:
 
 def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
     """Ask a backend of physics for the properties of objects."""
-    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, read_table
+    from physgen.evaluate.properties import SHIPPED, Origin, ask, findings, read_table
     from physgen.registry import Backends, choices, load_plan
 
     if others := set(choices(options.backend)) - {"physics"}:
         role = f'"{", ".join(sorted(others))}"'
-        fix = "write physics=NAME"
-        raise InputError.of("--backend", role, "has no part in this", fix)
+        raise Message.ROLE_NOT_PHYSICS.error("--backend", role)
     table = read_table(options.table or SHIPPED)
     plan = load_plan(options.backend, config=options.config).of(("physics",))
     backends = Backends(plan)
     answers = ask(table, backends, not options.hide_size, bar.show)
     backends.close()
-    asked = Asked(backends.name("physics"), not options.hide_size)
-    return findings(table, answers, asked)
+    origin = Origin(backends.name("physics"), not options.hide_size)
+    return findings(table, answers, origin)
 
 
 def add_controllability(parser: Parser) -> None:
@@ -76,17 +75,16 @@ def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
     from physgen.evaluate.controllability import findings, plot, sweep
 
     if options.variant == "all":
-        fix = "write one name"
-        raise InputError.of("--variant", "all", "names more than one", fix)
+        raise Message.VARIANT_ALL.error("--variant", "all")
     scene = pipeline.load(
         options.scene, options.set, options.variant, options.allow_outside
     )
-    swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
+    pushes = sweep(scene, options.object, options.angles, options.sizes, bar.show)
     if options.output and find_spec("matplotlib"):
-        plot(swept, options.output / "paths.svg")
+        plot(pushes, options.output / "paths.svg")
     elif options.output:
         print_error("without matplotlib there is no plot of the paths")
-    return findings(swept)
+    return findings(pushes)
 
 
 def add_plausibility(parser: Parser) -> None:
@@ -112,7 +110,7 @@ def find_plausibility(options: argparse.Namespace, bar: Bar) -> Findings:
     clips: list[Tracks] = []
     for path in options.clips:
         clips += read(path, options.fps, View(options.view))
-    verdicts = [judge(tracks.holding(options.held), options.skip) for tracks in clips]
+    verdicts = [judge(tracks.hold(options.held), options.skip) for tracks in clips]
     return findings(verdicts)
 
 

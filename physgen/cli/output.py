@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from physgen.messages import Note
 from physgen.operating_system import open_file_path
 from physgen.problems import Problem
 
@@ -42,7 +43,8 @@ def print_problem(problem: Problem) -> None:
 
 def print_backup(kept: Path) -> None:
     """One line to stderr for a file that stood in the way."""
-    print_error(f"the previous {str(kept).rpartition('~')[0]} is kept as {kept.name}")
+    name = str(kept).rpartition("~")[0]
+    print_error(Note.BACKUP.text(name=name, backup=kept.name))
 
 
 def print_json(data: Any) -> None:

@@ -29,6 +29,7 @@ from physgen.cli.output import (
     write_result,
 )
 from physgen.files import check_writable
+from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem, collect
 
 if TYPE_CHECKING:
@@ -134,9 +135,8 @@ def refuse_scenes(images: Sequence[Path]) -> None:
             fix = f"write -o {image}"
             if image.is_file():
                 fix = f"write --refresh {image} to perceive its photo again"
-            problems.append(
-                Problem(Place(str(image)), "", "", "is a scene file, not a photo", fix)
-            )
+            scene = Message.SCENE_FOR_PHOTO
+            problems.append(scene.problem(Place(str(image)), fix=fix))
     if problems:
         raise InputError(problems)
 
@@ -161,35 +161,25 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
               "--label": options.label, "--push": options.push}  # fmt: skip
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
-    fix = "leave it out, or name one photo"
+    command = Place("perceive")
     wrong = [
-        ("perceive", flag, "is for one photo", fix)
+        Message.FLAG_OF_ONE_PHOTO.problem(command, "", flag)
         for flag, value in single.items()
         if value
     ]
     if options.output is None or options.output.suffix in (".yaml", ".yml"):
-        wrong += [
-            (
-                "perceive",
-                f"{len(names)} photos",
-                "go into a folder",
-                "name it: -o FOLDER",
-            )
-        ]
+        folder, found = Message.PHOTOS_NEED_FOLDER, f"{len(names)} photos"
+        wrong.append(folder.problem(command, "", found))
     wrong += [
-        (str(one), "", "is not there", "name a photo")
+        Message.PHOTO_MISSING.problem(Place(str(one)))
         for one in options.image
         if not one.is_file()
     ]
     wrong += [
-        ("perceive", f'"{name}"', "is the name of two photos", "rename one")
-        for name in twins
+        Message.PHOTOS_CALLED_ALIKE.problem(command, "", f'"{name}"') for name in twins
     ]
     if wrong:
-        raise InputError(
-            Problem(Place(file), "", found, what, fix)
-            for file, found, what, fix in wrong
-        )
+        raise InputError(wrong)
     check_folder_name(options.output)
     check_writable(options.output)
     crew = crew_of(options, keep=True)
@@ -245,20 +235,15 @@ def plan_of(options: argparse.Namespace) -> Plan:
 def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     """The scene determines its photo and its masks. Raises InputError."""
     if not options.refresh and not options.image:
-        raise InputError.of(
-            "perceive",
-            "",
-            "was given no photo",
-            "name one, or a scene: --refresh SCENE",
-        )
+        raise Message.NO_PHOTO.error("perceive")
     beside = {
         "IMAGE": (options.image or [None])[0],
         "--masks": options.masks,
         "--side": options.side,
     }
-    place, wrong = Place("perceive"), "cannot be used with --refresh"
+    place = Place("perceive")
     problems = [
-        Problem(place, "", f'"{value}"', wrong, f"leave {flag} or --refresh out")
+        Message.NOT_WITH_REFRESH.problem(place, "", f'"{value}"', flag=flag)
         for flag, value in beside.items()
         if options.refresh and value is not None
     ]
@@ -267,8 +252,7 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
         and not options.output
         and options.refresh.suffix not in (".yaml", ".yml")
     ):
-        fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
-        problems.append(Problem(place, "", "--refresh", "needs -o", fix))
+        problems.append(Message.REFRESH_NEEDS_OUTPUT.problem(place, "", "--refresh"))
     if problems:
         raise InputError(problems)
 
@@ -277,15 +261,13 @@ def _refuse_push_and_still(options: argparse.Namespace) -> None:
     """Raise InputError if a push is both given and left out."""
     if options.push and options.still:
         found = f'"{options.push[0]}"'
-        fix = "leave --push or --still out"
-        raise InputError.of("--push", found, "cannot be used with --still", fix)
+        raise Message.PUSH_AND_STILL.error("--push", found)
 
 
 def _refuse_without_point(options: argparse.Namespace) -> None:
     """Raise InputError where --smallest has no point to refer to."""
     if options.smallest and not options.point:
-        fix = "add --point X,Y, or leave it out"
-        raise InputError.of("perceive", "--smallest", "is for --point", fix)
+        raise Message.SMALLEST_WITHOUT_POINT.error("perceive", "--smallest")
 
 
 def import_(options: argparse.Namespace) -> int:

@@ -26,7 +26,7 @@ from physgen.cli.clips import (
 from physgen.cli.clusters import add_cluster, add_ship, check_cluster
 from physgen.cli.output import print_problems
 from physgen.files import check_writable
-from physgen.problems import InputError
+from physgen.messages import Message
 
 if TYPE_CHECKING:
     from physgen.batch.run import Job
@@ -55,8 +55,7 @@ def render(options: argparse.Namespace) -> int:
 def refuse_stored_video(options: argparse.Namespace, video: Path | None) -> None:
     """Refuse a store together with the file of a video. Raises InputError."""
     if video is not None and options.ship is not None:
-        found = "is a file, and clips go to a store"
-        raise InputError.of("-o", f'"{video}"', found, "name a folder")
+        raise Message.VIDEO_FOR_STORE.error("-o", f'"{video}"')
 
 
 def video_file(options: argparse.Namespace) -> Path | None:
@@ -70,22 +69,23 @@ def video_file(options: argparse.Namespace) -> Path | None:
         return None
     if kind not in VIDEO_SUFFIXES:
         check_writable(path if path.is_file() else path.parent)
-        fix = f"end it in {', '.join(VIDEO_SUFFIXES)}, or name a folder"
-        raise InputError.of("-o", f'"{path}"', "is no name for a video", fix)
+        raise Message.NOT_A_VIDEO_NAME.error(
+            "-o", f'"{path}"', suffixes=", ".join(VIDEO_SUFFIXES)
+        )
     name = kind.removeprefix(".")
     options.format = options.format or [name]
     if name not in options.format:
         formats = ",".join(options.format)
-        fix = f"leave --format out, or write --format {name},{formats}"
-        raise InputError.of("-o", f'"{path}"', f"is not --format {formats}", fix)
+        raise Message.VIDEO_AND_FORMAT.error(
+            "-o", f'"{path}"', formats=formats, name=name
+        )
     return path
 
 
 def _video_job(jobs: list[Job], video: Path) -> Job:
     """Return the one job, whose clip has the name of the video. Raises InputError."""
     if len(jobs) > 1:
-        expected = f"is one file for {len(jobs)} clips"
-        raise InputError.of("-o", f'"{video}"', expected, "name a folder")
+        raise Message.ONE_FILE_FOR_CLIPS.error("-o", f'"{video}"', count=len(jobs))
     (job,) = jobs
     return replace(job, options=replace(job.options, name=video.stem), video=video)
 

@@ -25,6 +25,7 @@ from physgen.cli.output import (
     print_problems,
 )
 from physgen.files import back_up, check_writable, write_atomic
+from physgen.messages import Message
 from physgen.problems import InputError, Problem, Severity, variant_named
 from physgen.text import value_text
 
@@ -193,21 +194,14 @@ def _trajectory_kind(output: Path | None) -> str:
     if output is None:
         return ""
     if output.suffix not in (".npz", ".csv", ".json") or output.is_dir():
-        raise InputError.of(
-            "-o",
-            f'"{output}"',
-            "is no name for a trajectory",
-            "end it in .npz, .csv or .json",
-        )
+        raise Message.NOT_A_TRAJECTORY_NAME.error("-o", f'"{output}"')
     check_writable(output.parent)
     return output.suffix[1:]
 
 
 def _one_variant(options: argparse.Namespace) -> str | None:
     if options.variant == "all":
-        raise InputError.of(
-            "--variant", "all", "names more than one", "write one name, or use render"
-        )
+        raise Message.VARIANT_ALL_SIMULATED.error("--variant", "all")
     return str(options.variant) if options.variant else None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -28,8 +29,8 @@ from physgen.cli.clips import (
 from physgen.cli.clusters import add_cluster, add_ship, check_cluster
 from physgen.cli.output import OK, print_backup, print_line
 from physgen.files import check_writable
-from physgen.problems import InputError, Place, Problem
-from physgen.text import listed, nearest
+from physgen.messages import Message, one_of
+from physgen.problems import InputError, Place
 
 if TYPE_CHECKING:
     from physgen.batch.run import Job
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 
 TABLE = "sweep.csv"
+TIMELESS = {"objects", "forces", "joints", "light"}
+"""Parts of a scene that change neither its number of frames nor a fixed duration."""
 MOST_TRACKED = 32
 """Objects with seven columns of outcomes each, at most, unless they are named."""
 
@@ -47,8 +50,7 @@ def sweep(options: argparse.Namespace) -> int:
     from physgen.scene.load import Opened
 
     if "=" in options.scene and not Path(options.scene).exists():
-        fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
-        raise InputError.of(options.scene, "", "is no scene file", fix)
+        raise Message.SWEEP_WITHOUT_SCENE.error(options.scene)
     check_folder_name(options.output)
     check_cluster(options)
     opened = Opened(Path(options.scene), options.allow_outside)
@@ -92,24 +94,16 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     out = Path(options.output)
     check_writable(out)
     if (out / TABLE).is_dir():
-        raise InputError.of(
-            "-o",
-            f'"{out}"',
-            f"holds a folder {TABLE}, where the table would go",
-            "name another",
-        )
+        raise Message.TABLE_IS_FOLDER.error("-o", f'"{out}"')
     out.mkdir(parents=True, exist_ok=True)
     running: deque[Point] = deque()  # jobs end in the order in which they begin
     numbers = range(len(plan))[options.part or slice(None)]
+    previews = Previews(plan, options)
 
     def jobs() -> Iterator[Job]:
         for point in map(plan.__getitem__, numbers):
             running.append(point)
-            preview: tuple[str, ...] = ()
-            if options.preview:
-                preview = preview_edits(
-                    options.scene, point.variant, options, point.overrides
-                )
+            preview = previews.edits(point) if options.preview else ()
             yield make(
                 options.scene,
                 point.variant,
@@ -141,23 +135,37 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
         )
 
 
+class Previews:
+    """The edits that make previews of the points of a sweep."""
+
+    def __init__(self, plan: Sweep, options: argparse.Namespace) -> None:
+        self._options = options
+        roots = {re.split(r"[.\[]", axis.key)[0] for axis in plan.axes}
+        self._keeps_timing = roots <= TIMELESS
+        self._shared: dict[str | None, tuple[str, ...]] = {}
+
+    def edits(self, point: Point) -> tuple[str, ...]:
+        """Return the edits of a point; points of a variant share them if frames and duration are the same."""
+        if point.variant in self._shared:
+            return self._shared[point.variant]
+        edits = preview_edits(
+            self._options.scene, point.variant, self._options, point.overrides
+        )
+        has_own_duration = any(edit.startswith("world.duration=") for edit in edits)
+        if self._keeps_timing and edits and not has_own_duration:
+            self._shared[point.variant] = edits
+        return edits
+
+
 def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, ...]:
     if chosen is None:
         return objects if len(objects) <= MOST_TRACKED else ()
     problems = []
     for name in chosen:
         if name not in objects:
-            close = nearest(name, objects)
-            fix = (
-                f'did you mean "{close}"?'
-                if close
-                else f"write any of {listed(objects[:30])}"
-            )
-            problems.append(
-                Problem(
-                    Place("--track"), "", f'"{name}"', "is no object that can move", fix
-                )
-            )
+            place, fix = Place("--track"), one_of(name, objects)
+            wrong = Message.NOT_MOVABLE.problem(place, "", f'"{name}"', fix=fix)
+            problems.append(wrong)
     if problems:
         raise InputError(problems)
     return tuple(chosen)

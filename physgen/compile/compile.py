@@ -36,6 +36,7 @@ from physgen.geometry.polygon import (
     mass_properties,
     mean_distance,
 )
+from physgen.messages import Message
 from physgen.problems import InputError, Limit, Problem
 from physgen.scene import scene as model
 from physgen.scene.load import EARTH
@@ -142,13 +143,11 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
         if not (_usable(body.mass) and _usable(body.moment)):
             sound = False
             path = mass_path(scene, body.name)
-            expected = f"and a moment of inertia of {body.moment:.2g} g·px² cannot be simulated"
-            fix = (
-                "make it heavier or larger"
-                if body.moment < 1
-                else "make it lighter or smaller"
-            )
-            yield Problem(scene.place(path), path, f"{body.mass:.4g} g", expected, fix)
+            message = Message.MASS_TOO_LARGE
+            if body.moment < 1:
+                message = Message.MASS_TOO_SMALL
+            found = f"{body.mass:.4g} g"
+            yield message.problem(scene.place(path), path, found, moment=body.moment)
     if not sound or not dynamic:
         return
     light = min(dynamic, key=lambda body: body.mass)
@@ -156,8 +155,7 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
     if heavy.mass >= FARTHEST * light.mass:
         path = mass_path(scene, light.name)
         found = f"{light.mass:.4g} g, and {heavy.mass:.4g} g of {heavy.name}:"
-        expected = "masses 10^9 apart or more cannot be simulated together"
-        yield Problem(scene.place(path), path, found, expected, "bring them nearer")
+        yield Message.MASSES_FAR_APART.problem(scene.place(path), path, found)
 
 
 def mass_path(scene: Scene, name: str) -> str:
@@ -229,12 +227,8 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
         except ValueError as error:
             path = f"objects.{item.name}.shape"
             problems.append(
-                Problem(
-                    scene.place(path),
-                    path,
-                    "the outline",
-                    str(error),
-                    "draw it with a larger area",
+                Message.OUTLINE_UNUSABLE.problem(
+                    scene.place(path), path, "the outline", reason=str(error)
                 )
             )
     problems = problems or list(mass_problems(scene, bodies))
@@ -274,10 +268,9 @@ def frame_times(scene: Scene, duration: float) -> Array:
         found = f"{rate * duration:,.0f} frames"
         slow = " times slow" if render.slow != 1 else ""
         smaller = "duration, fps or slow" if slow else "duration or fps"
-        fix = f"write render.frames, {Limit.FRAMES.fix}, or a smaller {smaller}"
         place = scene.place("render.slow" if slow else "render.fps")
-        expected = f"from duration times fps{slow} {Limit.FRAMES.expected}"
-        raise InputError([Problem(place, "render", found, expected, fix)])
+        values = {"slow": slow, "most": Limit.FRAMES.fix, "keys": smaller}
+        raise Message.TOO_MANY_SAMPLES.error_at(place, "render", found, **values)
     if render.frames is not None:
         return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
     return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate
@@ -358,10 +351,8 @@ def _path(item: Object, center: Array, scene: Scene) -> Array:
         off = path[0, 1:3] - center
         if np.hypot(*off) > 0.5 or path[0, 3] != 0:
             (x, y), key = center, f"objects.{item.name}.motion.path"
-            fix = f"begin with [{path[0, 0]:g}, {x:.2f}, {y:.2f}]"
-            expected = "is not where the object is"
-            raise InputError(
-                [Problem(scene.place(key), key, "the first knot", expected, fix)]
+            raise Message.KNOT_ELSEWHERE.error_at(
+                scene.place(key), key, "the first knot", x=x, y=y, time=path[0, 0]
             )
         path[:, 1:3] -= off
     return path

@@ -19,6 +19,7 @@ from physgen.geometry.fitting import fit_outlines, without_specks
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, mass_properties
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.regions import fit_regions
+from physgen.messages import Message
 from physgen.problems import InputError, Problem
 from physgen.scene.scene import (
     Auto,
@@ -99,22 +100,13 @@ def _mask_problem(
 ) -> Problem:
     """The mask at `path` has no pixel; None: it is an id, and the scene has no photo."""
     found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
-    expected, fix = (
-        "covers no pixel",
-        "write an id that masks.png holds, or an outline inside the photo",
-    )
-    if mask is None:
-        expected = "is an id, and masks.png is read beside a photo only"
-        fix = "write image: photo.png, or an outline"
-    return Problem(scene.place(path), path, found, expected, fix)
+    message = Message.ID_WITHOUT_PHOTO if mask is None else Message.MASK_OF_NO_PIXEL
+    return message.problem(scene.place(path), path, found)
 
 
 def _hidden(scene: Scene, item: Object) -> Problem:
     path = f"objects.{item.name}.mask"
-    fix = "write its shape, or give it a layer in front of theirs"
-    return Problem(
-        scene.place(path), path, item.name, "is hidden behind the masks of others", fix
-    )
+    return Message.HIDDEN_BY_MASKS.problem(scene.place(path), path, item.name)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from physgen.geometry.polygon import (
     mass_properties,
     rotation,
 )
-from physgen.problems import InputError, Problem
+from physgen.messages import Message
+from physgen.problems import InputError
 from physgen.scene.scene import Motion, Object, Scene, View
 
 
@@ -61,11 +62,7 @@ def check_wheels(item: Object, shown: Outline, scene: Scene) -> None:
     problems = []
     if isinstance(shown, Disc):
         path = f"objects.{item.name}.wheels"
-        fix = "remove wheels, or write its shape as a polygon"
-        expected = "are on an object that is a circle and rolls itself"
-        raise InputError(
-            [Problem(scene.place(path), path, "the wheels", expected, fix)]
-        )
+        raise Message.WHEELS_ON_CIRCLE.error_at(scene.place(path), path, "the wheels")
     body = _polygon(shown)
     for index, wheel in enumerate(item.wheels):
         path = f"objects.{item.name}.wheels[{index}]"
@@ -75,23 +72,23 @@ def check_wheels(item: Object, shown: Outline, scene: Scene) -> None:
             if any(np.hypot(*np.subtract(o.center, wheel.center)) < 1 for o in others):
                 found = f"the wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
                 problems.append(
-                    Problem(
-                        scene.place(path),
-                        path,
-                        found,
-                        "is there twice",
-                        "remove one of them",
-                    )
+                    Message.WHEEL_TWICE.problem(scene.place(path), path, found)
                 )
             continue
         x0, y0, x1, y1 = body.bounds
         found = f"a wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
-        expected = (
-            f"is {body.distance(circle):.0f} px from the object, which lies"
-            f" at x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f}"
+        problems.append(
+            Message.WHEEL_FAR.problem(
+                scene.place(path),
+                path,
+                found,
+                x0=x0,
+                x1=x1,
+                y0=y0,
+                y1=y1,
+                distance=body.distance(circle),
+            )
         )
-        fix = "write a center inside it"
-        problems.append(Problem(scene.place(path), path, found, expected, fix))
     if problems:
         raise InputError(problems)
 

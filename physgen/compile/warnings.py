@@ -17,11 +17,12 @@ from physgen.compile.starts import velocities_that_joints_allow
 from physgen.geometry.convex import outline_shape, overlap_depth
 from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
-from physgen.problems import Problem, Severity, by_place
+from physgen.messages import Message
+from physgen.problems import Problem, by_place
 from physgen.scene.files import equal
 from physgen.scene.load import EARTH
 from physgen.scene.scene import Auto, Motion, Scene, Solid, View, held
-from physgen.text import quoted
+from physgen.text import percent, quoted
 
 Mask = NDArray[np.bool_]
 
@@ -99,68 +100,74 @@ def lint(
     )
 
 
-def warning(scene: Scene, path: str, found: str, expected: str, fix: str) -> Problem:
-    """A Problem that stops nothing, at the place where `path` was written."""
-    return Problem(scene.place(path), path, found, expected, fix, Severity.WARNING)
+def warning(
+    scene: Scene, path: str, found: str, message: Message, **values: object
+) -> Problem:
+    """Return a warning at the place where `path` was written."""
+    return message.warning(scene.place(path), path, found, **values)
 
 
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """What a reader would expect to change the clip, and does not."""
     motion = {item.name: item.motion for item in scene.objects}
-    above, let_go = (
-        scene.world.view is View.TOP,
-        "take it out, or write motion: dynamic",
-    )
+    above = scene.world.view is View.TOP
     if scene.world.table_friction > 0 and not above:
-        found, why = (
-            f"{scene.world.table_friction:g}",
-            "has no effect seen from the side",
-        )
-        yield warning(
-            scene, "world.table.friction", found, why, "take it out, or write view: top"
-        )
+        found = f"{scene.world.table_friction:g}"
+        yield warning(scene, "world.table.friction", found, Message.TABLE_FROM_SIDE)
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         path, dynamic = f"objects.{item.name}", item.motion is Motion.DYNAMIC
-        fixed = f"has no effect on an object whose motion is {item.motion.value}"
+        motion_name = item.motion.value
         sphere = body.radius is not None and body.solid is Solid.SPHERE
         if not dynamic and (any(item.velocity) or item.spin):
             key = "velocity" if any(item.velocity) else "spin"
-            yield warning(scene, f"{path}.{key}", key, fixed, let_go)
+            not_dynamic = Message.NO_EFFECT_ON_MOTION
+            yield warning(scene, f"{path}.{key}", key, not_dynamic, motion=motion_name)
         is_round = body.radius is not None or bool(body.wheels)
         if item.wheels and not body.wheels:
-            why = "have no effect seen from above" if above else fixed
-            fix = "take them out" if above else let_go
-            yield warning(scene, f"{path}.wheels", "wheels", why, fix)
+            path_of_wheels = f"{path}.wheels"
+            if above:
+                message = Message.WHEELS_FROM_ABOVE
+                yield warning(scene, path_of_wheels, "wheels", message)
+            else:
+                message = Message.NO_EFFECT_ON_MOTION
+                yield warning(
+                    scene, path_of_wheels, "wheels", message, motion=motion_name
+                )
         if item.rolling > 0 and not (dynamic and (sphere if above else is_round)):
-            why = (
-                fixed
-                if not dynamic
-                else f"has no effect: only {'spheres' if above else 'circles'} roll"
-            )
-            yield warning(
-                scene, f"{path}.rolling", f"{item.rolling:g}", why, "take it out"
-            )
+            where, found = f"{path}.rolling", f"{item.rolling:g}"
+            if dynamic:
+                round_bodies = "spheres" if above else "circles"
+                message = Message.ROLLING_HAS_NO_EFFECT
+                yield warning(scene, where, found, message, shapes=round_bodies)
+            else:
+                message = Message.NO_EFFECT_ON_MOTION
+                yield warning(scene, where, found, message, motion=motion_name)
         if item.roll != "natural" and not (
             dynamic and sphere and above and scene.world.table_friction > 0
         ):
-            why = "has no effect: only dynamic spheres on a tabletop with friction roll"
-            yield warning(scene, f"{path}.roll", "roll", why, "take it out")
+            yield warning(scene, f"{path}.roll", "roll", Message.ROLL_HAS_NO_EFFECT)
     for k, force in enumerate(scene.forces):
         if motion[force.object] is not Motion.DYNAMIC:
-            why = f"has no effect: the motion of {force.object} is {motion[force.object].value}"
-            yield warning(scene, f"forces[{k}]", force.load.value, why, let_go)
+            yield warning(
+                scene,
+                f"forces[{k}]",
+                force.load.value,
+                Message.FORCE_HAS_NO_EFFECT,
+                name=force.object,
+                motion=motion[force.object].value,
+            )
         elif force.start >= compiled.world.duration:
-            why = f"begins after the end of the clip at {compiled.world.duration:g} s"
-            fix = "begin earlier or lengthen the duration"
-            yield warning(scene, f"forces[{k}].start", f"{force.start:g}", why, fix)
+            where, found = f"forces[{k}].start", f"{force.start:g}"
+            late, end = Message.FORCE_AFTER_END, compiled.world.duration
+            yield warning(scene, where, found, late, end=end)
     for joint in scene.joints:
         if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
-            why = "has no effect: no object of it is dynamic"
-            yield warning(scene, f"joints.{joint.name}", joint.name, why, let_go)
+            where, nothing = f"joints.{joint.name}", Message.MOVES_NO_OBJECT
+            yield warning(scene, where, joint.name, nothing)
     for field in scene.fields:
         if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
-            why = "has no effect: no object of it is dynamic"
-            yield warning(scene, f"fields.{field.name}", field.name, why, let_go)
+            where, nothing = f"fields.{field.name}", Message.MOVES_NO_OBJECT
+            yield warning(scene, where, field.name, nothing)
 
 
 def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -179,10 +186,8 @@ def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             continue
         x, y, spin = allowed[k, 0], allowed[k, 1], np.degrees(allowed[k, 2])
         key = "velocity" if any(item.velocity) else "spin"
-        fix = f"write velocity: [{x:.4g}, {y:.4g}] and spin: {spin:.4g}, with which it starts"
-        path = f"objects.{item.name}.{key}"
-        expected = "is not what its joints allow"
-        yield warning(scene, path, key, expected, fix)
+        path, excluded = f"objects.{item.name}.{key}", Message.JOINTS_EXCLUDE_START
+        yield warning(scene, path, key, excluded, x=x, y=y, spin=spin)
 
 
 def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -194,9 +199,15 @@ def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         return
     if strength < LIMITS.weak * EARTH:
         x, y = world.gravity
-        expected = f"px/s² is {strength:.2g} m/s², in which objects float"
-        fix = f"did you mean m/s²? write [{x:g} m/s², {y:g} m/s²]"
-        yield warning(scene, "world.gravity", f"[{x:g}, {y:g}]", expected, fix)
+        yield warning(
+            scene,
+            "world.gravity",
+            f"[{x:g}, {y:g}]",
+            Message.GRAVITY_WEAK,
+            strength=strength,
+            x=x,
+            y=y,
+        )
 
 
 def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -205,21 +216,20 @@ def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if body.reach >= LIMITS.visible:
             continue
         found = f"{item.name} of {2 * body.reach:.2g} px"
-        expected = "is smaller than a pixel and is not visible"
-        fix = "sizes are in pixels; did you mean meters? write e.g. 0.5 m"
-        yield warning(scene, f"objects.{item.name}.shape", found, expected, fix)
+        path = f"objects.{item.name}.shape"
+        yield warning(scene, path, found, Message.SHAPE_INVISIBLE)
 
 
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Numbers that follow a label or a scale, where the file still has those for another."""
     record, scale = scene.record, scene.world.pixels_per_meter
-    fix = "perceive --refresh writes them"
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
-        why = f"is not the {record.scale:g} px/m that was perceived: masses, pushes and playback follow it"
+        changed = Message.SCALE_CHANGED
         if record.world.get("by_labels"):
-            why = f"is the scale by the labels that you changed, not the {record.scale:g} px/m of this line"
-        yield warning(scene, "world.pixels_per_meter", f"{scale:g}", why, fix)
+            changed = Message.SCALE_OF_NEW_LABELS
+        where, found = "world.pixels_per_meter", f"{scale:g}"
+        yield warning(scene, where, found, changed, perceived=record.scale)
     for item in scene.objects:
         was = record.entry(item.name, scene.document["objects"][item.name])
         if was.get("label", item.label) != item.label:
@@ -231,10 +241,9 @@ def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 if not equal(getattr(item, key), was[key])
             ]
             if now:
-                why = f"is not what was perceived, and gives {', '.join(now)}"
-                yield warning(
-                    scene, f"objects.{item.name}.label", quoted(item.label), why, fix
-                )
+                where, found = f"objects.{item.name}.label", quoted(item.label)
+                changed, values = Message.LABEL_CHANGED, ", ".join(now)
+                yield warning(scene, where, found, changed, values=values)
 
 
 def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -242,9 +251,15 @@ def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     frames, (width, height) = len(compiled.world.times), scene.video_size
     if frames > LIMITS.frames:
         minutes = frames * LIMITS.draws * max(width * height / 512**2, 1) / 60
-        why = f"makes {frames:,} frames, {frames / scene.render.fps / 60:.3g} min of video, in about {minutes:.2g} min"
-        fix = "write auto, which ends the clip after all rest, or try --preview first"
-        yield warning(scene, "world.duration", f"{scene.world.duration:g} s", why, fix)
+        yield warning(
+            scene,
+            "world.duration",
+            f"{scene.world.duration:g} s",
+            Message.CLIP_LONG,
+            frames=frames,
+            length=frames / scene.render.fps / 60,
+            minutes=minutes,
+        )
 
 
 def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -257,19 +272,19 @@ def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             x, y = held(sight.center, scene.size, scene.video_size, sight.zoom)
             if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
                 found = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
-                expected = f"is too near the photo's border for zoom {sight.zoom:g}: the view stops at [{x:g}, {y:g}]"
                 yield warning(
                     scene,
                     f"{path}.center",
                     found,
-                    expected,
-                    "zoom in further, or move it there",
+                    Message.VIEW_AT_BORDER,
+                    zoom=sight.zoom,
+                    x=x,
+                    y=y,
                 )
         end = compiled.world.duration
         if sight.time > end:
-            expected = f"is after the end of the motion at {end:g} s: this view is never reached"
-            fix = "make it earlier, or lengthen the duration"
-            yield warning(scene, f"{path}.time", f"{sight.time:g}", expected, fix)
+            where, late = f"{path}.time", Message.VIEW_AFTER_END
+            yield warning(scene, where, f"{sight.time:g}", late, end=end)
 
 
 def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
@@ -320,9 +335,9 @@ def photo_differs(
     rows, columns = np.nonzero(large[ids])
     if len(rows):
         where = f"x {columns.min()} to {columns.max()}, y {rows.min()} to {rows.max()}"
-        expected = f"differs from background.png in {len(rows):,} px beside the objects ({where}), which the clip shows"
-        fix = "if the photo was edited, physgen perceive --refresh makes the maps anew"
-        yield warning(scene, "image", scene.image.name, expected, fix)
+        edited, count = Message.PHOTO_EDITED, len(rows)
+        name = scene.image.name
+        yield warning(scene, "image", name, edited, count=count, place=where)
 
 
 def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
@@ -343,14 +358,11 @@ def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
     )
     for name, mask in named.items():
         if mask in owners:
-            fix = f"delete this entry, or objects.{owners[mask]}"
-            expected = f"is {owners[mask]}'s, which stays an object"
-            yield warning(scene, f"doubtful.{name}.mask", str(mask), expected, fix)
+            where, owned = f"doubtful.{name}.mask", Message.DOUBTFUL_IS_OBJECT
+            yield warning(scene, where, str(mask), owned, name=owners[mask])
         elif mask not in there:
-            fix = "write the mask of the entry that was an object"
-            yield warning(
-                scene, f"doubtful.{name}.mask", str(mask), "is no id in masks.png", fix
-            )
+            where = f"doubtful.{name}.mask"
+            yield warning(scene, where, str(mask), Message.DOUBTFUL_ID_MISSING)
 
 
 def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
@@ -404,9 +416,9 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         path, fix = f"objects.{item.name}.shape", "correct the outline or the mask"
         if scene.document["objects"][item.name].get("shape") != "outline":
             fix = f"write shape: outline, or {fix}"
-        for part, text in (
-            (mask & (seen == 0), "misses {:.0%} of"),
-            (bare, "reaches {:.0%} beyond"),
+        for part, message in (
+            (mask & (seen == 0), Message.SHAPE_MISSES_MASK),
+            (bare, Message.SHAPE_BEYOND_MASK),
         ):
             if not part.size:  # a shape beyond the picture
                 continue
@@ -416,7 +428,7 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             )
             if share > LIMITS.missed:
                 yield warning(
-                    scene, path, "the shape", f"{text.format(share)} its mask", fix
+                    scene, path, "the shape", message, share=percent(share), fix=fix
                 )
 
 
@@ -432,7 +444,6 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     tree = shapely.STRtree(shapes)
     # a wheel may lie before the car that it is joined to
     through = {frozenset(joint.objects) for joint in scene.joints if not joint.collide}
-    fix = "move or shrink one of them, or they are pushed apart"
     named = more = 0
     for i, item in enumerate(scene.objects):
         path = f"objects.{item.name}.shape"
@@ -447,12 +458,9 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
                 if depth > LIMITS.overlap:
                     named += 1
+                    overlap = Message.OVERLAP_AT_START
                     yield warning(
-                        scene,
-                        path,
-                        item.name,
-                        f"overlaps {other} by {depth:.1f} px at t = 0",
-                        fix,
+                        scene, path, item.name, overlap, other=other, depth=depth
                     )
         for wall in compiled.world.walls if item.motion is Motion.DYNAMIC else ():
             depth = max(
@@ -463,20 +471,13 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 default=0.0,
             )
             if depth > LIMITS.overlap:
-                expected = (
-                    f"reaches {depth:.1f} px across boundary {wall.name} at t = 0"
-                )
+                across = Message.ACROSS_BOUNDARY
                 yield warning(
-                    scene, path, item.name, expected, "move the boundary or the object"
+                    scene, path, item.name, across, depth=depth, name=wall.name
                 )
     if more:
-        yield warning(
-            scene,
-            "objects",
-            f"{more:,} more pairs",
-            "lie so near that they may overlap, too",
-            fix,
-        )
+        pairs = f"{more:,} more pairs"
+        yield warning(scene, "objects", pairs, Message.MORE_OVERLAPS)
 
 
 def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
@@ -537,11 +538,8 @@ def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     ]
     for item in (scene.objects[i] for i in sorted(hanging)):
         if not (any(item.velocity) or item.place):
-            expected = "is supported by nothing and falls at once"
-            fix = (
-                "put a boundary under it, hold it with a joint, or write motion: static"
-            )
-            yield warning(scene, f"objects.{item.name}", item.name, expected, fix)
+            path = f"objects.{item.name}"
+            yield warning(scene, path, item.name, Message.UNSUPPORTED)
 
 
 def _joined(scene: Scene) -> list[set[int]]:

@@ -21,7 +21,8 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from physgen.edit.operations import Body, Op
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import EditRequest, Session, Words
-from physgen.problems import EditError, Why, impossible, overtaken
+from physgen.messages import Message
+from physgen.problems import EditError, Why, overtaken
 from physgen.text import quoted
 
 TOKEN = "x-physgen-token"
@@ -252,10 +253,7 @@ def render(served: Served, body: Render) -> Response:
     """Save, and start to render."""
     unknown = set(body.variants or ()) - {None, *served.session.variants()}
     if unknown:
-        raise impossible(
-            f"the scene has no variant {quoted(str(unknown.pop()))}",
-            "choose one of its variants",
-        )
+        raise Message.NO_SUCH_VARIANT.impossible(name=quoted(str(unknown.pop())))
     served.session.save_for_rendering(body.version)
     job = served.rendering.start(
         body.variants, body.format or "mp4", body.refine is not False

@@ -25,13 +25,15 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Message as ServerMessage
 
 from physgen import __version__
 from physgen.edit.api import TOKEN, Events, Served, Services, api
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import Session
 from physgen.files import resource
+from physgen.messages import Message
 from physgen.operating_system import IS_POSIX
 from physgen.problems import EditError, InputError, Why
 
@@ -202,7 +204,7 @@ class Guard:
         if scope["type"] != "http":
             return
 
-        async def send_with_headers(message: Message) -> None:
+        async def send_with_headers(message: ServerMessage) -> None:
             if message["type"] == "http.response.start":
                 is_result = scope["path"].startswith(RESULT)
                 chosen = (
@@ -313,7 +315,7 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
                 ) from None
     parts = iter([{"type": "http.request", "body": bytes(data), "more_body": False}])
 
-    async def receive_again() -> Message:
+    async def receive_again() -> ServerMessage:
         return next(parts, None) or await receive()
 
     return receive_again
@@ -408,8 +410,5 @@ def _listening(host: str, port: int | None) -> socket.socket:
         made.close()
         where = f"--port {port}" if port else f"--host {host}"
         reason = (error.strerror or str(error)).lower()
-        fix = "leave it out, and a free port of this machine is taken"
-        raise InputError.of(
-            where, "", f"cannot be listened on: {reason}", fix
-        ) from None
+        raise Message.PORT_UNUSABLE.error(where, reason=reason) from None
     return made

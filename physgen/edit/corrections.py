@@ -37,11 +37,12 @@ from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import translated_outline
 from physgen.geometry.scale import photo_object
 from physgen.maps import U8, Percepts, png_bytes
+from physgen.messages import Message
 from physgen.perceive import document
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
-from physgen.problems import InputError, impossible
+from physgen.problems import InputError
 from physgen.scene.files import OUTLINES, OVERVIEW, RECORD, read_record
 from physgen.scene.scene import MaskId
 from physgen.scene.yaml_edit import without_comments
@@ -120,9 +121,11 @@ def correct(
         if isinstance(error, InputError):
             problem = error.problems[0]
             message = (
-                f"then {problem.path or 'the scene'} {problem.found} {problem.expected}"
+                f"{problem.path or 'the scene'} {problem.found} {problem.expected}"
             )
-            raise impossible(message, problem.fix) from error
+            raise Message.EDIT_MAKES_PROBLEM.impossible(
+                reason=message, fix=problem.fix
+            ) from error
         raise
     made, changed = next(iter(work.fresh), None), next(iter(work.masks), None)
     return Corrected(new, what, made, out, changed if made is None else None)
@@ -215,10 +218,7 @@ def _paint(work: Correction) -> Painted:
             continue
         was, now = (part == ids[item.name] for part in (labels, after))
         if was.any() and count(now) < min(count(was), SMALLEST_OBJECT):
-            raise impossible(
-                f"nothing would be left of {item.name}",
-                "delete it first, or merge the two",
-            )
+            raise Message.NOTHING_LEFT.impossible(name=item.name)
         if not isinstance(item.mask, MaskId) and (was != now).any():
             moved.append(
                 item.name
@@ -240,9 +240,7 @@ def _paint(work: Correction) -> Painted:
     for name in moved:
         identity = own[name] if name in own else next(free, None)
         if identity is None:
-            raise impossible(
-                "the label map has no id left", "merge objects, or delete some"
-            )
+            raise Message.NO_ID_LEFT.impossible()
         new[after == ids[name]] = stored[name] = identity
     scenery = work.sight.compiled.scenery
     touched = np.isin(labels, cleared) | np.isin(

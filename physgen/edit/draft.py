@@ -15,6 +15,7 @@ from filelock import FileLock, Timeout
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from physgen.files import write_atomic
+from physgen.messages import Message
 from physgen.operating_system import is_private
 from physgen.problems import InputError
 
@@ -56,10 +57,7 @@ class Draft:
             found = os.lstat(self.folder)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
-            fix = "copy the scene to a folder that you may write to"
-            raise InputError.of(
-                str(path), "", f"cannot have a draft beside it: {reason}", fix
-            ) from None
+            raise Message.DRAFT_IMPOSSIBLE.error(str(path), reason=reason) from None
         if self.folder.is_symlink() or not is_private(found):
             raise self._strange("is a draft of another user or machine")
         self._lock_file = self.folder / "lock"
@@ -73,9 +71,7 @@ class Draft:
             ) from None
 
     def _strange(self, what: str) -> InputError:
-        return InputError.of(
-            str(self.folder), "", what, "move the folder away, or remove it"
-        )
+        return Message.DRAFT_STRANGE.error(str(self.folder), fault=what)
 
     def load(self) -> Unsaved | None:
         """What `store` wrote last; None where there is nothing. Raises InputError."""

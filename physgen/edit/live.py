@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from physgen.compile.compile import Compiled
 from physgen.compile.world import World, appearance, photo_poses
 from physgen.maps import Percepts
+from physgen.messages import Message
 from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
-from physgen.problems import InputError, Problem, as_warnings, impossible
+from physgen.problems import InputError, Problem, as_warnings
 from physgen.render.stage import Stage
 from physgen.report.perception import (
     doubt_text,
@@ -630,7 +631,7 @@ def mask_png(sight: CompiledScene, name: str) -> bytes:
     """An object's pixels as a grey PNG of the photo's size, 0 or 255. Raises EditError, InputError."""
     names = [item.name for item in sight.scene.objects]
     if name not in names:
-        raise impossible(f"no object is called {name!r}", "choose an object")
+        raise Message.NAME_UNKNOWN.impossible(name=name)
     return _png(
         np.where(
             sight.compiled.labels == names.index(name) + 1, np.uint8(255), np.uint8(0)

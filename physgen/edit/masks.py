@@ -27,6 +27,7 @@ from physgen.edit.object_entries import (
 from physgen.edit.operations import replaced
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.scale import photo_object
+from physgen.messages import Message
 from physgen.perceive.document import object_names
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -39,7 +40,7 @@ from physgen.perceive.roles import (
 from physgen.perceive.segment.prompts import Segmenter, segment_box, segment_point
 from physgen.pipeline.pushes import NEAR
 from physgen.pipeline.stages import Recent
-from physgen.problems import InputError, impossible
+from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.text import listed
 
@@ -121,7 +122,7 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
             if where
             else f"a mask operation is not known: {first['msg']}"
         )
-        raise impossible(message[:300], "see docs/editor.md") from None
+        raise Message.OPERATION_MALFORMED.impossible(reason=message[:300]) from None
 
 
 def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
@@ -201,7 +202,7 @@ def _brush(work: Correction, op: BrushOp) -> str:
     painted = stroke(op.strokes, op.radius, work.scene.size)
     mask = was | painted if op.kind == "brush" else was & ~painted
     if (mask == was).all():
-        raise impossible("the stroke changes nothing", "paint over its border")
+        raise Message.STROKE_CHANGES_NOTHING.impossible()
     _set_mask(work, op.object, mask)
     return f"{'add to' if op.kind == 'brush' else 'erase from'} the mask of {op.object}"
 
@@ -227,7 +228,7 @@ def _merge(work: Correction, op: MergeOp) -> str:
     kept, *names = op.objects
     work.index(kept)
     if len(set(op.objects)) < len(op.objects):
-        raise impossible("two of the objects are one", "name each object once")
+        raise Message.MERGE_WITH_ITSELF.impossible()
     own = work.mask(kept)
     masks = {name: _region(work, name) for name in names}
     document = dict(work.document)
@@ -276,7 +277,7 @@ def _split(work: Correction, op: SplitOp) -> str:
     mask = work.mask(op.object)
     (x0, y0), (x1, y1) = op.line
     if (x0, y0) == (x1, y1):
-        raise impossible("the line is a point", "draw it across the object")
+        raise Message.SPLIT_AT_POINT.impossible()
     y, x = np.indices(mask.shape)
     side = (x1 - x0) * (y - y0) - (y1 - y0) * (
         x - x0
@@ -309,8 +310,7 @@ def count(mask: Mask) -> int:
 def check_size(mask: Mask, what: str) -> None:
     """Raises EditError for a mask that is only a speck."""
     if count(mask) < SMALLEST_OBJECT:
-        message = f"{what} would have fewer than {SMALLEST_OBJECT} px"
-        raise impossible(message, "mark more of it, or delete the object")
+        raise Message.MASK_TOO_SMALL.impossible(part=what, least=SMALLEST_OBJECT)
 
 
 # Pixels of what the user draws or points at
@@ -345,7 +345,8 @@ def _edit_errors() -> Iterator[None]:
         fix = "draw a box close around it" if "--" in problem.fix else problem.fix
         if fix.startswith("write x,y"):
             fix = "mark it on the photo"
-        raise impossible(f"what is marked {problem.expected}", fix) from error
+        wrong = Message.MARK_REFUSED
+        raise wrong.impossible(reason=problem.expected, fix=fix) from error
 
 
 def stroke(
@@ -370,9 +371,7 @@ def stroke(
             continue
         work += int((x1 - x0) * (y1 - y0))
         if work > MAX_STROKE_WORK:
-            raise impossible(
-                "the stroke is too long for its width", "paint it in parts"
-            )
+            raise Message.STROKE_TOO_LONG.impossible()
         y, x = np.mgrid[y0:y1, x0:x1]
         along, (dx, dy) = b - a, (x - a[0], y - a[1])
         length = float(along @ along)

@@ -15,10 +15,11 @@ from physgen.edit.operations import edited
 from physgen.geometry.polygon import Disc, mass_properties
 from physgen.geometry.scale import is_assumed, photo_object
 from physgen.maps import U16, Percepts
+from physgen.messages import Message
 from physgen.perceive import document
 from physgen.perceive.refresh import rewritten, with_sources
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
-from physgen.problems import InputError, impossible
+from physgen.problems import InputError
 from physgen.scene.provenance import perceived_keys
 from physgen.scene.scene import Scene
 
@@ -62,7 +63,7 @@ class Correction:
         """Of an object. Raises EditError."""
         every = [item.name for item in self.scene.objects]
         if name not in every or name not in self.document["objects"]:
-            raise impossible(f"no object is called {name!r}", "choose an object")
+            raise Message.NAME_UNKNOWN.impossible(name=name)
         return every.index(name)
 
     def mask(self, name: str) -> Mask:
@@ -88,15 +89,10 @@ def begin(live: Live, text: str) -> Correction:
         sight = live.state(text)
         written = live.document(text)
     except InputError as error:
-        raise impossible(
-            f"the scene has an error: {error.problems[0]}", "mend it first"
-        ) from error
+        raise Message.SCENE_HAS_ERROR.impossible(problem=error.problems[0]) from error
     percepts = sight.percepts
     if percepts is None:
-        raise impossible(
-            "the scene has no photo, so there is nothing to mask",
-            "draw the object's shape",
-        )
+        raise Message.NO_PHOTO_TO_MASK.impossible()
     scene, own = sight.scene, written.get("objects") or {}
     names = [item.name for item in scene.objects if item.name in own]
     plain = {**written, "objects": {name: dict(own[name] or {}) for name in names}}

@@ -25,7 +25,8 @@ from pydantic import (
     ValidationError,
 )
 
-from physgen.problems import InputError, impossible
+from physgen.messages import Message
+from physgen.problems import InputError
 from physgen.scene import yaml_edit
 from physgen.scene.document import Node, Source, plain
 from physgen.scene.overlay import NAMED, SEALED, Edit, apply, kind_of, parse_key, rivals
@@ -116,14 +117,12 @@ def edited(
         try:
             parsed = _PARSER.validate_python(op)
         except ValidationError:
-            raise impossible(
-                "an operation is not known", 'send {"set": [...], "value": ...}'
-            ) from None
+            raise Message.UNKNOWN_OPERATION.impossible() from None
         target = Target(text, variant)
         try:
             made.append(_make(target, parsed))
         except ValueError as error:  # of the writer: a key that is too long
-            raise impossible(str(error), "send what a scene can hold") from None
+            raise Message.UNUSABLE_VALUE.impossible(reason=str(error)) from None
         text = target.text
     return Edited(text, ", ".join(dict.fromkeys(made))[:200])
 
@@ -145,7 +144,7 @@ def _make(target: Target, op: Op | MergeOp) -> str:
         case AddOp():
             path, value, kind = tuple(op.add), op.value, "add"
     if target.variant is not None and path[0] in SEALED:
-        raise impossible(f"a variant cannot change {path[0]}", "edit the file itself")
+        raise Message.VARIANT_SECTION_FIXED.impossible(path=path[0])
     if value is None:
         target.unset(path)
         return f"unset {_name(path)}"
@@ -156,9 +155,7 @@ def _make(target: Target, op: Op | MergeOp) -> str:
         if isinstance(seen, list) or (is_list and seen in (ABSENT, None)):
             value = [*(seen if isinstance(seen, list) else []), value]
         elif seen is not ABSENT:
-            raise impossible(
-                f"{dotted(path)} is there already", "choose another name, or set it"
-            )
+            raise Message.EXISTS_ALREADY.impossible(path=dotted(path))
     assign(data, path, value)
     holder = reach(data, path[:-1])
     for rival in rivals(kind_of(path[:-1])).get(str(path[-1]), ()):
@@ -184,7 +181,7 @@ def short(value: Any) -> Any:
         return [short(child) for child in value]
     if isinstance(value, float):
         if not math.isfinite(value):
-            raise impossible("a number is not finite", "send a finite number")
+            raise Message.SENT_NOT_FINITE.impossible()
         if (
             sum(map(str.isdigit, repr(value).partition("e")[0].strip("-0.")))
             >= EXACT_DIGITS
@@ -193,7 +190,7 @@ def short(value: Any) -> Any:
         return int(value) if value.is_integer() and abs(value) < 1e5 else value
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 1e5:
         if abs(value) > 1e300:
-            raise impossible("a number is too large", "send a finite number")
+            raise Message.SENT_TOO_LARGE.impossible()
         return float(value) if float(f"{value:.1e}") == value else value
     return value
 
@@ -229,12 +226,10 @@ def assign(data: Data, path: KeyPath, value: Any) -> None:
             or key > len(holder)
         ):
             where = dotted(path[:depth]) or "the file"
-            raise impossible(f"{where} has no {key}", "set the whole of it")
+            raise Message.PART_MISSING.impossible(key=key, owner=where)
         elif key == len(holder):
             if depth + 1 < len(path):
-                raise impossible(
-                    f"{dotted(path[: depth + 1])} is not there", "set the whole list"
-                )
+                raise Message.ITEM_MISSING.impossible(path=dotted(path[: depth + 1]))
             holder.append(value)
         if depth + 1 < len(path):
             holder = holder[key]
@@ -265,18 +260,13 @@ class Target:
         self.text, self.variant = text, variant
         self._whole: Data = marked(text).data()
         if self._whole.get("extends") is not None:
-            raise impossible(
-                "the file extends another one", "edit the YAML beside, or that file"
-            )
+            raise Message.FILE_EXTENDS.impossible()
         self.data = self._whole
         """The scene as the page shows it, without defaults."""
         if variant is not None:
             self._edits = reach(self._whole, ("variants", variant))
             if not isinstance(self._edits, dict):
-                raise impossible(
-                    f"there is no variant {variant[:64]}",
-                    "make it first, or edit the file itself",
-                )
+                raise Message.VARIANT_MISSING.impossible(variant=variant[:64])
             self.data = _with_edits(self._whole, self._edits)
 
     def write(
@@ -308,10 +298,7 @@ class Target:
             changes.items(), key=lambda change: change[1] is ABSENT
         ):
             if parse_key(dotted(path)) != path:
-                raise impossible(
-                    f"a variant cannot change {dotted(path)[:80]}",
-                    "edit the file itself",
-                )
+                raise Message.VARIANT_SECTION_FIXED.impossible(path=dotted(path)[:80])
             made[dotted(path)] = None if value is ABSENT else value
         others = {
             key: value
@@ -333,9 +320,7 @@ class Target:
             ):
                 self._write_edits(edits)
                 return
-        raise impossible(
-            f"variant {self.variant} cannot be changed so", "edit the file itself"
-        )
+        raise Message.VARIANT_NOT_WRITABLE.impossible(variant=self.variant)
 
     def unset(self, path: KeyPath) -> None:
         """Remove a value: in a variant what the variant changes there, or else the value itself. Raises EditError."""
@@ -404,9 +389,7 @@ def _node(data: Any) -> Node:
 def _remove(target: Target, path: KeyPath) -> str:
     """Remove an entry and what refers to it; returns the name of the edit. Raises EditError."""
     if reach(target.data, path) is ABSENT:
-        raise impossible(
-            f"{dotted(path)} is not there", "ask for the state and edit again"
-        )
+        raise Message.EDITOR_NOT_THERE.impossible(path=dotted(path))
     names = [str(path[-1])] if path[0] in NAMED else [dotted(path)]
     if len(path) == 2 and path[0] == "objects":
         data, gone = replaced(target.data, str(path[1]), None)
@@ -425,20 +408,17 @@ def _remove(target: Target, path: KeyPath) -> str:
 def _rename(target: Target, path: KeyPath, to: str) -> str:
     """Rename an entry and what refers to it; returns the name of the edit. Raises EditError."""
     if target.variant is not None:
-        raise impossible("a variant cannot give names", "do it in the file itself")
+        raise Message.VARIANT_CANNOT_RENAME.impossible()
     if len(path) != 2 or path[0] not in NAMED or reach(target.data, path) is ABSENT:
-        raise impossible(
-            f"{dotted(path)} has no name that can be changed",
-            "name an object, a joint, ...",
-        )
+        raise Message.NOT_RENAMABLE.impossible(path=dotted(path))
     rule = published()["$defs"]["name"]
     if not re.fullmatch(rule["pattern"].strip("^$"), to):
-        raise impossible("that is not a name", f"write {rule['x-pattern']}")
+        raise Message.NEW_NAME_WRONG.impossible(form=rule["x-pattern"])
     section, old = str(path[0]), str(path[1])
     renamed = {old: to} if section == "objects" else {}
     if to != old:
         if reach(target.data, (section, to)) is not ABSENT:
-            raise impossible(f"{to} is there already", "choose another name")
+            raise Message.NAME_TAKEN.impossible(name=to)
         if section == "objects":
             data, _ = replaced(target.data, old, to)
         else:

@@ -17,8 +17,9 @@ from threading import Lock, Thread
 from typing import Any
 
 from physgen.export.video import Format
+from physgen.messages import Message
 from physgen.operating_system import separate_session, stop_process
-from physgen.problems import EditError, Why, impossible
+from physgen.problems import EditError, Why
 
 Data = dict[str, Any]
 
@@ -95,9 +96,9 @@ class RenderJob:
         """Start; returns the job's name. `variants` None: the file itself. Raises EditError."""
         wanted = [None] if variants is None else list(dict.fromkeys(variants))
         if not wanted:
-            raise impossible("no variant is chosen", "choose at least one")
+            raise Message.NO_VARIANT_CHOSEN.impossible()
         if not set(format.split(",")) <= {one.value for one in Format}:
-            raise impossible("the format is not known", "choose mp4, gif, webp or png")
+            raise Message.UNKNOWN_VIDEO_FORMAT.impossible()
         commands = [self._arguments(variant, format, refine) for variant in wanted]
         with self._lock:
             if self._status["running"]:

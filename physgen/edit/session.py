@@ -22,7 +22,8 @@ from physgen.edit.masks import PromptSegmenter
 from physgen.edit.operations import Body, Op, SetOp, edited, whole
 from physgen.edit.view_change import hold_objects
 from physgen.files import back_up, file_stamp, write_atomic
-from physgen.problems import EditError, InputError, Limit, Why, impossible
+from physgen.messages import Message
+from physgen.problems import EditError, InputError, Limit, Why
 from physgen.scene.document import decode
 from physgen.scene.files import scene_bytes
 from physgen.scene.yaml_edit import marked, without_comments
@@ -105,10 +106,7 @@ class History:
     def beside(self, by: int) -> State:
         """The state before (-1) or after (1) the present one. Raises EditError."""
         if not 0 <= self._at + by < len(self._states):
-            raise impossible(
-                f"there is nothing to {'undo' if by < 0 else 'redo'}",
-                "edit something first",
-            )
+            raise Message.NOTHING_TO_UNDO.impossible(step="undo" if by < 0 else "redo")
         return self._states[self._at + by]
 
     def step(self, by: int) -> None:
@@ -335,11 +333,9 @@ class Session:
         if text == self.now.text:
             return
         if len(text.encode()) > Limit.BYTES.most:
-            raise EditError(
-                Why.TOO_LARGE,
-                f"the file would be {Limit.BYTES.expected}",
-                Limit.BYTES.fix,
-            )
+            limit = Limit.BYTES
+            message = f"the file would be {limit.expected}"
+            raise EditError(Why.TOO_LARGE, message, limit.fix, code=limit.code)
         tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
         self._add(State(text, request.what or what, tag, time.time()))
         self._changed()
@@ -411,7 +407,7 @@ class Session:
     def _take(self, theirs: str | None) -> None:
         """Make the text on the disk the newest state. Raises EditError."""
         if theirs is None:
-            raise impossible("the file is gone", "save, and it is there again")
+            raise Message.FILE_REMOVED.impossible()
         if theirs != self.now.text:
             self._add(State(theirs, BY_OTHERS))
         self._set_saved(theirs)

@@ -110,7 +110,8 @@ class Sample:
         self.labels: Labels = np.zeros(SIZE[::-1], np.uint16)
         self.rgb = self._draw(seed)
         left, top, width, height = BLOCK
-        right, bottom = left + width - 0.5, top + height - 0.5
+        right = left + width - 0.5
+        bottom = top + height - 0.5
         corners = np.array(
             [
                 [left - 0.5, top - 0.5],
@@ -272,7 +273,8 @@ def _all_choices(plan: Plan) -> Iterator[tuple[str, Choice]]:
 
 def _check(plan: Plan, role: str) -> BackendCheck:
     """Check the plan's backend of `role`."""
-    row, choice = plan.row(role), plan.choices[role]
+    row = plan.row(role)
+    choice = plan.choices[role]
     check = BackendCheck(role, row.name, choice.weights)
     with tempfile.TemporaryDirectory() as folder:
         # A server's answers are cached by picture, so each check draws another grain.

@@ -1,7 +1,7 @@
 """How the motion of one object answers to the direction and size of a push (the paper's figure 6).
 
 A push is an impulse at t = 0 through the centre of mass (the paper's F0), in px/s: the speed that it gives. The
-answer is the displacement at the end from where the object would be without the push.
+answer is the displacement at the end from the place that the object would reach without the push.
 """
 
 from __future__ import annotations
@@ -35,17 +35,24 @@ class Constants:
     """Sizes of pushes, by default."""
     reach: float = 1 / 3
     """Part of the canvas's shorter side that the hardest push takes an object, by default."""
-    seen: float = 0.5
+    min_length: float = 0.5
     """px from which on an answer has a direction."""
-    equal: float = 0.01
+    tolerance: float = 0.01
     """px up to which two answers are the same."""
-    short: int = 400
+    plot_side: int = 400
     """px of the photo's longer side in a plot at most."""
-    pale: float = 0.55
-    """Part of the photo's contrast that is kept under the paths."""
+    contrast: float = 0.55
+    """Part of the photo's contrast that is left under the paths."""
+    plot_width: float = 120.0
+    """mm of a plot."""
+    plot_heights: tuple[float, float] = (60.0, 150.0)
+    """mm of a plot, at least and at most."""
 
 
 CONSTANTS = Constants()
+MM_PER_INCH = 25.4
+ROLL_PART = 5 / 7
+"""Of the speed of a sphere that slides at first, once it rolls."""
 
 
 # ---- pushes and motions ------------------------------------------------------------------------------------------
@@ -57,19 +64,19 @@ class Course:
 
     places: Array
     """(T, 2) px: its centre of mass."""
-    free: int
+    free_samples: int
     """Number of first samples before it touches an object that it did not touch at the start."""
 
 
 def course_of(trajectory: Trajectory, name: str) -> Course:
-    """Raises ValueError where the trajectory has no such object."""
+    """Return the path of an object. Raise ValueError if the trajectory has no such object."""
     body = trajectory.names.index(name)
-    mine = new_touches(trajectory) & (trajectory.contacts.touch_pairs == body).any(
-        axis=1
-    )
-    first = float(trajectory.contacts.touch_times[mine, 0].min(initial=np.inf))
-    free = int(np.searchsorted(trajectory.times, first, side="right"))
-    return Course(trajectory.poses[:, body, :2], free)
+    contacts = trajectory.contacts
+    is_own = (contacts.touch_pairs == body).any(axis=1)
+    touch_times = contacts.touch_times[new_touches(trajectory) & is_own, 0]
+    first_time = float(touch_times.min(initial=np.inf))
+    free_samples = int(np.searchsorted(trajectory.times, first_time, side="right"))
+    return Course(trajectory.poses[:, body, :2], free_samples)
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,7 @@ class Push:
 
     @property
     def angle(self) -> float:
-        """degrees in [0, 360): 0 to the right, 90 down."""
+        """Return the direction in degrees, [0, 360): 0 to the right, 90 down."""
         return round(degrees(atan2(self.y, self.x)), 6) % 360
 
 
@@ -96,44 +103,45 @@ class Outcome:
     push: Push
     path: Course
     response: Array
-    """(2,) px at the end, from where it would be without the push."""
-    at_first: Array
-    """(2,) px: the same at the last sample before it meets an object, at the end where it meets none."""
+    """(2,) px at the end, from the place without the push."""
+    free_response: Array
+    """(2,) px: the same at the last sample before it meets an object, at the end if it meets none."""
 
     @property
-    def met(self) -> bool:
-        return self.path.free < len(self.path.places)
+    def has_contact(self) -> bool:
+        """Return whether the object meets another."""
+        return self.path.free_samples < len(self.path.places)
 
     @property
     def length(self) -> float:
-        """px of the response."""
+        """Return the length of the response, px."""
         return float(np.hypot(*self.response))
 
     @property
-    def off(self) -> float | None:
-        """degrees between the push and the answer until it meets an object; None where that is too short."""
-        x, y = self.at_first
-        if hypot(x, y) < CONSTANTS.seen:
+    def deviation(self) -> float | None:
+        """Return the degrees between the push and the free response; None for a short one."""
+        x, y = self.free_response
+        if hypot(x, y) < CONSTANTS.min_length:
             return None
         push = self.push
         return abs(degrees(atan2(push.x * y - push.y * x, push.x * x + push.y * y)))
 
 
-def outcome(push: Push, path: Course, still: Course) -> Outcome:
-    """`still` is the path without a push."""
-    off = path.places - still.places
-    return Outcome(push, path, off[-1], off[max(path.free - 1, 0)])
+def outcome(push: Push, path: Course, rest_path: Course) -> Outcome:
+    """Return the effect of a push; `rest_path` is the path without a push."""
+    offsets = path.places - rest_path.places
+    return Outcome(push, path, offsets[-1], offsets[max(path.free_samples - 1, 0)])
 
 
 @dataclass(frozen=True)
-class Swept:
+class PushSweep:
     """All pushes of one object."""
 
     scene: str
     object: str
     view: View
     outcomes: tuple[Outcome, ...]
-    still: Course
+    rest_path: Course
     """Without a push."""
     photo: NDArray[np.uint8] | None = None
     """(H, W, 3) sRGB."""
@@ -145,173 +153,201 @@ def sweep(
     angles: int,
     sizes: Sequence[float],
     progress: Progress,
-) -> Swept:
-    """`sizes` are px/s, none: chosen by the scene. Raises InputError where no such object can be pushed."""
+) -> PushSweep:
+    """Push an object in many ways; `sizes` are px/s, none: chosen by the scene.
+
+    Raise InputError if no such object can be pushed.
+    """
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
-    index = pushed(scene, compiled.world, name)
+    index = choose_object(scene, compiled.world, name)
     world = quiet(compiled.world, index)
     body = world.bodies[index]
-    sizes = list(sizes) or usual(world, body)
-    turns = directions(angles, world.view)
-    pushes = [
-        Push(size * cos(turn), size * sin(turn)) for turn in turns for size in sizes
-    ]
+    sizes = list(sizes) or usual_sizes(world, body)
+    pushes = []
+    for angle in directions(angles, world.view):
+        pushes += [Push(size * cos(angle), size * sin(angle)) for size in sizes]
     progress("no push", 0, len(pushes) + 1)
-    still = course_of(pipeline.simulate(world), body.name)
+    rest_path = course_of(pipeline.simulate(world), body.name)
     outcomes = []
     for k, push in enumerate(pushes, 1):
         progress(f"push {k}", k, len(pushes) + 1)
-        vector = body.mass * np.array([push.x, push.y])
-        load = WorldPush(index, Load.IMPULSE, vector, 0.0, np.zeros(2), 0.0, 0.0)
-        run = pipeline.simulate(replace(world, pushes=(*world.pushes, load)))
-        outcomes.append(outcome(push, course_of(run, body.name), still))
+        impulse = body.mass * np.array([push.x, push.y])
+        load = WorldPush(index, Load.IMPULSE, impulse, 0.0, np.zeros(2), 0.0, 0.0)
+        trajectory = pipeline.simulate(replace(world, pushes=(*world.pushes, load)))
+        outcomes.append(outcome(push, course_of(trajectory, body.name), rest_path))
     photo = None if maps is None else maps.rgb
-    return Swept(scene.name, body.name, world.view, tuple(outcomes), still, photo)
+    return PushSweep(
+        scene.name, body.name, world.view, tuple(outcomes), rest_path, photo
+    )
 
 
-def pushed(scene: Scene, world: World, name: str | None) -> int:
-    """Index of the object; unless it is named, the one that the scene pushes, or that moves first, or the first."""
-    free = [body.name for body in world.bodies if body.motion is Motion.DYNAMIC]
-    if not free:
+def choose_object(scene: Scene, world: World, name: str | None) -> int:
+    """Return the index of the named object.
+
+    Without a name it is the one that the scene pushes, or that moves first, or the first. Raise InputError if the
+    object cannot be pushed.
+    """
+    dynamic_names = [
+        body.name for body in world.bodies if body.motion is Motion.DYNAMIC
+    ]
+    if not dynamic_names:
         place = str(scene.place("objects").file)
-        raise InputError.of(
-            place, "", "has no object that can be pushed", "give it a dynamic object"
-        )
+        fix = "give it a dynamic object"
+        raise InputError.of(place, "", "has no object that can be pushed", fix)
     if name is None:
-        forced = [world.bodies[push.body].name for push in world.pushes]
-        moving = [body.name for body in world.bodies if np.hypot(*body.velocity) > 0]
-        name = next((one for one in (*forced, *moving) if one in free), free[0])
+        name = _default_object(world, dynamic_names)
     names = [body.name for body in world.bodies]
-    if name not in free:
-        known = name in names
-        expected = (
-            "cannot be pushed: it is not dynamic"
-            if known
-            else "is no object of the scene"
-        )
-        raise InputError.of(
-            "--object",
-            f'"{name}"',
-            expected,
-            suggestion(name, free if known else names),
-        )
-    return names.index(name)
+    if name in dynamic_names:
+        return names.index(name)
+    if name in names:
+        fault, known_names = "cannot be pushed: it is not dynamic", dynamic_names
+    else:
+        fault, known_names = "is no object of the scene", names
+    raise InputError.of("--object", f'"{name}"', fault, suggestion(name, known_names))
+
+
+def _default_object(world: World, dynamic_names: Sequence[str]) -> str:
+    candidates = [world.bodies[push.body].name for push in world.pushes]
+    for body in world.bodies:
+        if np.hypot(*body.velocity) > 0:
+            candidates.append(body.name)
+    for name in candidates:
+        if name in dynamic_names:
+            return name
+    return dynamic_names[0]
 
 
 def quiet(world: World, index: int) -> World:
-    """The world with that body at rest and without pushes of it; all others move as they do."""
-    rest = replace(
-        world.bodies[index], velocity=np.zeros(2), spin=0.0, roll=np.zeros(2)
+    """Return the world with that body at rest and without pushes of it; all others move as they do."""
+    bodies = list(world.bodies)
+    bodies[index] = replace(
+        bodies[index], velocity=np.zeros(2), spin=0.0, roll=np.zeros(2)
     )
-    bodies = (*world.bodies[:index], rest, *world.bodies[index + 1 :])
-    return replace(
-        world,
-        bodies=bodies,
-        pushes=tuple(push for push in world.pushes if push.body != index),
-    )
+    pushes = tuple(push for push in world.pushes if push.body != index)
+    return replace(world, bodies=tuple(bodies), pushes=pushes)
 
 
 def directions(count: int, view: View) -> list[float]:
-    """rad. Seen from above all round; from the side from right over up to left, never down into the ground."""
+    """Return directions in rad.
+
+    Seen from above they go all round; from the side, from right over up to left, never down into the ground.
+    """
     if view is View.TOP:
         return [2 * pi * k / count for k in range(count)]
     return [-pi * k / max(count - 1, 1) for k in range(count)]
 
 
-def usual(world: World, body: Body) -> list[float]:
-    """px/s: even steps up to what takes the body about a third of the canvas, sliding or rolling."""
-    kept = 1.0
+def usual_sizes(world: World, body: Body) -> list[float]:
+    """Return even steps (px/s) up to a push that takes the body about a third of the canvas, sliding or rolling."""
+    speed_part = 1.0
     if world.view is View.TOP and body.solid is Solid.SPHERE:
-        kept = 5 / 7  # of its speed, once it rolls
-        brake = kept * body.rolling * world.press
-    elif world.view is View.TOP:
-        brake = body.surface.friction * world.table.friction * world.press
-    else:
-        ground = max((wall.surface.friction for wall in world.walls), default=0.0)
-        slides = body.radius is None
-        brake = (
-            body.surface.friction * ground * float(np.hypot(*world.gravity))
-            if slides
-            else 0.0
-        )
+        speed_part = ROLL_PART
+    deceleration = _deceleration(world, body)
     reach = CONSTANTS.reach * min(world.size)
-    most = sqrt(2 * brake * reach)  # it stops there
-    if most >= brake * world.duration:  # it does not stop within the clip
-        most = reach / world.duration + brake * world.duration / 2
-    step = float(f"{most / kept / CONSTANTS.sizes:.2g}")
+    speed = sqrt(2 * deceleration * reach)
+    does_not_stop = speed >= deceleration * world.duration
+    if does_not_stop:
+        speed = reach / world.duration + deceleration * world.duration / 2
+    step = float(f"{speed / speed_part / CONSTANTS.sizes:.2g}")
     return [step * k for k in range(1, CONSTANTS.sizes + 1)]
+
+
+def _deceleration(world: World, body: Body) -> float:
+    """Return the deceleration by friction, px/s²."""
+    if world.view is View.TOP and body.solid is Solid.SPHERE:
+        return ROLL_PART * body.rolling * world.press
+    if world.view is View.TOP:
+        return body.surface.friction * world.table.friction * world.press
+    if body.radius is not None:  # it rolls on a floor
+        return 0.0
+    ground = max((wall.surface.friction for wall in world.walls), default=0.0)
+    return body.surface.friction * ground * float(np.hypot(*world.gravity))
 
 
 # ---- answers -----------------------------------------------------------------------------------------------------
 
 Share = tuple[int, int]
-"""Number of those that are as they should be, and of all."""
+"""Number of good cases, and of all."""
 
 
-def growing(outcomes: Sequence[Outcome]) -> Share:
-    """Steps from a push to the next harder one: those with a larger answer, and all."""
+def count_growth(outcomes: Sequence[Outcome]) -> Share:
+    """Return the steps from a push to the next harder one: those with a larger answer, and all."""
     steps = [b - a for a, b in pairwise(_lengths(outcomes))]
-    return sum(step > CONSTANTS.equal / 2 for step in steps), len(steps)
+    return sum(step > CONSTANTS.tolerance / 2 for step in steps), len(steps)
 
 
 def _lengths(outcomes: Sequence[Outcome]) -> list[float]:
-    return [round(one.length / CONSTANTS.equal) * CONSTANTS.equal for one in outcomes]
+    tolerance = CONSTANTS.tolerance
+    return [round(outcome.length / tolerance) * tolerance for outcome in outcomes]
 
 
 @dataclass(frozen=True)
-class Along:
+class PushGroup:
     """Pushes of one direction, or of all."""
 
     outcomes: tuple[Outcome, ...]
     """By size."""
     steps: Share
-    """See `growing`."""
-    free: Share
+    """See `count_growth`."""
+    free_steps: Share
     """`steps` of the pushes by which it meets no object."""
     spearman: float
     """Rank correlation of the push's size and the answer's length; 0 of a single push. Of all: the mean."""
 
     @property
-    def off(self) -> list[float]:
-        """degrees between pushes and answers, until it meets an object; of answers that have a direction."""
-        return [one.off for one in self.outcomes if one.off is not None]
+    def deviations(self) -> list[float]:
+        """Return the degrees between pushes and free responses that have a direction."""
+        deviations = [outcome.deviation for outcome in self.outcomes]
+        return [value for value in deviations if value is not None]
 
     @property
     def sideways(self) -> Share:
-        """Pushes to the left or right: answers to the same side, and all that have a side."""
-        sides = [
-            one.push.x * float(one.at_first[0])
-            > 0  # gravity brings down what is pushed up, and leaves x alone
-            for one in self.outcomes
-            if abs(one.push.x) > 1e-6 * one.push.size
-            and abs(one.at_first[0]) >= CONSTANTS.seen
-        ]
+        """Return pushes to the left or right: those with an answer to the same side, and all that have a side.
+
+        Gravity brings down an object that is pushed up, and leaves x alone.
+        """
+        sides = []
+        for outcome in self.outcomes:
+            push = outcome.push
+            x = float(outcome.free_response[0])
+            is_sideways = abs(push.x) > 1e-6 * push.size
+            if is_sideways and abs(x) >= CONSTANTS.min_length:
+                sides.append(push.x * x > 0)
         return sum(sides), len(sides)
 
 
-def by_direction(swept: Swept) -> list[Along]:
-    """In the order of angles."""
+def group_by_direction(pushes: PushSweep) -> list[PushGroup]:
+    """Return one group for each direction, in the order of angles."""
     by_angle: dict[int, list[Outcome]] = {}
-    for one in sorted(swept.outcomes, key=lambda one: one.push.size):
-        by_angle.setdefault(round(one.push.angle) % 360, []).append(one)
-    along = []
-    for _, part in sorted(by_angle.items()):
-        sizes = np.array([one.push.size for one in part])
-        free = growing([one for one in part if not one.met])
-        spearman = correlation(sizes, np.array(_lengths(part)))
-        along.append(Along(tuple(part), growing(part), free, spearman))
-    return along
+    for outcome in sorted(pushes.outcomes, key=lambda outcome: outcome.push.size):
+        angle = round(outcome.push.angle) % 360
+        by_angle.setdefault(angle, []).append(outcome)
+    groups = []
+    for _, outcomes in sorted(by_angle.items()):
+        sizes = np.array([outcome.push.size for outcome in outcomes])
+        free = [outcome for outcome in outcomes if not outcome.has_contact]
+        spearman = correlation(sizes, np.array(_lengths(outcomes)))
+        steps, free_steps = count_growth(outcomes), count_growth(free)
+        groups.append(PushGroup(tuple(outcomes), steps, free_steps, spearman))
+    return groups
 
 
-def together(along: Sequence[Along]) -> Along:
-    """All directions."""
-    steps, free = (
-        (sum(share[0] for share in shares), sum(share[1] for share in shares))
-        for shares in ([one.steps for one in along], [one.free for one in along])
+def join_groups(groups: Sequence[PushGroup]) -> PushGroup:
+    """Return the group of all directions."""
+    outcomes: list[Outcome] = []
+    for group in groups:
+        outcomes += group.outcomes
+    return PushGroup(
+        outcomes=tuple(outcomes),
+        steps=_sum_shares([group.steps for group in groups]),
+        free_steps=_sum_shares([group.free_steps for group in groups]),
+        spearman=float(np.mean([group.spearman for group in groups])),
     )
-    outcomes = tuple(each for one in along for each in one.outcomes)
-    return Along(outcomes, steps, free, float(np.mean([one.spearman for one in along])))
+
+
+def _sum_shares(shares: Sequence[Share]) -> Share:
+    return sum(share[0] for share in shares), sum(share[1] for share in shares)
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
@@ -320,63 +356,78 @@ NOTE = (
     "Answer: from where the object would be at the end without the push, to where it is. Spearman: rank correlation "
     "of the push's size and the answer's length. 0 degrees is to the right, 90 down."
 )
+HEADS = (
+    "direction, degrees",
+    "pushes",
+    "Spearman",
+    "harder, farther",
+    "longest answer, px",
+    "off the push until it meets an object, at most",
+    "met an object",
+)
 
 
-def findings(swept: Swept) -> Findings:
-    """Without the plot, which `plot` makes."""
-    along = by_direction(swept)
-    found = together(along)
-    still = float(np.hypot(*(swept.still.places[-1] - swept.still.places[0])))
-    least = min(one.spearman for one in along)
-    sentences = tuple(_sentences(found, swept, least, still))
-    median = float(np.median(found.off)) if found.off else None
-    more = {
-        "scene": swept.scene,
-        "object": swept.object,
-        "pushes": len(swept.outcomes),
-        "steps": found.steps[1],
-        "rising": found.steps[0],
-        "meeting_nobody": {"steps": found.free[1], "rising": found.free[0]},
-        "spearman_mean": found.spearman,
-        "spearman_least": least,
-        "off_until_met": {
-            "median": median,
-            "worst": max(found.off, default=None),
-            "of": len(found.off),
+def findings(pushes: PushSweep) -> Findings:
+    """Return the findings without the plot, which `plot` makes."""
+    groups = group_by_direction(pushes)
+    whole = join_groups(groups)
+    rest_places = pushes.rest_path.places
+    drift = float(np.hypot(*(rest_places[-1] - rest_places[0])))
+    lowest = min(group.spearman for group in groups)
+    deviations = whole.deviations
+    extra = {
+        "scene": pushes.scene,
+        "object": pushes.object,
+        "pushes": len(pushes.outcomes),
+        "steps": whole.steps[1],
+        "rising": whole.steps[0],
+        "meeting_nobody": {
+            "steps": whole.free_steps[1],
+            "rising": whole.free_steps[0],
         },
-        "sideways": {"same": found.sideways[0], "of": found.sideways[1]},
-        "still_px": still,
+        "spearman_mean": whole.spearman,
+        "spearman_least": lowest,
+        "off_until_met": {
+            "median": float(np.median(deviations)) if deviations else None,
+            "worst": max(deviations, default=None),
+            "of": len(deviations),
+        },
+        "sideways": {"same": whole.sideways[0], "of": whole.sideways[1]},
+        "still_px": drift,
     }
-    title = f"Controllability: {swept.object} of {swept.scene}"
-    rows = [_row(one) for one in found.outcomes]
     return Findings(
-        "controllability",
-        title,
-        sentences,
-        (_direction_section(along),),
-        rows,
-        (),
-        more,
+        measure="controllability",
+        title=f"Controllability: {pushes.object} of {pushes.scene}",
+        sentences=tuple(_sentences(whole, pushes, lowest, drift)),
+        sections=(_direction_section(groups),),
+        rows=[_row(outcome) for outcome in whole.outcomes],
+        extra=extra,
     )
 
 
-def _sentences(found: Along, swept: Swept, least: float, still: float) -> Iterator[str]:
-    if found.steps[1]:
+def _sentences(
+    whole: PushGroup, pushes: PushSweep, lowest: float, drift: float
+) -> Iterator[str]:
+    """Yield the sentences on all pushes; `lowest` is the lowest correlation, `drift` the px without a push."""
+    if whole.steps[1]:
         yield (
-            f"A harder push takes {swept.object} farther in {_of(found.steps)} steps; Spearman's correlation of push "
-            f"and answer is {found.spearman:.3f} on average over directions, {least:.3f} at the least."
+            f"A harder push takes {pushes.object} farther in {_of(whole.steps)} steps; Spearman's correlation of push "
+            f"and answer is {whole.spearman:.3f} on average over directions, {lowest:.3f} at the least."
         )
-        if found.free[1] and any(one.met for one in swept.outcomes):
-            yield f"Where it meets no object, a harder push takes it farther in {_of(found.free)} steps."
-    if swept.view is View.SIDE and found.sideways[1]:
+        has_contacts = any(outcome.has_contact for outcome in pushes.outcomes)
+        if whole.free_steps[1] and has_contacts:
+            yield f"Where it meets no object, a harder push takes it farther in {_of(whole.free_steps)} steps."
+    deviations = whole.deviations
+    if pushes.view is View.SIDE and whole.sideways[1]:
         yield (
-            f"Until it meets an object it goes to the side that it is pushed to in {_of(found.sideways)} pushes. Seen "
+            f"Until it meets an object it goes to the side that it is pushed to in {_of(whole.sideways)} pushes. Seen "
             "from the side, angles say less: what is pushed up comes down again."
         )
-    elif found.off:
-        median, worst = _degrees(float(np.median(found.off))), _degrees(max(found.off))
-        yield f"Until it meets an object it goes where it is pushed, off by {median} (median), {worst} at most."
-    yield f"Without a push it moves by {still:.2f} px."
+    elif deviations:
+        median = _format_angle(float(np.median(deviations)))
+        largest = _format_angle(max(deviations))
+        yield f"Until it meets an object it goes where it is pushed, off by {median} (median), {largest} at most."
+    yield f"Without a push it moves by {drift:.2f} px."
     yield "The paper shows the same as pictures (figure 6) and gives no number."
 
 
@@ -384,105 +435,71 @@ def _of(share: Share) -> str:
     return f"{share[0]} of {share[1]}"
 
 
-def _degrees(angle: float) -> str:
+def _format_angle(angle: float) -> str:
+    if angle < 0.01:
+        return "under 0.01°"
+    if angle < 10:
+        return f"{angle:.2g}°"
+    return f"{angle:.0f}°"
+
+
+def _direction_section(groups: Sequence[PushGroup]) -> Section:
+    """Return the table of all directions."""
+    rows = tuple(_direction_row(group) for group in groups)
+    return Section("Each direction", (), (Table(HEADS, rows, note=NOTE),))
+
+
+def _direction_row(group: PushGroup) -> tuple[str, ...]:
+    longest = max(outcome.length for outcome in group.outcomes)
+    deviations = group.deviations
     return (
-        "under 0.01°"
-        if angle < 0.01
-        else f"{angle:.2g}°"
-        if angle < 10
-        else f"{angle:.0f}°"
+        f"{round(group.outcomes[0].push.angle) % 360}",
+        str(len(group.outcomes)),
+        number(group.spearman, ".3f"),
+        _of(group.steps),
+        f"{longest:.1f}",
+        _format_angle(max(deviations)) if deviations else "-",
+        str(sum(outcome.has_contact for outcome in group.outcomes)),
     )
 
 
-def _direction_section(along: Sequence[Along]) -> Section:
-    rows = []
-    for one in along:
-        longest = f"{max(each.length for each in one.outcomes):.1f}"
-        off = _degrees(max(one.off)) if one.off else "-"
-        met = str(sum(each.met for each in one.outcomes))
-        angle, count = (
-            f"{round(one.outcomes[0].push.angle) % 360}",
-            str(len(one.outcomes)),
-        )
-        rows.append(
-            (
-                angle,
-                count,
-                number(one.spearman, ".3f"),
-                _of(one.steps),
-                longest,
-                off,
-                met,
-            )
-        )
-    heads = (
-        "direction, degrees",
-        "pushes",
-        "Spearman",
-        "harder, farther",
-        "longest answer, px",
-        "off the push until it meets an object, at most",
-        "met an object",
-    )
-    return Section("Each direction", (), (Table(heads, tuple(rows), note=NOTE),))
-
-
-def _row(one: Outcome) -> dict[str, Any]:
+def _row(outcome: Outcome) -> dict[str, Any]:
     return {
-        "push": [one.push.x, one.push.y],
-        "size": one.push.size,
-        "angle": one.push.angle,
-        "answer": one.response.tolist(),
-        "length": one.length,
-        "until_met": one.at_first.tolist(),
-        "met": one.met,
+        "push": [outcome.push.x, outcome.push.y],
+        "size": outcome.push.size,
+        "angle": outcome.push.angle,
+        "answer": outcome.response.tolist(),
+        "length": outcome.length,
+        "until_met": outcome.free_response.tolist(),
+        "met": outcome.has_contact,
     }
 
 
-def plot(swept: Swept, path: Path) -> None:
-    """Paths over the photo, as in the paper's figure 6: a colour a direction, thicker for harder pushes."""
-    every = np.concatenate([one.path.places for one in swept.outcomes])
-    low, high = every.min(axis=0), every.max(axis=0)
-    margin = 0.04 * float((high - low).max()) + 1
-    low, high = low - margin, high + margin
-    if swept.photo is not None:
-        size = np.array(swept.photo.shape[1::-1])
-        low, high = np.minimum(low, -0.5), np.maximum(high, size - 0.5)
-    width, height = high - low
-    tall = float(np.clip(120 * height / width, 60, 150))
+def plot(pushes: PushSweep, path: Path) -> None:
+    """Write a picture of the paths over the photo, as in the paper's figure 6.
+
+    Each direction has a colour; lines are thicker for harder pushes.
+    """
     import matplotlib
     from matplotlib.figure import Figure
 
+    low, high = _plot_limits(pushes)
+    width, height = high - low
+    plot_height = float(
+        np.clip(CONSTANTS.plot_width * height / width, *CONSTANTS.plot_heights)
+    )
     wheel = matplotlib.colormaps["hsv"]
     with matplotlib.rc_context(
         {"svg.hashsalt": "physgen", "font.size": 7.5, "axes.linewidth": 0.6}
     ):
-        figure = Figure(figsize=(120 / 25.4, tall / 25.4), layout="constrained")
+        size = (CONSTANTS.plot_width / MM_PER_INCH, plot_height / MM_PER_INCH)
+        figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots()
-        if swept.photo is not None:
-            step = max(1, -(-max(swept.photo.shape[:2]) // CONSTANTS.short))
-            small = swept.photo[::step, ::step].astype(np.float32) / 255
-            pale = 1 - CONSTANTS.pale * (1 - small)
-            axes.imshow(
-                pale, extent=(-0.5, size[0] - 0.5, size[1] - 0.5, -0.5), zorder=0
-            )
-        for one in by_direction(swept):
-            colour = tuple(0.8 * c for c in wheel(one.outcomes[0].push.angle / 360)[:3])
-            for k, each in enumerate(one.outcomes):
-                strong = (k + 1) / len(one.outcomes)
-                axes.plot(
-                    *each.path.places.T,
-                    color=colour,
-                    linewidth=0.6 + 0.7 * strong,
-                    zorder=2,
-                )
-                axes.plot(
-                    *each.path.places[-1],
-                    "o",
-                    color=colour,
-                    markersize=2 + 1.6 * strong,
-                    zorder=3,
-                )
+        if pushes.photo is not None:
+            _plot_photo(axes, pushes.photo)
+        for group in group_by_direction(pushes):
+            hue = wheel(group.outcomes[0].push.angle / 360)
+            _plot_group(axes, group, tuple(0.8 * channel for channel in hue[:3]))
         axes.set(
             xlim=(low[0], high[0]),
             ylim=(high[1], low[1]),
@@ -490,9 +507,45 @@ def plot(swept: Swept, path: Path) -> None:
             ylabel="y (px)",
             aspect="equal",
         )
-        about = f"Paths of {swept.object} after each push; a dot is where it ends"
+        title = f"Paths of {pushes.object} after each push; a dot is where it ends"
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, metadata={"Title": about, "Date": None})
+        figure.savefig(path, metadata={"Title": title, "Date": None})
+
+
+def _plot_limits(pushes: PushSweep) -> tuple[Array, Array]:
+    """Return the least and largest x and y (px) of a plot: all paths with a margin, and the photo."""
+    places = np.concatenate([outcome.path.places for outcome in pushes.outcomes])
+    low = places.min(axis=0)
+    high = places.max(axis=0)
+    margin = 0.04 * float((high - low).max()) + 1
+    low, high = low - margin, high + margin
+    if pushes.photo is not None:
+        size = np.array(pushes.photo.shape[1::-1])
+        low = np.minimum(low, -0.5)
+        high = np.maximum(high, size - 0.5)
+    return low, high
+
+
+def _plot_photo(axes: Any, photo: NDArray[np.uint8]) -> None:
+    """Draw a pale and small photo."""
+    height, width = photo.shape[:2]
+    step = max(1, -(-max(height, width) // CONSTANTS.plot_side))
+    colours = photo[::step, ::step].astype(np.float32) / 255
+    pale_colours = 1 - CONSTANTS.contrast * (1 - colours)
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
+    axes.imshow(pale_colours, extent=extent, zorder=0)
+
+
+def _plot_group(axes: Any, group: PushGroup, colour: tuple[float, ...]) -> None:
+    """Draw the paths of one direction, and a dot at the end of each."""
+    count = len(group.outcomes)
+    for k, outcome in enumerate(group.outcomes, 1):
+        strength = k / count
+        places = outcome.path.places
+        width = 0.6 + 0.7 * strength
+        axes.plot(*places.T, color=colour, linewidth=width, zorder=2)
+        size = 2 + 1.6 * strength
+        axes.plot(*places[-1], "o", color=colour, markersize=size, zorder=3)
 
 
 def mean_ranks(values: Array) -> Array:
@@ -507,11 +560,8 @@ def mean_ranks(values: Array) -> Array:
 
 
 def correlation(first: Array, second: Array) -> float:
-    """Spearman's rank correlation of two columns (N,); 0 where one of them is constant."""
+    """Return Spearman's rank correlation of two columns (N,); 0 if one of them is constant."""
     if len(first) < 2 or np.ptp(first) == 0 or np.ptp(second) == 0:
         return 0.0
     ranks = np.corrcoef(mean_ranks(first), mean_ranks(second))
     return float(ranks[0, 1])
-
-
-# ---- the command -------------------------------------------------------------------------------------------------

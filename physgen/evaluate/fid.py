@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.clip_frames import Rule, Source, one_shape
+from physgen.evaluate.clip_frames import Rule, Source, have_one_shape
 from physgen.evaluate.measure import Findings, Progress, Section, Table
-from physgen.export.flow import coloured
+from physgen.export.flow import colour_flow
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.text import counted
 from physgen.videos import U8
@@ -39,11 +39,14 @@ KINDS = tuple(WORDS)
 class Constants:
     """Choices of the measure that a user does not make."""
 
-    level: float = 0.95  # of intervals
+    level: float = 0.95
+    """Of intervals."""
     peak: float = 99.9
     """% of pixels that are no faster than the speed of a pair of frames: outliers do not count."""
-    least_colour: float = 1.0  # px of motion that are full colour, at least
-    rounding: float = 1e-9  # distances below it are 0
+    min_full_colour: float = 1.0
+    """px of motion that are full colour, at least."""
+    rounding: float = 1e-9
+    """Distances below it are 0."""
 
 
 CONSTANTS = Constants()
@@ -61,38 +64,38 @@ class Moments:
 
 
 def moments(features: F64, weights: F64 | None = None) -> Moments:
-    """Of (N, D) features, each counted `weights` (N,) times. Raises ValueError for fewer than two pictures."""
-    counts = (
-        np.ones(len(features)) if weights is None else np.asarray(weights, np.float64)
-    )
+    """Return the moments of (N, D) features, each counted `weights` (N,) times.
+
+    Raise ValueError for fewer than two pictures.
+    """
+    counts: F64 = np.ones(len(features))
+    if weights is not None:
+        counts = np.asarray(weights, np.float64)
     total = float(counts.sum())
     if total < 2:
         raise ValueError("a covariance needs two pictures or more")
-    there = counts > 0
-    features, counts = np.asarray(features[there], np.float64), counts[there]
+    is_counted = counts > 0
+    features = np.asarray(features[is_counted], np.float64)
+    counts = counts[is_counted]
     mean = counts @ features / total
-    scaled = (features - mean) * np.sqrt(counts / (total - 1))[:, None]
-    if len(scaled) <= scaled.shape[1]:
-        return Moments(mean, scaled)
+    deviations = (features - mean) * np.sqrt(counts / (total - 1))[:, None]
+    if len(deviations) <= deviations.shape[1]:
+        return Moments(mean, deviations)
     # of more pictures than features, a triangle with the same moments
-    return Moments(mean, np.asarray(np.linalg.qr(scaled, "r"), np.float64))
+    return Moments(mean, np.asarray(np.linalg.qr(deviations, "r"), np.float64))
 
 
-def frechet(one: Moments, other: Moments) -> float:
-    """Squared Fréchet distance of two normal distributions: |m1 - m2|² + tr(S1 + S2 - 2 (S1 S2)^½), 0 or more.
+def frechet(first: Moments, second: Moments) -> float:
+    """Return the squared Fréchet distance of two normal distributions: |m1 - m2|² + tr(S1 + S2 - 2 (S1 S2)^½).
 
     Heusel et al., GANs Trained by a Two Time-Scale Update Rule, NeurIPS 2017, equation 6. With S1 = A'A and S2 = B'B,
     the trace of the root is the sum of the singular values of A B': no matrix root, and fewer pictures than features
     will do.
     """
-    shared = np.linalg.svd(one.root @ other.root.T, compute_uv=False)
-    spread = float(np.square(one.root).sum() + np.square(other.root).sum())
-    return max(
-        0.0,
-        float(np.square(one.mean - other.mean).sum())
-        + spread
-        - 2 * float(shared.sum()),
-    )
+    singular_values = np.linalg.svd(first.root @ second.root.T, compute_uv=False)
+    spread = float(np.square(first.root).sum() + np.square(second.root).sum())
+    offset = float(np.square(first.mean - second.mean).sum())
+    return max(0.0, offset + spread - 2 * float(singular_values.sum()))
 
 
 @dataclass(frozen=True)
@@ -104,18 +107,20 @@ class Cloud:
 
     @property
     def count(self) -> int:
-        """Number of clips."""
+        """Return the number of clips."""
         return int(self.clips[-1]) + 1
 
-    def weighted(self, often: F64) -> Moments:
-        return moments(self.features, often[self.clips])
+    def moments_of(self, counts: F64) -> Moments:
+        """Return the moments if each clip counts as often as in `counts` (clips,)."""
+        return moments(self.features, counts[self.clips])
 
 
 def cloud(clips: Sequence[F64]) -> Cloud:
-    """From features (frames, D) of each clip; clips without any are left out."""
-    there = [features for features in clips if len(features)]
-    numbers = np.repeat(np.arange(len(there)), [len(features) for features in there])
-    return Cloud(np.concatenate(there).astype(np.float64), numbers)
+    """Return the features (frames, D) of all clips; clips without any are left out."""
+    clips = [features for features in clips if len(features)]
+    frames = [len(features) for features in clips]
+    numbers = np.repeat(np.arange(len(clips)), frames)
+    return Cloud(np.concatenate(clips).astype(np.float64), numbers)
 
 
 @dataclass(frozen=True)
@@ -124,16 +129,15 @@ class Distance:
 
     value: float
     draws: tuple[float, ...]
-    """With clips drawn again, shifted so that their mean is `value`; empty where a side has a single clip."""
+    """With clips drawn again, shifted so that their mean is `value`; empty if a side has a single clip."""
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The middle 95 % of the draws, 0 or more."""
+        """Return the middle 95 % of the draws, 0 or more."""
         if not self.draws:
             return None
-        low, high = np.quantile(
-            self.draws, [(1 - CONSTANTS.level) / 2, (1 + CONSTANTS.level) / 2]
-        )
+        tail = (1 - CONSTANTS.level) / 2
+        low, high = np.quantile(self.draws, [tail, (1 + CONSTANTS.level) / 2])
         return max(float(low), 0.0), max(float(high), 0.0)
 
 
@@ -144,46 +148,61 @@ def distances(
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, Distance]:
-    """Of every method, with `draws` resamplings of clips, 0 for no intervals.
+    """Return the distance of every method, with `draws` resamplings of clips, 0 for no intervals.
 
     Whole clips are drawn with replacement. All methods share the draws of the reference, and methods of as many clips
     share theirs, so that what methods have in common cancels in differences. A resampled set has fewer different
     clips, which moves a Fréchet distance up: only deviations of the draws from their own mean are taken.
     """
-    middle = reference.features.mean(axis=0)  # a common offset would cost digits
-    reference = Cloud(reference.features - middle, reference.clips)
+    # a common offset would cost digits
+    center = reference.features.mean(axis=0)
+    reference = Cloud(reference.features - center, reference.clips)
     methods = {
-        name: Cloud(one.features - middle, one.clips) for name, one in methods.items()
+        name: Cloud(method.features - center, method.clips)
+        for name, method in methods.items()
     }
-    draws = (
-        draws if min(side.count for side in (reference, *methods.values())) > 1 else 0
-    )
-    found: dict[str, list[float]] = {name: [] for name in methods}
+    fewest_clips = min(side.count for side in (reference, *methods.values()))
+    resamplings: dict[str, list[float]] = {name: [] for name in methods}
+    if fewest_clips > 1:
+        resamplings = _resample(reference, methods, draws, seed, progress)
+    reference_moments = moments(reference.features)
+    found = {}
+    for name, method in methods.items():
+        value = frechet(reference_moments, moments(method.features))
+        found[name] = _shift_draws(value, resamplings[name])
+    return found
+
+
+def _resample(
+    reference: Cloud,
+    methods: Mapping[str, Cloud],
+    draws: int,
+    seed: int,
+    progress: Callable[[int, int], None],
+) -> dict[str, list[float]]:
+    """Return the distances of every method for clips that are drawn again."""
+    resamplings: dict[str, list[float]] = {name: [] for name in methods}
     random = np.random.default_rng(seed)
+    sizes = sorted({method.count for method in methods.values()})
     for done in range(draws):
-        often = {
-            count: _drawn(random, count)
-            for count in sorted({side.count for side in methods.values()})
-        }
-        drawn = reference.weighted(_drawn(random, reference.count))
-        for name, one in methods.items():
-            found[name].append(frechet(drawn, one.weighted(often[one.count])))
+        counts = {size: _draw_counts(random, size) for size in sizes}
+        reference_counts = _draw_counts(random, reference.count)
+        reference_moments = reference.moments_of(reference_counts)
+        for name, method in methods.items():
+            method_moments = method.moments_of(counts[method.count])
+            resamplings[name].append(frechet(reference_moments, method_moments))
         progress(done + 1, draws)
-    whole = moments(reference.features)
-    values = {
-        name: frechet(whole, moments(one.features)) for name, one in methods.items()
-    }
-    return {name: _around(value, found[name]) for name, value in values.items()}
+    return resamplings
 
 
-def _drawn(random: np.random.Generator, count: int) -> F64:
-    """How often each of `count` clips comes in as many draws."""
-    return np.bincount(random.integers(0, count, count), minlength=count).astype(
-        np.float64
-    )
+def _draw_counts(random: np.random.Generator, count: int) -> F64:
+    """Return how often each of `count` clips comes in as many draws."""
+    clips = random.integers(0, count, count)
+    return np.bincount(clips, minlength=count).astype(np.float64)
 
 
-def _around(value: float, draws: Sequence[float]) -> Distance:
+def _shift_draws(value: float, draws: Sequence[float]) -> Distance:
+    """Return a distance whose draws have its value as their mean."""
     shift = value - float(np.mean(draws)) if draws else 0.0
     return Distance(value, tuple(draw + shift for draw in draws))
 
@@ -193,7 +212,7 @@ def _around(value: float, draws: Sequence[float]) -> Distance:
 
 @dataclass(frozen=True)
 class Settings:
-    """How all clips are compared."""
+    """Choices of a user, one for all clips that are compared."""
 
     rule: Rule = field(default_factory=Rule)
     draws: int = 200
@@ -202,47 +221,51 @@ class Settings:
 
 @dataclass
 class Side:
-    """What was read of a method, or of the reference."""
+    """Features of a method, or of the reference."""
 
     name: str
-    lengths: list[int] = field(default_factory=list)  # frames of each clip
-    features: dict[str, list[F64]] = field(
-        default_factory=dict
-    )  # by kind, of each clip
+    lengths: list[int] = field(default_factory=list)
+    """Frames of each clip."""
+    features: dict[str, list[F64]] = field(default_factory=dict)
+    """By kind, of each clip."""
 
     def count(self, kind: str) -> int:
-        """Number of pictures."""
-        return sum(len(one) for one in self.features.get(kind, []))
+        """Return the number of pictures."""
+        return sum(len(features) for features in self.features.get(kind, []))
 
 
 @dataclass(frozen=True)
-class Measured:
-    """One comparison."""
+class Comparison:
+    """Distances of all methods from one reference."""
 
     reference: Side
     methods: Mapping[str, Side]
-    found: Mapping[str, Mapping[str, Distance]]  # by kind and method
-    full: float  # px that are full colour
+    distances: Mapping[str, Mapping[str, Distance]]
+    """By kind and method."""
+    full_colour: float
+    """px of motion that are full colour."""
     features: Inception
-    wide: int  # number of features of a picture
+    feature_count: int
+    """Of a picture."""
     settings: Settings
     warnings: tuple[Problem, ...]
 
 
 def flows(frames: Iterable[U8]) -> Iterator[F32]:
-    """(H, W, 2) px from each frame to the next, right and down."""
+    """Yield the flow (H, W, 2) px from each frame to the next, right and down."""
     find = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    for one, other in pairwise(
-        cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames
-    ):
-        yield np.asarray(find.calc(one, other, None), np.float32)  # type: ignore[call-overload]
+    grey_frames = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames)
+    for frame, next_frame in pairwise(grey_frames):
+        flow = find.calc(frame, next_frame, None)  # type: ignore[call-overload]
+        yield np.asarray(flow, np.float32)
 
 
-def pictured(moved: F32, full: float) -> U8:
-    """(H, W, 3) sRGB of a flow (H, W, 2); `full` px and more are full colour."""
-    speed = cv2.magnitude(moved[..., 0], moved[..., 1])
-    held = np.minimum(1.0, full / np.maximum(speed, full)).astype(np.float32)
-    return np.ascontiguousarray(coloured(moved * held[..., None], full)[..., ::-1])
+def picture_flow(flow: F32, full_colour: float) -> U8:
+    """Return the picture (H, W, 3) sRGB of a flow (H, W, 2); `full_colour` px and more are full colour."""
+    speed = cv2.magnitude(flow[..., 0], flow[..., 1])
+    limit = np.minimum(1.0, full_colour / np.maximum(speed, full_colour))
+    limited_flow = flow * limit.astype(np.float32)[..., None]
+    return np.ascontiguousarray(colour_flow(limited_flow, full_colour)[..., ::-1])
 
 
 def measure(
@@ -251,180 +274,219 @@ def measure(
     features: Inception,
     settings: Settings,
     progress: Progress = lambda stage, done, total: None,
-) -> Measured:
-    """Raises InputError with all clips that cannot be read or compared."""
-    named = {REFERENCE: reference, **methods}
-    full = _check(named, settings, progress)
+) -> Comparison:
+    """Compare methods with a reference. Raise InputError with all clips that cannot be read or compared."""
+    clips_by_name = {REFERENCE: reference, **methods}
+    full_colour = _check_sides(clips_by_name, settings, progress)
     sides = {}
-    for name, clips in named.items():
+    for name, clips in clips_by_name.items():
         sides[name] = side = Side(name, features={kind: [] for kind in KINDS})
         for k, clip in enumerate(clips):
             progress(f"look at {name}", k, len(clips))
-            _add_clip(side, clip, features, settings, full)
+            _add_clip(side, clip, features, settings, full_colour)
     truth = sides.pop(REFERENCE)
-    found = {}
+    by_kind = {}
     for kind in KINDS:
         clouds = {name: cloud(side.features[kind]) for name, side in sides.items()}
 
         def show(done: int, total: int, kind: str = kind) -> None:
             progress(f"draw {kind}", done, total)
 
-        found[kind] = distances(
-            cloud(truth.features[kind]), clouds, settings.draws, settings.seed, show
+        true_cloud = cloud(truth.features[kind])
+        by_kind[kind] = distances(
+            true_cloud, clouds, settings.draws, settings.seed, show
         )
-    wide = truth.features[IMAGE][0].shape[1]
-    warnings = tuple(_warnings(truth, sides, wide))
-    return Measured(truth, sides, found, full, features, wide, settings, warnings)
+    feature_count = truth.features[IMAGE][0].shape[1]
+    return Comparison(
+        reference=truth,
+        methods=sides,
+        distances=by_kind,
+        full_colour=full_colour,
+        features=features,
+        feature_count=feature_count,
+        settings=settings,
+        warnings=tuple(_warnings(truth, sides, feature_count)),
+    )
 
 
-def _check(
+class _ClipCheck:
+    """Collects the problems of clips, and the speeds of the reference's."""
+
+    def __init__(self, rule: Rule) -> None:
+        self.problems: list[Problem] = []
+        self.peaks = [CONSTANTS.min_full_colour]
+        self._rule = rule
+        self._first: tuple[tuple[int, int], Source] | None = None
+        """Size and clip that all others must resemble."""
+
+    def read(self, clip: Source, is_reference: bool) -> int | None:
+        """Read a clip, and return its number of frames; None if it cannot be read."""
+        try:
+            frames = self._rule.frames(clip)
+        except InputError as error:
+            self.problems += error.problems
+            return None
+        size = frames[0].shape[0], frames[0].shape[1]
+        if self._first is None:
+            self._first = (size, clip)
+        first_size, first_clip = self._first
+        if not have_one_shape(size, first_size):
+            problem = _shape_problem(clip, size, first_clip, first_size)
+            self.problems.append(problem)
+        elif is_reference:
+            self.peaks += map(_peak_speed, flows(frames))
+        return len(frames)
+
+
+def _peak_speed(flow: F32) -> float:
+    speed = cv2.magnitude(flow[..., 0], flow[..., 1])
+    return float(np.percentile(speed, CONSTANTS.peak))
+
+
+def _shape_problem(
+    clip: Source, size: tuple[int, int], first: Source, first_size: tuple[int, int]
+) -> Problem:
+    found = f"is {size[1] / size[0]:.3g} times as wide as high"
+    expected = f"and {first.path} is {first_size[1] / first_size[0]:.3g} times"
+    fix = "crop the clips to one shape"
+    return Problem(Place(str(clip.path)), "", found, expected, fix)
+
+
+def _check_sides(
     sides: Mapping[str, Sequence[Source]], settings: Settings, progress: Progress
 ) -> float:
-    """Read every clip once, before anything is computed; the px that are full colour, by the reference's motion."""
-    problems: list[Problem] = []
-    shape: tuple[tuple[int, int], Source] | None = None
-    peaks = [CONSTANTS.least_colour]
+    """Read every clip once, and return the px that are full colour, by the reference's motion.
+
+    This is done before anything is computed: all problems are reported at once.
+    """
+    check = _ClipCheck(settings.rule)
     for name, clips in sides.items():
         lengths = []
         for k, clip in enumerate(clips):
             progress(f"read {name}", k, len(clips))
-            try:
-                frames = settings.rule.frames(clip)
-            except InputError as error:
-                problems += error.problems
-                continue
-            lengths.append(len(frames))
-            size = frames[0].shape[0], frames[0].shape[1]
-            first, other = shape = shape or (size, clip)
-            if not one_shape(size, first):
-                found = f"is {size[1] / size[0]:.3g} times as wide as high"
-                expected = f"and {other.path} is {first[1] / first[0]:.3g} times"
-                fix = "crop the clips to one shape"
-                problems.append(
-                    Problem(Place(str(clip.path)), "", found, expected, fix)
-                )
-            elif name == REFERENCE:
-                for moved in flows(frames):
-                    speed = cv2.magnitude(moved[..., 0], moved[..., 1])
-                    peaks.append(float(np.percentile(speed, CONSTANTS.peak)))
+            length = check.read(clip, name == REFERENCE)
+            if length is not None:
+                lengths.append(length)
         if len(lengths) == len(clips):
-            problems += _too_few(name, lengths)
-    if problems:
-        raise InputError(dict.fromkeys(problems))  # a clip of two sides is named once
-    return max(peaks)
+            check.problems += _count_problems(name, lengths)
+    if check.problems:
+        # a clip of two sides is named once
+        raise InputError(dict.fromkeys(check.problems))
+    return max(check.peaks)
 
 
-def _too_few(name: str, lengths: Sequence[int]) -> list[Problem]:
-    """A covariance needs two pictures, of whichever clips."""
+def _count_problems(name: str, lengths: Sequence[int]) -> list[Problem]:
+    """Return a problem unless the clips make two pictures, which a covariance needs."""
     if sum(length - 1 for length in lengths) >= 2:
         return []
     place = Place("--reference" if name == REFERENCE else name)
     found = f"{counted(sum(lengths), 'frame')} in {counted(len(lengths), 'clip')}"
     expected = "make fewer than two pictures of motion"
-    return [
-        Problem(place, "", found, expected, "name more clips, of two frames or more")
-    ]
+    fix = "name more clips, of two frames or more"
+    return [Problem(place, "", found, expected, fix)]
 
 
 def _add_clip(
-    side: Side, clip: Source, features: Inception, settings: Settings, full: float
+    side: Side,
+    clip: Source,
+    features: Inception,
+    settings: Settings,
+    full_colour: float,
 ) -> None:
+    """Add the features of a clip to its side."""
     frames = settings.rule.frames(clip)
     side.lengths.append(len(frames))
-    moving = [pictured(moved, full) for moved in flows(frames)]
-    for kind, pictures in ((IMAGE, frames), (MOTION, moving)):
-        if pictures:
-            found = features(np.stack(pictures))
-            if not np.isfinite(found).all():
-                expected = "gives numbers that are not finite"
-                raise InputError.of("--inception", "", expected, "name another file")
-            side.features[kind].append(found)
+    motion_pictures = [picture_flow(flow, full_colour) for flow in flows(frames)]
+    for kind, pictures in ((IMAGE, frames), (MOTION, motion_pictures)):
+        if not pictures:
+            continue
+        values = features(np.stack(pictures))
+        if not np.isfinite(values).all():
+            expected = "gives numbers that are not finite"
+            raise InputError.of("--inception", "", expected, "name another file")
+        side.features[kind].append(values)
 
 
-def _warnings(truth: Side, sides: Mapping[str, Side], wide: int) -> Iterator[Problem]:
+def _warnings(
+    truth: Side, sides: Mapping[str, Side], feature_count: int
+) -> Iterator[Problem]:
     def warn(side: Side, found: str, expected: str, fix: str) -> Problem:
         place = Place("--reference" if side is truth else side.name)
         return Problem(place, "", found, expected, fix, Severity.WARNING)
 
+    true_length = float(np.median(truth.lengths))
     for side in (truth, *sides.values()):
         for kind in KINDS:
-            if (count := side.count(kind)) <= wide:
-                expected = f"for {wide} features: fewer pictures make a Fréchet distance larger"
-                yield warn(
-                    side,
-                    f"{count} pictures",
-                    f"{expected} ({kind})",
-                    "compare equal numbers",
-                )
-        one, other = (float(np.median(a.lengths)) for a in (truth, side))
-        if one != other:
-            expected = f"beside the reference's {one:g}: flow is then over other times"
-            yield warn(
-                side,
-                f"{other:g} frames a clip",
-                expected,
-                f"give --frames {min(one, other):g}",
+            count = side.count(kind)
+            if count <= feature_count:
+                found = f"{count} pictures"
+                expected = f"for {feature_count} features: fewer pictures make a Fréchet distance larger ({kind})"
+                yield warn(side, found, expected, "compare equal numbers")
+        length = float(np.median(side.lengths))
+        if length != true_length:
+            found = f"{length:g} frames a clip"
+            expected = (
+                f"beside the reference's {true_length:g}: flow is then over other times"
             )
+            fix = f"give --frames {min(true_length, length):g}"
+            yield warn(side, found, expected, fix)
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
-BIASED = (
+INTERVAL_NOTE = (
     "Intervals are the middle 95 % of draws in which whole clips are drawn again. A Fréchet distance of few pictures "
     "is too large, the more so the fewer they are.",
 )
 
 
-def findings(found: Measured, skipped: int = 0) -> Findings:
-    """`skipped`: first frames that do not count, for the record."""
-    features = found.features
-    tables = tuple(_table(found, kind) for kind in found.found)
-    sections = (Section("Distances", BIASED, tables), Section("How", _how(found)))
-    more = {
-        "features": features.name,
-        "features_note": dict(features.note()),
-        "flow": f"DIS, medium, OpenCV {cv2.__version__}",
-        "skipped": skipped,
-        "settings": settings_record(found),
-        "reference": _counts(found.reference),
-    }
-    sentences = tuple(_sentences(found))
+def findings(comparison: Comparison, skipped_frames: int = 0) -> Findings:
+    """Return the findings; `skipped_frames` at the start do not count, for the record."""
+    features = comparison.features
+    tables = tuple(_table(comparison, kind) for kind in comparison.distances)
     return Findings(
-        "fid",
-        "Frames and motion against a reference",
-        sentences,
-        sections,
-        rows(found),
-        more=more,
+        measure="fid",
+        title="Frames and motion against a reference",
+        sentences=tuple(_sentences(comparison)),
+        sections=(
+            Section("Distances", INTERVAL_NOTE, tables),
+            Section("How", _method_sentences(comparison)),
+        ),
+        rows=rows(comparison),
+        extra={
+            "features": features.name,
+            "features_note": dict(features.note()),
+            "flow": f"DIS, medium, OpenCV {cv2.__version__}",
+            "skipped": skipped_frames,
+            "settings": settings_record(comparison),
+            "reference": _counts(comparison.reference),
+        },
     )
 
 
-def rows(found: Measured) -> list[dict[str, Any]]:
-    """One row a method: distances and 95 % intervals."""
-    return [
-        {
-            "method": name,
-            **_counts(side),
-            **{f"{kind}_fid": one[name].value for kind, one in found.found.items()},
-            **{
-                f"{kind}_fid_95": one[name].interval
-                for kind, one in found.found.items()
-            },
-        }
-        for name, side in found.methods.items()
-    ]
+def rows(comparison: Comparison) -> list[dict[str, Any]]:
+    """Return one row a method: distances and 95 % intervals."""
+    records = []
+    for name, side in comparison.methods.items():
+        record: dict[str, Any] = {"method": name, **_counts(side)}
+        for kind, by_method in comparison.distances.items():
+            record[f"{kind}_fid"] = by_method[name].value
+        for kind, by_method in comparison.distances.items():
+            record[f"{kind}_fid_95"] = by_method[name].interval
+        records.append(record)
+    return records
 
 
-def settings_record(found: Measured) -> dict[str, Any]:
-    """Settings as JSON."""
-    chosen = found.settings
+def settings_record(comparison: Comparison) -> dict[str, Any]:
+    """Return the settings for JSON."""
+    settings = comparison.settings
     return {
-        "shorter_side_px": chosen.rule.side,
-        "frames_a_clip": chosen.rule.count,
-        "full_colour_px": found.full,
-        "draws": chosen.draws,
-        "seed": chosen.seed,
-        "features_of_a_picture": found.wide,
+        "shorter_side_px": settings.rule.side,
+        "frames_a_clip": settings.rule.count,
+        "full_colour_px": comparison.full_colour,
+        "draws": settings.draws,
+        "seed": settings.seed,
+        "features_of_a_picture": comparison.feature_count,
     }
 
 
@@ -436,50 +498,57 @@ def _counts(side: Side) -> dict[str, Any]:
     }
 
 
-def _number(value: float) -> str:
-    tiny = abs(value) < CONSTANTS.rounding
-    return "0" if tiny else f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+def _format_number(value: float) -> str:
+    if abs(value) < CONSTANTS.rounding:
+        return "0"
+    if abs(value) < 1000:
+        return f"{value:.4g}"
+    return f"{value:.0f}"
 
 
-def _between(distance: Distance) -> str:
+def _format_interval(distance: Distance) -> str:
     if distance.interval is None:
         return "-"
     low, high = distance.interval
-    return f"[{_number(low)}, {_number(high)}]"
+    return f"[{_format_number(low)}, {_format_number(high)}]"
 
 
-def _sentences(found: Measured) -> Iterator[str]:
-    """The order of the methods."""
-    for kind, one in found.found.items():
-        order = sorted(one.items(), key=lambda pair: pair[1].value)
-        names = [
-            f"{name} {_number(distance.value)}, 95 %: {_between(distance)}"
-            for name, distance in order
-        ]
-        yield f"{WORDS[kind]}{', the nearest first' * (len(order) > 1)}: {'; '.join(names)}."
+def _sentences(comparison: Comparison) -> Iterator[str]:
+    """Yield the order of the methods, a sentence for each kind."""
+    for kind, by_method in comparison.distances.items():
+        order = sorted(by_method.items(), key=lambda pair: pair[1].value)
+        parts = []
+        for name, distance in order:
+            interval = _format_interval(distance)
+            parts.append(f"{name} {_format_number(distance.value)}, 95 %: {interval}")
+        heading = WORDS[kind]
+        if len(order) > 1:
+            heading += ", the nearest first"
+        yield f"{heading}: {'; '.join(parts)}."
 
 
-def _table(found: Measured, kind: str) -> Table:
-    lines = tuple(
-        (
-            name,
-            str(len(side.lengths)),
-            str(side.count(kind)),
-            _number(one.value),
-            _between(one),
-        )
-        for name, side in found.methods.items()
-        for one in (found.found[kind][name],)
+def _table(comparison: Comparison, kind: str) -> Table:
+    lines = []
+    for name, side in comparison.methods.items():
+        distance = comparison.distances[kind][name]
+        counts = (str(len(side.lengths)), str(side.count(kind)))
+        value = _format_number(distance.value)
+        lines.append((name, *counts, value, _format_interval(distance)))
+    reference = comparison.reference
+    note = (
+        f"Reference: {len(reference.lengths)} clips, {reference.count(kind)} pictures."
     )
-    note = f"Reference: {len(found.reference.lengths)} clips, {found.reference.count(kind)} pictures."
-    return Table(("method", "clips", "pictures", WORDS[kind], "95 %"), lines, note=note)
+    heads = ("method", "clips", "pictures", WORDS[kind], "95 %")
+    return Table(heads, tuple(lines), note=note)
 
 
-def _how(found: Measured) -> tuple[str, str]:
-    rule = found.settings.rule
+def _method_sentences(comparison: Comparison) -> tuple[str, str]:
+    """Return sentences on the method of measuring."""
+    rule = comparison.settings.rule
     count = "all frames" if rule.count is None else f"{rule.count} frames, evenly,"
+    name = comparison.features.name
     return (
-        f"Frames: {count} of each clip, the shorter side made {rule.side} px. Features: {found.features.name}.",
+        f"Frames: {count} of each clip, the shorter side made {rule.side} px. Features: {name}.",
         "Motion: flow from each frame to the next, by DIS, coloured as Baker et al. (2011) do; full colour is "
-        f"{found.full:.4g} px, the speed of the reference's fastest pair.",
+        f"{comparison.full_colour:.4g} px, the speed of the reference's fastest pair.",
     )

@@ -1,7 +1,7 @@
 """Frames against truth: the studio's true poses replayed, by physgen and by the paper's compositing.
 
-Truth videos (`studio/truth/NAME/film`) hold poses and what a path tracer sees at them. The headline uses the maps that
-`perceive` makes of the photo, given the true masks. Beside it stand the same with the true maps, and the paper's way:
+Truth videos (`studio/truth/NAME/film`) have poses and path-traced frames of them. The headline uses the maps that
+`perceive` makes of the photo, given the true masks. Beside it are the same with the true maps, and the paper's way:
 objects cut out hard, relit, and pasted over the true background.
 """
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.compile.compile import Compiled
+from physgen.compile.world import Body
 from physgen.evaluate.measure import Bar, Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import rotation
 from physgen.maps import F32, U8, Percepts
@@ -32,6 +33,7 @@ from physgen.scene.scene import Light, Scene, Settings, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
+F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 REGIONS = ("objects", "shadows", "both", "rest")
@@ -39,9 +41,14 @@ REGIONS = ("objects", "shadows", "both", "rest")
 BAR = 3.0
 """dB that ours is to be better than the paper's compositing with its relighting on shadows, on the test half."""
 SHADOW = 6
-"""Grey levels by which truth differs from the empty background where a shadow or a reflection falls."""
-MOST_DB = 60.0
-"""dB: what is equal counts as this."""
+"""Grey levels by which truth differs from the empty background in a shadow or a reflection."""
+MAX_DB = 60.0
+"""dB of pictures that are equal."""
+MIN_ERROR = 1e-9
+"""Squared error, 0..1, of pictures that are equal."""
+MIN_SHADE = 0.05
+"""Shading that divides the photo, at least."""
+HALVES = ("test", "tune")
 
 TRUTH = Path("studio/truth")
 """Of a checkout."""
@@ -58,139 +65,145 @@ class Truth:
     folder: Path
 
     def frames(self) -> Iterator[tuple[U8, Mask]]:
-        """(H, W, 3) sRGB and where objects are (H, W), a frame after the other."""
+        """Yield each frame (H, W, 3) sRGB, and its mask of objects (H, W)."""
         for k in range(1, len(self.film["times_s"]) + 1):
-            yield (
-                read_image(self.folder / f"{k:02}.webp"),
-                read_ids(self.folder / f"ids-{k:02}.png") > 0,
-            )
+            rgb = read_image(self.folder / f"{k:02}.webp")
+            yield rgb, read_ids(self.folder / f"ids-{k:02}.png") > 0
 
 
 def read_ids(path: Path) -> U8:
-    """(H, W) uint8 ids of a truth frame."""
+    """Return the ids of a truth frame, (H, W) uint8."""
     return np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), np.uint8)
 
 
 def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
-    """Truth videos below `folder`, by name; raises InputError where there are none, or none of that name."""
-    found = {
-        path.parent.parent.name: path
-        for path in sorted(folder.glob("*/film/film.json"))
-    }
-    if not found:
+    """Return the truth videos below a folder, by name, all without names.
+
+    Raise InputError if there are none, or none of a name.
+    """
+    paths = {}
+    for path in sorted(folder.glob("*/film/film.json")):
+        paths[path.parent.parent.name] = path
+    if not paths:
         fix = "name the folder of the studio's truth, studio/truth in physgen's repository"
         raise InputError.of("--truth", str(folder), "holds no truth videos", fix)
-    wrong = [name for name in names if name not in found]
-    if wrong:
-        raise InputError.of(
-            "--scenes",
-            ", ".join(wrong),
-            "has no truth video",
-            f"choose from {', '.join(found)}",
-        )
-    result = []
-    for name in names or found:
-        film = json.loads(found[name].read_text())
-        scene = pipeline.load(
-            folder.resolve().parents[1] / film["scene"], variant=film["variant"]
-        )
-        maps = pipeline.percepts(scene)
-        assert maps is not None
-        normals = found[name].parent.parent / "normals.webp"
-        if normals.exists():
-            turned = (read_image(normals).astype(np.float32) - 128) / 127
-            maps = replace(maps, normals=np.asarray(turned, np.float32))
-        result.append(Truth(name, scene, maps, film, found[name].parent))
-    return result
+    unknown_names = [name for name in names if name not in paths]
+    if unknown_names:
+        fix = f"choose from {', '.join(paths)}"
+        value = ", ".join(unknown_names)
+        raise InputError.of("--scenes", value, "has no truth video", fix)
+    root = folder.resolve().parents[1]
+    return [_read_truth(name, paths[name], root) for name in names or paths]
 
 
-def replayed(truth: Truth, compiled: Compiled) -> Trajectory:
-    """The stored poses as a trajectory, t = 0 first; how balls have turned is simulated again."""
+def _read_truth(name: str, path: Path, root: Path) -> Truth:
+    """Return the truth video of a `film.json`; its scene is below `root`."""
+    film = json.loads(path.read_text())
+    scene = pipeline.load(root / film["scene"], variant=film["variant"])
+    maps = pipeline.percepts(scene)
+    assert maps is not None
+    normals_path = path.parent.parent / "normals.webp"
+    if normals_path.exists():
+        normals = (read_image(normals_path).astype(np.float32) - 128) / 127
+        maps = replace(maps, normals=np.asarray(normals, np.float32))
+    return Truth(name, scene, maps, film, path.parent)
+
+
+def replay(truth: Truth, compiled: Compiled) -> Trajectory:
+    """Return the stored poses as a trajectory, t = 0 first; the roll of balls is simulated again."""
     times = np.array([0.0, *truth.film["times_s"]])
-    run = simulate(compiled.world, times)
-    poses = run.poses.copy()
-    for k, name in enumerate(run.names):
-        stored = np.array(truth.film["objects"][name])
-        poses[1:, k] = np.column_stack([stored[:, :2], np.radians(stored[:, 2])])
-    return replace(run, poses=poses)
+    trajectory = simulate(compiled.world, times)
+    poses = trajectory.poses.copy()
+    for k, name in enumerate(trajectory.names):
+        stored_poses = np.array(truth.film["objects"][name])
+        angles = np.radians(stored_poses[:, 2])
+        poses[1:, k] = np.column_stack([stored_poses[:, :2], angles])
+    return replace(trajectory, poses=poses)
 
 
 def ours(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
-    """physgen's frames, after the photo itself."""
+    """Yield physgen's frames after the photo itself."""
     compiled = pipeline.compile(scene, maps)
-    frames = pipeline.render(
-        pipeline.stage(scene, compiled, maps), replayed(truth, compiled)
-    )
+    stage = pipeline.stage(scene, compiled, maps)
+    frames = pipeline.render(stage, replay(truth, compiled))
     next(frames)
     for frame in frames:
         yield frame.rgb
 
 
-def seen(truth: Truth) -> tuple[Scene, Percepts]:
-    """Scene and maps with what `perceive` makes of the photo, given the true masks; shapes and motion stay true."""
+def perceive_truth(truth: Truth) -> tuple[Scene, Percepts]:
+    """Return scene and maps that `perceive` makes of the photo, given the true masks; shapes and motion are true."""
     world = truth.scene.world
-    found = perceive(
+    perception = perceive(
         truth.maps.rgb,
         from_masks(truth.maps.labels),
         known=KnownFacts(BoundaryGuess(world.view, 1.0, "as given", ())),
     )
-    light, around = found.document["light"], found.document["world"]
+    light = perception.document["light"]
+    document = perception.document["world"]
     direction = np.array(light["direction"], float)
     x, y, z = (direction / np.linalg.norm(direction)).tolist()
-    sun = Light(
-        (x, y, z), light["intensity"], light["ambient"], light.get("softness", 4.0)
-    )
+    softness = light.get("softness", 4.0)
+    scene_light = Light((x, y, z), light["intensity"], light["ambient"], softness)
     settings: Settings = replace(
-        world, tilt=around.get("tilt", 4.0), backdrop=around.get("backdrop")
+        world, tilt=document.get("tilt", 4.0), backdrop=document.get("backdrop")
     )
-    return replace(truth.scene, light=sun, world=settings), found.percepts
+    scene = replace(truth.scene, light=scene_light, world=settings)
+    return scene, perception.percepts
 
 
 def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[U8]:
-    """Objects cut out by their masks, hard, and pasted over `background`; relit by Lambert's law where there is light.
+    """Yield frames of hard cut-outs over a background; relit by Lambert's law if there is a light.
 
     Relighting multiplies the photo by the shading of the turned normals over that of the first ones, with the true
     light and, for spheres, the true normals.
     """
     compiled = pipeline.compile(truth.scene, truth.maps)
-    run = replayed(truth, compiled)
-    height, width = compiled.labels.shape
-    linear = decode(truth.maps.rgb)
-    order = sorted(
-        range(len(truth.scene.objects)), key=lambda k: truth.scene.objects[k].layer
-    )
-    for sample in range(1, len(run.times)):
+    trajectory = replay(truth, compiled)
+    photo = decode(truth.maps.rgb)
+    objects = truth.scene.objects
+    order = sorted(range(len(objects)), key=lambda k: objects[k].layer)
+    for sample in range(1, len(trajectory.times)):
         canvas = background.copy()
         for k in order:
             body = compiled.world.bodies[k]
-            x, y, angle = run.poses[sample, k]
-            turn = rotation(angle)
-            matrix = np.concatenate(
-                [turn, (np.array([[x], [y]]) - turn @ body.center[:, None])], axis=1
-            )
-            mask = (compiled.labels == k + 1).astype(np.uint8)
-            there = (
-                cv2.warpAffine(mask, matrix, (width, height), flags=cv2.INTER_NEAREST)
-                > 0
-            )
-            look: F32 = linear
-            if (
-                light is not None
-                and body.solid is Solid.SPHERE
-                and body.radius is not None
-            ):
-                normals, _ = sphere_normals(
-                    height, width, tuple(body.center.tolist()), body.radius
-                )
-                turned = normals.copy()
-                turned[..., :2] = normals[..., :2] @ turn.T.astype(np.float32)
-                ratio = light.shade(turned) / np.maximum(light.shade(normals), 0.05)
-                look = np.asarray(linear * ratio[..., None], np.float32)
-            moved = cv2.warpAffine(
-                look, matrix, (width, height), flags=cv2.INTER_LINEAR
-            )
-            canvas[there] = encode_u8(np.asarray(moved, np.float32)[there])
+            pose = trajectory.poses[sample, k]
+            look: F32 = photo
+            if light is not None and body.solid is Solid.SPHERE:
+                look = _relight(photo, body, pose[2], light)
+            _paste(canvas, compiled.labels == k + 1, look, body, pose)
         yield canvas
+
+
+def _relight(photo: F32, body: Body, angle: float, light: DistantLight) -> F32:
+    """Return the linear photo with the shading of a sphere that has turned by an angle (rad)."""
+    if body.radius is None:
+        return photo
+    height, width = photo.shape[:2]
+    center = tuple(body.center.tolist())
+    normals, _ = sphere_normals(height, width, center, body.radius)
+    turned_normals = normals.copy()
+    turn = rotation(angle).T.astype(np.float32)
+    turned_normals[..., :2] = normals[..., :2] @ turn
+    shading = np.maximum(light.shade(normals), MIN_SHADE)
+    ratio = light.shade(turned_normals) / shading
+    return np.asarray(photo * ratio[..., None], np.float32)
+
+
+def _paste(canvas: U8, mask: Mask, look: F32, body: Body, pose: F64) -> None:
+    """Paste an object's pixels of a linear picture over a canvas at a pose (x px, y px, angle rad)."""
+    height, width = mask.shape
+    x, y, angle = pose
+    turn = rotation(angle)
+    shift = np.array([[x], [y]]) - turn @ body.center[:, None]
+    matrix = np.concatenate([turn, shift], axis=1)
+
+    def warp(picture: Any, interpolation: int) -> Any:
+        return cv2.warpAffine(picture, matrix, (width, height), flags=interpolation)
+
+    is_covered = warp(mask.astype(np.uint8), cv2.INTER_NEAREST) > 0
+    pixels = np.asarray(warp(look, cv2.INTER_LINEAR), np.float32)
+    canvas[is_covered] = encode_u8(pixels[is_covered])
 
 
 Ways = Mapping[str, Callable[[], Iterator[U8]]]
@@ -198,76 +211,89 @@ Ways = Mapping[str, Callable[[], Iterator[U8]]]
 
 
 def ways(truth: Truth) -> Ways:
-    """The headline, the same with true maps, and the paper's."""
+    """Return the headline, the same with true maps, and the paper's way."""
     background = truth.maps.background
     assert background is not None
     return {
-        "ours": lambda: ours(truth, *seen(truth)),
+        "ours": lambda: ours(truth, *perceive_truth(truth)),
         "ours, true maps": lambda: ours(truth, truth.scene, truth.maps),
         "paper, relit": lambda: paper(truth, background, true_light(truth)),
     }
 
 
 def true_light(truth: Truth) -> DistantLight:
-    """The light of the path tracer's scene."""
+    """Return the light of the path tracer's scene."""
     light = truth.scene.light
     assert light is not None
     return DistantLight(light.direction, light.intensity, light.ambient)
 
 
-def psnr(error: NDArray[np.float64], where: Mask) -> float | None:
-    """dB of squared errors (H, W), 0..1, over a region; None where it is empty."""
-    if not where.any():
+def psnr(error: F64, region: Mask) -> float | None:
+    """Return dB of squared errors (H, W), 0..1, over a region; None if it is empty."""
+    if not region.any():
         return None
-    return min(MOST_DB, float(-10 * np.log10(max(float(error[where].mean()), 1e-9))))
+    mean_error = max(float(error[region].mean()), MIN_ERROR)
+    return min(MAX_DB, float(-10 * np.log10(mean_error)))
 
 
 def ssim(a: U8, b: U8) -> F32:
-    """(H, W) structural similarity of luma: Gaussian windows of 1.5 px (Wang, Bovik, Sheikh, Simoncelli, 2004)."""
+    """Return the structural similarity of luma, (H, W), with Gaussian windows of 1.5 px (Wang et al., 2004)."""
     x, y = (cv2.cvtColor(p, cv2.COLOR_RGB2GRAY).astype(np.float32) for p in (a, b))
 
     def mean(v: Any) -> F32:
         return np.asarray(cv2.GaussianBlur(v, (11, 11), 1.5), np.float32)
 
     mx, my = mean(x), mean(y)
-    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
-    c1, c2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
-    return np.asarray(
-        ((2 * mx * my + c1) * (2 * vxy + c2))
-        / ((mx * mx + my * my + c1) * (vx + vy + c2)),
-        np.float32,
+    vx = mean(x * x) - mx * mx
+    vy = mean(y * y) - my * my
+    vxy = mean(x * y) - mx * my
+    c1 = np.float32((0.01 * 255) ** 2)
+    c2 = np.float32((0.03 * 255) ** 2)
+    similarity = ((2 * mx * my + c1) * (2 * vxy + c2)) / (
+        (mx * mx + my * my + c1) * (vx + vy + c2)
     )
+    return np.asarray(similarity, np.float32)
 
 
-def compared(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
-    """PSNR (dB) and SSIM over objects, shadow regions and the rest; flicker: grey levels by which the error changes."""
+def compare(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
+    """Return PSNR (dB) and SSIM over objects, shadow regions and the rest, and the flicker.
+
+    Flicker is the mean change of the error from frame to frame, grey levels.
+    """
+    values: dict[str, list[float]] = {}
+    for measure in ("psnr", "ssim"):
+        for name in REGIONS:
+            values[f"{measure}_{name}"] = []
+    values["flicker"] = []
+    last_error: F64 | None = None
+    for (true_frame, objects), frame in zip(truth.frames(), frames, strict=True):
+        regions = _regions(truth, true_frame, objects)
+        error = (frame.astype(np.float64) - true_frame) / 255
+        square = (error**2).mean(-1)
+        similarity = ssim(frame, true_frame)
+        for name, region in regions.items():
+            decibels = psnr(square, region)
+            if decibels is not None:
+                values[f"psnr_{name}"].append(decibels)
+                values[f"ssim_{name}"].append(float(similarity[region].mean()))
+        if last_error is not None:
+            change = np.abs(error - last_error)[regions["both"]]
+            values["flicker"].append(float(change.mean() * 255))
+        last_error = error
+    return {name: _mean(numbers) for name, numbers in values.items()}
+
+
+def _regions(truth: Truth, frame: U8, objects: Mask) -> dict[str, Mask]:
+    """Return the mask (H, W) of each region of a true frame."""
     assert truth.maps.clean is not None
-    empty = truth.maps.clean.astype(np.int16)
-    sums: dict[str, list[float]] = {
-        f"{m}_{r}": [] for m in ("psnr", "ssim") for r in REGIONS
-    }
-    flicker: list[float] = []
-    before: NDArray[np.float64] | None = None
-    for (true, objects), drawn in zip(truth.frames(), frames, strict=True):
-        shaded = ~objects & (np.abs(true.astype(np.int16) - empty).max(-1) > SHADOW)
-        off = (drawn.astype(np.float64) - true) / 255
-        square, alike = (off**2).mean(-1), ssim(drawn, true)
-        for region, where in zip(
-            REGIONS,
-            (objects, shaded, objects | shaded, ~objects & ~shaded),
-            strict=True,
-        ):
-            if (decibels := psnr(square, where)) is not None:
-                sums[f"psnr_{region}"].append(decibels)
-                sums[f"ssim_{region}"].append(float(alike[where].mean()))
-        if before is not None:
-            flicker.append(float(np.abs(off - before)[objects | shaded].mean() * 255))
-        before = off
-    result: dict[str, float | None] = {
-        key: float(np.mean(v)) if v else None for key, v in sums.items()
-    }
-    result["flicker"] = float(np.mean(flicker)) if flicker else None
-    return result
+    difference = np.abs(frame.astype(np.int16) - truth.maps.clean.astype(np.int16))
+    shadows = ~objects & (difference.max(-1) > SHADOW)
+    masks = (objects, shadows, objects | shadows, ~objects & ~shadows)
+    return dict(zip(REGIONS, masks, strict=True))
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
 
 
 def evaluate(
@@ -276,27 +302,27 @@ def evaluate(
     progress: Progress = lambda *_: None,
     ways: Callable[[Truth], Ways] = ways,
 ) -> dict[str, Any]:
-    """Every way on every truth video below `folder`; means over the scenes of each half of the split."""
+    """Compare every way on every truth video below a folder; means are over the scenes of each half of the split."""
     films = truths(folder, names)
-    file = folder / "../split.json"
-    split = json.loads(file.read_text()) if file.exists() else {}
+    path = folder / "../split.json"
+    split = json.loads(path.read_text()) if path.exists() else {}
     rows: list[dict[str, Any]] = []
     for k, truth in enumerate(films):
-        half = next(
-            (half for half in ("tune", "test") if truth.name in split.get(half, ())), ""
-        )
+        half = _half_of(truth.name, split)
         for name, draw in ways(truth).items():
             progress(f"{truth.name}: {name}", k, len(films))
-            rows.append(
-                {
-                    "scene": truth.name,
-                    "half": half,
-                    "way": name,
-                    **compared(truth, draw()),
-                }
-            )
-    found = means(rows)
-    return {"rows": rows, "means": found, "ahead": ahead(found)}
+            row = {"scene": truth.name, "half": half, "way": name}
+            rows.append({**row, **compare(truth, draw())})
+    averages = means(rows)
+    return {"rows": rows, "means": averages, "ahead": ahead(averages)}
+
+
+def _half_of(name: str, split: Mapping[str, Sequence[str]]) -> str:
+    """Return the half of a scene; "" for a scene of no half."""
+    for half in ("tune", "test"):
+        if name in split.get(half, ()):
+            return half
+    return ""
 
 
 @dataclass(frozen=True)
@@ -307,120 +333,121 @@ class Ahead:
     objects: float
 
     @property
-    def reached(self) -> bool:
-        """Better by `BAR` on shadows, and no worse on objects."""
+    def is_enough(self) -> bool:
+        """Return whether ours is better by `BAR` on shadows, and no worse on objects."""
         return self.shadows >= BAR and self.objects >= 0
 
     def __str__(self) -> str:
         return f"{self.shadows:.2f} dB on shadows, {self.objects:.2f} dB on objects"
 
 
-def ahead(found: Sequence[Mapping[str, Any]]) -> Ahead | None:
-    """None where either way is missing on the test half."""
-    mine = {row["way"]: row for row in found if row["half"] == "test"}
-    if "ours" not in mine or "paper, relit" not in mine:
+def ahead(means: Sequence[Mapping[str, Any]]) -> Ahead | None:
+    """Return the advantage of ours; None if either way is missing on the test half."""
+    by_way = {row["way"]: row for row in means if row["half"] == "test"}
+    if "ours" not in by_way or "paper, relit" not in by_way:
         return None
-    own, other = mine["ours"], mine["paper, relit"]
-    shadows, objects = (
-        float(own[key] - other[key]) for key in ("psnr_shadows", "psnr_objects")
+    own, paper = by_way["ours"], by_way["paper, relit"]
+    return Ahead(
+        shadows=float(own["psnr_shadows"] - paper["psnr_shadows"]),
+        objects=float(own["psnr_objects"] - paper["psnr_objects"]),
     )
-    return Ahead(shadows, objects)
 
 
 def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Of every way, over the scenes of each half."""
-    found = []
-    for half in ("test", "tune"):
-        for way in dict.fromkeys(row["way"] for row in rows):
-            mine = [row for row in rows if row["way"] == way and row["half"] == half]
-            if mine:
-                keys = [key for key in mine[0] if key not in ("scene", "half", "way")]
-                values = {
-                    key: [float(row[key]) for row in mine if row[key] is not None]
-                    for key in keys
-                }
-                average = {
-                    key: float(np.mean(some)) for key, some in values.items() if some
-                }
-                found.append({"half": half, "way": way, **average})
-    return found
+    """Return the means of every way, over the scenes of each half."""
+    averages = []
+    ways = dict.fromkeys(row["way"] for row in rows)
+    for half in HALVES:
+        for way in ways:
+            group = [row for row in rows if row["way"] == way and row["half"] == half]
+            if group:
+                average = {"half": half, "way": way, **_average(group)}
+                averages.append(average)
+    return averages
+
+
+def _average(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return the mean of each measure that any row has."""
+    averages = {}
+    for key in rows[0]:
+        if key in ("scene", "half", "way"):
+            continue
+        values = [float(row[key]) for row in rows if row[key] is not None]
+        if values:
+            averages[key] = float(np.mean(values))
+    return averages
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
-SHOWN_WAYS = ("ours", "ours, true maps", "paper, relit")
+SCENE_WAYS = ("ours", "ours, true maps", "paper, relit")
 """Of the table scene by scene."""
 STRIP_WAYS, COLUMNS = ("paper, relit", "ours"), 4
 """Rows of a strip above the truth, and frames in a row."""
 
 
 def findings(result: Mapping[str, Any]) -> Findings:
-    """Of the result of `evaluate`; no bar where no scene is of the test half."""
-    ahead = result["ahead"]
-    sentence, bars = (
-        "None of these scenes is of the test half: there is no bar.",
-        tuple[Bar, ...](),
-    )
-    if ahead is not None:
-        better = "ours over the paper's way, relit, on the test half"
-        bars = (
-            Bar(
-                better,
-                str(ahead),
-                f"{BAR:g} dB on shadows, 0 on objects",
-                ahead.reached,
-            ),
-        )
+    """Return the findings of a result of `evaluate`; without a bar if no scene is of the test half."""
+    advantage = result["ahead"]
+    sentence = "None of these scenes is of the test half: there is no bar."
+    bars: tuple[Bar, ...] = ()
+    if advantage is not None:
+        label = "ours over the paper's way, relit, on the test half"
+        limit = f"{BAR:g} dB on shadows, 0 on objects"
+        bars = (Bar(label, str(advantage), limit, advantage.is_enough),)
         sentence = (
-            f"On the test half, ours is nearer to the truth than the paper's way, relit, by {ahead}. "
+            f"On the test half, ours is nearer to the truth than the paper's way, relit, by {advantage}. "
             "The bar is this project's own."
         )
-    heads = (
-        "half",
-        "way",
-        *(f"{r}, dB" for r in REGIONS),
-        *(f"{r}, SSIM" for r in REGIONS),
-        "flicker",
-    )
-    keys = [*(f"psnr_{r}" for r in REGIONS), *(f"ssim_{r}" for r in REGIONS), "flicker"]
-    rows = tuple(
-        (row["half"], row["way"], *(_cell(row, key) for key in keys))
-        for row in result["means"]
-    )
-    by_scene = _by_scene(result["rows"])
-    ways = [way for way in SHOWN_WAYS if any(way in mine for mine in by_scene.values())]
-    lines = []
-    for name, mine in by_scene.items():
-        cells = (
-            f"{_cell(mine[way], 'psnr_objects')} / {_cell(mine[way], 'psnr_shadows')}"
-            for way in ways
-        )
-        lines.append((name, next(iter(mine.values()))["half"], *cells))
-    scene_heads = ("scene", "half", *(f"{way}: objects / shadows, dB" for way in ways))
-    sections = (
-        Section("Means over scenes", (), (Table(heads, rows),)),
-        Section("Scene by scene", (), (Table(scene_heads, tuple(lines)),)),
-    )
-    more = {"means": result["means"], "ahead": None if ahead is None else asdict(ahead)}
     return Findings(
-        "fidelity",
-        "Frames against the truth",
-        (sentence,),
-        sections,
-        result["rows"],
-        bars,
-        more,
+        measure="fidelity",
+        title="Frames against the truth",
+        sentences=(sentence,),
+        sections=(
+            Section("Means over scenes", (), (_means_table(result["means"]),)),
+            Section("Scene by scene", (), (_scene_table(result["rows"]),)),
+        ),
+        rows=result["rows"],
+        bars=bars,
+        extra={
+            "means": result["means"],
+            "ahead": None if advantage is None else asdict(advantage),
+        },
     )
 
 
-def _by_scene(
-    found: Sequence[Mapping[str, Any]],
-) -> dict[str, dict[str, Mapping[str, Any]]]:
-    names = dict.fromkeys(row["scene"] for row in found)
-    return {
-        name: {row["way"]: row for row in found if row["scene"] == name}
-        for name in names
-    }
+def _means_table(means: Sequence[Mapping[str, Any]]) -> Table:
+    psnr_heads = [f"{region}, dB" for region in REGIONS]
+    ssim_heads = [f"{region}, SSIM" for region in REGIONS]
+    heads = ("half", "way", *psnr_heads, *ssim_heads, "flicker")
+    psnr_keys = [f"psnr_{region}" for region in REGIONS]
+    ssim_keys = [f"ssim_{region}" for region in REGIONS]
+    keys = (*psnr_keys, *ssim_keys, "flicker")
+    lines = []
+    for row in means:
+        cells = (_cell(row, key) for key in keys)
+        lines.append((row["half"], row["way"], *cells))
+    return Table(heads, tuple(lines))
+
+
+def _scene_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Return the table of PSNR on objects and shadows, one line a scene."""
+    by_scene: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for row in rows:
+        by_scene.setdefault(row["scene"], {})[row["way"]] = row
+    ways = [
+        way for way in SCENE_WAYS if any(way in by_way for by_way in by_scene.values())
+    ]
+    lines = []
+    for name, by_way in by_scene.items():
+        half = next(iter(by_way.values()))["half"]
+        cells = []
+        for way in ways:
+            objects = _cell(by_way[way], "psnr_objects")
+            cells.append(f"{objects} / {_cell(by_way[way], 'psnr_shadows')}")
+        lines.append((name, half, *cells))
+    way_heads = (f"{way}: objects / shadows, dB" for way in ways)
+    return Table(("scene", "half", *way_heads), tuple(lines))
 
 
 def _cell(row: Mapping[str, Any], key: str) -> str:
@@ -428,13 +455,15 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
 
 
 def write_strips(truth: Truth, path: Path) -> None:
-    """A picture with rows of the paper's way, ours and the truth, from above, at the same moments."""
+    """Write a picture with rows of the paper's way, ours and the truth, from above, at the same moments."""
     count = len(truth.film["times_s"])
-    chosen = {round((k + 1) * count / COLUMNS) - 1 for k in range(min(COLUMNS, count))}
+    columns = range(min(COLUMNS, count))
+    frame_numbers = {round((k + 1) * count / COLUMNS) - 1 for k in columns}
     draw = ways(truth)
-    rows = [*(draw[name]() for name in STRIP_WAYS), (rgb for rgb, _ in truth.frames())]
-    strips = [
-        np.hstack([frame for k, frame in enumerate(frames) if k in chosen])
-        for frames in rows
-    ]
+    films = [draw[name]() for name in STRIP_WAYS]
+    films.append(rgb for rgb, _ in truth.frames())
+    strips = []
+    for film in films:
+        frames = [frame for k, frame in enumerate(film) if k in frame_numbers]
+        strips.append(np.hstack(frames))
     cv2.imwrite(str(path), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))

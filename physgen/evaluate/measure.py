@@ -1,7 +1,7 @@
 """Result of a measure, and its form as terminal text, JSON and a page.
 
 A measure returns one `Findings`: sentences, tables, the bars to be met, and the same as data. Numbers in
-tables are texts; `rows` holds them in full. What is not known is "-" in tables and None in data, never NaN.
+tables are texts; `rows` has them in full. A value that is not known is "-" in tables and None in data, never NaN.
 """
 
 from __future__ import annotations
@@ -36,10 +36,9 @@ class Table:
 
     @property
     def numeric(self) -> list[bool]:
-        """By column: whether all cells are numbers, which belong to the right."""
-        return [
-            all(numeric(row[k]) for row in self.rows) for k in range(len(self.heads))
-        ]
+        """Return for each column whether all cells are numbers, which belong to the right."""
+        columns = range(len(self.heads))
+        return [all(is_numeric(row[k]) for row in self.rows) for k in columns]
 
 
 @dataclass(frozen=True)
@@ -53,102 +52,117 @@ class Section:
 
 @dataclass(frozen=True)
 class Bar:
-    """A value to be reached, and whether it was."""
+    """A limit that a value must reach."""
 
-    what: str
-    found: str
-    bar: str
-    met: bool
+    label: str
+    value: str
+    limit: str
+    is_met: bool
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.found}, the bar is {self.bar}: {'met' if self.met else 'MISSED'}"
+        verdict = "met" if self.is_met else "MISSED"
+        return f"{self.label}: {self.value}, the bar is {self.limit}: {verdict}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the bar for JSON."""
+        return {
+            "what": self.label,
+            "found": self.value,
+            "bar": self.limit,
+            "passed": self.is_met,
+        }
 
 
 @dataclass(frozen=True)
 class Findings:
     """Result of one measure."""
 
-    measure: str  # its name on the command line
+    measure: str
+    """Its name on the command line."""
     title: str
-    sentences: tuple[str, ...]  # the most important first
+    sentences: tuple[str, ...]
+    """The most important first."""
     sections: tuple[Section, ...]
-    rows: Sequence[
-        Mapping[str, Any]
-    ]  # as JSON: numbers in full, None where nothing is known
+    rows: Sequence[Mapping[str, Any]]
+    """As JSON: numbers in full, None for a value that is not known."""
     bars: tuple[Bar, ...] = ()
-    more: Mapping[str, Any] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict)
     """Beside `rows` in the JSON: settings, totals, versions."""
 
     @property
-    def passed(self) -> bool:
-        return all(bar.met for bar in self.bars)
+    def has_passed(self) -> bool:
+        """Return whether all bars are met."""
+        return all(bar.is_met for bar in self.bars)
 
     def as_dict(self) -> dict[str, Any]:
-        """As data."""
-        bars = [
-            {"what": b.what, "found": b.found, "bar": b.bar, "passed": b.met}
-            for b in self.bars
-        ]
-        rows = {"rows": list(self.rows), "bars": bars, "passed": self.passed}
-        return {"measure": self.measure, **self.more, **rows}
+        """Return the findings for JSON."""
+        return {
+            "measure": self.measure,
+            **self.extra,
+            "rows": list(self.rows),
+            "bars": [bar.as_dict() for bar in self.bars],
+            "passed": self.has_passed,
+        }
 
 
 def as_json(findings: Findings) -> str:
-    """What `--json` prints. Raises ValueError for a number that is not finite."""
-    return (
-        json.dumps(
-            findings.as_dict(),
-            indent=1,
-            ensure_ascii=False,
-            allow_nan=False,
-            default=str,
-        )
-        + "\n"
+    """Return the output of `--json`. Raise ValueError for a number that is not finite."""
+    text = json.dumps(
+        findings.as_dict(),
+        indent=1,
+        ensure_ascii=False,
+        allow_nan=False,
+        default=str,
     )
+    return text + "\n"
 
 
 def text(findings: Findings) -> str:
-    """For a terminal."""
-    lines = [findings.title, "", *_wrapped(findings.sentences)]
+    """Return the output for a terminal."""
+    lines = [findings.title, "", *_wrap(findings.sentences)]
     for section in findings.sections:
-        lines += ["", section.title, *_wrapped(section.sentences)]
+        lines += ["", section.title, *_wrap(section.sentences)]
         for table in section.tables:
-            lines += [
-                "",
-                *([table.title] if table.title else []),
-                *columns(table),
-                *_wrapped([table.note]),
-            ]
+            lines.append("")
+            if table.title:
+                lines.append(table.title)
+            lines += columns(table)
+            lines += _wrap([table.note])
     if findings.bars:
         lines += ["", *map(str, findings.bars)]
     return "\n".join(lines) + "\n"
 
 
 def columns(table: Table) -> list[str]:
-    """Lines of one width: words to the left, numbers to the right."""
-    lines = [table.heads, *table.rows]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(table.heads))]
-    aligned = [
-        "  ".join(
-            cell.rjust(wide) if right else cell.ljust(wide)
-            for cell, wide, right in zip(line, widths, table.numeric, strict=True)
-        ).rstrip()
-        for line in lines
-    ]
-    return [aligned[0], "  ".join("-" * wide for wide in widths), *aligned[1:]]
+    """Return the lines of a table, all of one width: words to the left, numbers to the right."""
+    rows = [table.heads, *table.rows]
+    widths = []
+    for k in range(len(table.heads)):
+        widths.append(max(len(row[k]) for row in rows))
+    head, *lines = [_align(row, widths, table.numeric) for row in rows]
+    rule = "  ".join("-" * width for width in widths)
+    return [head, rule, *lines]
 
 
-def numeric(cell: str) -> bool:
-    """Whether a cell is a number, a share, an interval, or empty.
+def _align(row: Sequence[str], widths: Sequence[int], numeric: Sequence[bool]) -> str:
+    """Return the line of a row."""
+    cells = []
+    for cell, width, is_number in zip(row, widths, numeric, strict=True):
+        cells.append(cell.rjust(width) if is_number else cell.ljust(width))
+    return "  ".join(cells).rstrip()
 
-    >>> numeric("105.7"), numeric("-"), numeric("12 of 13"), numeric("[3.1, 4.5]"), numeric("billiard ball")
+
+def is_numeric(cell: str) -> bool:
+    """Return whether a cell is a number, a share, an interval, or empty.
+
+    >>> is_numeric("105.7"), is_numeric("-"), is_numeric("12 of 13"), is_numeric("[3.1, 4.5]"), is_numeric("ball")
     (True, True, True, True, False)
     """
     return cell in ("", "-") or cell.lstrip("+-<>≈[±")[:1].isdigit()
 
 
 def number(value: float | None, form: str = ".2f") -> str:
-    """A cell; "-" for None.
+    """Return a cell; "-" for None.
 
     >>> number(0.83333, ".3f"), number(None)
     ('0.833', '-')
@@ -157,19 +171,22 @@ def number(value: float | None, form: str = ".2f") -> str:
 
 
 def interval(low: float | None, high: float | None) -> str:
-    """`[low, high]`, or "-"."""
+    """Return `[low, high]`, or "-"."""
     return "-" if low is None or high is None else f"[{low:.2f}, {high:.2f}]"
 
 
-def _wrapped(sentences: Sequence[str]) -> list[str]:
-    return [line for sentence in sentences for line in textwrap.wrap(sentence, COLUMNS)]
+def _wrap(sentences: Sequence[str]) -> list[str]:
+    lines = []
+    for sentence in sentences:
+        lines += textwrap.wrap(sentence, COLUMNS)
+    return lines
 
 
 # ---- the page ----------------------------------------------------------------------------------------------------
 
 
 def check_folder(folder: Path | None) -> None:
-    """Raises InputError where no page can be written."""
+    """Raise InputError if no page can be written."""
     if folder is not None:
         check_writable(folder)
 
@@ -178,23 +195,23 @@ def write_page(
     findings: Findings,
     folder: Path,
     command: Sequence[str],
-    keep: Callable[[Path], None] = lambda kept: None,
+    report_backup: Callable[[Path], None] = lambda backup: None,
 ) -> Path:
-    """`index.html` and `result.json`; those of an earlier run are replaced.
+    """Write `index.html` and `result.json` over those of an earlier run, and return the page's path.
 
-    A page of another origin is set aside as `index.html~`, and `keep` is called with it. Returns the page's path.
+    A page of another origin is moved to `index.html~`, and `report_backup` is called with that path.
     """
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / PAGE).exists() and not (folder / RESULT).exists():
-        back_up(folder / PAGE, keep)
+        back_up(folder / PAGE, report_backup)
     write_atomic(folder / PAGE, html(findings, command).encode())
     write_atomic(folder / RESULT, as_json(findings).encode())
     return folder / PAGE
 
 
 def html(findings: Findings, command: Sequence[str]) -> str:
-    """The page; it loads nothing from a network."""
+    """Return the page; it loads nothing from a network."""
     page: str = template("findings.html.j2").render(
         title=findings.title,
         measure=findings.measure,

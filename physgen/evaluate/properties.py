@@ -1,4 +1,4 @@
-"""Masses, and orders of friction and elasticity, as a backend of physics answers them, against measured ones.
+"""Compare masses, and orders of friction and elasticity, that a backend of physics answers with measured ones.
 
 As the paper does (appendix, "GPT-4V physical property estimation evaluation"): the mean absolute difference (ADE) and
 the share of masses within 30 %, and pairs in the right order.
@@ -6,7 +6,7 @@ the share of masses within 30 %, and pairs in the right order.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
@@ -31,7 +31,9 @@ from physgen.simulate.uncertainty import wilson
 NEAR = 0.3
 """Relative error up to which the paper counts a mass as right."""
 REGULATED = 0.05
-"""Relative spread of sizes up to which rules, and not makers, fix what a kind of object weighs."""
+"""Relative spread of sizes up to which rules, and not makers, fix the weight of a kind of object."""
+ROUNDING = 1e-12
+"""Relative error of a float that is exactly at NEAR."""
 
 
 # ---- tables ------------------------------------------------------------------------------------------------------
@@ -40,7 +42,7 @@ SHIPPED = Path(__file__).with_name("objects.yaml")
 
 
 class Coefficient(Enum):
-    """What a ranking orders."""
+    """The property that a ranking orders."""
 
     FRICTION = "friction"
     ELASTICITY = "elasticity"
@@ -54,7 +56,7 @@ class Form(Enum):
     BOX = "box"
 
 
-COEFFICIENTS = tuple(one.value for one in Coefficient)
+COEFFICIENTS = tuple(coefficient.value for coefficient in Coefficient)
 NUMBERS = ("mass", *COEFFICIENTS)
 LENGTHS = {Form.BALL: 1, Form.TURNED: 2, Form.BOX: 3}
 """Numbers of a form's size."""
@@ -66,7 +68,7 @@ class Item:
 
     name: str
     label: str
-    """What it is called when a backend is asked."""
+    """The noun in the question to a backend."""
     form: Form = Form.BOX
     size: tuple[float, ...] = ()
     """mm: diameter of a ball; height and diameter of a turned object; three sides of a box. Empty: not known."""
@@ -78,9 +80,9 @@ class Item:
 class Ranking:
     """Coefficients that were measured in one way."""
 
-    of: str
+    coefficient: str
     """`friction` or `elasticity`."""
-    about: str
+    label: str
     source: str
     values: Mapping[str, float]
     """By the objects' names."""
@@ -96,8 +98,8 @@ class Objects:
     rankings: tuple[Ranking, ...]
 
     @property
-    def weighed(self) -> tuple[Item, ...]:
-        """Those with a known mass."""
+    def items_with_mass(self) -> tuple[Item, ...]:
+        """Return the objects with a known mass."""
         return tuple(item for item in self.items if item.mass is not None)
 
 
@@ -112,39 +114,43 @@ class Answer:
     reason: str = ""
 
 
+TABLE_START = "`objects:` and one line per object, e.g. `cup: {label: cup, mass: 118}`"
+"""First keys of a table, as messages name them."""
+
+
 def read_table(path: Path) -> Objects:
-    """A table in YAML. Raises InputError."""
+    """Return a table in YAML. Raise InputError."""
     fix = "write a table like physgen/evaluate/objects.yaml"
     try:
-        data: Any = plain(
-            read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
-        )
-        objects = tuple(_item(name, **row) for name, row in data["objects"].items())
-        rankings = tuple(
-            Ranking(
-                of,
-                one.get("about", ""),
-                one.get("source", ""),
-                _values_of(one["values"], data["objects"]),
-            )
-            for of in data.get("rankings", {})
-            for one in data["rankings"][Coefficient(of).value]
-        )
-        table = Objects(
-            data.get("title", path.name), data.get("source", ""), objects, rankings
-        )
+        table = _parse_table(path)
     except OSError as error:
-        raise InputError.of(
-            str(path), "", f"cannot be read ({error.strerror})", fix
-        ) from None
+        fault = f"cannot be read ({error.strerror})"
+        raise InputError.of(str(path), "", fault, fix) from None
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise InputError.of(
-            str(path), "", f"is no table of objects ({error})", fix
-        ) from None
-    if not table.weighed and not rankings:
+        fault = f"is no table of objects ({error})"
+        raise InputError.of(str(path), "", fault, fix) from None
+    if not table.items_with_mass and not table.rankings:
         fix = "give objects a mass in g, or write a ranking"
         raise InputError.of(str(path), "", "has nothing to compare answers with", fix)
     return table
+
+
+def _parse_table(path: Path) -> Objects:
+    """Return a table. Raise an error of Python for a file that is not one."""
+    text = decode(path.read_bytes(), str(path))
+    source_file = Source(str(path), path.parent)
+    data: Any = plain(read(text, source_file, start=TABLE_START))
+    items = [_item(name, **row) for name, row in data["objects"].items()]
+    rankings = []
+    for name in data.get("rankings", {}):
+        for record in data["rankings"][Coefficient(name).value]:
+            label = record.get("about", "")
+            source = record.get("source", "")
+            values = _ranked_values(record["values"], data["objects"])
+            rankings.append(Ranking(name, label, source, values))
+    title = data.get("title", path.name)
+    source = data.get("source", "")
+    return Objects(title, source, tuple(items), tuple(rankings))
 
 
 def _item(
@@ -154,22 +160,25 @@ def _item(
     size: Sequence[float] = (),
     mass: float | None = None,
 ) -> Item:
-    """Raises ValueError or TypeError."""
-    shape, sides = Form(form), tuple(map(float, size))
+    """Return an object. Raise ValueError or TypeError for a wrong value."""
+    shape = Form(form)
+    sides = tuple(map(float, size))
     if sides and len(sides) != LENGTHS[shape]:
         raise ValueError(
             f"{name}: the size is not {LENGTHS[shape]} lengths in mm, as a {form} has"
         )
-    if min(*sides, 1.0 if mass is None else float(mass), 1.0) <= 0:
+    known_mass = None if mass is None else float(mass)
+    numbers = sides if known_mass is None else (*sides, known_mass)
+    if min(numbers, default=1.0) <= 0:
         raise ValueError(f"{name}: a mass and a size are above 0")
     label = str(label) or name.replace("-", " ").replace("_", " ")
-    return Item(name, label, shape, sides, None if mass is None else float(mass))
+    return Item(name, label, shape, sides, known_mass)
 
 
-def _values_of(
+def _ranked_values(
     values: Mapping[str, float], objects: Mapping[str, Any]
 ) -> dict[str, float]:
-    """Raises ValueError for fewer than two, and for names of no object."""
+    """Return values by object. Raise ValueError for fewer than two, and for names of no object."""
     if len(values) < 2 or not values.keys() <= objects.keys():
         raise ValueError(
             f"a ranking has values of two objects or more, not of {', '.join(values)}"
@@ -187,108 +196,110 @@ class Masses:
     count: int
     ade: float
     """Mean absolute difference, g."""
-    near: int
+    near_count: int
     """Number within 30 % of the truth."""
 
     @property
     def share(self) -> float:
-        return self.near / self.count
+        return self.near_count / self.count
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval of the share, after Wilson (1927)."""
-        return wilson(self.near, self.count)
+        """Return the 95 % interval of the share, after Wilson (1927)."""
+        return wilson(self.near_count, self.count)
 
     def as_dict(self) -> dict[str, float | int | list[float]]:
         return {
             "objects": self.count,
             "ade_g": self.ade,
-            "within_30": self.near,
+            "within_30": self.near_count,
             "share": self.share,
             "interval": list(self.interval),
         }
 
 
 def masses(pairs: Sequence[tuple[float, float]]) -> Masses | None:
-    """Of (true, answered), g, all above 0; None of none.
+    """Return the errors of pairs (true, answered), g, all above 0; None without a pair.
 
     >>> masses([(100, 200), (100, 80)])
-    Masses(count=2, ade=60.0, near=1)
+    Masses(count=2, ade=60.0, near_count=1)
     """
     if not pairs:
         return None
-    true, answered = np.array(pairs, np.float64).T
-    off = np.abs(answered - true)
-    return Masses(
-        len(pairs), float(off.mean()), int((off <= NEAR * true * (1 + 1e-12)).sum())
-    )
+    true_masses, answers = np.array(pairs, np.float64).T
+    errors = np.abs(answers - true_masses)
+    is_near = errors <= NEAR * true_masses * (1 + ROUNDING)
+    return Masses(len(pairs), float(errors.mean()), int(is_near.sum()))
 
 
 @dataclass(frozen=True)
 class Order:
-    """How many pairs are answered in the right order."""
+    """Number of pairs that are answered in the right order."""
 
     count: int = 0
     """Pairs with different true values."""
     right: int = 0
-    tied: int = 0
+    ties: int = 0
     """Answered as equal: not right."""
-    wrong: tuple[tuple[str, str], ...] = ()
-    """(truly more, truly less) of the pairs that are not right."""
+    wrong_pairs: tuple[tuple[str, str], ...] = ()
+    """(truly larger, truly smaller) of the pairs that are not right."""
 
     def __add__(self, other: Order) -> Order:
         return Order(
             self.count + other.count,
             self.right + other.right,
-            self.tied + other.tied,
-            self.wrong + other.wrong,
+            self.ties + other.ties,
+            self.wrong_pairs + other.wrong_pairs,
         )
 
 
-def order(true: Mapping[str, float], answered: Mapping[str, float]) -> Order:
-    """Of every pair of names with different true values.
+def order(true: Mapping[str, float], answers: Mapping[str, float]) -> Order:
+    """Return the order of every pair of names with different true values.
 
     >>> order({"a": 3, "b": 2, "c": 1}, {"a": 0.9, "b": 0.1, "c": 0.5})
-    Order(count=3, right=2, tied=0, wrong=(('b', 'c'),))
+    Order(count=3, right=2, ties=0, wrong_pairs=(('b', 'c'),))
     """
-    found = Order()
-    for one, other in combinations(true, 2):
-        if true[one] != true[other]:
-            more, less = (one, other) if true[one] > true[other] else (other, one)
-            right, tied = (
-                answered[more] > answered[less],
-                answered[more] == answered[less],
-            )
-            found += Order(1, int(right), int(tied), () if right else ((more, less),))
-    return found
+    total = Order()
+    for first, second in combinations(true, 2):
+        if true[first] == true[second]:
+            continue
+        larger, smaller = first, second
+        if true[first] < true[second]:
+            larger, smaller = second, first
+        is_right = answers[larger] > answers[smaller]
+        is_tie = answers[larger] == answers[smaller]
+        wrong_pairs = () if is_right else ((larger, smaller),)
+        total += Order(1, int(is_right), int(is_tie), wrong_pairs)
+    return total
 
 
 # ---- asking ------------------------------------------------------------------------------------------------------
 
 
 def ask(
-    table: Objects, backends: Backends, sized: bool, progress: Progress
+    table: Objects, backends: Backends, with_size: bool, progress: Progress
 ) -> dict[str, Answer]:
-    """By name. With `sized`, the backend gets each object's size, as from a photo of known scale; else its name
-    alone.
+    """Return answers by name.
 
-    Raises InputError where the backend cannot answer.
+    With size, the backend gets each object's size, as from a photo of known scale; else its name alone. Raise
+    InputError if the backend cannot answer.
     """
 
-    def use(physics: Physics) -> dict[str, Answer]:
-        found = {}
+    def ask_all(physics: Physics) -> dict[str, Answer]:
+        answers = {}
         for k, item in enumerate(table.items):
             progress(f"physics of {item.name}", k, len(table.items))
             rgb, outline = silhouette(item)
-            one = PhotoObject(1, outline, item.label)
-            known = (
-                box_sides(outline)[0] / (max(item.size) / 1000) if item.size else None
-            )
-            scale = known if sized and known else found_scale([one])
-            found[item.name] = as_answer(physics(rgb, [one], scale)[1])
-        return found
+            photo_object = PhotoObject(1, outline, item.label)
+            scale = scale_by_labels([photo_object])
+            if with_size and item.size:
+                longest_m = max(item.size) / 1000
+                scale = box_sides(outline)[0] / longest_m
+            matter = physics(rgb, [photo_object], scale)
+            answers[item.name] = as_answer(matter[1])
+        return answers
 
-    answers: dict[str, Answer] = backends.run("physics", use)
+    answers: dict[str, Answer] = backends.run("physics", ask_all)
     return answers
 
 
@@ -296,14 +307,13 @@ def as_answer(matter: Matter) -> Answer:
     return Answer(matter.mass, matter.friction, matter.elasticity, matter.reason)
 
 
-def found_scale(objects: Sequence[PhotoObject]) -> float | None:
-    """px/m as `perceive` finds it, from objects of known size among them; None where none is."""
-    found = photo_scale(objects, {one.id: kind_of(one.label) for one in objects})
-    return (
-        found.pixels_per_meter
-        if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE
-        else None
-    )
+def scale_by_labels(objects: Sequence[PhotoObject]) -> float | None:
+    """Return px/m as `perceive` finds it, from objects of known size among them; None if there is none."""
+    kinds = {photo_object.id: kind_of(photo_object.label) for photo_object in objects}
+    scale = photo_scale(objects, kinds)
+    if scale is None or scale.confidence < MIN_SCALE_CONFIDENCE:
+        return None
+    return scale.pixels_per_meter
 
 
 CANVAS, LONGEST = 512, 256
@@ -312,26 +322,33 @@ PAPER, INK = 235, 110
 """Grey levels."""
 
 
+UNKNOWN_SIZES = {
+    Form.BALL: (1.0,),
+    Form.TURNED: (2.0, 1.0),
+    Form.BOX: (1.0, 1.0, 1.0),
+}
+"""Sizes of silhouettes of objects whose size is not known."""
+
+
 def silhouette(item: Item) -> tuple[Rgb, Outline]:
-    """A grey shape on paper: a ball's disc, or the rectangle of the two longest sides; turned objects stand upright."""
-    size = (
-        item.size
-        or {Form.BALL: (1.0,), Form.TURNED: (2.0, 1.0), Form.BOX: (1.0, 1.0, 1.0)}[
-            item.form
-        ]
-    )
-    middle, per_mm = np.full(2, CANVAS / 2), LONGEST / max(size)
+    """Return a grey shape on paper, and its outline.
+
+    The shape is a ball's disc, or the rectangle of the two longest sides; turned objects stand upright.
+    """
+    size = item.size or UNKNOWN_SIZES[item.form]
+    center = np.full(2, CANVAS / 2)
+    px_per_mm = LONGEST / max(size)
     outline: Outline
     if item.form is Form.BALL:
-        outline = Disc(middle, size[0] / 2 * per_mm)
+        outline = Disc(center, size[0] / 2 * px_per_mm)
     else:
-        tall, wide = size if item.form is Form.TURNED else sorted(size)[-2:]
-        corners = (
-            np.array([[-wide, -tall], [wide, -tall], [wide, tall], [-wide, tall]]) / 2
-        )
-        outline = Region((Ring(middle + corners * per_mm),))
-    covered = raster.coverage(outline, (CANVAS, CANVAS))[..., None]
-    rgb: NDArray[np.uint8] = np.rint(PAPER + (INK - PAPER) * covered).astype(np.uint8)
+        height, width = size if item.form is Form.TURNED else sorted(size)[-2:]
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        corners = signs * (width, height) / 2
+        outline = Region((Ring(center + corners * px_per_mm),))
+    coverage = raster.coverage(outline, (CANVAS, CANVAS))[..., None]
+    grey = np.rint(PAPER + (INK - PAPER) * coverage)
+    rgb: NDArray[np.uint8] = grey.astype(np.uint8)
     return np.repeat(rgb, 3, axis=2), outline
 
 
@@ -341,7 +358,7 @@ MASS, ORDER = "Mass", "Order of friction and elasticity"
 PAPER_MASS = ("the paper, GPT-4V on photos", "20", "390 g", "75 %", "[53, 89]")
 PAPER_ORDER = {"friction": (12, 13), "elasticity": (6, 7)}
 HEADS = ("set", "objects", "ADE", "within 30 %", "95 %")
-SHOWN = 2
+TABLE_PAIRS = 2
 """Pairs not in order that a table names; the JSON has all."""
 NOTE = (
     "ADE: mean absolute difference. 95 %: interval of the share, since the objects are few. The paper's objects are "
@@ -350,49 +367,47 @@ NOTE = (
 
 
 @dataclass(frozen=True)
-class Asked:
+class Origin:
     """Origin of the answers."""
 
     source: str
     """Name of the backend: `table`, `vlm`."""
-    sized: bool
+    has_size: bool
 
 
-def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Findings:
-    every = [
-        (item, item.mass or 0.0, answers[item.name].mass or 0.0)
-        for item in table.weighed
-    ]
-    sets = {table.title: masses([pair for _, *pair in every])}  # type: ignore[misc]
-    free = [(true, answer) for item, true, answer in every if not regulated(item.label)]
-    if 0 < len(free) < len(every):
-        sets["without regulated weights"] = masses(free)
-    scores = {name: score for name, score in sets.items() if score is not None}
-    orders = [
-        (one, order(one.values, _values(answers, one.of))) for one in table.rankings
-    ]
-    totals = {
-        of: sum((found for one, found in orders if one.of == of), Order())
-        for of in COEFFICIENTS
-    }
-    rows: list[dict[str, Any]] = [
-        {"kind": "set", "set": name, **score.as_dict()}
-        for name, score in scores.items()
-    ]
-    rows += [_order_row(one.of, one.about, found, one.source) for one, found in orders]
-    sections = []
-    if every:
-        cells = tuple(mass_cells(name, score) for name, score in scores.items())
-        sections.append(
-            Section(MASS, (), (Table(HEADS, (*cells, PAPER_MASS), note=NOTE),))
-        )
-    if any(found.count for found in totals.values()):
-        sections.append(_order_section(orders, totals))
-    if every:
-        sections.append(_object_section(table, answers))
-    more = {
-        "by": asked.source,
-        "size_told": asked.sized,
+def findings(table: Objects, answers: Mapping[str, Answer], origin: Origin) -> Findings:
+    """Return the scores of masses and of orders."""
+    mass_sets = _mass_sets(table, answers)
+    orders = []
+    for ranking in table.rankings:
+        values = _known_values(answers, ranking.coefficient)
+        orders.append((ranking, order(ranking.values, values)))
+    totals = {}
+    for coefficient in COEFFICIENTS:
+        totals[coefficient] = sum(_orders_of(orders, coefficient), Order())
+    return Findings(
+        measure="properties",
+        title="Mass, friction and elasticity",
+        sentences=tuple(_sentences(mass_sets.get(table.title), totals, origin, table)),
+        sections=tuple(_sections(table, answers, mass_sets, orders, totals)),
+        rows=[
+            *({"kind": "set", "set": k, **v.as_dict()} for k, v in mass_sets.items()),
+            *(_order_row(ranking, score) for ranking, score in orders),
+        ],
+        extra=_record(table, answers, origin),
+    )
+
+
+def _record(
+    table: Objects, answers: Mapping[str, Answer], origin: Origin
+) -> dict[str, Any]:
+    """Return the origin of the findings for JSON."""
+    values = {}
+    for name, answer in answers.items():
+        values[name] = {key: getattr(answer, key) for key in NUMBERS}
+    return {
+        "by": origin.source,
+        "size_told": origin.has_size,
         "table": table.title,
         "source": table.source,
         "paper": {
@@ -402,87 +417,146 @@ def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Fin
             "friction": [12, 13],
             "elasticity": [6, 7],
         },
-        "answers": {
-            name: {key: getattr(one, key) for key in NUMBERS}
-            for name, one in answers.items()
-        },
+        "answers": values,
     }
-    sentences = _sentences(sets[table.title], totals, asked, table)
-    title = "Mass, friction and elasticity"
-    return Findings(
-        "properties", title, tuple(sentences), tuple(sections), rows, (), more
-    )
 
 
-def regulated(label: str) -> bool:
-    """Whether materials.yaml knows a weight for such an object that rules fix: a golf ball's."""
-    what = kind_of(label)
-    return what.mass is not None and what.spread <= REGULATED and what.form == "ball"
+@dataclass(frozen=True)
+class _MassPair:
+    """A true mass and its answer."""
+
+    item: Item
+    true_mass: float
+    """g."""
+    answer: float
+    """g."""
+
+    def factor(self) -> float:
+        """Return the factor between both, 1 or more: 2 is half or twice."""
+        return exp(abs(log(self.answer / self.true_mass)))
 
 
-def _values(answers: Mapping[str, Answer], of: str) -> dict[str, float]:
-    return {
-        name: value
-        for name, one in answers.items()
-        if (value := getattr(one, of)) is not None
-    }
+def _mass_pairs(table: Objects, answers: Mapping[str, Answer]) -> list[_MassPair]:
+    pairs = []
+    for item in table.items_with_mass:
+        pairs.append(_MassPair(item, item.mass or 0.0, answers[item.name].mass or 0.0))
+    return pairs
+
+
+def _mass_sets(table: Objects, answers: Mapping[str, Answer]) -> dict[str, Masses]:
+    """Return the errors of all masses, and of those that no rules fix, by name."""
+    pairs = _mass_pairs(table, answers)
+    free_pairs = [pair for pair in pairs if not is_regulated(pair.item.label)]
+    pairs_by_set = {table.title: pairs}
+    if 0 < len(free_pairs) < len(pairs):
+        pairs_by_set["without regulated weights"] = free_pairs
+    sets = {}
+    for name, set_pairs in pairs_by_set.items():
+        score = masses([(pair.true_mass, pair.answer) for pair in set_pairs])
+        if score is not None:
+            sets[name] = score
+    return sets
+
+
+def _orders_of(
+    orders: Sequence[tuple[Ranking, Order]], coefficient: str
+) -> list[Order]:
+    return [score for ranking, score in orders if ranking.coefficient == coefficient]
+
+
+def _sections(
+    table: Objects,
+    answers: Mapping[str, Answer],
+    mass_sets: Mapping[str, Masses],
+    orders: Sequence[tuple[Ranking, Order]],
+    totals: Mapping[str, Order],
+) -> list[Section]:
+    """Return the tables of masses, orders and objects."""
+    sections = []
+    if table.items_with_mass:
+        cells = [mass_cells(name, score) for name, score in mass_sets.items()]
+        mass_table = Table(HEADS, (*cells, PAPER_MASS), note=NOTE)
+        sections.append(Section(MASS, (), (mass_table,)))
+    if any(score.count for score in totals.values()):
+        sections.append(_order_section(orders, totals))
+    if table.items_with_mass:
+        sections.append(_object_section(table, answers))
+    return sections
+
+
+def is_regulated(label: str) -> bool:
+    """Return whether materials.yaml knows a weight for such an object that rules fix: a golf ball's."""
+    kind = kind_of(label)
+    return kind.mass is not None and kind.spread <= REGULATED and kind.form == "ball"
+
+
+def _known_values(answers: Mapping[str, Answer], coefficient: str) -> dict[str, float]:
+    values = {}
+    for name, answer in answers.items():
+        value = getattr(answer, coefficient)
+        if value is not None:
+            values[name] = value
+    return values
 
 
 def _sentences(
-    score: Masses | None, totals: Mapping[str, Order], asked: Asked, table: Objects
-) -> list[str]:
-    lines = []
+    score: Masses | None, totals: Mapping[str, Order], origin: Origin, table: Objects
+) -> Iterator[str]:
+    """Yield the sentences on masses, orders and the way of asking."""
     if score is not None:
         low, high = score.interval
-        lines.append(
-            f"The backend {asked.source} gives {score.near} of {score.count} masses to within 30 % "
+        yield (
+            f"The backend {origin.source} gives {score.near_count} of {score.count} masses to within 30 % "
             f"({100 * score.share:.0f} %; interval of 95 %: {100 * low:.0f} to {100 * high:.0f} %), with a mean error "
-            f"of {_grams(score.ade)}. The paper: 75 % of 20, 0.39 kg."
+            f"of {_format_grams(score.ade)}. The paper: 75 % of 20, 0.39 kg."
         )
-    for of, found in totals.items():
-        if found.count:
-            right, count = PAPER_ORDER[of]
-            tied = f", {found.tied} answered as equal" if found.tied else ""
-            lines.append(
-                f"{of.capitalize()}: {found.right} of {found.count} pairs in the right order{tied}. The paper: "
-                f"{right} of {count}."
+    for coefficient, total in totals.items():
+        if total.count:
+            right, count = PAPER_ORDER[coefficient]
+            ties = f", {total.ties} answered as equal" if total.ties else ""
+            yield (
+                f"{coefficient.capitalize()}: {total.right} of {total.count} pairs in the right order{ties}. "
+                f"The paper: {right} of {count}."
             )
-    sized = asked.sized and any(item.size for item in table.items)
-    size = "its size is given by the scale" if sized else "its size is not given"
-    lines.append(
+    size = "its size is not given"
+    if origin.has_size and any(item.size for item in table.items):
+        size = "its size is given by the scale"
+    yield (
         "A table has no photos: the backend gets each object's name with a bare silhouette, a disc or a rectangle; "
         f"{size}. The paper asks about photos."
     )
-    if asked.source == "table":
-        lines.append(
+    if origin.source == "table":
+        yield (
             "The backend reads materials.yaml, which has no number from the table that ships. Its masses are no blind "
             "test: rows for kinds that the table asks about were written by those who knew it; and materials.yaml "
             "knows the rules for regulated weights, such as a golf ball's."
         )
-    return lines
 
 
-def _order_row(of: str, about: str, found: Order, source: str) -> dict[str, Any]:
+def _order_row(ranking: Ranking, score: Order) -> dict[str, Any]:
     return {
-        "kind": of, "set": about, "source": source, "pairs": found.count, "right": found.right, "tied": found.tied,
-        "not_in_order": [list(pair) for pair in found.wrong],
-    }  # fmt: skip
+        "kind": ranking.coefficient,
+        "set": ranking.label,
+        "source": ranking.source,
+        "pairs": score.count,
+        "right": score.right,
+        "tied": score.ties,
+        "not_in_order": [list(pair) for pair in score.wrong_pairs],
+    }
 
 
 def mass_cells(title: str, score: Masses) -> tuple[str, ...]:
-    """Line of the table of masses."""
+    """Return a line of the table of masses."""
     low, high = score.interval
-    share, interval = (
-        f"{100 * score.share:.0f} %",
-        f"[{100 * low:.0f}, {100 * high:.0f}]",
-    )
-    return title, str(score.count), _grams(score.ade), share, interval
+    share = f"{100 * score.share:.0f} %"
+    interval = f"[{100 * low:.0f}, {100 * high:.0f}]"
+    return title, str(score.count), _format_grams(score.ade), share, interval
 
 
-def _grams(grams: float) -> str:
-    """Three digits.
+def _format_grams(grams: float) -> str:
+    """Return a mass in three digits.
 
-    >>> _grams(390.4), _grams(12.34)
+    >>> _format_grams(390.4), _format_grams(12.34)
     ('390 g', '12.3 g')
     """
     return f"{grams:.3g} g" if grams < 1000 else f"{grams / 1000:.3g} kg"
@@ -491,21 +565,22 @@ def _grams(grams: float) -> str:
 def _order_section(
     orders: Sequence[tuple[Ranking, Order]], totals: Mapping[str, Order]
 ) -> Section:
+    """Return the table of rankings, with the paper's figures below those of each coefficient."""
     rows = []
-    for of in COEFFICIENTS:
-        own = [(one, found) for one, found in orders if one.of == of]
-        for one, found in own:
-            some = ", ".join(f"{more} > {less}" for more, less in found.wrong[:SHOWN])
-            rest = (
-                f" and {len(found.wrong) - SHOWN} more"
-                if len(found.wrong) > SHOWN
-                else ""
-            )
-            rows.append((of, one.about, *_counts(found), some + rest))
-        if len(own) > 1:
-            rows.append((of, "all of these", *_counts(totals[of]), ""))
-        right, count = PAPER_ORDER[of]
-        rows.append((of, "the paper, GPT-4V on videos", f"{right} of {count}", "-", ""))
+    for coefficient in COEFFICIENTS:
+        rankings = 0
+        for ranking, score in orders:
+            if ranking.coefficient != coefficient:
+                continue
+            pairs = _format_pairs(score.wrong_pairs)
+            rows.append((coefficient, ranking.label, *_counts(score), pairs))
+            rankings += 1
+        if rankings > 1:
+            counts = _counts(totals[coefficient])
+            rows.append((coefficient, "all of these", *counts, ""))
+        right, count = PAPER_ORDER[coefficient]
+        paper = "the paper, GPT-4V on videos"
+        rows.append((coefficient, paper, f"{right} of {count}", "-", ""))
     heads = (
         "coefficient",
         "compared",
@@ -516,31 +591,32 @@ def _order_section(
     return Section(ORDER, (), (Table(heads, tuple(rows)),))
 
 
-def _counts(found: Order) -> tuple[str, str]:
-    return f"{found.right} of {found.count}", str(found.tied)
+def _format_pairs(pairs: Sequence[tuple[str, str]]) -> str:
+    """Return the first of some pairs, and the number of the others."""
+    texts = [f"{larger} > {smaller}" for larger, smaller in pairs[:TABLE_PAIRS]]
+    text = ", ".join(texts)
+    if len(pairs) > TABLE_PAIRS:
+        text += f" and {len(pairs) - TABLE_PAIRS} more"
+    return text
 
 
-def _factor(true: float, answered: float) -> float:
-    """By how much a mass is off, 1 or more: 2 is half or twice."""
-    return exp(abs(log(answered / true)))
+def _counts(score: Order) -> tuple[str, str]:
+    return f"{score.right} of {score.count}", str(score.ties)
 
 
 def _object_section(table: Objects, answers: Mapping[str, Answer]) -> Section:
-    pairs = [
-        (item, item.mass or 1.0, answers[item.name].mass or 0.0)
-        for item in table.weighed
-    ]
-    rows = tuple(
-        (
-            item.label,
-            f"{true:g}",
-            f"{answer:g}",
-            f"{answer / true:.2f}",
-            "x".join(f"{side:g}" for side in item.size),
+    """Return the table of all objects with a mass, the nearest answer first."""
+    rows = []
+    for pair in sorted(_mass_pairs(table, answers), key=_MassPair.factor):
+        rows.append(
+            (
+                pair.item.label,
+                f"{pair.true_mass:g}",
+                f"{pair.answer:g}",
+                f"{pair.answer / pair.true_mass:.2f}",
+                "x".join(f"{side:g}" for side in pair.item.size),
+            )
         )
-        for item, true, answer in sorted(pairs, key=lambda pair: _factor(*pair[1:]))
-    )
     heads = ("object", "true, g", "answered, g", "answered / true", "size, mm")
-    return Section(
-        "Each object, the nearest first", (), (Table(heads, rows, note=table.source),)
-    )
+    object_table = Table(heads, tuple(rows), note=table.source)
+    return Section("Each object, the nearest first", (), (object_table,))

@@ -1,4 +1,4 @@
-"""Answers to a study -> means of methods, and agreement of raters.
+"""Read answers to a study, and report means of methods and agreement of raters.
 
 Intervals are bootstraps over raters and scenes, drawn with replacement and apart from each other (A. Owen, The
 pigeonhole bootstrap, Annals of Applied Statistics 2007; it errs on the wide side). All methods share the draws.
@@ -6,7 +6,7 @@ pigeonhole bootstrap, Annals of Applied Statistics 2007; it errs on the wide sid
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,9 +26,12 @@ Scores = NDArray[np.int64]
 POINTS = 5
 DRAWS, CLIP_DRAWS = 5000, 500
 """Bootstrap draws of raters and scenes; of clips, for agreement."""
-COVER = (0.025, 0.975)
-FEW = 5
+QUANTILES = (0.025, 0.975)
+"""Of intervals."""
+ENOUGH = 5
 """Raters or videos below which an interval is too narrow."""
+MAX_NAME = 80
+"""Characters of names in files of answers."""
 
 
 # ---- reading -----------------------------------------------------------------------------------------------------
@@ -40,9 +43,12 @@ class Rater:
 
     name: str
     file: Path
-    session: str  # of one person at one browser: two files of one session are of the same person
-    saved: str  # ISO 8601; empty where the file does not state it
-    scores: Mapping[str, Mapping[str, int]]  # clip -> question -> 1 to 5
+    session: str
+    """Of one person at one browser: two files of one session are of the same person."""
+    save_time: str
+    """ISO 8601; empty if the file does not state it."""
+    scores: Mapping[str, Mapping[str, int]]
+    """By clip and question, 1 to 5."""
 
 
 @dataclass(frozen=True)
@@ -51,115 +57,116 @@ class Answers:
 
     key: Key
     raters: tuple[Rater, ...]
-    scores: Mapping[str, Scores]  # by question
+    scores: Mapping[str, Scores]
+    """By question."""
 
 
 def files_in(paths: Sequence[Path], key: Path) -> list[Path]:
-    """Each file once; of a folder, its *.json but the key."""
-    inside = [
-        file
-        for path in paths
-        for file in (path.glob("*.json") if path.is_dir() else [path])
-    ]
-    return sorted(
-        {file.resolve() for file in inside} - {key.resolve()},
-        key=lambda file: natural(file.name),
-    )
+    """Return each file once; of a folder, its *.json but the key."""
+    files: set[Path] = set()
+    for path in paths:
+        candidates = path.glob("*.json") if path.is_dir() else [path]
+        files.update(file.resolve() for file in candidates)
+    files.discard(key.resolve())
+    return sorted(files, key=lambda file: natural(file.name))
 
 
 def read_answers(files: Sequence[Path], key: Key) -> Answers:
-    """Of those who answered anything; the last file of a person counts. Raises InputError with all problems."""
+    """Return the answers of all who answered anything; the last file of a person counts.
+
+    Raise InputError with all problems.
+    """
     raters: dict[str, Rater] = {}
     problems: list[Problem] = []
     for file in files:
         try:
-            rater = _rater(file, key)
+            rater = _read_rater(file, key)
         except InputError as error:
             problems += error.problems
             continue
-        before = raters.setdefault(rater.name.casefold(), rater)
-        if before.session != rater.session:
-            expected = f"has other answers in {before.file}"
+        previous = raters.setdefault(rater.name.casefold(), rater)
+        if previous.session != rater.session:
+            expected = f"has other answers in {previous.file}"
             fix = (
                 'leave one file out, or, if they are two people, change "rater" in one'
             )
-            problems.append(
-                Problem(Place(str(file)), "rater", f'"{rater.name}"', expected, fix)
-            )
-        raters[rater.name.casefold()] = max(before, rater, key=lambda one: one.saved)
+            place = Place(str(file))
+            problems.append(Problem(place, "rater", f'"{rater.name}"', expected, fix))
+        last = max(previous, rater, key=lambda rater: rater.save_time)
+        raters[rater.name.casefold()] = last
     if problems:
         raise InputError(problems)
-    kept = sorted(
-        (one for one in raters.values() if one.scores),
-        key=lambda one: natural(one.name),
-    )
-    if not kept:
-        place = ", ".join(map(str, files[:3])) or "ANSWERS"
-        raise InputError.of(
-            place,
-            "",
-            "holds no answer to any question",
-            "rate clips on the page, then save",
-        )
-    shape = len(kept), len(key.methods), len(key.scenes)
+    answering_raters = [rater for rater in raters.values() if rater.scores]
+    if not answering_raters:
+        names = ", ".join(map(str, files[:3])) or "ANSWERS"
+        fix = "rate clips on the page, then save"
+        raise InputError.of(names, "", "holds no answer to any question", fix)
+    answering_raters.sort(key=lambda rater: natural(rater.name))
+    return Answers(key, tuple(answering_raters), _score_arrays(answering_raters, key))
+
+
+def _score_arrays(raters: Sequence[Rater], key: Key) -> dict[str, Scores]:
+    """Return the scores by question."""
+    shape = len(raters), len(key.methods), len(key.scenes)
     arrays = {question.key: np.zeros(shape, np.int64) for question in QUESTIONS}
-    for r, rater in enumerate(kept):
+    for r, rater in enumerate(raters):
         for clip, scores in rater.scores.items():
             method, scene = key.clips[clip]
+            m = key.methods.index(method)
+            s = key.scenes.index(scene)
             for name, score in scores.items():
-                arrays[name][r, key.methods.index(method), key.scenes.index(scene)] = (
-                    score
-                )
-    return Answers(key, tuple(kept), arrays)
+                arrays[name][r, m, s] = score
+    return arrays
 
 
-def _rater(file: Path, key: Key) -> Rater:
-    """Raises InputError with all problems of one file."""
+def _read_rater(file: Path, key: Key) -> Rater:
+    """Return the answers in one file. Raise InputError with all its problems."""
     record = read_record(file, ANSWERS)
     if record.get("study") != key.study:
         expected = f'is another study than the key\'s "{key.study}"'
         fix = "name the key of this study with --key"
         raise InputError.of(str(file), shown(record.get("study")), expected, fix)
-    name, session, saved = (
-        str(record.get(word) or "").strip()[:80]
+    name, session, save_time = (
+        str(record.get(word) or "").strip()[:MAX_NAME]
         for word in ("rater", "session", "saved")
     )
-    given = record.get("answers")
-    if not name or not isinstance(given, dict):
-        raise InputError.of(
-            str(file), "", "names no rater, or has no answers", "save the page again"
-        )
+    answers = record.get("answers")
+    if not name or not isinstance(answers, dict):
+        expected = "names no rater, or has no answers"
+        raise InputError.of(str(file), "", expected, "save the page again")
     problems: list[Problem] = []
-    scores: dict[str, dict[str, int]] = {}
-    for clip, answer in given.items():
+    all_scores: dict[str, dict[str, int]] = {}
+    for clip, answer in answers.items():
         if clip not in key.clips or not isinstance(answer, dict):
+            path = f"answers.{clip}"[:60]
             expected = "is no clip of this study with its answers"
-            problems.append(
-                Problem(
-                    Place(str(file)),
-                    f"answers.{clip}"[:60],
-                    "",
-                    expected,
-                    "leave it out",
-                )
-            )
+            place = Place(str(file))
+            problems.append(Problem(place, path, "", expected, "leave it out"))
             continue
-        for question in QUESTIONS:
-            value = answer.get(question.key)
-            if type(value) is int and 1 <= value <= POINTS:
-                scores.setdefault(clip, {})[question.key] = value
-            elif value is not None:
-                path, expected = (
-                    f"answers.{clip}.{question.key}",
-                    f"is no score from 1 to {POINTS}",
-                )
-                fix = "write a whole number, or leave it out"
-                problems.append(
-                    Problem(Place(str(file)), path, shown(value), expected, fix)
-                )
+        scores = _read_scores(file, clip, answer, problems)
+        if scores:
+            all_scores[clip] = scores
     if problems:
         raise InputError(problems)
-    return Rater(name, file, session, saved, scores)
+    return Rater(name, file, session, save_time, all_scores)
+
+
+def _read_scores(
+    file: Path, clip: str, answer: Mapping[str, Any], problems: list[Problem]
+) -> dict[str, int]:
+    """Return the scores of a clip by question, and add the problems of others."""
+    scores = {}
+    for question in QUESTIONS:
+        value = answer.get(question.key)
+        if type(value) is int and 1 <= value <= POINTS:
+            scores[question.key] = value
+        elif value is not None:
+            path = f"answers.{clip}.{question.key}"
+            expected = f"is no score from 1 to {POINTS}"
+            fix = "write a whole number, or leave it out"
+            place = Place(str(file))
+            problems.append(Problem(place, path, shown(value), expected, fix))
+    return scores
 
 
 # ---- statistics --------------------------------------------------------------------------------------------------
@@ -167,7 +174,7 @@ def _rater(file: Path, key: Key) -> Rater:
 
 @dataclass(frozen=True)
 class Mean:
-    """With its 95 % interval; None where nothing is known, and no interval of a single answer."""
+    """With its 95 % interval; None if nothing is known, and no interval of a single answer."""
 
     mean: float | None
     low: float | None = None
@@ -179,76 +186,88 @@ class Draws:
 
     def __init__(self, raters: int, scenes: int, seed: int = 0) -> None:
         random = np.random.default_rng(seed)
-        self._raters, self._scenes = (
-            random.multinomial(count, np.full(count, 1 / count), DRAWS).astype(
-                np.float64
-            )
-            for count in (raters, scenes)
-        )
+        self._raters = _draw_counts(random, raters)
+        self._scenes = _draw_counts(random, scenes)
 
     def sums(self, values: F64) -> F64:
-        """(R, M, S) -> (B, M): their sum in every draw."""
+        """Return the sum of (R, M, S) values in every draw, (B, M)."""
         raters, methods, scenes = values.shape
-        by_raters = (self._raters @ values.reshape(raters, -1)).reshape(
-            -1, methods, scenes
-        )
-        return np.asarray((by_raters * self._scenes[:, None]).sum(axis=2), np.float64)
+        rater_sums = self._raters @ values.reshape(raters, -1)
+        rater_sums = rater_sums.reshape(-1, methods, scenes)
+        scene_sums = (rater_sums * self._scenes[:, None]).sum(axis=2)
+        return np.asarray(scene_sums, np.float64)
 
     def means(self, values: F64, weights: F64) -> list[Mean]:
-        """Means of (R, M, S) values by method, over `weights`, with intervals."""
-        count, total = weights.sum(axis=(0, 2)), values.sum(axis=(0, 2))
-        tops, below = self.sums(values), self.sums(weights)
-        found = []
-        for k, n in enumerate(count):
-            has = below[:, k] > 0  # where answers are missing, a draw may hold none
-            ends = (
-                np.quantile(tops[has, k] / below[has, k], COVER).tolist()
-                if n > 1
-                else (None, None)
-            )
-            found.append(Mean(float(total[k] / n), *ends) if n else Mean(None))
-        return found
+        """Return the means of (R, M, S) values by method, over `weights`, with intervals."""
+        counts = weights.sum(axis=(0, 2))
+        totals = values.sum(axis=(0, 2))
+        drawn_totals = self.sums(values)
+        drawn_counts = self.sums(weights)
+        means = []
+        for k, count in enumerate(counts):
+            if not count:
+                means.append(Mean(None))
+                continue
+            mean = float(totals[k] / count)
+            if count == 1:
+                means.append(Mean(mean))
+                continue
+            # if answers are missing, a draw may have none
+            has_answers = drawn_counts[:, k] > 0
+            ratios = drawn_totals[has_answers, k] / drawn_counts[has_answers, k]
+            low, high = np.quantile(ratios, QUANTILES).tolist()
+            means.append(Mean(mean, low, high))
+        return means
+
+
+def _draw_counts(random: np.random.Generator, count: int) -> F64:
+    """Return how often each of `count` comes in each draw, (B, count)."""
+    counts = random.multinomial(count, np.full(count, 1 / count), DRAWS)
+    return counts.astype(np.float64)
 
 
 def means(scores: Scores, draws: Draws) -> list[Mean]:
-    """One a method: of all answers that it got."""
+    """Return the mean of each method over all answers that it got."""
     return draws.means(scores.astype(np.float64), (scores > 0).astype(np.float64))
 
 
 def agreement(scores: Scores, seed: int = 0) -> Mean:
-    """Krippendorff's alpha for ordinal data: 1 is perfect agreement, 0 is chance; None where it has no meaning.
+    """Return Krippendorff's alpha for ordinal data: 1 is perfect agreement, 0 is chance; None if it has no meaning.
 
-    Of (R, U) scores 1 to 5 that R raters gave U clips, 0 where a rater gave none. The interval draws clips, not
-    raters: a rater drawn twice would agree with himself.
+    Of (R, U) scores 1 to 5 that R raters gave U clips, 0 if a rater gave none. The interval draws clips, not raters: a
+    rater drawn twice would agree with himself.
     """
+    points = range(1, POINTS + 1)
+    counts = np.stack([(scores == point).sum(axis=0) for point in points], axis=1)
+    counts = counts[counts.sum(axis=1) > 1]
+    if _is_meaningless(counts):
+        return Mean(None)
+    if len(counts) < 2:
+        return Mean(_alpha(counts))
+    shape = (CLIP_DRAWS, len(counts))
+    clip_draws = np.random.default_rng(seed).integers(0, len(counts), shape)
+    alphas = [_alpha(counts[clips]) for clips in clip_draws]
+    low, high = np.nanquantile(alphas, QUANTILES).tolist()
+    return Mean(_alpha(counts), low, high)
+
+
+def _is_meaningless(counts: Scores) -> bool:
+    """Return whether no clip is rated twice, or all scores (U, points) are the same."""
+    return int((counts.sum(axis=0) > 0).sum()) < 2
+
+
+def _alpha(counts: Scores) -> float:
+    """Return Krippendorff's alpha of (U, points) counts; NaN if it has no meaning."""
     import krippendorff
 
-    counts = np.stack(
-        [(scores == point).sum(axis=0) for point in range(1, POINTS + 1)], axis=1
+    if _is_meaningless(counts):
+        return float("nan")
+    alpha = krippendorff.alpha(
+        value_counts=counts,
+        value_domain=np.arange(1, POINTS + 1),
+        level_of_measurement="ordinal",
     )
-    counts = counts[counts.sum(axis=1) > 1]
-    if (
-        counts.sum(axis=0) > 0
-    ).sum() < 2:  # no clip twice, or the same score everywhere
-        return Mean(None)
-
-    def alpha(units: Scores) -> float:
-        if (units.sum(axis=0) > 0).sum() < 2:
-            return float("nan")
-        value = krippendorff.alpha(
-            value_counts=units,
-            value_domain=np.arange(1, POINTS + 1),
-            level_of_measurement="ordinal",
-        )
-        return float(value)
-
-    if len(counts) < 2:
-        return Mean(alpha(counts))
-    drawn = np.random.default_rng(seed).integers(
-        0, len(counts), (CLIP_DRAWS, len(counts))
-    )
-    low, high = np.nanquantile([alpha(counts[rows]) for rows in drawn], COVER).tolist()
-    return Mean(alpha(counts), low, high)
+    return float(alpha)
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
@@ -260,92 +279,103 @@ ALPHA = (
 
 
 def findings(answers: Answers, seed: int = 0) -> Findings:
-    """Means, preferences and agreement."""
-    key, scores = answers.key, answers.scores
-    names, raters = key.methods, len(answers.raters)
-    draws = Draws(raters, len(key.scenes), seed)
-    mean = {q.key: means(scores[q.key], draws) for q in QUESTIONS}
-    order = sorted(
-        range(len(names)),
-        key=lambda m: tuple(-(mean[q.key][m].mean or 0) for q in QUESTIONS),
+    """Return means, preferences and agreement."""
+    key = answers.key
+    raters = len(answers.raters)
+    rows = _method_rows(answers, seed)
+    agreements = {}
+    for question in QUESTIONS:
+        scores = answers.scores[question.key].reshape(raters, -1)
+        agreements[question.key] = agreement(scores, seed)
+    tables = [_mean_table(question.name, question.key, rows) for question in QUESTIONS]
+    agreement_table = _agreement_table(agreements)
+    return Findings(
+        measure="study",
+        title=f"Human evaluation of {counted(len(key.methods), 'method')}",
+        sentences=tuple(_sentences(answers, rows)),
+        sections=(
+            Section("Scores", (), tuple(tables)),
+            Section("Agreement between raters", (ALPHA,), (agreement_table,)),
+        ),
+        rows=rows,
+        extra={
+            "study": key.study,
+            "raters": raters,
+            "videos": len(key.scenes),
+            "clips": len(key.clips),
+            "interval": f"95 %, {DRAWS} bootstrap draws of raters and videos, seed {seed}",
+            "agreement": {
+                name: {"alpha": alpha.mean, "low": alpha.low, "high": alpha.high}
+                for name, alpha in agreements.items()
+            },
+        },
     )
-    alike = [(q, agreement(scores[q.key].reshape(raters, -1), seed)) for q in QUESTIONS]
-    rows: list[dict[str, Any]] = []
-    for m in order:
-        row: dict[str, Any] = {"method": names[m]}
-        for q in QUESTIONS:
+
+
+def _method_rows(answers: Answers, seed: int) -> list[dict[str, Any]]:
+    """Return means and counts of each method for JSON, the best method first."""
+    key, scores = answers.key, answers.scores
+    draws = Draws(len(answers.raters), len(key.scenes), seed)
+    rows: list[dict[str, Any]] = [{"method": name} for name in key.methods]
+    for question in QUESTIONS:
+        question_scores = scores[question.key]
+        for m, mean in enumerate(means(question_scores, draws)):
             counts = [
-                int((scores[q.key][:, m] == point).sum())
+                int((question_scores[:, m] == point).sum())
                 for point in range(1, POINTS + 1)
             ]
-            row[q.key] = {
-                **asdict(mean[q.key][m]),
-                "answers": sum(counts),
-                "counts": counts,
-            }
-        rows.append(row)
-    lines = tuple(
-        (q.name, number(one.mean), interval(one.low, one.high)) for q, one in alike
-    )
-    alphas = Table(
-        ("question", "alpha", "95 %"),
-        lines,
-        note="-: one rater alone, or the same score everywhere.",
-    )
-    sections = [
-        Section(
-            "Scores", (), tuple(_mean_table(q.name, q.key, rows) for q in QUESTIONS)
-        ),
-        Section("Agreement between raters", (ALPHA,), (alphas,)),
-    ]
-    more = {
-        "study": key.study,
-        "raters": raters,
-        "videos": len(key.scenes),
-        "clips": len(key.clips),
-        "interval": f"95 %, {DRAWS} bootstrap draws of raters and videos, seed {seed}",
-        "agreement": {
-            q.key: {"alpha": one.mean, "low": one.low, "high": one.high}
-            for q, one in alike
-        },
-    }
-    sentences = []
-    for q in QUESTIONS:
-        method, best = max(
-            ((row["method"], row[q.key]) for row in rows),
-            key=lambda pair: pair[1]["mean"] or 0,
-        )
-        value = f"{number(best['mean'])} {interval(best['low'], best['high'])}".removesuffix(
-            " -"
-        )
-        highest = f"{method} scores highest, {value} of {POINTS}."
-        sentences.append(
-            f"{q.name}: {highest if best['answers'] else 'no rater answered.'}"
-        )
-    given = sum(int((scores[q.key] > 0).sum()) for q in QUESTIONS)
-    asked = len(key.clips) * raters * len(QUESTIONS)
-    text = f"{counted(raters, 'rater')}, {counted(len(key.scenes), 'video')} a method, {given} answers"
-    sentences.append(
-        f"{text}."
-        if given == asked
-        else f"{text}; {asked - given} of {asked} are missing."
-    )
-    if raters < FEW or len(key.scenes) < FEW:
-        sentences.append(
-            f"With fewer than {FEW} raters or videos, intervals are narrower than they should be."
-        )
-    title = f"Human evaluation of {counted(len(names), 'method')}"
-    return Findings("study", title, tuple(sentences), tuple(sections), rows, more=more)
+            numbers = {"answers": sum(counts), "counts": counts}
+            rows[m][question.key] = {**asdict(mean), **numbers}
+    return sorted(rows, key=_preference)
+
+
+def _preference(row: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return a key that sorts methods by their means, the best first."""
+    return tuple(-(row[question.key]["mean"] or 0) for question in QUESTIONS)
+
+
+def _sentences(answers: Answers, rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the best method by question, the number of answers, and a doubt about few of them."""
+    for question in QUESTIONS:
+        best_row = max(rows, key=lambda row: row[question.key]["mean"] or 0)
+        best = best_row[question.key]
+        if best["answers"]:
+            ends = interval(best["low"], best["high"])
+            value = f"{number(best['mean'])} {ends}".removesuffix(" -")
+            method = best_row["method"]
+            yield f"{question.name}: {method} scores highest, {value} of {POINTS}."
+        else:
+            yield f"{question.name}: no rater answered."
+    raters = len(answers.raters)
+    videos = len(answers.key.scenes)
+    given = sum(int((scores > 0).sum()) for scores in answers.scores.values())
+    possible = len(answers.key.clips) * raters * len(QUESTIONS)
+    text = f"{counted(raters, 'rater')}, {counted(videos, 'video')} a method, {given} answers"
+    if given == possible:
+        yield f"{text}."
+    else:
+        yield f"{text}; {possible - given} of {possible} are missing."
+    if raters < ENOUGH or videos < ENOUGH:
+        yield f"With fewer than {ENOUGH} raters or videos, intervals are narrower than they should be."
+
+
+def _agreement_table(agreements: Mapping[str, Mean]) -> Table:
+    lines = []
+    for question in QUESTIONS:
+        alpha = agreements[question.key]
+        ends = interval(alpha.low, alpha.high)
+        lines.append((question.name, number(alpha.mean), ends))
+    note = "-: one rater alone, or the same score everywhere."
+    return Table(("question", "alpha", "95 %"), tuple(lines), note=note)
 
 
 def _mean_table(title: str, question: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     lines = []
     for row in rows:
-        one = row[question]
-        ends = interval(one["low"], one["high"])
-        lines.append(
-            (row["method"], number(one["mean"]), ends, *map(str, one["counts"]))
-        )
-    heads = ("method", "mean", "95 %", *(f"{point}" for point in range(1, POINTS + 1)))
+        score = row[question]
+        ends = interval(score["low"], score["high"])
+        counts = map(str, score["counts"])
+        lines.append((row["method"], number(score["mean"]), ends, *counts))
+    heads = ("method", "mean", "95 %", *map(str, range(1, POINTS + 1)))
     note = "Last columns: answers from 1, strongly disagree, to 5, strongly agree."
     return Table(heads, tuple(lines), title, note)

@@ -1,4 +1,4 @@
-"""Times of the stages, from the records of clips (manifest.json, perceived.json), beside the paper's table.
+"""Compare times of stages, from the records of clips (manifest.json, perceived.json), with the paper's table.
 
 Clips of different machines are never mixed.
 """
@@ -24,8 +24,8 @@ from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_
 from physgen.report.record import TIMING
 from physgen.scene.files import RECORD, read_record
 
-MOST_PROBLEMS = 20
-"""Manifests without times that are named."""
+MAX_PROBLEMS = 20
+"""Manifests without times that are named, at most."""
 PAPER = 180
 """s: "around 3 minute for a single generation", on an A40."""
 
@@ -41,7 +41,7 @@ class Part:
     """Our stages that do the same."""
 
 
-ELSE = (
+OTHER_ROLES = (
     "depth",
     "normals",
     "intrinsic",
@@ -55,7 +55,9 @@ PARTS = (
     Part("perception: objects", 50, ("perceive categories", "perceive segment")),
     Part("perception: names, physics", 10, ("perceive label", "perceive physics")),
     Part("perception: background", 20, ("perceive inpaint",)),
-    Part("perception: all else", None, tuple(f"perceive {role}" for role in ELSE)),
+    Part(
+        "perception: all else", None, tuple(f"perceive {role}" for role in OTHER_ROLES)
+    ),
     Part("simulation", 5, ("compile", "simulate", "expose")),
     Part("render", 60, ("cut out", "render", "cover")),
     Part("refinement", 35, ("load model", "refine")),
@@ -68,6 +70,7 @@ Time = tuple[float, float]
 
 
 def total(times: Sequence[Time]) -> Time:
+    """Return the sum of times."""
     return sum(wall for wall, _ in times), sum(cpu for _, cpu in times)
 
 
@@ -79,12 +82,13 @@ class Run:
     stages: Mapping[str, Time]
     """By the record's names; steps of perceiving by their role, after `perceive `."""
     machine: str
-    """With the device that rendered or ran models, where that is not the CPU."""
+    """With the device that rendered or ran models, unless it is the CPU."""
     models: tuple[str, ...] = ()
     """Backends with downloaded models, as `role=name`."""
 
     @property
-    def perceived(self) -> bool:
+    def has_perception(self) -> bool:
+        """Return whether steps of perceiving are recorded."""
         return any(stage.startswith("perceive ") for stage in self.stages)
 
 
@@ -92,101 +96,98 @@ class Run:
 
 
 def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
-    """Every clip below `roots` that records its times; `warn` is called for others. Raises InputError without any."""
-    found: list[Run] = []
-    left: list[Problem] = []
+    """Return every clip below `roots` that records its times; `warn` is called for others.
+
+    Raise InputError without any.
+    """
+    runs: list[Run] = []
+    problems: list[Problem] = []
     for clip in find_clips(checked_folders(roots)):
-        run = (
-            None
-            if clip.manifest is None
-            else _run(clip.name, clip.folder, clip.manifest)
-        )
-        if run is not None:
-            found.append(run)
-            continue
-        expected = (
-            "cannot be read" if clip.manifest is None else "has no times of its stages"
-        )
+        expected = "cannot be read"
+        if clip.manifest is not None:
+            expected = "has no times of its stages"
+            run = _run(clip.name, clip.folder, clip.manifest)
+            if run is not None:
+                runs.append(run)
+                continue
         place = Place(str(clip.folder / MANIFEST))
-        left.append(
-            Problem(
-                place,
-                "",
-                "",
-                expected,
-                "make the clip again: physgen render",
-                Severity.WARNING,
-            )
+        fix = "make the clip again: physgen render"
+        problems.append(Problem(place, "", "", expected, fix, Severity.WARNING))
+    del problems[MAX_PROBLEMS:]
+    if runs:
+        for problem in problems:
+            warn(problem)
+        return runs
+    if problems:
+        raise InputError(
+            replace(problem, severity=Severity.ERROR) for problem in problems
         )
-    if not found:
-        if left:
-            raise InputError(
-                replace(problem, severity=Severity.ERROR)
-                for problem in left[:MOST_PROBLEMS]
-            )
-        fix = "name folders that physgen render or sweep made"
-        raise InputError.of(", ".join(map(str, roots)), "", "holds no clips", fix)
-    for problem in left[:MOST_PROBLEMS]:
-        warn(problem)
-    return found
+    fix = "name folders that physgen render or sweep made"
+    raise InputError.of(", ".join(map(str, roots)), "", "holds no clips", fix)
 
 
 def _run(name: str, folder: Path, record: Mapping[str, Any]) -> Run | None:
-    """None where the clip has no times."""
+    """Return the run of a clip; None if the clip has no times."""
+    stages = _read_stages(folder, record)
+    if not stages:
+        return None
+    perception_times, models = _read_perception(folder, record)
+    refinement = record.get("refine") or {}
+    if refinement.get("backend") not in (None, "none"):
+        models = (*models, f"refine={refinement['backend']}")
+    machine = _machine(record.get("platform") or {})
+    device = str(refinement.get("device") or record.get("device") or "cpu")
+    if device != "cpu":
+        machine = f"{machine}; {device}"
+    return Run(name, stages | perception_times, machine, models)
+
+
+def _read_stages(folder: Path, record: Mapping[str, Any]) -> dict[str, Time]:
+    """Return the times of a clip's stages, none if they are missing or are not times."""
+    stages = {}
     try:
-        apart = folder / TIMING
-        times = (json.loads(apart.read_bytes()) if apart.is_file() else record)[
-            "stages"
-        ]
-        stages = {
-            key: (float(one["wall"]), float(one["cpu"])) for key, one in times.items()
-        }
+        path = folder / TIMING
+        if path.is_file():
+            record = json.loads(path.read_bytes())
+        for key, times in record["stages"].items():
+            stages[key] = (float(times["wall"]), float(times["cpu"]))
     except (OSError, KeyError, TypeError, ValueError, AttributeError):
-        return None
-    if not stages or not all(
-        isfinite(wall) and wall >= 0 for wall, _ in stages.values()
-    ):
-        return None
-    seen, models = _perceived(folder, record)
-    refine, known = record.get("refine") or {}, record.get("platform") or {}
-    if refine.get("backend") not in (None, "none"):
-        models = (*models, f"refine={refine['backend']}")
-    keys = ("machine", "system", "processor", "cores", "memory_gib")
-    machine = (
-        str(Machine(**{key: known[key] for key in keys}))
-        if "processor" in known
-        else "not recorded"
-    )
-    device = str(refine.get("device") or record.get("device") or "cpu")
-    return Run(
-        name,
-        stages | seen,
-        machine if device == "cpu" else f"{machine}; {device}",
-        models,
-    )
+        return {}
+    for wall, _ in stages.values():
+        if not isfinite(wall) or wall < 0:
+            return {}
+    return stages
 
 
-def _perceived(
+MACHINE_KEYS = ("machine", "system", "processor", "cores", "memory_gib")
+
+
+def _machine(platform: Mapping[str, Any]) -> str:
+    """Return the machine of a record in words."""
+    if "processor" not in platform:
+        return "not recorded"
+    return str(Machine(**{key: platform[key] for key in MACHINE_KEYS}))
+
+
+def _read_perception(
     folder: Path, record: Mapping[str, Any]
 ) -> tuple[dict[str, Time], tuple[str, ...]]:
-    """Steps of perceiving, where models took part and the scene is still in its place."""
-    assets, source = (
-        (record.get("document") or {}).get("assets"),
-        str(record.get("source") or "://"),
-    )
+    """Return the times of steps of perceiving, and the models in them; none if the scene has moved."""
+    assets = (record.get("document") or {}).get("assets")
+    source = str(record.get("source") or "://")
     if not assets or "://" in source:
         return {}, ()
     times: dict[str, Time] = {}
+    models: dict[str, None] = {}
     try:
         steps = read_record((folder / source).parent / str(assets) / RECORD)["steps"]
         for step in steps:
             stage = f"perceive {step['role']}"
-            times[stage] = total(
-                [times.get(stage, (0.0, np.nan)), (float(step["seconds"]), np.nan)]
-            )
-        models = dict.fromkeys(
-            f"{step['role']}={step['backend']}" for step in steps if step.get("weights")
-        )
+            step_time = (float(step["seconds"]), np.nan)
+            times[stage] = total([times.get(stage, (0.0, np.nan)), step_time])
+        for step in steps:
+            if step.get("weights"):
+                models[f"{step['role']}={step['backend']}"] = None
     except (OSError, ValueError, KeyError, TypeError):
         return {}, ()
     return times, tuple(models)
@@ -194,15 +195,14 @@ def _perceived(
 
 @cache
 def gpu() -> str:
-    """The GPU's model and memory, from nvidia-smi; `""` where there is none."""
+    """Return the GPU's model and memory, from nvidia-smi; `""` without one."""
     command = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"]
     with suppress(OSError, subprocess.SubprocessError):
-        done = subprocess.run(
+        process = subprocess.run(
             command, capture_output=True, text=True, timeout=10, check=True
         )
-        return "; ".join(
-            line.strip() for line in done.stdout.splitlines() if line.strip()
-        )
+        lines = [line.strip() for line in process.stdout.splitlines()]
+        return "; ".join(line for line in lines if line)
     return ""
 
 
@@ -213,159 +213,165 @@ NOTE = (
     "Seconds; medians over runs, and the least and the most. CPU: of all threads. Whole runs: from photo to video, or "
     "from scene to video where perceiving is not recorded. The paper's parts sum to 180 s."
 )
-CACHED = "What an earlier run left in the cache counts as long as reading it took: --no-cache runs it."
+CACHE_NOTE = "What an earlier run left in the cache counts as long as reading it took: --no-cache runs it."
+OTHER_PART = "asked for besides"
+"""Name of all stages that belong to no part."""
 
 
 def spread(times: Sequence[Time]) -> dict[str, Any]:
-    """Of one time or more, s; the CPU's is None where one is not recorded.
+    """Return median and range of one time or more, s; the CPU's is None if one is not recorded.
 
     >>> spread([(1.0, 2.0), (3.0, 2.0), (2.0, 9.0)])
     {'runs': 3, 'wall': 2.0, 'wall_least': 1.0, 'wall_most': 3.0, 'cpu': 2.0}
     """
-    walls, cpu = (
-        [wall for wall, _ in times],
-        float(np.median([cpu for _, cpu in times])),
-    )
-    found = {
-        "wall": float(np.median(walls)),
-        "wall_least": min(walls),
-        "wall_most": max(walls),
+    wall_times = [wall for wall, _ in times]
+    cpu_time = float(np.median([cpu for _, cpu in times]))
+    return {
+        "runs": len(times),
+        "wall": float(np.median(wall_times)),
+        "wall_least": min(wall_times),
+        "wall_most": max(wall_times),
+        "cpu": cpu_time if isfinite(cpu_time) else None,
     }
-    return {"runs": len(times), **found, "cpu": cpu if isfinite(cpu) else None}
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
-    return [
-        str(row["runs"]),
-        *(
-            number(row[key], ".3f")
-            for key in ("wall", "wall_least", "wall_most", "cpu")
-        ),
-    ]
+    keys = ("wall", "wall_least", "wall_most", "cpu")
+    return [str(row["runs"]), *(number(row[key], ".3f") for key in keys)]
 
 
 def findings(runs: Sequence[Run], here: str) -> Findings:
-    """Of one run or more; `here` names this machine and its GPU."""
+    """Return the findings of one run or more; `here` names this machine and its GPU."""
     machines = list(dict.fromkeys(run.machine for run in runs))
-    sections, rows = [], []
+    sections: list[Section] = []
+    rows: list[dict[str, Any]] = []
     for machine in machines:
-        mine = [run for run in runs if run.machine == machine]
-        after = "" if len(machines) == 1 else f": {machine}"
-        parts, stages = _by_part(mine), _by_stage(mine)
-        whole, paper = _whole(mine), f"{_paper_time(mine):g} of {PAPER}"
-        lines = [
-            (one["name"], *_cells(one), number(one["paper"], "g")) for one in parts
-        ]
-        lines.append(("whole runs", *_cells(whole), paper))
-        by_part = Table(("part", *HEADS, "the paper, A40"), tuple(lines), note=NOTE)
-        by_stage = Table(
-            ("stage", *HEADS),
-            tuple((one["name"], *_cells(one)) for one in stages),
-            note=CACHED,
-        )
+        machine_runs = [run for run in runs if run.machine == machine]
+        parts, stages = _by_part(machine_runs), _by_stage(machine_runs)
+        suffix = "" if len(machines) == 1 else f": {machine}"
+        part_table = _part_table(machine_runs, parts)
+        stage_table = _stage_table(stages)
         sections += [
-            Section(f"By the paper's parts{after}", (), (by_part,)),
-            Section(f"Every stage{after}", (), (by_stage,)),
+            Section(f"By the paper's parts{suffix}", (), (part_table,)),
+            Section(f"Every stage{suffix}", (), (stage_table,)),
         ]
         rows += [{"machine": machine, **row} for row in (*parts, *stages)]
-    more = {
-        "machines": machines,
-        "here": here,
-        "runs": [
-            {
-                "name": run.name,
-                "machine": run.machine,
-                "models": list(run.models),
-                "stages": {key: spread([one]) for key, one in run.stages.items()},
-            }
-            for run in runs
-        ],
-        "paper": {part.name: part.paper for part in PARTS if part.paper is not None}
-        | {"all": PAPER},
-    }
-    sentences = (_summary(runs), f"Run on {'; and on '.join(machines)}.", _models(runs))
+    paper: dict[str, float] = {}
+    for part in PARTS:
+        if part.paper is not None:
+            paper[part.name] = part.paper
     return Findings(
-        "runtime",
-        "Runtime, stage by stage",
-        sentences,
-        tuple(sections),
-        rows,
-        more=more,
+        measure="runtime",
+        title="Runtime, stage by stage",
+        sentences=(
+            _summary(runs),
+            f"Run on {'; and on '.join(machines)}.",
+            _models(runs),
+        ),
+        sections=tuple(sections),
+        rows=rows,
+        extra={
+            "machines": machines,
+            "here": here,
+            "runs": [_run_record(run) for run in runs],
+            "paper": {**paper, "all": PAPER},
+        },
     )
 
 
+def _run_record(run: Run) -> dict[str, Any]:
+    return {
+        "name": run.name,
+        "machine": run.machine,
+        "models": list(run.models),
+        "stages": {key: spread([time]) for key, time in run.stages.items()},
+    }
+
+
+def _part_table(runs: Sequence[Run], parts: Sequence[Mapping[str, Any]]) -> Table:
+    lines = []
+    for row in parts:
+        lines.append((row["name"], *_cells(row), number(row["paper"], "g")))
+    paper = f"{_paper_time(runs):g} of {PAPER}"
+    lines.append(("whole runs", *_cells(_whole(runs)), paper))
+    heads = ("part", *HEADS, "the paper, A40")
+    return Table(heads, tuple(lines), note=NOTE)
+
+
+def _stage_table(stages: Sequence[Mapping[str, Any]]) -> Table:
+    lines = tuple((row["name"], *_cells(row)) for row in stages)
+    return Table(("stage", *HEADS), lines, note=CACHE_NOTE)
+
+
 def _by_part(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return the times of each part of the paper's table, and of all other stages."""
     rows = []
-    for part in (*PARTS, Part("asked for besides", None, ())):
-        own = [
-            [
-                t
-                for s, t in run.stages.items()
-                if s in (part.stages or set(run.stages) - set(ORDER))
-            ]
-            for run in runs
-        ]
-        if times := [total(some) for some in own if some]:
-            rows.append(
-                {
-                    "kind": "part",
-                    "name": part.name,
-                    **spread(times),
-                    "paper": part.paper,
-                }
-            )
+    for part in (*PARTS, Part(OTHER_PART, None, ())):
+        totals = []
+        for run in runs:
+            stages = part.stages or set(run.stages) - set(ORDER)
+            times = [time for stage, time in run.stages.items() if stage in stages]
+            if times:
+                totals.append(total(times))
+        if totals:
+            row = {"kind": "part", "name": part.name, **spread(totals)}
+            rows.append({**row, "paper": part.paper})
     return rows
 
 
 def _by_stage(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    seen = dict.fromkeys(stage for run in runs for stage in run.stages)
-    names = sorted(
-        seen, key=lambda stage: ORDER.index(stage) if stage in ORDER else len(ORDER)
-    )
-    found = {
-        name: spread([run.stages[name] for run in runs if name in run.stages])
-        for name in names
-    }
-    return [
-        {"kind": "stage", "name": name, **one, "paper": None}
-        for name, one in found.items()
-    ]
+    """Return the times of each stage, in the order of the paper's table."""
+    names: dict[str, None] = {}
+    for run in runs:
+        names.update(dict.fromkeys(run.stages))
+    rows = []
+    for name in sorted(names, key=_place_of_stage):
+        times = [run.stages[name] for run in runs if name in run.stages]
+        row = {"kind": "stage", "name": name, **spread(times)}
+        rows.append({**row, "paper": None})
+    return rows
+
+
+def _place_of_stage(stage: str) -> int:
+    return ORDER.index(stage) if stage in ORDER else len(ORDER)
 
 
 def _whole(runs: Sequence[Run]) -> dict[str, Any]:
-    """Of runs with recorded perceiving, where there are any: the others began with a scene."""
-    full = [run for run in runs if run.perceived] or runs
-    return spread([total(list(run.stages.values())) for run in full])
+    """Return the times of runs with recorded perceiving, if there are any: the others began with a scene."""
+    whole_runs = [run for run in runs if run.has_perception] or runs
+    return spread([total(list(run.stages.values())) for run in whole_runs])
 
 
 def _paper_time(runs: Sequence[Run]) -> float:
-    """s that the paper's table has for the parts of these runs."""
-    there = {stage for run in runs for stage in run.stages}
-    return sum(
-        part.paper
-        for part in PARTS
-        if part.paper is not None and there & set(part.stages)
-    )
+    """Return the s of the paper's table for the parts of these runs."""
+    stages = {stage for run in runs for stage in run.stages}
+    time = 0.0
+    for part in PARTS:
+        if part.paper is not None and stages & set(part.stages):
+            time += part.paper
+    return time
 
 
 def _summary(runs: Sequence[Run]) -> str:
-    whole, perceived = _whole(runs), any(run.perceived for run in runs)
-    did = ["perceiving"] if perceived else []
-    did += ["simulating, rendering and encoding"]
-    did += ["refining"] if any("refine" in run.stages for run in runs) else []
+    """Return the sentence on whole runs."""
+    whole = _whole(runs)
+    steps = ["simulating, rendering and encoding"]
+    paper = f"{_paper_time(runs):g} s for these parts, on an A40"
+    if any(run.has_perception for run in runs):
+        steps.insert(0, "perceiving")
+        paper = "3 minutes, on an A40 with GPT-4V"
+    if any("refine" in run.stages for run in runs):
+        steps.append("refining")
     count = f"{whole['runs']} runs" if whole["runs"] > 1 else "One run"
-    paper = (
-        "3 minutes, on an A40 with GPT-4V"
-        if perceived
-        else f"{_paper_time(runs):g} s for these parts, on an A40"
-    )
     return (
-        f"{count}, {' and '.join(did)}: {whole['wall']:.3f} s of wall time ({whole['wall_least']:.3f} to "
+        f"{count}, {' and '.join(steps)}: {whole['wall']:.3f} s of wall time ({whole['wall_least']:.3f} to "
         f"{whole['wall_most']:.3f}) in the median. The paper: {paper}."
     )
 
 
 def _models(runs: Sequence[Run]) -> str:
+    """Return the sentence on models."""
     models = sorted({model for run in runs for model in run.models})
-    nothing = "No downloaded models took part: the offline steps do what the paper does with them."
-    return f"Models: {', '.join(models)}." if models else nothing
+    if models:
+        return f"Models: {', '.join(models)}."
+    return "No downloaded models took part: the offline steps do what the paper does with them."

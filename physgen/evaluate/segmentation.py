@@ -1,4 +1,4 @@
-"""Objects found on photos against true masks, matched as COCO does: counts, average precision, calibration.
+"""Compare detections on photos with true masks, matched as COCO does: counts, average precision, calibration.
 
 T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context" (2014); pycocotools matches and counts. Truth is read from
 label maps beside photos, or in assets as `perceive` writes them.
@@ -46,13 +46,13 @@ LABELS = ".labels.png"
 """Ends the name of a label map beside its photo."""
 ASSETS = "photo.assets/masks.png"
 """The label map of a folder that holds one `photo.*`."""
-UNJUDGED = 65535
-"""Id in a 16-bit label map where truth is unknown."""
-HOW = f"put NAME{LABELS} beside each NAME.png, or {ASSETS} beside each photo.png in folders"
+UNKNOWN_ID = 65535
+"""Id in a 16-bit label map of pixels whose truth is not known."""
+PAIR_FIX = f"put NAME{LABELS} beside each NAME.png, or {ASSETS} beside each photo.png in folders"
 
 
 def require_pycocotools() -> None:
-    """Raises InputError where it is not installed."""
+    """Raise InputError if pycocotools is not installed."""
     try:
         import pycocotools.cocoeval  # noqa: F401
     except ModuleNotFoundError as error:
@@ -60,8 +60,8 @@ def require_pycocotools() -> None:
         raise InputError.of("evaluate segmentation", "", found, fix) from None
 
 
-def runs(mask: Mask) -> Runs:
-    """Of a mask (H, W)."""
+def encode_mask(mask: Mask) -> Runs:
+    """Return the run lengths of a mask (H, W)."""
     from pycocotools import mask as coco
 
     return dict(coco.encode(np.asfortranarray(mask, np.uint8)))
@@ -71,9 +71,11 @@ def runs(mask: Mask) -> Runs:
 class Truth:
     """A photo and the true masks."""
 
-    rgb: NDArray[np.uint8]  # (H, W, 3) sRGB, upright
+    rgb: NDArray[np.uint8]
+    """(H, W, 3) sRGB, upright."""
     masks: tuple[Runs, ...]
-    unjudged: Runs  # where truth is unknown
+    unknown_region: Runs
+    """Pixels whose truth is not known."""
 
 
 @dataclass(frozen=True)
@@ -86,94 +88,100 @@ class Pair:
     """Unique in the folder, and fit for a file."""
 
     def read(self) -> Truth:
-        """Raises InputError where one of the files cannot be read, or their sizes differ."""
-        rgb, labels = read_photo(self.photo).rgb, read_labels(self.truth)
+        """Return photo and masks. Raise InputError if a file cannot be read, or the sizes differ."""
+        rgb = read_photo(self.photo).rgb
+        labels = read_labels(self.truth)
         if labels.shape != rgb.shape[:2]:
             found = f"{labels.shape[1]} x {labels.shape[0]} px"
             expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
-            raise InputError.of(
-                str(self.truth), found, expected, "make it the photo's size"
-            )
-        ids = [i for i in np.unique(labels).tolist() if i not in (0, UNJUDGED)]
-        return Truth(
-            rgb, tuple(runs(labels == i) for i in ids), runs(labels == UNJUDGED)
-        )
+            fix = "make it the photo's size"
+            raise InputError.of(str(self.truth), found, expected, fix)
+        masks = []
+        for object_id in np.unique(labels).tolist():
+            if object_id not in (0, UNKNOWN_ID):
+                masks.append(encode_mask(labels == object_id))
+        return Truth(rgb, tuple(masks), encode_mask(labels == UNKNOWN_ID))
+
+    @property
+    def is_alone(self) -> bool:
+        """Return whether the photo has a folder of its own."""
+        return self.truth == self.photo.parent / ASSETS
 
 
 def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
-    """By name, with warnings of photos and label maps without a partner. Raises InputError where there is no pair."""
+    """Return pairs by name, with warnings of photos and label maps without a partner.
+
+    Raise InputError if there is no pair.
+    """
     if not folder.exists():
         raise InputError.of(str(folder), "", "no such folder", "check the path")
     if not folder.is_dir():
-        raise InputError.of(
-            str(folder), "", "is not a folder", "name the folder that holds the photos"
-        )
-    found, warnings = list[Pair](), list[Problem]()
-    files = [
-        path
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and not _hidden(path, folder)
-    ]
-    photos = [
-        path
-        for path in files
-        if path.suffix.lower() in ENDINGS and not path.name.endswith(LABELS)
-    ]
-    for path in photos:
-        beside, assets = path.with_name(path.stem + LABELS), path.parent / ASSETS
-        truth = beside if beside.is_file() else assets if path.stem == "photo" else None
-        if truth is not None and truth.is_file():
-            found.append(Pair(path, truth))
+        fix = "name the folder that holds the photos"
+        raise InputError.of(str(folder), "", "is not a folder", fix)
+    paths = []
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and not _is_hidden(path, folder):
+            paths.append(path)
+    photo_pairs, warnings = _find_pairs(paths)
+    if not photo_pairs:
+        fault = "holds no photo with a label map"
+        raise InputError.of(str(folder), "", fault, PAIR_FIX)
+    photos_by_map = _photos_by_map(photo_pairs)
+    for path in paths:
+        if path.name.endswith(LABELS) and path not in photos_by_map:
+            warnings.append(_warning(path, "has no photo", "name both alike"))
+    named_pairs = [replace(pair, name=_pair_name(pair, folder)) for pair in photo_pairs]
+    return sorted(named_pairs, key=lambda pair: pair.name), warnings
+
+
+def _warning(path: Path, expected: str, fix: str) -> Problem:
+    return Problem(Place(str(path)), "", "", expected, fix, Severity.WARNING)
+
+
+def _find_pairs(paths: Sequence[Path]) -> tuple[list[Pair], list[Problem]]:
+    """Return the photos that have a label map, and a warning for each other photo."""
+    photo_pairs = list[Pair]()
+    warnings = list[Problem]()
+    for path in paths:
+        if path.suffix.lower() not in ENDINGS or path.name.endswith(LABELS):
+            continue
+        truth = path.with_name(path.stem + LABELS)
+        if not truth.is_file() and path.stem == "photo":
+            truth = path.parent / ASSETS
+        if truth.is_file():
+            photo_pairs.append(Pair(path, truth))
         else:
-            expected = "is left out: it has no label map"
-            warnings.append(
-                Problem(Place(str(path)), "", "", expected, HOW, Severity.WARNING)
-            )
-    if not found:
-        raise InputError.of(str(folder), "", "holds no photo with a label map", HOW)
-    matched: dict[Path, Path] = {}
-    for one in found:
-        other = matched.setdefault(one.truth, one.photo)
-        if other != one.photo:
-            names = f"{other.name} and {one.photo.name}"
-            raise InputError.of(
-                str(one.truth), names, "could both be its photo", "keep one of them"
-            )
-    for path in files:
-        if path.name.endswith(LABELS) and path not in matched:
-            place = Place(str(path))
-            warnings.append(
-                Problem(
-                    place, "", "", "has no photo", "name both alike", Severity.WARNING
-                )
-            )
-    return _named(found, folder), warnings
+            fault = "is left out: it has no label map"
+            warnings.append(_warning(path, fault, PAIR_FIX))
+    return photo_pairs, warnings
 
 
-def _hidden(path: Path, folder: Path) -> bool:
-    """Whether it lies in a hidden folder, or among the maps of a scene."""
+def _photos_by_map(photo_pairs: Sequence[Pair]) -> dict[Path, Path]:
+    """Return the photo of each label map. Raise InputError for a map of two photos."""
+    photos: dict[Path, Path] = {}
+    for pair in photo_pairs:
+        photo = photos.setdefault(pair.truth, pair.photo)
+        if photo != pair.photo:
+            names = f"{photo.name} and {pair.photo.name}"
+            expected = "could both be its photo"
+            raise InputError.of(str(pair.truth), names, expected, "keep one of them")
+    return photos
+
+
+def _is_hidden(path: Path, folder: Path) -> bool:
+    """Return whether a file is in a hidden folder, or among the maps of a scene."""
     parts = path.relative_to(folder).parts
     return any(part.startswith(".") or part.endswith(".assets") for part in parts)
 
 
-def _named(found: list[Pair], folder: Path) -> list[Pair]:
-    """The pairs by name: a photo's path in the folder, or its own folder's where that holds one photo."""
-    named = []
-    for pair in found:
-        way = pair.photo.relative_to(folder)
-        alone = pair.truth == pair.photo.parent / ASSETS
-        parts = (
-            way.parent.parts or (folder.resolve().name,)
-            if alone
-            else way.with_suffix("").parts
-        )
-        named.append(
-            replace(
-                pair,
-                name=re.sub(r"[^\w.-]+", "-", "-".join(parts)).strip(".-") or "photo",
-            )
-        )
-    return sorted(named, key=lambda pair: pair.name)
+def _pair_name(pair: Pair, folder: Path) -> str:
+    """Return a photo's path in the folder, or its own folder's if that has one photo, fit for a file."""
+    path = pair.photo.relative_to(folder)
+    parts = path.with_suffix("").parts
+    if pair.is_alone:
+        parts = path.parent.parts or (folder.resolve().name,)
+    name = re.sub(r"[^\w.-]+", "-", "-".join(parts))
+    return name.strip(".-") or "photo"
 
 
 # ---- matching ----------------------------------------------------------------------------------------------------
@@ -181,109 +189,134 @@ def _named(found: list[Pair], folder: Path) -> list[Pair]:
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """One photo's true masks, and found ones with their confidences (N,)."""
+    """One photo's true masks, and detections with their confidences (N,)."""
 
     name: str
-    size: tuple[int, int]  # width and height, px
-    true: Sequence[Runs]
-    unjudged: Sequence[
-        Runs
-    ]  # regions that count for neither side: what is found mostly there is left out
-    found: Sequence[Runs]
+    size: tuple[int, int]
+    """Width and height, px."""
+    true_masks: Sequence[Runs]
+    unknown_regions: Sequence[Runs]
+    """Regions that count for neither side: a detection mostly in one is left out."""
+    detections: Sequence[Runs]
     confidence: Floats
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """Matches of one photo at the first threshold, without what is found where truth is unknown."""
+class PhotoMatches:
+    """Matches of one photo at the first threshold, without detections in regions whose truth is not known."""
 
-    confidence: Floats  # (N,)
-    overlap: Floats  # (N,): IoU with the match; 0 without
-    true: int  # number of true masks
+    confidence: Floats
+    """(N,)."""
+    overlap: Floats
+    """(N,): IoU with the match; 0 without."""
+    true_count: int
+    """Number of true masks."""
 
     @property
-    def right(self) -> Mask:
-        """(N,): whether it has a match."""
+    def is_match(self) -> Mask:
+        """Return whether each detection has a match, (N,)."""
         return self.overlap > 0
 
 
 @dataclass(frozen=True, eq=False)
-class Matched:
+class Matches:
     """All photos."""
 
-    photos: tuple[Judged, ...]
+    photos: tuple[PhotoMatches, ...]
     precision: Floats
     """(thresholds, 101): the highest precision at COCO's recalls 0, 0.01 .. 1 or larger ones; -1: nothing is true."""
 
     @property
     def average_precision(self) -> list[float | None]:
-        """COCO's AP at each threshold; None where nothing is true."""
+        """Return COCO's AP at each threshold; None if nothing is true."""
         return [None if line[0] < 0 else float(line.mean()) for line in self.precision]
 
 
-def match(photos: Sequence[Photo]) -> Matched:
-    """Masks by falling confidence, each with the free true mask of largest overlap, a threshold or more."""
-    from pycocotools import mask as coco
+Annotation = dict[str, Any]
+"""A mask as pycocotools has it."""
+
+
+def match(photos: Sequence[Photo]) -> Matches:
+    """Match masks by falling confidence, each with the free true mask of largest overlap, a threshold or more."""
+    true_masks = list[Annotation]()
+    detections = list[Annotation]()
+    for k, photo in enumerate(photos):
+        true_masks += [_annotation(k, mask) for mask in photo.true_masks]
+        true_masks += [_annotation(k, mask, 1) for mask in photo.unknown_regions]
+        scores = photo.confidence.tolist()
+        for mask, score in zip(photo.detections, scores, strict=True):
+            detections.append({**_annotation(k, mask), "score": score})
+    judge = _run_coco(photos, true_masks, detections)
+    photo_matches = []
+    for photo, result in zip(photos, judge.evalImgs, strict=True):
+        photo_matches.append(_photo_matches(photo, result, true_masks, detections))
+    precision = np.asarray(judge.eval["precision"][:, :, 0, 0, 0])
+    return Matches(tuple(photo_matches), precision)
+
+
+def _annotation(image: int, mask: Runs, is_crowd: int = 0) -> Annotation:
+    return {"image_id": image, "iscrowd": is_crowd, "segmentation": mask}
+
+
+def _run_coco(
+    photos: Sequence[Photo],
+    true_masks: list[Annotation],
+    detections: list[Annotation],
+) -> Any:
+    """Return COCO's judge after its work."""
     from pycocotools.cocoeval import COCOeval
 
-    true, found = list[dict[str, Any]](), list[dict[str, Any]]()
-    for k, photo in enumerate(photos):
-        for crowd, some in ((0, photo.true), (1, photo.unjudged)):
-            true += [
-                {"image_id": k, "iscrowd": crowd, "segmentation": one} for one in some
-            ]
-        for one, sure in zip(photo.found, photo.confidence.tolist(), strict=True):
-            found.append(
-                {"image_id": k, "iscrowd": 0, "segmentation": one, "score": sure}
-            )
+    # pycocotools prints its progress
     with contextlib.redirect_stdout(io.StringIO()):
-        judge = COCOeval(_dataset(photos, true), _dataset(photos, found), "segm")
+        truth = _dataset(photos, true_masks)
+        answers = _dataset(photos, detections)
+        judge = COCOeval(truth, answers, "segm")
         judge.params.iouThrs = np.array(THRESHOLDS)
-        judge.params.maxDets = [max(len(found), 1)]
+        judge.params.maxDets = [max(len(detections), 1)]
         judge.params.areaRng, judge.params.areaRngLbl = [[0, 1e10]], ["all"]
         judge.evaluate()
         judge.accumulate()
-    judged = []
-    for photo, one in zip(photos, judge.evalImgs, strict=True):
-        if one is None:  # neither true nor found
-            judged.append(Judged(np.zeros(0), np.zeros(0), 0))
-            continue
-        kept = ~np.asarray(one["dtIgnore"][0], np.bool_)
-        ids, matches = (
-            np.array(one["dtIds"])[kept],
-            np.asarray(one["dtMatches"][0])[kept].astype(int),
-        )
-        overlap = [
-            float(
-                coco.iou(
-                    [found[i - 1]["segmentation"]], [true[j - 1]["segmentation"]], [0]
-                )[0, 0]
-            )
-            if j
-            else 0.0
-            for i, j in zip(ids.tolist(), matches.tolist(), strict=True)
-        ]
-        judged.append(
-            Judged(np.array(one["dtScores"])[kept], np.array(overlap), len(photo.true))
-        )
-    return Matched(tuple(judged), np.asarray(judge.eval["precision"][:, :, 0, 0, 0]))
+    return judge
 
 
-def _dataset(photos: Sequence[Photo], annotations: list[dict[str, Any]]) -> Any:
-    """As pycocotools holds it; ids count from 1."""
+def _photo_matches(
+    photo: Photo,
+    result: Mapping[str, Any] | None,
+    true_masks: Sequence[Annotation],
+    detections: Sequence[Annotation],
+) -> PhotoMatches:
+    """Return the matches in COCO's result of one photo."""
+    from pycocotools import mask as coco
+
+    if result is None:  # there are neither true masks nor detections
+        return PhotoMatches(np.zeros(0), np.zeros(0), 0)
+    is_counted = ~np.asarray(result["dtIgnore"][0], np.bool_)
+    ids = np.array(result["dtIds"])[is_counted]
+    match_ids = np.asarray(result["dtMatches"][0])[is_counted].astype(int)
+    overlaps = []
+    for detection_id, match_id in zip(ids.tolist(), match_ids.tolist(), strict=True):
+        overlap = 0.0
+        if match_id:
+            detection = detections[detection_id - 1]["segmentation"]
+            true_mask = true_masks[match_id - 1]["segmentation"]
+            overlap = float(coco.iou([detection], [true_mask], [0])[0, 0])
+        overlaps.append(overlap)
+    confidence = np.array(result["dtScores"])[is_counted]
+    return PhotoMatches(confidence, np.array(overlaps), len(photo.true_masks))
+
+
+def _dataset(photos: Sequence[Photo], annotations: list[Annotation]) -> Any:
+    """Return annotations as pycocotools has them; ids count from 1."""
     from pycocotools import mask as coco
     from pycocotools.coco import COCO
 
-    for k, one in enumerate(annotations, 1):
-        one |= {
-            "id": k,
-            "category_id": 1,
-            "area": float(coco.area(one["segmentation"])),
-        }
-    images = [
-        {"id": k, "width": photo.size[0], "height": photo.size[1]}
-        for k, photo in enumerate(photos)
-    ]
+    for k, annotation in enumerate(annotations, 1):
+        area = float(coco.area(annotation["segmentation"]))
+        annotation.update({"id": k, "category_id": 1, "area": area})
+    images = []
+    for k, photo in enumerate(photos):
+        width, height = photo.size
+        images.append({"id": k, "width": width, "height": height})
     dataset = COCO()
     dataset.dataset = {
         "images": images,
@@ -294,76 +327,77 @@ def _dataset(photos: Sequence[Photo], annotations: list[dict[str, Any]]) -> Any:
     return dataset
 
 
-def counts(photos: Sequence[Judged]) -> dict[str, Any]:
-    """Pooled: `said` (found), `true`, `hit`, `precision`, `recall`, `f` (harmonic mean of the two), `iou` (mean over
-    hits).
+def counts(photos: Sequence[PhotoMatches]) -> dict[str, Any]:
+    """Return pooled figures; None for a figure that has no meaning.
 
-    None where a value has no meaning.
+    They are `said` (detections), `true`, `hit`, `precision`, `recall`, `f` (harmonic mean of the two) and `iou` (mean
+    over hits).
     """
-    found, true = (
-        sum(len(one.confidence) for one in photos),
-        sum(one.true for one in photos),
-    )
-    reached = np.concatenate(
-        [one.overlap[one.right] for one in photos] or [np.zeros(0)]
-    )
-    hit = len(reached)
+    detections = sum(len(photo.confidence) for photo in photos)
+    true_masks = sum(photo.true_count for photo in photos)
+    overlaps = [photo.overlap[photo.is_match] for photo in photos]
+    hit_overlaps = np.concatenate(overlaps or [np.zeros(0)])
+    hits = len(hit_overlaps)
+    total = detections + true_masks
     return {
-        "said": found,
-        "true": true,
-        "hit": hit,
-        "precision": hit / found if found else None,
-        "recall": hit / true if true else None,
-        "f": 2 * hit / (found + true) if found + true else None,
-        "iou": float(reached.mean()) if hit else None,
+        "said": detections,
+        "true": true_masks,
+        "hit": hits,
+        "precision": hits / detections if detections else None,
+        "recall": hits / true_masks if true_masks else None,
+        "f": 2 * hits / total if total else None,
+        "iou": float(hit_overlaps.mean()) if hits else None,
     }
 
 
-def calibration_error(photos: Sequence[Judged]) -> float | None:
-    """Mean distance of confidence from the share that is right, in bins of equal width (Naeini et al. 2015).
+def calibration_error(photos: Sequence[PhotoMatches]) -> float | None:
+    """Return the mean distance of confidence from the share that is right, in bins of equal width (Naeini et al. 2015).
 
-    A bin holds its upper edge, the first one 0 as well. None where nothing is found.
+    A bin contains its upper edge, the first one 0 as well. None without a detection.
     """
-    confidence = np.concatenate([one.confidence for one in photos] or [np.zeros(0)])
+    confidences = [photo.confidence for photo in photos]
+    confidence = np.concatenate(confidences or [np.zeros(0)])
     if not len(confidence):
         return None
-    right = np.concatenate([one.right for one in photos])
+    is_match = np.concatenate([photo.is_match for photo in photos])
     bins = np.clip(np.ceil(confidence * BINS) - 1, 0, BINS - 1).astype(int)
-    return float(
-        np.abs(np.bincount(bins, right - confidence, BINS)).sum() / len(confidence)
-    )
+    bin_errors = np.abs(np.bincount(bins, is_match - confidence, BINS))
+    return float(bin_errors.sum() / len(confidence))
 
 
 # ---- the measure -------------------------------------------------------------------------------------------------
 
 
 def as_photo(name: str, truth: Truth, segments: Segments) -> Photo:
-    """A segmenter's label map beside the truth; ids without pixels are left out."""
+    """Return a segmenter's label map beside the truth; ids without pixels are left out."""
     labels = segments.labels
-    ids = [i for i in np.unique(labels).tolist() if 0 < i <= len(segments.confidence)]
-    confidence = np.array([segments.confidence[i - 1] for i in ids], np.float64)
-    size = labels.shape[1], labels.shape[0]
+    masks, confidence = [], []
+    for object_id in np.unique(labels).tolist():
+        if 0 < object_id <= len(segments.confidence):
+            masks.append(encode_mask(labels == object_id))
+            confidence.append(segments.confidence[object_id - 1])
     return Photo(
-        name,
-        size,
-        truth.masks,
-        (truth.unjudged,),
-        [runs(labels == i) for i in ids],
-        confidence,
+        name=name,
+        size=(labels.shape[1], labels.shape[0]),
+        true_masks=truth.masks,
+        unknown_regions=(truth.unknown_region,),
+        detections=masks,
+        confidence=np.array(confidence, np.float64),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Scores:
     """Over all photos."""
 
-    rows: list[dict[str, Any]]  # one a photo
+    rows: list[dict[str, Any]]
+    """One a photo."""
     total: Mapping[str, Any]
     """Counts at 0.5 of all objects together; average precision `ap50`, `ap`, and `ap_by_iou` at COCO's thresholds;
     `error` of confidences."""
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON, beside `rows`."""
+        """Return the scores for JSON, beside `rows`."""
         return {"iou": THRESHOLDS[0], "total": self.total}
 
 
@@ -371,10 +405,10 @@ def evaluate(
     pairs: Sequence[Pair],
     backend: str | Segment | None = None,
     progress: Progress = lambda *_: None,
-) -> Found:
+) -> Scores:
     """Segment every photo by a backend, its name or the default, and judge.
 
-    Raises InputError with every photo and map that cannot be read or does not fit, before anything is segmented.
+    Raise InputError with every photo and map that cannot be read or does not fit, before anything is segmented.
     """
     require_pycocotools()
     segment: Segment = (
@@ -391,24 +425,26 @@ def evaluate(
         progress(pair.name, k, len(pairs))
         truth = pair.read()
         photos.append(as_photo(pair.name, truth, segment(truth.rgb)))
-    matched = match(photos)
-    rows = [
-        {"photo": photo.name, **counts([one])}
-        for photo, one in zip(photos, matched.photos, strict=True)
-    ]
-    ap = matched.average_precision
-    known = [value for value in ap if value is not None]
+    matches = match(photos)
+    rows = []
+    for photo, photo_matches in zip(photos, matches.photos, strict=True):
+        rows.append({"photo": photo.name, **counts([photo_matches])})
+    precisions = matches.average_precision
+    known_precisions = [value for value in precisions if value is not None]
+    mean_precision = None
+    if known_precisions:
+        mean_precision = float(np.mean(known_precisions))
+    by_iou = []
+    for iou, value in zip(THRESHOLDS, precisions, strict=True):
+        by_iou.append({"iou": round(iou, 2), "ap": value})
     total = {
-        **counts(matched.photos),
-        "ap50": ap[0],
-        "ap": float(np.mean(known)) if known else None,
-        "ap_by_iou": [
-            {"iou": round(iou, 2), "ap": value}
-            for iou, value in zip(THRESHOLDS, ap, strict=True)
-        ],
-        "error": calibration_error(matched.photos),
+        **counts(matches.photos),
+        "ap50": precisions[0],
+        "ap": mean_precision,
+        "ap_by_iou": by_iou,
+        "error": calibration_error(matches.photos),
     }
-    return Found(rows, total)
+    return Scores(rows, total)
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
@@ -417,28 +453,31 @@ HEADS = ("photo", "true", "found", "hit", "precision", "recall", "F", "IoU")
 PAPER = "The paper: precision 0.93 and recall 0.82 at the same IoU, on 10 photos of its own with 118 objects."
 
 
-def findings(found: Found) -> Findings:
-    total = found.total
-    rows = tuple(
-        _cells(row) for row in (*found.rows, {"photo": "all together", **total})
-    )
+def findings(scores: Scores) -> Findings:
+    """Return the scores photo by photo, and of all objects together."""
+    total = scores.total
+    total_row = {"photo": "all together", **total}
+    rows = tuple(_cells(row) for row in (*scores.rows, total_row))
     heads = ("average precision at IoU", *(f"{iou:.2f}" for iou in THRESHOLDS))
-    by_iou = ("all objects", *(_share(one["ap"]) for one in total["ap_by_iou"]))
-    sections = (
-        Section("Photo by photo", (), (Table(HEADS, rows),)),
-        Section("By IoU", (), (Table(heads, (by_iou,)),)),
-    )
-    sentences = (
-        f"On {counted(len(found.rows), 'photo')}, {total['hit']} of {total['true']} objects are found (recall "
-        f"{_share(total['recall'])}), and {total['hit']} of {total['said']} detections are right (precision "
-        f"{_share(total['precision'])}), at an IoU of {THRESHOLDS[0]:g} or more; mean IoU {_share(total['iou'])}.",
-        f"AP50 {_share(total['ap50'])}, AP50:95 {_share(total['ap'])}.",
-        f"Expected calibration error {_share(total['error'])}: confidence against the share right.",
-        PAPER,
-    )
-    title = "Are objects found?"
+    precisions = (_share(row["ap"]) for row in total["ap_by_iou"])
+    iou_table = Table(heads, (("all objects", *precisions),))
     return Findings(
-        "segmentation", title, sentences, sections, found.rows, more=found.as_dict()
+        measure="segmentation",
+        title="Are objects found?",
+        sentences=(
+            f"On {counted(len(scores.rows), 'photo')}, {total['hit']} of {total['true']} objects are found (recall "
+            f"{_share(total['recall'])}), and {total['hit']} of {total['said']} detections are right (precision "
+            f"{_share(total['precision'])}), at an IoU of {THRESHOLDS[0]:g} or more; mean IoU {_share(total['iou'])}.",
+            f"AP50 {_share(total['ap50'])}, AP50:95 {_share(total['ap'])}.",
+            f"Expected calibration error {_share(total['error'])}: confidence against the share right.",
+            PAPER,
+        ),
+        sections=(
+            Section("Photo by photo", (), (Table(HEADS, rows),)),
+            Section("By IoU", (), (iou_table,)),
+        ),
+        rows=scores.rows,
+        extra=scores.as_dict(),
     )
 
 
@@ -447,9 +486,6 @@ def _share(value: float | None) -> str:
 
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    numbers = (str(row[key]) for key in ("true", "said", "hit"))
-    return (
-        row["photo"],
-        *numbers,
-        *(_share(row[key]) for key in ("precision", "recall", "f", "iou")),
-    )
+    numbers = [str(row[key]) for key in ("true", "said", "hit")]
+    shares = [_share(row[key]) for key in ("precision", "recall", "f", "iou")]
+    return (row["photo"], *numbers, *shares)

@@ -1,7 +1,7 @@
-"""A blind page on which people rate clips of several methods, and the key that opens their answers.
+"""Make a blind page on which people rate clips of several methods, and the key that opens their answers.
 
 Every clip is decoded and encoded again, by one encoder with one setting: container, codec, metadata, sound and marks
-of the encoder would reveal the method. What stays is what is seen: size, rate and length.
+of the encoder would reveal the method. Only size, rate and length of a clip stay.
 
 Clips are `METHODS/<method>/<scene>.mp4`, or `METHODS/<method>/<scene>/video.mp4` as `physgen render` leaves them;
 `METHODS/photos/<scene>.png` and `METHODS/photos/<scene>.txt` may lie beside them.
@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -31,8 +32,12 @@ from physgen.report.html import script_json, template, webp
 from physgen.text import natural, shown
 from physgen.videos import U8, Video, is_picture, plays, read_video
 
-FILMS = (".mp4", ".webm", ".mov", ".m4v", ".mkv", ".avi", ".gif", ".webp")
-"""What a clip may be."""
+CLIP_SUFFIXES = (".mp4", ".webm", ".mov", ".m4v", ".mkv", ".avi", ".gif", ".webp")
+"""Of clips, the preferred one first."""
+STILL_SUFFIXES = (".gif", ".webp")
+"""Of files that may be clips or stills."""
+MAX_WORDS = 500
+"""Characters of a request to the methods."""
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 PHOTOS = "photos"
 """The folder in METHODS that is no method."""
@@ -54,7 +59,8 @@ class Question:
     """One statement that a rater agrees with, or not."""
 
     key: str
-    name: str  # as the paper has it; raters do not see it
+    name: str
+    """As the paper has it; raters do not see it."""
     claim: str
     hint: str
 
@@ -84,123 +90,133 @@ SCALE = ("strongly disagree", "disagree", "neither", "agree", "strongly agree")
 
 @dataclass(frozen=True)
 class Methods:
-    """What lies in a folder of methods."""
+    """Content of a folder of methods."""
 
     folder: Path
-    names: tuple[str, ...]  # in natural order, as the scenes are
+    names: tuple[str, ...]
+    """In natural order, as the scenes are."""
     scenes: tuple[str, ...]
-    films: Mapping[tuple[str, str], Path]  # (method, scene) -> its clip
-    photos: Mapping[str, Path]  # scene -> the photo that its clips begin with
-    words: Mapping[str, str]  # scene -> what was asked of the methods
+    clips: Mapping[tuple[str, str], Path]
+    """By method and scene."""
+    photos: Mapping[str, Path]
+    """By scene: the photo that its clips begin with."""
+    words: Mapping[str, str]
+    """By scene: the request to the methods."""
 
     @property
-    def complete(self) -> tuple[str, ...]:
-        """Scenes that every method has made."""
-        return tuple(
-            s
-            for s in self.scenes
-            if all((name, s) in self.films for name in self.names)
-        )
+    def common_scenes(self) -> tuple[str, ...]:
+        """Return the scenes of which every method has a clip."""
+        scenes = []
+        for scene in self.scenes:
+            if all((name, scene) in self.clips for name in self.names):
+                scenes.append(scene)
+        return tuple(scenes)
 
 
 def methods_in(folder: Path) -> Methods:
-    """Folders in `folder` that hold clips are methods; raises InputError where there are none, or one scene twice."""
+    """Return the methods in a folder: its folders that have clips in them.
+
+    Raise InputError if there are none, or one scene twice.
+    """
     if not folder.is_dir():
-        raise InputError.of(
-            str(folder),
-            "",
-            "is no folder",
-            "name a folder with a folder for each method",
-        )
-    beside = folder / PHOTOS
-    films: dict[tuple[str, str], Path] = {}
-    for home in _sorted(folder):
-        if not home.is_dir() or home == beside:
-            continue
-        if (home / "manifest.json").is_file() and any(home.glob("video.*")):
-            expected = "is a clip, and no method: its folder holds the clips of one method alone"
-            fix = "name the folder above it, in which each method has one"
-            raise InputError.of(str(home), "", expected, fix)
-        for scene, film in _films(home):
-            before = films.setdefault((home.name, scene), film)
-            if before != film:
-                expected = f'are two clips of the scene "{scene}"'
-                raise InputError.of(
-                    str(home), f'"{before}" and "{film}"', expected, "leave one there"
-                )
-    if not films:
+        fix = "name a folder with a folder for each method"
+        raise InputError.of(str(folder), "", "is no folder", fix)
+    photo_folder = folder / PHOTOS
+    clips: dict[tuple[str, str], Path] = {}
+    for method_folder in _sorted_paths(folder):
+        if method_folder.is_dir() and method_folder != photo_folder:
+            for scene, clip in _clips_of_method(method_folder).items():
+                clips[method_folder.name, scene] = clip
+    if not clips:
         raise InputError.of(str(folder), "", "holds no methods", FORM)
-    names, scenes = (
-        tuple(sorted({pair[k] for pair in films}, key=natural)) for k in (0, 1)
-    )
-    pictures: dict[str, Path] = {}
+    names = tuple(sorted({method for method, _ in clips}, key=natural))
+    scenes = tuple(sorted({scene for _, scene in clips}, key=natural))
+    photos: dict[str, Path] = {}
     words: dict[str, str] = {}
-    for path in _sorted(beside) if beside.is_dir() else ():
-        if path.stem in scenes and path.suffix.lower() in PICTURES:
-            pictures.setdefault(path.stem, path)
-        elif path.stem in scenes and path.suffix.lower() == ".txt":
-            words[path.stem] = " ".join(
-                path.read_text(encoding="utf-8", errors="replace").split()
-            )[:500]
-    return Methods(folder, names, scenes, films, pictures, words)
+    for path in _sorted_paths(photo_folder) if photo_folder.is_dir() else ():
+        if path.stem not in scenes:
+            continue
+        suffix = path.suffix.lower()
+        if suffix in PICTURES:
+            photos.setdefault(path.stem, path)
+        elif suffix == ".txt":
+            text = path.read_text(encoding="utf-8", errors="replace")
+            words[path.stem] = " ".join(text.split())[:MAX_WORDS]
+    return Methods(folder, names, scenes, clips, photos, words)
 
 
-def _sorted(folder: Path) -> list[Path]:
-    inside = (path for path in folder.iterdir() if not path.name.startswith("."))
-    return sorted(inside, key=lambda path: natural(path.name))
+def _sorted_paths(folder: Path) -> list[Path]:
+    """Return the visible files and folders in a folder, in natural order."""
+    paths = [path for path in folder.iterdir() if not path.name.startswith(".")]
+    return sorted(paths, key=lambda path: natural(path.name))
 
 
-def _films(home: Path) -> Iterator[tuple[str, Path]]:
-    """Scene and clip, of one method: a file, or in a folder of its own `video.mp4` or the only film."""
-    for path in _sorted(home):
+def _clips_of_method(folder: Path) -> dict[str, Path]:
+    """Return the clips of one method by scene. Raise InputError for one scene twice, or for a rendered clip."""
+    if (folder / "manifest.json").is_file() and any(folder.glob("video.*")):
+        expected = (
+            "is a clip, and no method: its folder holds the clips of one method alone"
+        )
+        fix = "name the folder above it, in which each method has one"
+        raise InputError.of(str(folder), "", expected, fix)
+    clips: dict[str, Path] = {}
+    for scene, clip in _find_clips(folder):
+        previous = clips.setdefault(scene, clip)
+        if previous != clip:
+            found = f'"{previous}" and "{clip}"'
+            expected = f'are two clips of the scene "{scene}"'
+            raise InputError.of(str(folder), found, expected, "leave one there")
+    return clips
+
+
+def _find_clips(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield scene and clip of one method: a file, or in a folder of its own `video.mp4` or the only clip."""
+    for path in _sorted_paths(folder):
         if path.is_dir():
-            inside = [film for film in _sorted(path) if _is_film(film)]
-            named = [film for film in inside if film.stem == "video"]
-            if named or len(inside) == 1:
-                yield (
-                    path.name,
-                    min(
-                        named or inside,
-                        key=lambda film: FILMS.index(film.suffix.lower()),
-                    ),
-                )
-        elif _is_film(path):
+            clips = [part for part in _sorted_paths(path) if _is_clip(part)]
+            videos = [clip for clip in clips if clip.stem == "video"]
+            if videos or len(clips) == 1:
+                yield path.name, min(videos or clips, key=_suffix_order)
+        elif _is_clip(path):
             yield path.stem, path
 
 
-def _is_film(path: Path) -> bool:
-    """A WebP or GIF may be a poster."""
-    if path.suffix.lower() not in FILMS or not path.is_file():
+def _suffix_order(path: Path) -> int:
+    return CLIP_SUFFIXES.index(path.suffix.lower())
+
+
+def _is_clip(path: Path) -> bool:
+    """Return whether a file is a clip; a WebP or GIF may be a poster."""
+    suffix = path.suffix.lower()
+    if suffix not in CLIP_SUFFIXES or not path.is_file():
         return False
+    if suffix not in STILL_SUFFIXES:
+        return True
     try:
-        return path.suffix.lower() not in (".gif", ".webp") or (
-            is_picture(path) and plays(path)
-        )
+        return is_picture(path) and plays(path)
     except InputError:
         return False
 
 
 def read_clip(path: Path) -> tuple[Video, float]:
-    """A clip and its frames a second. Raises InputError for one that is no video."""
+    """Return a clip and its frames a second. Raise InputError for one that is no video."""
     clip = read_video(path)
     if clip.count < 2:
-        raise InputError.of(
-            str(path), "", "has one frame: it is no video", "make at least two frames"
-        )
+        fault = "has one frame: it is no video"
+        raise InputError.of(str(path), "", fault, "make at least two frames")
     if clip.fps is None:
-        raise InputError.of(
-            str(path), "", "does not say how fast it plays", "save it as MP4"
-        )
+        fault = "does not say how fast it plays"
+        raise InputError.of(str(path), "", fault, "save it as MP4")
     return clip, clip.fps
 
 
-def within(rgb: U8) -> U8:
-    """(H, W, 3) sRGB with no side longer than `SIDE` px."""
-    high, wide = rgb.shape[:2]
-    part = SIDE / max(high, wide)
-    if part >= 1:
+def shrink(rgb: U8) -> U8:
+    """Return a picture (H, W, 3) sRGB with no side longer than `SIDE` px."""
+    height, width = rgb.shape[:2]
+    scale = SIDE / max(height, width)
+    if scale >= 1:
         return rgb
-    size = max(round(wide * part), 1), max(round(high * part), 1)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
     return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
@@ -209,68 +225,79 @@ def within(rgb: U8) -> U8:
 
 @dataclass(frozen=True)
 class Key:
-    """Which clip of a page is of which method; kept apart from the page."""
+    """Method and scene of each clip of a page; a file apart from the page."""
 
-    study: str  # hexadecimal digits
+    study: str
+    """Hexadecimal digits."""
     seed: int
     methods: tuple[str, ...]
     scenes: tuple[str, ...]
-    clips: Mapping[str, tuple[str, str]]  # name on the page -> method and scene
+    clips: Mapping[str, tuple[str, str]]
+    """Method and scene by the name on the page."""
 
     @property
-    def fits(self) -> bool:
-        """Whether every clip is one of a known method and scene."""
+    def is_consistent(self) -> bool:
+        """Return whether every clip is one of a known method and scene."""
         pairs = set(self.clips.values())
-        known = {(method, scene) for method in self.methods for scene in self.scenes}
-        return bool(pairs) and len(pairs) == len(self.clips) and pairs <= known
+        known_pairs = set(product(self.methods, self.scenes))
+        has_one_clip_a_pair = len(pairs) == len(self.clips)
+        return bool(pairs) and has_one_clip_a_pair and pairs <= known_pairs
 
     def text(self) -> str:
-        clips = {
-            name: {"method": method, "scene": scene}
-            for name, (method, scene) in self.clips.items()
-        }
+        """Return the content of the key's file."""
+        clips = {}
+        for name, (method, scene) in self.clips.items():
+            clips[name] = {"method": method, "scene": scene}
         record = {
             KEY: VERSION,
             "study": self.study,
             "seed": self.seed,
             "methods": self.methods,
+            "scenes": self.scenes,
+            "clips": clips,
         }
-        record |= {"scenes": self.scenes, "clips": clips}
         return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
 
 
 def read_key(path: Path) -> Key:
-    """Raises InputError."""
+    """Return the key in a file. Raise InputError."""
     record = read_record(path, KEY)
     try:
-        clips = {
-            name: (clip["method"], clip["scene"])
-            for name, clip in record["clips"].items()
-        }
-        key = Key(
-            record["study"],
-            int(record["seed"]),
-            tuple(record["methods"]),
-            tuple(record["scenes"]),
-            clips,
-        )
+        key = _parse_key(record)
     except (KeyError, TypeError, ValueError, AttributeError):
         key = None
-    if key is None or not key.fits:
+    if key is None or not key.is_consistent:
         expected = "is a key that was changed: parts are missing or do not fit"
         raise InputError.of(str(path), "", expected, "use the file as it was made")
     return key
 
 
+def _parse_key(record: Mapping[str, Any]) -> Key:
+    """Return the key of a record. Raise an error of Python for a wrong one."""
+    clips = {}
+    for name, clip in record["clips"].items():
+        clips[name] = (clip["method"], clip["scene"])
+    methods = tuple(record["methods"])
+    scenes = tuple(record["scenes"])
+    return Key(record["study"], int(record["seed"]), methods, scenes, clips)
+
+
+RECORD_FAULTS = {
+    KEY: (
+        "is not the key of a study",
+        "name the NAME.key.json that was made with the page, with --key",
+    ),
+    ANSWERS: (
+        "is not a rater's answers",
+        "name files that the page of a study saved",
+    ),
+}
+"""By kind: the fault of another file, and the fix."""
+
+
 def read_record(path: Path, kind: str) -> Mapping[str, Any]:
-    """Contents of a key or of a rater's answers. Raises InputError for a file that is not of that `kind`."""
-    what, fix = {
-        KEY: (
-            "the key of a study",
-            "name the NAME.key.json that was made with the page, with --key",
-        ),
-        ANSWERS: ("a rater's answers", "name files that the page of a study saved"),
-    }[kind]
+    """Return the content of a key or of a rater's answers. Raise InputError for a file that is not of that `kind`."""
+    fault, fix = RECORD_FAULTS[kind]
     if not path.is_file():
         raise InputError.of(str(path), "", "no such file", "check the path")
     try:
@@ -278,15 +305,12 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     except (ValueError, RecursionError):
         raise InputError.of(str(path), "", "cannot be read as JSON", fix) from None
     if not isinstance(record, dict) or kind not in record:
-        raise InputError.of(str(path), "", f"is not {what}", fix)
+        raise InputError.of(str(path), "", fault, fix)
     if record[kind] != VERSION:
+        found = f"{kind} {shown(record[kind])}"
         expected = f"is of a form that this physgen does not know (it knows {VERSION})"
-        raise InputError.of(
-            str(path),
-            f"{kind} {shown(record[kind])}",
-            expected,
-            "use the physgen that made it",
-        )
+        fix = "use the physgen that made it"
+        raise InputError.of(str(path), found, expected, fix)
     return record
 
 
@@ -297,11 +321,14 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
 class PageClip:
     """One clip on the page."""
 
-    name: str  # on the page and in the key: c1, c2
+    name: str
+    """On the page and in the key: c1, c2."""
     method: str
     scene: str
-    film: bytes  # an MP4
-    size: tuple[int, int]  # width and height, px
+    video: bytes
+    """An MP4."""
+    size: tuple[int, int]
+    """Width and height, px."""
 
 
 @dataclass(frozen=True)
@@ -309,26 +336,25 @@ class Study:
     """Content of the page, and the key."""
 
     clips: tuple[PageClip, ...]
-    photos: dict[str, str]  # scene -> data URI
+    photos: dict[str, str]
+    """Data URI by scene."""
     words: dict[str, str]
     key: Key
 
 
-def choose(methods: Methods, videos: int, seed: int) -> list[str]:
-    """At most `videos` of the scenes that every method has made, drawn with `seed`. Raises InputError without any."""
-    scenes = methods.complete
+def choose_scenes(methods: Methods, videos: int, seed: int) -> list[str]:
+    """Return at most `videos` of the scenes of all methods, drawn with `seed`. Raise InputError without any."""
+    scenes = methods.common_scenes
     if not scenes:
+        names = ", ".join(methods.names)
         fix = "give all methods a clip of the same scene, under the same name"
-        raise InputError.of(
-            str(methods.folder),
-            ", ".join(methods.names),
-            "have no scene in common",
-            fix,
-        )
+        fault = "have no scene in common"
+        raise InputError.of(str(methods.folder), names, fault, fix)
     if len(scenes) <= videos:
         return list(scenes)
-    drawn = np.random.default_rng(seed).choice(len(scenes), videos, replace=False)
-    return [scenes[k] for k in sorted(drawn.tolist())]
+    random = np.random.default_rng(seed)
+    numbers = random.choice(len(scenes), videos, replace=False)
+    return [scenes[k] for k in sorted(numbers.tolist())]
 
 
 def make(
@@ -337,111 +363,105 @@ def make(
     seed: int = 0,
     progress: Progress = lambda stage, done, total: None,
 ) -> Study:
-    """Encodes every clip; the same bytes on every run. Raises InputError with all clips that cannot be read."""
-    scenes = choose(methods, videos, seed)
+    """Encode every clip, and return the study; the same bytes on every run.
+
+    Raise InputError with all clips that cannot be read.
+    """
+    scenes = choose_scenes(methods, videos, seed)
     pairs = [(method, scene) for scene in scenes for method in methods.names]
     order = np.random.default_rng([seed, len(pairs)]).permutation(len(pairs)).tolist()
     photos: dict[str, str] = {}
 
     def encode(done: int, method: str, scene: str) -> PageClip:
         progress("clips", done, len(pairs))
-        return PageClip(
-            f"c{done + 1}", method, scene, *_encoded(methods.films[method, scene])
-        )
+        video, size = _encode_clip(methods.clips[method, scene])
+        return PageClip(f"c{done + 1}", method, scene, video, size)
 
-    def show(scene: str) -> None:
-        photos[scene] = webp(within(read_photo(methods.photos[scene]).rgb), QUALITY)
+    def encode_photo(scene: str) -> None:
+        photos[scene] = webp(shrink(read_photo(methods.photos[scene]).rgb), QUALITY)
 
-    calls: list[Callable[[], Any]] = [
-        partial(encode, done, *pairs[k]) for done, k in enumerate(order)
-    ]
-    calls += [partial(show, scene) for scene in scenes if scene in methods.photos]
+    calls: list[Callable[[], Any]] = []
+    for done, k in enumerate(order):
+        calls.append(partial(encode, done, *pairs[k]))
+    for scene in scenes:
+        if scene in methods.photos:
+            calls.append(partial(encode_photo, scene))
     clips: list[PageClip] = collect(calls)[: len(order)]
     words = {scene: methods.words[scene] for scene in scenes if scene in methods.words}
-    asked = [(question.claim, question.hint) for question in QUESTIONS]
-    parts = [
-        seed,
-        asked,
-        SCALE,
-        words,
-        photos,
-        [sha256(clip.film).hexdigest() for clip in clips],
-    ]
-    name = sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]
     key = Key(
-        name,
-        seed,
-        methods.names,
-        tuple(scenes),
-        {clip.name: (clip.method, clip.scene) for clip in clips},
+        study=_study_name(seed, words, photos, clips),
+        seed=seed,
+        methods=methods.names,
+        scenes=tuple(scenes),
+        clips={clip.name: (clip.method, clip.scene) for clip in clips},
     )
     return Study(tuple(clips), photos, words, key)
 
 
-def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
-    """As an MP4 of ours, and its size. Raises InputError."""
+def _study_name(
+    seed: int,
+    words: Mapping[str, str],
+    photos: Mapping[str, str],
+    clips: Sequence[PageClip],
+) -> str:
+    """Return hexadecimal digits of a page's content."""
+    claims = [(question.claim, question.hint) for question in QUESTIONS]
+    digests = [sha256(clip.video).hexdigest() for clip in clips]
+    parts = [seed, claims, SCALE, words, photos, digests]
+    text = json.dumps(parts, sort_keys=True)
+    return sha256(text.encode()).hexdigest()[:12]
+
+
+def _encode_clip(path: Path) -> tuple[bytes, tuple[int, int]]:
+    """Return a clip as an MP4 of ours, and its size. Raise InputError."""
     clip, fps = read_clip(path)
-    first = within(next(clip.frames()))
-    size = first.shape[1], first.shape[0]
-    with TemporaryDirectory() as place:
-        with open_video(Path(place), Format.MP4, size, fps) as write:
+    first_frame = shrink(next(clip.frames()))
+    size = first_frame.shape[1], first_frame.shape[0]
+    with TemporaryDirectory() as folder:
+        with open_video(Path(folder), Format.MP4, size, fps) as write:
             for frame in clip.frames():
-                write(within(frame))
-        return (Path(place) / Format.MP4.file).read_bytes(), size
+                write(shrink(frame))
+        return (Path(folder) / Format.MP4.file).read_bytes(), size
 
 
 # ---- the page ----------------------------------------------------------------------------------------------------
 
 
 def check_page(page: Path) -> None:
-    """Raises InputError where no page can be written."""
+    """Raise InputError if no page can be written."""
     if page.is_dir() or page.suffix.lower() not in (".html", ".htm"):
-        raise InputError.of(
-            "-o",
-            f'"{page}"',
-            "is no name for a page",
-            "end it in .html, e.g. -o study.html",
-        )
+        fix = "end it in .html, e.g. -o study.html"
+        raise InputError.of("-o", f'"{page}"', "is no name for a page", fix)
     check_writable(page.parent)
 
 
 def write_study(
-    study: Study, page: Path, keep: Callable[[Path], None] = lambda kept: None
+    study: Study,
+    page: Path,
+    report_backup: Callable[[Path], None] = lambda backup: None,
 ) -> Path:
-    """The page and its key, whose path is returned. Those of another study are kept as NAME~; `keep` is called."""
+    """Write the page and its key, and return the key's path.
+
+    Those of another study are kept as NAME~, and `report_backup` is called.
+    """
     check_page(page)
     page.parent.mkdir(parents=True, exist_ok=True)
-    key = page.with_name(f"{page.stem}.key.json")
-    write_with_backup(
-        key, study.key.text().encode(), keep
-    )  # first: no page without its key
-    write_with_backup(page, html(study).encode(), keep)
-    return key
+    key_path = page.with_name(f"{page.stem}.key.json")
+    # the key first: no page without its key
+    write_with_backup(key_path, study.key.text().encode(), report_backup)
+    write_with_backup(page, html(study).encode(), report_backup)
+    return key_path
 
 
 def html(study: Study) -> str:
-    """One file that loads nothing from a network. Scenes are numbers, in the order of the clips: names would reveal
-    them.
-    """
-    scenes = list(dict.fromkeys(clip.scene for clip in study.clips))
-    data = {
-        "form": ANSWERS,
-        "version": VERSION,
-        "study": study.key.study,
-        "questions": [{"key": q.key, "claim": q.claim} for q in QUESTIONS],
-        "clips": [
-            {"name": clip.name, "scene": scenes.index(clip.scene), "size": clip.size}
-            for clip in study.clips
-        ],
-        "scenes": [
-            {"photo": study.photos.get(scene, ""), "words": study.words.get(scene, "")}
-            for scene in scenes
-        ],
-    }
-    parts = [
-        resource("templates", "study", f"{part}.js").read_text(encoding="utf-8")
-        for part in SCRIPTS
-    ]
+    """Return the page, one file that loads nothing from a network."""
+    scripts = []
+    for part in SCRIPTS:
+        path = resource("templates", "study", f"{part}.js")
+        scripts.append(path.read_text(encoding="utf-8"))
+    videos = []
+    for clip in study.clips:
+        videos.append((clip.name, base64.b64encode(clip.video).decode("ascii")))
     page: str = template("study.html.j2").render(
         title=TITLE,
         count=len(study.clips),
@@ -449,11 +469,33 @@ def html(study: Study) -> str:
         scale=SCALE,
         words=bool(study.words),
         photos=bool(study.photos),
-        films=[
-            (clip.name, base64.b64encode(clip.film).decode("ascii"))
-            for clip in study.clips
-        ],
-        data=script_json(data),
-        script='(() => {\n"use strict";\n' + "\n".join(parts) + "})();",
+        films=videos,
+        data=script_json(_page_data(study)),
+        script='(() => {\n"use strict";\n' + "\n".join(scripts) + "})();",
     )
     return page
+
+
+def _page_data(study: Study) -> dict[str, Any]:
+    """Return the data of the page's script.
+
+    Scenes are numbers, in the order of the clips: names would reveal them.
+    """
+    scenes = list(dict.fromkeys(clip.scene for clip in study.clips))
+    clips = []
+    for clip in study.clips:
+        number = scenes.index(clip.scene)
+        clips.append({"name": clip.name, "scene": number, "size": clip.size})
+    scene_records = []
+    for scene in scenes:
+        photo = study.photos.get(scene, "")
+        words = study.words.get(scene, "")
+        scene_records.append({"photo": photo, "words": words})
+    return {
+        "form": ANSWERS,
+        "version": VERSION,
+        "study": study.key.study,
+        "questions": [{"key": q.key, "claim": q.claim} for q in QUESTIONS],
+        "clips": clips,
+        "scenes": scene_records,
+    }

@@ -25,67 +25,63 @@ class Coco(Writer):
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         super().__init__(folder, clip)
-        self._file = folder / "annotations.json"
+        self._path = folder / "annotations.json"
         self._images: list[str] = []
         self._hidden: list[str] = []
         self._count = 0
         (folder / "images").mkdir()
-        head = ",\n".join(
-            f'"{key}": {_lines(map(json.dumps, values))}'
-            for key, values in _of_clip(clip).items()
-        )
         info = json.dumps({"description": clip.name, "contributor": "physgen"})
-        self._file.write_text(
-            f'{{\n"info": {info},\n{head},\n"annotations": [', encoding="utf-8"
-        )
+        parts = [f'"info": {info}']
+        for key, rows in _clip_rows(clip).items():
+            parts.append(f'"{key}": {_format_rows(map(json.dumps, rows))}')
+        head = ",\n".join([*parts, '"annotations": ['])
+        self._path.write_text("{\n" + head, encoding="utf-8")
 
     def add(self, moment: Moment) -> None:
-        """Visible objects go to `annotations`, those that are hidden completely to a list of their own."""
+        """Write visible objects to `annotations`; completely hidden ones go to a list of their own."""
         view, clip = moment.view, self._clip
         name = f"images/{view.index:05d}.jpg"
         (self._folder / name).write_bytes(view.jpeg)
+        width, height = view.size
         image = {
             "id": view.index + 1,
             "file_name": name,
-            "width": view.size[0],
-            "height": view.size[1],
-        }
-        image |= {
+            "width": width,
+            "height": height,
             "video_id": 1,
             "video": clip.name,
             "frame_index": view.index,
             "time": round(view.time, 9),
         }
         self._images.append(json.dumps(image))
-        with self._file.open("a", encoding="utf-8") as file:
+        with self._path.open("a", encoding="utf-8") as file:
             for presence in view.presences:
                 row = _annotation(clip, view, presence)
-                if not presence.seen_area:
+                if not presence.visible_area:
                     self._hidden.append(json.dumps(row))
                     continue
                 self._count += 1
-                file.write(
-                    ("," if self._count > 1 else "")
-                    + "\n"
-                    + json.dumps({"id": self._count, **row})
-                )
+                separator = "," if self._count > 1 else ""
+                file.write(f"{separator}\n" + json.dumps({"id": self._count, **row}))
 
     def close(self) -> None:
-        """The frames, and the hidden objects."""
-        hidden, images = _lines(self._hidden), _lines(self._images)
-        with self._file.open("a", encoding="utf-8") as file:
+        """Write the frames, and the hidden objects."""
+        hidden = _format_rows(self._hidden)
+        images = _format_rows(self._images)
+        with self._path.open("a", encoding="utf-8") as file:
             file.write(
                 f'\n],\n"hidden_annotations": {hidden},\n"images": {images}\n}}\n'
             )
 
 
-def _lines(rows: Iterable[str]) -> str:
-    """A list with one row a line."""
+def _format_rows(rows: Iterable[str]) -> str:
+    """Return a list with one row a line."""
     lines = ",\n".join(rows)
     return f"[\n{lines}\n]" if lines else "[]"
 
 
-def _of_clip(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
+def _clip_rows(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
+    """Return the lists that describe a clip."""
     width, height = clip.size
     video = {
         "id": 1,
@@ -94,53 +90,53 @@ def _of_clip(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
         "height": height,
         "length": clip.count,
         "fps": clip.fps,
+        # all objects of all categories are annotated
+        "neg_category_ids": [],
+        "not_exhaustive_category_ids": [],
     }
+    categories = []
+    for number, name in enumerate(clip.categories, 1):
+        categories.append({"id": number, "name": name, "supercategory": "object"})
+    tracks = []
+    names_and_classes = zip(clip.names, clip.classes, strict=True)
+    for track, (name, category) in enumerate(names_and_classes, 1):
+        row = {"id": track, "video_id": 1, "category_id": category, "name": name}
+        tracks.append(row)
     return {
         "licenses": [],
-        "categories": [
-            {"id": number, "name": name, "supercategory": "object"}
-            for number, name in enumerate(clip.categories, 1)
-        ],
-        # all objects of all categories are annotated
-        "videos": [video | {"neg_category_ids": [], "not_exhaustive_category_ids": []}],
-        "tracks": [
-            {"id": body + 1, "video_id": 1, "category_id": number, "name": name}
-            for body, (name, number) in enumerate(
-                zip(clip.names, clip.classes, strict=True)
-            )
-        ],
+        "categories": categories,
+        "videos": [video],
+        "tracks": tracks,
     }
 
 
 def _annotation(clip: Clip, view: View, presence: Presence) -> dict[str, Any]:
+    """Return the row of one object in a frame."""
     body = presence.body
+    whole_runs = _run_lengths(presence.whole_mask, presence.box, view)
     row: dict[str, Any] = {
         "image_id": view.index + 1,
         "video_id": 1,
         "track_id": body + 1,
+        "category_id": clip.classes[body],
     }
-    row["category_id"] = clip.classes[body]
-    whole = _run_lengths(presence.whole, presence.box, view)
-    if presence.seen_area:
-        partly = presence.seen_area < presence.whole_area
-        row["segmentation"] = (
-            _run_lengths(presence.seen, presence.box, view) if partly else whole
-        )
-        row |= {
-            "area": presence.seen_area,
-            "bbox": list(presence.seen_box),
-            "iscrowd": 0,
-        }
-    row |= {
-        "visible_fraction": round(presence.visible, SHARE_DIGITS),
-        "amodal_segmentation": whole,
-        "amodal_area": presence.whole_area,
-        "amodal_bbox": list(presence.box),
-    }
+    if presence.visible_area:
+        runs = whole_runs
+        if presence.visible_area < presence.whole_area:
+            runs = _run_lengths(presence.visible_mask, presence.box, view)
+        row["segmentation"] = runs
+        row["area"] = presence.visible_area
+        row["bbox"] = list(presence.visible_box)
+        row["iscrowd"] = 0
+    row["visible_fraction"] = round(presence.visible_share, SHARE_DIGITS)
+    row["amodal_segmentation"] = whole_runs
+    row["amodal_area"] = presence.whole_area
+    row["amodal_bbox"] = list(presence.box)
     return row
 
 
 def _run_lengths(mask: NDArray[np.bool_], box: Box, view: View) -> dict[str, Any]:
+    """Return the run lengths of a mask (h, w) on a box of a view."""
     from pycocotools import mask as coco
 
     (width, height), (x, y, w, h) = view.size, box

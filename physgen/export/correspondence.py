@@ -1,4 +1,4 @@
-"""Where points of one frame are in another frame, computed exactly from poses and cameras.
+"""Map points of one frame to another frame, exactly, from poses and cameras.
 
 Points of a body move with its pose; those of a ball on a table turn with it in space; the background moves with the
 camera alone. The camera scales and shifts, so a rotation in the picture is one similarity, which is two complex
@@ -30,51 +30,55 @@ AT_REST = 1e-9
 class PosedView:
     """Poses of N bodies, and the camera."""
 
-    lens: Array  # (2, 3): photo px -> video px
-    poses: Array  # (N, 3): x px, y px, angle rad, of the centre of mass, in the photo
+    lens: Array
+    """(2, 3): photo px -> video px."""
+    poses: Array
+    """(N, 3): x px, y px, angle rad, of the centre of mass, in the photo."""
     spaces: Array | None
     """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn in the picture alone."""
     faces: Mapping[int, float]
-    """px by which the front of a body, about whose middle it turns, lies below its centre, where it does."""
+    """px by which the front of a body, about whose middle it turns, is below its centre, for bodies that have one."""
 
 
 def photo_view(trajectory: Trajectory, world: World) -> PosedView:
-    """The photo as a view: all of it, before anything moved, or was placed elsewhere."""
-    shown = photo_poses(world)
-    poses = np.array(shown) if shown else trajectory.poses[0]
-    turned = np.tile(np.eye(3), (len(poses), 1, 1)) if trajectory.turns.size else None
-    if turned is not None and shown:
-        turned[:, :2, :2] = [rotation(pose.angle) for pose in shown]
-    return PosedView(np.eye(2, 3), poses, turned, {})
+    """Return the photo as a view: all of it, before anything moved, or was placed elsewhere."""
+    known_poses = photo_poses(world)
+    poses = np.array(known_poses) if known_poses else trajectory.poses[0]
+    rotations = None
+    if trajectory.turns.size:
+        rotations = np.tile(np.eye(3), (len(poses), 1, 1))
+        if known_poses:
+            rotations[:, :2, :2] = [rotation(pose.angle) for pose in known_poses]
+    return PosedView(np.eye(2, 3), poses, rotations, {})
 
 
 def is_ball(body: Body) -> bool:
-    """Whether the body is a sphere."""
+    """Return whether the body is a sphere."""
     return body.radius is not None and body.solid is Solid.SPHERE
 
 
 def turns_in_space(body: int, view: PosedView, world: World) -> bool:
-    """Whether the far side of a body may come up; -1 is the background."""
+    """Return whether the far side of a body may come up; -1 is the background."""
     return body >= 0 and view.spaces is not None and is_ball(world.bodies[body])
 
 
 def similarity(body: int, view: PosedView, other: PosedView) -> tuple[complex, complex]:
-    """m and n of a body that turns in the picture alone; -1 is the background."""
+    """Return m and n of a body that turns in the picture alone; -1 is the background."""
     scale, shift = _lens(view.lens)
     other_scale, other_shift = _lens(other.lens)
     if body < 0 or is_still(body, view, other):
         return complex(other_scale / scale), other_shift - other_scale / scale * shift
-    (x, y, angle), (to_x, to_y, to_angle) = (
-        view.poses[body].tolist(),
-        other.poses[body].tolist(),
-    )
-    turn, face = exp(1j * (to_angle - angle)), view.faces.get(body, 0.0)
-    there = complex(to_x, to_y + face) - turn * (shift / scale + complex(x, y + face))
-    return other_scale / scale * turn, other_scale * there + other_shift
+    x, y, angle = view.poses[body].tolist()
+    other_x, other_y, other_angle = other.poses[body].tolist()
+    face = view.faces.get(body, 0.0)
+    turn = exp(1j * (other_angle - angle))
+    start = shift / scale + complex(x, y + face)
+    offset = complex(other_x, other_y + face) - turn * start
+    return other_scale / scale * turn, other_scale * offset + other_shift
 
 
 def is_still(body: int, view: PosedView, other: PosedView) -> bool:
-    """Whether a body has the same pose in both views, up to rounding."""
+    """Return whether a body has the same pose in both views, up to rounding."""
     change = [view.poses[body] - other.poses[body]]
     if view.spaces is not None and other.spaces is not None:
         change.append((view.spaces[body] - other.spaces[body]).ravel())
@@ -82,22 +86,22 @@ def is_still(body: int, view: PosedView, other: PosedView) -> bool:
 
 
 def _lens(lens: Array) -> tuple[float, complex]:
-    """Its magnification and shift."""
+    """Return the magnification and shift of a camera."""
     (scale, _, x), (_, _, y) = lens.tolist()
     return scale, complex(x, y)
 
 
 def spans(box: Slices) -> tuple[Array, Array]:
-    """(1, w) x and (h, 1) y of a box, px."""
+    """Return x (1, w) and y (h, 1) of a box, px."""
     rows, columns = box
     x = np.arange(columns.start, columns.stop, dtype=np.float64)
     return x[None, :], np.arange(rows.start, rows.stop, dtype=np.float64)[:, None]
 
 
-def carried_by_ball(
+def follow_ball(
     x: Array, y: Array, body: int, view: PosedView, other: PosedView, world: World
 ) -> tuple[Array, Array, Mask]:
-    """Video px x and y, which broadcast, of a ball in px of the other view, and which are on the far side there.
+    """Return x, y and far side in the other view of video px x and y, which broadcast, of a ball.
 
     Both views have rotations in space. Pixels of the mask beyond the rim move with the rim.
     """
@@ -105,22 +109,28 @@ def carried_by_ball(
     assert radius is not None
     assert view.spaces is not None
     assert other.spaces is not None
-    scale, other_scale = float(view.lens[0, 0]), float(other.lens[0, 0])
+    scale = float(view.lens[0, 0])
+    other_scale = float(other.lens[0, 0])
     radius *= scale
-    at_x, at_y = (scale * view.poses[body, :2] + view.lens[:, 2]).tolist()
-    to_x, to_y = (other_scale * other.poses[body, :2] + other.lens[:, 2]).tolist()
-    u, v = (x - at_x) / radius, (y - at_y) / radius
-    squared = u * u + v * v
-    towards = np.sqrt(np.maximum(1 - squared, 0))
-    reach = radius * (other_scale / scale)
-    along, down = to_x + reach * u, to_y + reach * v
-    within = 1 / np.sqrt(np.maximum(squared, 1))
-    u, v = u * within, v * within
+    center_x, center_y = (scale * view.poses[body, :2] + view.lens[:, 2]).tolist()
+    other_center = other_scale * other.poses[body, :2] + other.lens[:, 2]
+    other_x, other_y = other_center.tolist()
+    u = (x - center_x) / radius
+    v = (y - center_y) / radius
+    square = u * u + v * v
+    depth = np.sqrt(np.maximum(1 - square, 0))
+    other_radius = radius * (other_scale / scale)
+    shifted_x = other_x + other_radius * u
+    shifted_y = other_y + other_radius * v
+    # pixels beyond the rim get the point of the rim
+    limit = 1 / np.sqrt(np.maximum(square, 1))
+    u, v = u * limit, v * limit
     turn = other.spaces[body] @ view.spaces[body].T
-    change = (turn - np.diag([1.0, 1.0, 0.0])) * [[reach], [reach], [1.0]]
+    scales = [[other_radius], [other_radius], [1.0]]
+    change = (turn - np.diag([1.0, 1.0, 0.0])) * scales
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = change.tolist()
     return (
-        along + (xx * u + xy * v - xz * towards),
-        down + (yx * u + yy * v - yz * towards),
-        zx * u + zy * v > zz * towards,
+        shifted_x + (xx * u + xy * v - xz * depth),
+        shifted_y + (yx * u + yy * v - yz * depth),
+        zx * u + zy * v > zz * depth,
     )

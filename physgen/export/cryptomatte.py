@@ -24,35 +24,35 @@ KEY_LENGTH = len("cryptomatte/") + 7
 """Seven digits of the hash of the layer's name."""
 WORD = 0xFFFFFFFF
 FACTORS = 0xCC9E2D51, 0x1B873593
-"""Of MurmurHash3."""
+"""Multipliers of MurmurHash3."""
 MIXERS = 0x85EBCA6B, 0xC2B2AE35
 
 
 def murmur_hash(name: str) -> int:
-    """MurmurHash3 of 32 bits, seed 0, of a name in UTF-8."""
+    """Return MurmurHash3 of 32 bits, seed 0, of a name in UTF-8."""
     data = name.encode()
     hash_ = 0
     blocks = len(data) // 4 * 4
     for start in range(0, blocks, 4):
-        hash_ ^= _mixed(int.from_bytes(data[start : start + 4], "little"))
-        hash_ = (_rotated(hash_, 13) * 5 + 0xE6546B64) & WORD
-    hash_ ^= _mixed(int.from_bytes(data[blocks:], "little"))
+        hash_ ^= _mix(int.from_bytes(data[start : start + 4], "little"))
+        hash_ = (_rotate(hash_, 13) * 5 + 0xE6546B64) & WORD
+    hash_ ^= _mix(int.from_bytes(data[blocks:], "little"))
     hash_ ^= len(data)
     for shift, factor in ((16, MIXERS[0]), (13, MIXERS[1])):
         hash_ = ((hash_ ^ (hash_ >> shift)) * factor) & WORD
     return hash_ ^ (hash_ >> 16)
 
 
-def _mixed(block: int) -> int:
-    return (_rotated(block * FACTORS[0] & WORD, 15) * FACTORS[1]) & WORD
+def _mix(block: int) -> int:
+    return (_rotate(block * FACTORS[0] & WORD, 15) * FACTORS[1]) & WORD
 
 
-def _rotated(word: int, bits: int) -> int:
+def _rotate(word: int, bits: int) -> int:
     return (word << bits | word >> (32 - bits)) & WORD
 
 
 def object_id(name: str) -> int:
-    """Hash of a name whose bits are an ordinary float: neither denormal nor infinite."""
+    """Return the hash of a name whose bits are an ordinary float: neither denormal nor infinite."""
     hash_ = murmur_hash(name)
     exponent = hash_ >> 23 & 255
     return hash_ ^ 1 << 23 if exponent in (0, 255) else hash_
@@ -79,7 +79,7 @@ def write_cryptomatte(
 
 
 def ranked_channels(shares: Mapping[str, F32]) -> dict[str, F32]:
-    """Channels (h, w) of the RANKS largest shares of each pixel, and of their ids."""
+    """Return channels (h, w) of the RANKS largest shares of each pixel, and of their ids."""
     size = next(iter(shares.values())).shape if shares else (1, 1)
     stack = np.zeros((RANKS + len(shares), *size), np.float32)
     ids = np.zeros(len(stack), np.uint32)

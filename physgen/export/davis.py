@@ -39,7 +39,7 @@ class Frames(Writer):
     """`00000.png` ...: the frames, 8-bit sRGB."""
 
     def add(self, moment: Moment) -> None:
-        """One file a frame."""
+        """Write one file a frame."""
         write_png(self._folder / f"{moment.view.index:05d}.png", moment.view.rgb)
 
 
@@ -47,18 +47,16 @@ class Davis(Writer):
     """DAVIS 2017 (Pont-Tuset et al., 2017): pictures, masks, and the lists of clips, which name this one."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._images, self._masks = (
-            folder / name / FULL_SIZE / clip.name
-            for name in ("JPEGImages", "Annotations")
-        )
+        self._images = folder / "JPEGImages" / FULL_SIZE / clip.name
+        self._masks = folder / "Annotations" / FULL_SIZE / clip.name
         lists = folder / "ImageSets" / "2017"
-        for made in (self._images, self._masks, lists):
-            made.mkdir(parents=True)
+        for path in (self._images, self._masks, lists):
+            path.mkdir(parents=True)
         for split in ("train", "val"):  # tools read either list
             (lists / f"{split}.txt").write_text(f"{clip.name}\n", encoding="utf-8")
 
     def add(self, moment: Moment) -> None:
-        """Two files a frame."""
+        """Write two files a frame."""
         view = moment.view
         (self._images / f"{view.index:05d}.jpg").write_bytes(view.jpeg)
         (self._masks / f"{view.index:05d}.png").write_bytes(palette_png(view.ids))

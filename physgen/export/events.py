@@ -1,4 +1,4 @@
-"""Events of a motion as JSON: pushes, starts, collisions, picture borders and rests.
+"""Find events of a motion and write them as JSON: pushes, starts, collisions, picture borders and rests.
 
 The number of frames and their rate change nothing: the motion is sampled again, evenly and around impacts.
 """
@@ -31,19 +31,26 @@ from physgen.simulate.trajectory import (
 
 @dataclass(frozen=True)
 class EventLimits:
-    """What counts as a motion and a touch, and how finely the motion is sampled."""
+    """Limits of motions and touches, and the sampling of the motion."""
 
     shift: float = 0.005
     """Of the photo's longer side, by which an object's centre or rim must leave its place at t = 0: less is settling,
-    which is hardly seen."""
+    which is hardly visible."""
     rate: float = 240.0
-    least: int = 720  # samples of the motion: a second, and in all; no more than the engine's steps
-    most: int = 2_000_000  # samples times objects
-    before: float = 1e-6  # s before the beginning of a touch
-    after: float = 1.5  # steps of the engine after which an impact is over
+    """1/s: samples of the motion, at least, but no more than the engine's steps."""
+    min_samples: int = 720
+    """Samples of the whole motion."""
+    max_samples: int = 2_000_000
+    """Samples times objects."""
+    lead: float = 1e-6
+    """s before the beginning of a touch."""
+    impact_steps: float = 1.5
+    """Steps of the engine after which an impact is over."""
 
 
 LIMITS = EventLimits()
+TIME_TOLERANCE = 1e-9
+"""s by which times of samples may be rounded."""
 
 SIDES = ("left", "right", "top", "bottom")
 
@@ -72,245 +79,271 @@ class Event:
     """One event. Surfaces are numbered as in `World.surfaces`: bodies, then walls."""
 
     kind: EventKind
-    time: float  # s of the motion
+    time: float
+    """s of the motion."""
     surfaces: tuple[int, ...]
     """One, or the two of a collision: the one that moves faster towards the other first."""
-    at: Point  # px of the photo: the point of contact or of a push; else the centre of mass
-    until: float | None = (
-        None  # s: the end of a lasting push; None: it outlasts the clip, or has no length
-    )
-    impulse: float | None = (
-        None  # g·px/s: of a collision or an impulse, without lasting pressure
-    )
+    place: Point
+    """px of the photo: the point of contact or of a push; else the centre of mass."""
+    end: float | None = None
+    """s: the end of a lasting push; None: it outlasts the clip, or has no length."""
+    impulse: float | None = None
+    """g·px/s: of a collision or an impulse, without lasting pressure."""
     vector: Point | None = None
     """Of a collision the unit vector in which the second pushes the first; of a push g·px/s or g·px/s²; else px/s."""
-    torque: float = 0.0  # g·px²/s²
+    torque: float = 0.0
+    """g·px²/s²."""
     closing: float | None = None
     """px/s at which the contact points of a collision approach each other just before."""
     side: str = ""
-    """Of the picture, where an object leaves or enters: one of SIDES."""
+    """Of the picture, at which an object leaves or enters: one of SIDES."""
 
 
 def events(clip: Clip) -> tuple[Event, ...]:
-    """All events to the end of the motion, by time. Of a clip of one frame, the events at its moment."""
-    world, seen = clip.world, clip.trajectory
-    if not world.bodies or not len(seen.times):
+    """Return all events to the end of the motion, by time. Of a clip of one frame, the events at its moment."""
+    world, trajectory = clip.world, clip.trajectory
+    if not world.bodies or not len(trajectory.times):
         return ()
-    if len(seen.times) > 1:
-        seen = _resampled(world, seen)
-    impacts = find_impacts(world, seen, 1 / LIMITS.rate) if len(seen.times) > 1 else []
+    impacts: list[Impact] = []
+    if len(trajectory.times) > 1:
+        trajectory = _resample(world, trajectory)
+        impacts = find_impacts(world, trajectory, 1 / LIMITS.rate)
     found = [
-        *_pushes(world, seen),
-        *(_collision(world, seen, impact) for impact in impacts),
-        *_motions(world, seen),
-        *_borders(world, seen, clip.shot),
+        *_pushes(world, trajectory),
+        *(_collision(world, trajectory, impact) for impact in impacts),
+        *_motions(world, trajectory),
+        *_border_crossings(world, trajectory, clip.shot),
     ]
-    order = list(EventKind)
-    return tuple(
-        sorted(
-            found,
-            key=lambda event: (event.time, order.index(event.kind), event.surfaces),
-        )
-    )
+    kinds = list(EventKind)
+    found.sort(key=lambda event: (event.time, kinds.index(event.kind), event.surfaces))
+    return tuple(found)
 
 
-def _resampled(world: World, clip: Trajectory) -> Trajectory:
-    """Evenly, and just before and after the beginnings of touches."""
-    most, end = max(LIMITS.most // len(world.bodies), 2), world.duration
-    rate = min(max(LIMITS.rate, LIMITS.least / end), world.steps_per_second)
-    even = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), most) + 1)
-    whole = clip.sampled(np.array([0.0, end]))  # the last frame is before the end
-    begins = whole.contacts.touch_times[:most, 0]
-    step = LIMITS.after / world.steps_per_second
+def _resample(world: World, trajectory: Trajectory) -> Trajectory:
+    """Return even samples, and samples just before and after the beginnings of touches."""
+    limit = max(LIMITS.max_samples // len(world.bodies), 2)
+    end = world.duration
+    rate = max(LIMITS.rate, LIMITS.min_samples / end)
+    rate = min(rate, world.steps_per_second)
+    even_times = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), limit) + 1)
+    # the last frame is before the end
+    whole = trajectory.sampled(np.array([0.0, end]))
+    touches = whole.contacts.touch_times[:limit, 0]
+    step = LIMITS.impact_steps / world.steps_per_second
     pushes = np.array([push.start for push in world.pushes])
-    every = np.unique(
-        np.concatenate(
-            [even, begins, begins - LIMITS.before, begins - step, begins + step, pushes]
-        )
-    )
-    return whole.sampled(every[(every >= 0) & (every <= end)])
+    before = touches - LIMITS.lead
+    earlier = touches - step
+    later = touches + step
+    times = np.concatenate([even_times, touches, before, earlier, later, pushes])
+    times = np.unique(times)
+    return whole.sampled(times[(times >= 0) & (times <= end)])
 
 
-def _sample(seen: Trajectory, time: float) -> int:
-    """The first at a time or after it."""
-    return min(int(np.searchsorted(seen.times, time - 1e-9)), len(seen.times) - 1)
+def _sample(trajectory: Trajectory, time: float) -> int:
+    """Return the first sample at a time (s) or after it."""
+    sample = int(np.searchsorted(trajectory.times, time - TIME_TOLERANCE))
+    return min(sample, len(trajectory.times) - 1)
 
 
-def _pair(values: Array) -> Point:
+def _point(values: Array) -> Point:
     x, y = values[:2].tolist()
     return x, y
 
 
-def _pushes(world: World, seen: Trajectory) -> Iterator[Event]:
-    last = float(seen.times[-1])
-
+def _pushes(world: World, trajectory: Trajectory) -> Iterator[Event]:
+    """Yield the pushes of bodies that can be pushed."""
+    end = float(trajectory.times[-1])
     for push in world.pushes:
-        if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > last:
+        if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > end:
             continue
-        pose = seen.poses[_sample(seen, push.start), push.body]
-        at = _pair(pose[:2] + rotation(float(pose[2])) @ push.at)
-        vector = _pair(push.vector) if push.vector.any() else None
-        sudden = push.load is Load.IMPULSE
-        until = push.end if not sudden and push.end <= last else None
-        impulse = float(np.hypot(*push.vector)) if sudden else None
+        pose = trajectory.poses[_sample(trajectory, push.start), push.body]
+        place = _point(pose[:2] + rotation(float(pose[2])) @ push.at)
+        is_impulse = push.load is Load.IMPULSE
+        has_end = not is_impulse and push.end <= end
         yield Event(
             EventKind.PUSH,
             push.start,
             (push.body,),
-            at,
-            until,
-            impulse,
-            vector,
-            push.torque,
+            place,
+            end=push.end if has_end else None,
+            impulse=float(np.hypot(*push.vector)) if is_impulse else None,
+            vector=_point(push.vector) if push.vector.any() else None,
+            torque=push.torque,
         )
 
 
-def _collision(world: World, seen: Trajectory, impact: Impact) -> Event:
-    step = LIMITS.after / world.steps_per_second
-    # where other impacts came earlier in the same engine step, the sample just before is after them
-    earlier = (impact.time - LIMITS.before, impact.time - step)
+def _collision(world: World, trajectory: Trajectory, impact: Impact) -> Event:
+    """Return the event of an impact, with the surface first that moves faster towards the other."""
+    step = LIMITS.impact_steps / world.steps_per_second
+    # if other impacts came earlier in the same engine step, the sample just before is after them
     samples = [
-        *(_sample(seen, time) for time in earlier),
-        _sample(seen, impact.time) - 1,
+        _sample(trajectory, impact.time - LIMITS.lead),
+        _sample(trajectory, impact.time - step),
+        _sample(trajectory, impact.time) - 1,
     ]
-    nearing = max(
-        (_nearing(world, seen, k, impact) for k in samples if k >= 0),
-        key=sum,
-        default=(0.0, 0.0),
-    )
-    pair, way = impact.pair, impact.way
-    if nearing[1] > nearing[0] and pair[1] < len(world.bodies):
-        pair, way = pair[::-1], -way
-    at, vector = _pair(impact.at), _pair(way)
+    approaches = []
+    for sample in samples:
+        if sample >= 0:
+            approaches.append(_approach(world, trajectory, sample, impact))
+    approach = max(approaches, key=sum, default=(0.0, 0.0))
+    pair, direction = impact.pair, impact.way
+    if approach[1] > approach[0] and pair[1] < len(world.bodies):
+        pair = pair[::-1]
+        direction = -direction
     return Event(
         EventKind.COLLISION,
         impact.time,
         pair,
-        at,
-        None,
-        impact.impulse,
-        vector,
-        closing=sum(nearing),
+        _point(impact.at),
+        impulse=impact.impulse,
+        vector=_point(direction),
+        closing=sum(approach),
     )
 
 
-def _nearing(
-    world: World, seen: Trajectory, sample: int, impact: Impact
+def _approach(
+    world: World, trajectory: Trajectory, sample: int, impact: Impact
 ) -> tuple[float, float]:
-    """px/s at which the contact point of each surface approaches the other, along the impact's direction."""
+    """Return the speeds (px/s) at which the contact point of each surface approaches the other.
+
+    They are along the impact's direction.
+    """
     speeds = [0.0, 0.0]
     for n, (k, sign) in enumerate(zip(impact.pair, (-1.0, 1.0), strict=True)):
         if k < len(world.bodies):
-            x, y, spin = seen.velocities[sample, k]
-            arm = impact.at - seen.poses[sample, k, :2]
-            speeds[n] = sign * float(
-                np.array([x - spin * arm[1], y + spin * arm[0]]) @ impact.way
-            )
+            x, y, spin = trajectory.velocities[sample, k]
+            arm = impact.at - trajectory.poses[sample, k, :2]
+            velocity = np.array([x - spin * arm[1], y + spin * arm[0]])
+            speeds[n] = sign * float(velocity @ impact.way)
     return speeds[0], speeds[1]
 
 
-def _motions(world: World, seen: Trajectory) -> Iterator[Event]:
-    """Starts and rests of each body by itself."""
-    resting, least = resting_mask(seen), LIMITS.shift * max(world.size)
-    for k, (body, rest) in enumerate(zip(world.bodies, rest_times(seen), strict=True)):
-        poses = seen.poses[:, k]
-        turned = np.abs(poses[:, 2] - poses[0, 2])
-        reach = np.maximum(
-            np.hypot(*(poses[:, :2] - poses[0, :2]).T), turned * body.reach
-        )
-        gone = np.flatnonzero(reach > least)
-        if not len(gone):
+def _motions(world: World, trajectory: Trajectory) -> Iterator[Event]:
+    """Yield starts and rests of each body by itself."""
+    is_resting = resting_mask(trajectory)
+    rests = rest_times(trajectory)
+    min_shift = LIMITS.shift * max(world.size)
+    for k, (body, rest) in enumerate(zip(world.bodies, rests, strict=True)):
+        poses = trajectory.poses[:, k]
+        rim_shift = np.abs(poses[:, 2] - poses[0, 2]) * body.reach
+        shift = np.maximum(np.hypot(*(poses[:, :2] - poses[0, :2]).T), rim_shift)
+        moved_samples = np.flatnonzero(shift > min_shift)
+        if not len(moved_samples):
             continue
-        yield _start(world, seen, k, int(gone[0]), resting[:, k])
+        yield _start(world, trajectory, k, int(moved_samples[0]), is_resting[:, k])
         if rest is not None:
-            yield Event(EventKind.REST, rest, (k,), _pair(poses[_sample(seen, rest)]))
+            place = _point(poses[_sample(trajectory, rest)])
+            yield Event(EventKind.REST, rest, (k,), place)
 
 
-def _crossing(times: Array, values: Array, at: int) -> float:
-    """s: where values pass 0 between sample `at` - 1 and `at`."""
-    low, high = float(values[at - 1]), float(values[at])
-    return float(times[at - 1] + low / (low - high) * (times[at] - times[at - 1]))
+def _crossing_time(times: Array, values: Array, sample: int) -> float:
+    """Return the time (s) at which values pass 0 between a sample and the one before."""
+    low = float(values[sample - 1])
+    high = float(values[sample])
+    step = times[sample] - times[sample - 1]
+    return float(times[sample - 1] + low / (low - high) * step)
 
 
 def _start(
-    world: World, seen: Trajectory, k: int, gone: int, resting: NDArray[np.bool_]
+    world: World,
+    trajectory: Trajectory,
+    k: int,
+    moved_sample: int,
+    is_resting: NDArray[np.bool_],
 ) -> Event:
-    """`gone` is the first sample away from the place at t = 0."""
-    body, poses, velocities = world.bodies[k], seen.poses[:, k], seen.velocities[:, k]
+    """Return the start of a motion; `moved_sample` is the first one away from the place at t = 0."""
+    poses = trajectory.poses[:, k]
+    velocities = trajectory.velocities[:, k]
+    if _moves_at_start(world.bodies[k], velocities[0]):
+        place = _point(poses[0])
+        velocity = _point(velocities[0])
+        return Event(EventKind.MOVING, 0.0, (k,), place, vector=velocity)
+    # an impulse at t = 0 is visible at once
+    rests = np.flatnonzero(is_resting[: moved_sample + 1]).tolist()
+    sample = max(rests, default=0)
+    if sample > 0:
+        # after a rest, the body moves in the first sample that shows it
+        sample += 1
+    time = float(trajectory.times[sample])
+    place = _point(poses[sample])
+    velocity = _point(velocities[moved_sample])
+    return Event(EventKind.MOVE, time, (k,), place, vector=velocity)
+
+
+def _moves_at_start(body: Body, velocity: Array) -> bool:
+    """Return whether a body moves at t = 0 by the scene; an impulse at t = 0 does not count."""
     if body.motion is Motion.SCRIPTED:
-        moves = bool(np.abs(velocities[0]).max() > 0)
-    else:  # by the scene; an impulse at t = 0 does not count
-        slow = np.hypot(*body.velocity) < REST_SPEED and abs(body.spin) < radians(
-            REST_TURN
-        )
-        moves = not slow or bool(body.roll.any())
-    if moves:
-        return Event(
-            EventKind.MOVING, 0.0, (k,), _pair(poses[0]), vector=_pair(velocities[0])
-        )
-    at = max(
-        np.flatnonzero(resting[: gone + 1]).tolist(), default=0
-    )  # an impulse at t = 0 shows at once
-    at += at > 0  # after a rest, it moves in the first sample that shows it
-    time, place = float(seen.times[at]), _pair(poses[at])
-    return Event(EventKind.MOVE, time, (k,), place, vector=_pair(velocities[gone]))
+        return bool(np.abs(velocity).max() > 0)
+    is_fast = np.hypot(*body.velocity) >= REST_SPEED
+    is_spinning = abs(body.spin) >= radians(REST_TURN)
+    return bool(is_fast or is_spinning or body.roll.any())
 
 
-def _borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
-    """An object is in the picture as long as any of its outline is."""
-    lenses = np.stack([shot.affine(float(time)) for time in seen.times])
+def _border_crossings(
+    world: World, trajectory: Trajectory, shot: Shot
+) -> Iterator[Event]:
+    """Yield the times at which objects leave and enter the picture.
+
+    An object is in the picture as long as any of its outline is.
+    """
+    times = trajectory.times
+    lenses = np.stack([shot.affine(float(time)) for time in times])
     for k, body in enumerate(world.bodies):
-        center = (
-            np.einsum("tij,tj->ti", lenses[:, :, :2], seen.poses[:, k, :2])
-            + lenses[:, :, 2]
-        )
-        if (_beyond(center, center, shot.video) <= 0).all():
+        poses = trajectory.poses[:, k]
+        centers = np.einsum("tij,tj->ti", lenses[:, :, :2], poses[:, :2])
+        centers = centers + lenses[:, :, 2]
+        if (_border_distances(centers, centers, shot.video) <= 0).all():
             continue
-        beyond = _outside(body, seen.poses[:, k], lenses, shot.video)
-        far = beyond.max(axis=1)
-        for at in (np.flatnonzero((far[1:] > 0) != (far[:-1] > 0)) + 1).tolist():
-            leaves = far[at] > 0
-            kind = EventKind.LEAVE if leaves else EventKind.ENTER
-            side = SIDES[int(beyond[at if leaves else at - 1].argmax())]
+        distances = _outside_distances(body, poses, lenses, shot.video)
+        farthest = distances.max(axis=1)
+        changes = np.flatnonzero((farthest[1:] > 0) != (farthest[:-1] > 0)) + 1
+        for sample in changes.tolist():
+            kind, outside_sample = EventKind.ENTER, sample - 1
+            if farthest[sample] > 0:
+                kind, outside_sample = EventKind.LEAVE, sample
             yield Event(
                 kind,
-                _crossing(seen.times, far, at),
+                _crossing_time(times, farthest, sample),
                 (k,),
-                _pair(seen.poses[at, k]),
-                side=side,
+                _point(poses[sample]),
+                side=SIDES[int(distances[outside_sample].argmax())],
             )
 
 
-def _outside(body: Body, poses: Array, lenses: Array, size: tuple[int, int]) -> Array:
-    """(T, 4) video px by which all of a body is beyond each of SIDES; below 0: some of it is not.
+def _outside_distances(
+    body: Body, poses: Array, lenses: Array, size: tuple[int, int]
+) -> Array:
+    """Return the video px (T, 4) by which all of a body is beyond each of SIDES; below 0 a part of it is not.
 
     poses (T, 3), lenses (T, 2, 3).
     """
-    scale, shift = lenses[:, 0, 0, None], lenses[:, :, 2]
+    scale = lenses[:, 0, 0, None]
+    shift = lenses[:, :, 2]
+    places = poses[:, :2]
     if body.radius is not None:
-        low, high = poses[:, :2] - body.radius, poses[:, :2] + body.radius
+        low = places - body.radius
+        high = places + body.radius
     else:
-        rim = np.concatenate(body.rings)
-        c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-        turned = np.stack(
-            [c * rim[:, 0] - s * rim[:, 1], s * rim[:, 0] + c * rim[:, 1]], axis=1
-        )
-        low, high = poses[:, :2] + turned.min(axis=2), poses[:, :2] + turned.max(axis=2)
-    return _beyond(low * scale + shift, high * scale + shift, size)
+        x, y = np.concatenate(body.rings).T
+        c = np.cos(poses[:, 2:])
+        s = np.sin(poses[:, 2:])
+        rim = np.stack([c * x - s * y, s * x + c * y], axis=1)
+        low = places + rim.min(axis=2)
+        high = places + rim.max(axis=2)
+    return _border_distances(low * scale + shift, high * scale + shift, size)
 
 
-def _beyond(low: Array, high: Array, size: tuple[int, int]) -> Array:
-    """(T, 4): how far boxes from `low` to `high` (T, 2) are beyond each border, half a px outside the first centres."""
+def _border_distances(low: Array, high: Array, size: tuple[int, int]) -> Array:
+    """Return the distance (T, 4) px of boxes from `low` to `high` (T, 2) beyond each border of a picture.
+
+    Borders are half a px outside the first centres.
+    """
     width, height = size
-    return np.stack(
-        [
-            -0.5 - high[:, 0],
-            low[:, 0] - (width - 0.5),
-            -0.5 - high[:, 1],
-            low[:, 1] - (height - 0.5),
-        ],
-        axis=1,
-    )
+    left = -0.5 - high[:, 0]
+    right = low[:, 0] - (width - 0.5)
+    top = -0.5 - high[:, 1]
+    bottom = low[:, 1] - (height - 0.5)
+    return np.stack([left, right, top, bottom], axis=1)
 
 
 # ---- the file ----
@@ -328,34 +361,31 @@ UNITS = {
 
 
 class ClipTimes:
-    """Times of the motion as frames and seconds of the clip; of what is shown twice, the first time counts."""
+    """Times of the motion as frames and seconds of the clip; the first time counts if a state is shown twice."""
 
     def __init__(self, clip: Clip) -> None:
-        self._times, self._order, self._fps = (
-            clip.trajectory.times,
-            clip.shot.order,
-            clip.fps,
-        )
-        self._backward = clip.scene.render.play is Play.BACKWARD
-        self._step = (
-            float(self._times[1] - self._times[0]) if len(self._times) > 1 else 1.0
-        )
+        self._times = clip.trajectory.times
+        self._order = clip.shot.order
+        self._fps = clip.fps
+        self._is_backward = clip.scene.render.play is Play.BACKWARD
+        self._step = 1.0
+        if len(self._times) > 1:
+            self._step = float(self._times[1] - self._times[0])
 
     def frame(self, time: float) -> int:
-        """The first frame that shows the state after a moment of the motion; played backward, the state before it."""
-        last = len(self._times) - 1
-        if self._backward:
-            sample = max(
-                int(np.searchsorted(self._times, time + 1e-9, side="right")) - 1, 0
-            )
+        """Return the first frame that shows the state after a moment of the motion; played backward, before it."""
+        if self._is_backward:
+            after = np.searchsorted(self._times, time + TIME_TOLERANCE, side="right")
+            sample = max(int(after) - 1, 0)
         else:
-            sample = min(int(np.searchsorted(self._times, time - 1e-9)), last)
+            before = np.searchsorted(self._times, time - TIME_TOLERANCE)
+            sample = min(int(before), len(self._times) - 1)
         return self._order.index(sample)
 
-    def shown(self, time: float) -> float:
-        """s from the clip's start as it plays; what comes after the last sample is not shown before the start."""
+    def clip_time(self, time: float) -> float:
+        """Return the s from the clip's start as it plays; played backward, states after the last sample are at 0."""
         samples = time / self._step
-        if self._backward:
+        if self._is_backward:
             samples = max(len(self._times) - 1 - samples, 0.0)
         return samples / self._fps
 
@@ -366,7 +396,10 @@ class Events(Writer):
     def close(self) -> None:
         """Write the file."""
         clip = self._clip
-        about = {
+        objects = []
+        for item, label in zip(clip.scene.objects, clip.labels, strict=True):
+            objects.append({"name": item.name, "label": label})
+        record = {
             "version": 3,
             "clip": clip.name,
             "frames": clip.count,
@@ -374,31 +407,31 @@ class Events(Writer):
             "size": list(clip.size),
             "scale": clip.scale.as_dict(),
             "units": UNITS,
-            "objects": [
-                {"name": item.name, "label": label}
-                for item, label in zip(clip.scene.objects, clip.labels, strict=True)
-            ],
+            "objects": objects,
             "boundaries": [wall.name for wall in clip.world.walls],
             "events": [_event_json(clip, event) for event in events(clip)],
         }
-        write_json(self._folder / "events.json", about)
+        write_json(self._folder / "events.json", record)
 
 
 def _event_json(clip: Clip, event: Event) -> dict[str, Any]:
-    """An event as JSON, without empty fields."""
-    times, names = ClipTimes(clip), [name for name, _ in clip.world.surfaces]
-    impulse, seen = event.impulse, clip.shot.affine(event.time) @ (*event.at, 1.0)
+    """Return an event for JSON, without empty fields."""
+    times = ClipTimes(clip)
+    names = [name for name, _ in clip.world.surfaces]
+    video_place = clip.shot.affine(event.time) @ (*event.place, 1.0)
+    impulse = None
+    if event.impulse is not None:
+        newton_seconds = clip.scale.newton_seconds(event.impulse)
+        impulse = {"g_px_s": event.impulse, "N_s": newton_seconds}
     row: dict[str, Any] = {
         "kind": event.kind.value,
         "time": event.time,
-        "clip_time": times.shown(event.time),
-        "until": event.until,
+        "clip_time": times.clip_time(event.time),
+        "until": event.end,
         "frame": times.frame(event.time),
         "who": [names[k] for k in event.surfaces],
-        "place": {"photo": list(event.at), "video": seen.tolist()},
-        "impulse": None
-        if impulse is None
-        else {"g_px_s": impulse, "N_s": clip.scale.newton_seconds(impulse)},
+        "place": {"photo": list(event.place), "video": video_place.tolist()},
+        "impulse": impulse,
         "vector": None if event.vector is None else list(event.vector),
         "torque": event.torque or None,
         "closing": event.closing,

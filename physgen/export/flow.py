@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from physgen.export.labels import Clip, Moment, Writer, write_png
 from physgen.maps import F32
 
-SEEN, HIDDEN, GONE = 255, 128, 0
+VISIBLE, HIDDEN, OUTSIDE = 255, 128, 0
 """Codes of pixels that are visible in the other frame, hidden there, and outside of it."""
 SECTORS = (("RY", 15), ("YG", 6), ("GC", 4), ("CB", 11), ("BM", 13), ("MR", 6))
 """Hues between two colours (Baker et al., IJCV 92, 2011, figure 4): as many as people can distinguish."""
@@ -31,8 +31,8 @@ GRID = 256
 class Flo(Writer):
     """Middlebury .flo (Baker et al., IJCV 92, 2011): little-endian float32 u, v of all pixels, row by row.
 
-    `forward/00000.flo` is from frame 0 to 1, `backward/00001.flo` from 1 to 0; `visible/` has the codes SEEN, HIDDEN
-    and GONE as PNG.
+    `forward/00000.flo` is from frame 0 to 1, `backward/00001.flo` from 1 to 0; `visible/` has the codes VISIBLE,
+    HIDDEN and OUTSIDE as PNG.
     """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
@@ -42,16 +42,16 @@ class Flo(Writer):
             (folder / "visible" / name).mkdir(parents=True)
 
     def add(self, moment: Moment) -> None:
-        """One file a frame and direction."""
+        """Write one file a frame and direction."""
         for name, flow in (("forward", moment.forward), ("backward", moment.backward)):
             if flow is None:
                 continue
             path = self._folder / name / f"{moment.view.index:05d}.flo"
-            if not cv2.writeOpticalFlow(str(path), flow.moved):
+            if not cv2.writeOpticalFlow(str(path), flow.motion):
                 raise OSError(f"{path} cannot be written")
             codes = np.where(
                 flow.visible,
-                np.uint8(SEEN),
+                np.uint8(VISIBLE),
                 np.uint8(HIDDEN) * flow.inside.view(np.uint8),
             )
             write_png(
@@ -59,25 +59,27 @@ class Flo(Writer):
             )
 
 
-def coloured(moved: F32, full: float) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB in OpenCV's order, of a flow (H, W, 2); `full` px are full colour, rest is white."""
-    place = moved * np.float32(GRID / full)
+def colour_flow(flow: F32, full_colour: float) -> NDArray[np.uint8]:
+    """Return the picture (H, W, 3) sRGB in OpenCV's order of a flow (H, W, 2).
+
+    `full_colour` px are full colour, rest is white.
+    """
+    place = flow * np.float32(GRID / full_colour)
     place += np.float32(GRID)
     u, v = cv2.split(place)
-    shown = cv2.remap(
+    picture = cv2.remap(
         _colour_disc(), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    return np.asarray(shown, np.uint8)
+    return np.asarray(picture, np.uint8)
 
 
 @cache
 def _colour_disc() -> NDArray[np.uint8]:
-    """(2 GRID + 1, 2 GRID + 1, 3) sRGB in OpenCV's order, of all flows up to 1 px in x and y, GRID steps a px."""
-    rows = []
-    for pair, count in SECTORS:
-        one, other = (np.array(COLOURS[letter]) for letter in pair)
-        rows.append(one + (other - one) * np.arange(count)[:, None] / count)
-    wheel = np.concatenate(rows).astype(np.float32)
+    """Return the colours of all flows up to 1 px in x and y, GRID steps a px, (2 GRID + 1, 2 GRID + 1, 3) sRGB.
+
+    Channels are in OpenCV's order.
+    """
+    wheel = _colour_wheel()
     u = np.linspace(-1, 1, 2 * GRID + 1)[None, :]
     v = u.T
     radius = np.hypot(u, v)[..., None]
@@ -85,5 +87,15 @@ def _colour_disc() -> NDArray[np.uint8]:
     low = np.floor(place).astype(np.int64)
     part = (place - low)[..., None]
     hue = wheel[low] * (1 - part) + wheel[(low + 1) % len(wheel)] * part
-    shown = np.where(radius <= 1, 1 - radius * (1 - hue), hue * 0.75)
-    return np.ascontiguousarray(np.floor(255 * shown[..., ::-1]), np.uint8)
+    colour = np.where(radius <= 1, 1 - radius * (1 - hue), hue * 0.75)
+    return np.ascontiguousarray(np.floor(255 * colour[..., ::-1]), np.uint8)
+
+
+def _colour_wheel() -> F32:
+    """Return the hues of all directions, (K, 3), 0 to 1."""
+    rows = []
+    for (first, last), count in SECTORS:
+        begin = np.array(COLOURS[first])
+        end = np.array(COLOURS[last])
+        rows.append(begin + (end - begin) * np.arange(count)[:, None] / count)
+    return np.concatenate(rows).astype(np.float32)

@@ -22,9 +22,9 @@ from physgen.export.tapvid import Tapvid
 from physgen.export.trajectory import TrajectoryTables
 from physgen.files import install
 from physgen.maps import Percepts
-from physgen.problems import InputError, Problem
+from physgen.messages import Message, one_of
+from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Scene
-from physgen.text import listed, nearest
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,15 @@ class LabelFormat:
     name: str
     maker: Callable[..., Writer]
     """Takes the folder, which exists and is empty, and the `Clip`; raises InputError."""
-    about: str
+    title: str
     needs: str = ""
     """The map of the photo that it is made of."""
     library: str = ""
     """An optional module that it needs, of the extra `labels`."""
-    most: int | None = None  # objects that it can number
-    in_layers: bool = False  # whether it takes frames apart
+    max_objects: int | None = None
+    """Objects that it can number."""
+    has_layers: bool = False
+    """Whether it takes frames apart."""
 
 
 FORMATS = (
@@ -57,7 +59,7 @@ FORMATS = (
         "masks, whole masks, boxes and tracks, COCO JSON",
         library="pycocotools",
     ),
-    LabelFormat("davis", Davis, "masks, palette PNG as in DAVIS 2017", most=254),
+    LabelFormat("davis", Davis, "masks, palette PNG as in DAVIS 2017", max_objects=254),
     LabelFormat("mot", Mot, "boxes and tracks, MOT Challenge text"),
     LabelFormat("tapvid", Tapvid, "tracks of 256 points as in TAP-Vid: npz"),
     LabelFormat("events", Events, "events: JSON"),
@@ -75,101 +77,109 @@ FORMATS = (
         "layers",
         LayerFiles,
         "layers for compositing: PNG of 16 bits, linear, premultiplied",
-        in_layers=True,
+        has_layers=True,
     ),
     LabelFormat(
         "layers-prores",
         ProResLayers,
         "layers for compositing: ProRes 4444",
-        in_layers=True,
+        has_layers=True,
     ),
     LabelFormat(
         "layers-vp9",
         Vp9Layers,
         "layers for compositing: VP9 with alpha",
-        in_layers=True,
+        has_layers=True,
     ),
 )
 FLAG = "--format"
 
 
-def chosen_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
-    """The formats of `names`, each once.
+def choose_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
+    """Return the formats of `names`, each once.
 
-    Raises InputError with every unknown name and every missing library; `flag` is where they were given.
+    Raise InputError with every unknown name and every missing library; `flag` is the flag of the names.
     """
-    known = {kind.name: kind for kind in FORMATS}
+    known = {row.name: row for row in FORMATS}
     problems: list[Problem] = []
     for name in dict.fromkeys(names):
-        kind = known.get(name)
-        if kind is None:
-            close = nearest(name, known)
-            fix = (
-                f'did you mean "{close}"?'
-                if close
-                else f"write any of {listed(list(known))}"
-            )
-            problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
-        elif kind.library and find_spec(kind.library) is None:
-            what, fix = (
-                f"needs {kind.library}, which is not installed",
-                install("labels"),
-            )
-            problems += InputError.of(flag, f'"{name}"', what, fix).problems
+        row = known.get(name)
+        if row is None:
+            unknown, fix = Message.UNKNOWN_FORMAT, one_of(name, list(known))
+            problems.append(unknown.problem(Place(flag), "", f'"{name}"', fix=fix))
+        elif row.library and find_spec(row.library) is None:
+            missing, command = Message.LIBRARY_MISSING, install("labels")
+            values = {"library": row.library, "install": command}
+            problems.append(missing.problem(Place(flag), "", f'"{name}"', **values))
     if problems:
         raise InputError(problems)
     return [known[name] for name in dict.fromkeys(names)]
 
 
 def check_fits(
-    chosen: Sequence[LabelFormat], scene: Scene, maps: Percepts | None
+    formats: Sequence[LabelFormat], scene: Scene, maps: Percepts | None
 ) -> None:
-    """Raises InputError with every format that has too many objects in the scene, or lacks its map."""
-    count, problems = len(scene.objects), []
-    for kind in chosen:
-        if kind.most is not None and count > kind.most:
-            expected = (
-                f"are more than the format {kind.name} can number, which is {kind.most}"
-            )
-            fix = "take coco, which has no limit, or leave objects out"
-            problems.append(
-                Problem(
-                    scene.place("objects"),
-                    "objects",
-                    f"{count:,} objects",
-                    expected,
-                    fix,
-                )
-            )
-        found = f'--format "{kind.name}"'
-        if kind.needs and maps is None:
-            expected, fix = (
-                "is made of a photo's maps, and there is no photo",
-                f"leave {kind.name} out",
-            )
-            problems.append(Problem(scene.place("size"), "", found, expected, fix))
-        elif kind.needs and getattr(maps, kind.needs) is None:
-            place = scene.place("assets")
-            option = (
-                " --backend depth=NAME" if kind.needs == "depth" else ""
-            )  # not made by default
-            fix = f"have it made: physgen perceive --refresh {place.file}{option} -o NEW.yaml"
-            expected = f"is made of {kind.needs}.png, which is not there"
-            problems.append(Problem(place, "assets", found, expected, fix))
+    """Raise InputError with every format that has too many objects in the scene, or lacks its map."""
+    problems = []
+    for row in formats:
+        problems += _count_problems(row, scene)
+        problems += _map_problems(row, scene, maps)
     if problems:
         raise InputError(problems)
 
 
+def _count_problems(row: LabelFormat, scene: Scene) -> list[Problem]:
+    """Return the problem of too many objects."""
+    count = len(scene.objects)
+    if row.max_objects is None or count <= row.max_objects:
+        return []
+    found = f"{count:,} objects"
+    problem = Message.TOO_MANY_FOR_FORMAT.problem(
+        scene.place("objects"),
+        "objects",
+        found,
+        format=row.name,
+        most=row.max_objects,
+    )
+    return [problem]
+
+
+def _map_problems(
+    row: LabelFormat, scene: Scene, maps: Percepts | None
+) -> list[Problem]:
+    """Return the problem of a missing map."""
+    if not row.needs:
+        return []
+    found = f'--format "{row.name}"'
+    if maps is None:
+        without, place = Message.FORMAT_WITHOUT_PHOTO, scene.place("size")
+        return [without.problem(place, "", found, format=row.name)]
+    if getattr(maps, row.needs) is not None:
+        return []
+    place = scene.place("assets")
+    # `perceive` makes no depth by default
+    option = " --backend depth=NAME" if row.needs == "depth" else ""
+    problem = Message.FORMAT_WITHOUT_MAP.problem(
+        place,
+        "assets",
+        found,
+        map=row.needs,
+        scene=place.file,
+        option=option,
+    )
+    return [problem]
+
+
 @contextmanager
 def open_writers(
-    chosen: Sequence[LabelFormat], folder: Path, clip: Clip
+    formats: Sequence[LabelFormat], folder: Path, clip: Clip
 ) -> Iterator[list[Writer]]:
-    """Writers of the formats, each into `folder/<name>`; closed at the end unless there is an error."""
+    """Yield writers of the formats, each into `folder/<name>`; they are closed at the end unless there is an error."""
     writers: list[Writer] = []
-    for kind in chosen:
-        home = folder / kind.name
-        home.mkdir(parents=True)
-        writers.append(kind.maker(home, clip))
+    for row in formats:
+        format_folder = folder / row.name
+        format_folder.mkdir(parents=True)
+        writers.append(row.maker(format_folder, clip))
     yield writers
     for writer in writers:
         writer.close()

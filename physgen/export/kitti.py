@@ -13,7 +13,7 @@ STEPS = 64
 """Codes of a px of flow."""
 ZERO = 2**15
 """Code of no motion."""
-MOST = 2**16 - 1
+MAX_CODE = 2**16 - 1
 """Largest code."""
 
 
@@ -37,7 +37,7 @@ class Kitti(Writer):
         name = f"{moment.view.index:06d}"
         for number, view in ((10, moment.view), (11, moment.after)):
             write_png(self._folder / "image_2" / f"{name}_{number}.png", view.rgb)
-        codes = kitti_codes(flow.moved)
+        codes = kitti_codes(flow.motion)
         write_png(self._folder / "flow_occ" / f"{name}_10.png", codes)
         codes[~flow.visible] = 0
         write_png(self._folder / "flow_noc" / f"{name}_10.png", codes)
@@ -46,7 +46,7 @@ class Kitti(Writer):
 def kitti_codes(flow: F32) -> U16:
     """Return (H, W, 3) of a flow (H, W, 2) px: u, v, valid."""
     codes = np.rint(flow * np.float32(STEPS)) + np.float32(ZERO)
-    valid = ((codes >= 0) & (codes <= MOST)).all(axis=2)
+    valid = ((codes >= 0) & (codes <= MAX_CODE)).all(axis=2)
     channels = np.zeros((*valid.shape, 3), np.uint16)
     channels[valid, :2] = codes[valid].astype(np.uint16)
     channels[..., 2] = valid

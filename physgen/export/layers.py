@@ -2,9 +2,9 @@
 
     plate x shadow, then each object over it, the farthest first, then x multiply + add = the frame
 
-All of it is linear light. The last two passes hold what belongs to no single layer: pixels of the photo that mix an
-object with what is behind it, reflections in a floor, and rounding. `layers.json` names every file, and `blender.py`
-builds the clip from them in Blender.
+All of it is linear light. The last two passes have everything that belongs to no single layer: pixels of the photo
+that mix an object with its background, reflections in a floor, and rounding. `layers.json` names every file, and
+`blender.py` builds the clip from them in Blender.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ SPREADS = (3, 9, 33)
 
 @dataclass(frozen=True)
 class Encoding:
-    """How pictures are written."""
+    """Encoding of pictures."""
 
     name: str
-    """As `layers.json` has it."""
+    """Its name in `layers.json`."""
     suffix: str
     """Of a clip; empty for a folder of PNG."""
 
     @property
     def pattern(self) -> str:
-        """End of a pass' path: a file a frame, or one clip."""
+        """Return the end of a pass' path: a file a frame, or one clip."""
         return self.suffix or "/%05d.png"
 
 
@@ -59,14 +59,14 @@ Put = Callable[[F32], None]
 """Takes one linear picture (h, w, 3), or (h, w, 4) premultiplied."""
 
 
-def quantized(light: F32) -> U16:
-    """Linear light 0..1 as 16 bits."""
+def quantize(light: F32) -> U16:
+    """Return linear light 0..1 as 16 bits."""
     return np.rint(np.clip(light, 0, 1) * LIGHTEST).astype(np.uint16)
 
 
-def rounded(light: F32) -> F32:
-    """Light as a file of 16 bits returns it."""
-    return np.asarray(quantized(light) / np.float32(LIGHTEST), np.float32)
+def round_light(light: F32) -> F32:
+    """Return light as a file of 16 bits returns it."""
+    return np.asarray(quantize(light) / np.float32(LIGHTEST), np.float32)
 
 
 class LayerFiles(Writer):
@@ -87,22 +87,22 @@ class LayerFiles(Writer):
         (folder / "blender.py").write_bytes(script)
 
     def add(self, moment: Moment) -> None:
-        """All layers of a frame."""
+        """Write all layers of a frame."""
         view = moment.view
-        assert view.layering is not None
-        layers = view.layering()
+        assert view.find_layers is not None
+        layers = view.find_layers()
         self._order = tuple(layers.order)
-        plate = rounded(layers.plate)
+        plate = round_light(layers.plate)
         self._put_plate(plate)
-        shadow = rounded(shadow_pass(layers))
+        shadow = round_light(shadow_pass(layers))
         objects = layers.pictures()
-        composed = plate * shadow
+        composite = plate * shadow
         self._put("shadow", shadow)
         for body in self._order:
-            picture = rounded(objects[body])
-            composed = composed * (1 - picture[..., 3:]) + picture[..., :3]
+            picture = round_light(objects[body])
+            composite = composite * (1 - picture[..., 3:]) + picture[..., :3]
             self._put(self._object_path(body), picture)
-        multiply, add = corrections(composed, view.rgb)
+        multiply, add = corrections(composite, view.rgb)
         self._put("multiply", multiply)
         self._put("add", add)
         self._write_ids(view, objects)
@@ -122,16 +122,16 @@ class LayerFiles(Writer):
         if self._clip.shot.moves:
             self._put("plate", plate)
         elif self._plate is None:
-            write_png(self._folder / "plate.png", quantized(plate))
+            write_png(self._folder / "plate.png", quantize(plate))
         self._plate = plate
 
     def _put(self, path: str, picture: F32) -> None:
         """Write the next picture of a pass."""
         if path not in self._puts:
-            self._puts[path] = self._opened(path, picture)
+            self._puts[path] = self._open(path, picture)
         self._puts[path](picture)
 
-    def _opened(self, path: str, picture: F32) -> Put:
+    def _open(self, path: str, picture: F32) -> Put:
         """Return a function that writes a pass."""
         folder = self._folder / path
         if not self.encoding.suffix:
@@ -149,7 +149,7 @@ class LayerFiles(Writer):
             colour = straight_srgb(light)
             if encoding is PRORES and light.shape[2] == 4:
                 colour[..., :3] *= colour[..., 3:]
-            write(quantized(colour))
+            write(quantize(colour))
 
         return put
 
@@ -160,10 +160,12 @@ class LayerFiles(Writer):
         if not self._has_cryptomatte:
             return
         shares = visible_shares(objects, self._order)
-        named = {self._clip.names[body]: share for body, share in shares.items()}
+        shares_by_name = {
+            self._clip.names[body]: share for body, share in shares.items()
+        }
         (self._folder / "cryptomatte").mkdir(exist_ok=True)
         file = self._folder / "cryptomatte" / f"{view.index:05d}.exr"
-        write_cryptomatte(file, named, self._clip.names)
+        write_cryptomatte(file, shares_by_name, self._clip.names)
 
     def _transforms(self, view: View) -> dict[str, Any]:
         """Return the place of the camera and of each object."""
@@ -225,7 +227,7 @@ class _PngFolder:
         self._folder, self._count = folder, 0
 
     def put(self, light: F32) -> None:
-        picture = quantized(light)
+        picture = quantize(light)
         file = self._folder / f"{self._count:05d}.png"
         if picture.shape[2] == 4:
             bgra = cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA)
@@ -236,7 +238,7 @@ class _PngFolder:
 
 
 def shadow_pass(layers: Layers) -> F32:
-    """(H, W, 3): share of the plate's light that shadows leave, at most 1."""
+    """Return the share of the plate's light that shadows leave, (H, W, 3), at most 1."""
     plate = np.maximum(layers.plate, np.float32(1 / LIGHTEST))
     return np.asarray(np.clip(layers.shaded / plate, 0, 1), np.float32)
 
@@ -244,31 +246,34 @@ def shadow_pass(layers: Layers) -> F32:
 def visible_shares(
     objects: Mapping[int, F32], order: tuple[int, ...]
 ) -> dict[int, F32]:
-    """(H, W) share of each pixel in which an object is visible, by body; the nearest hide the others."""
+    """Return the share (H, W) of each pixel in which an object is visible, by body; the nearest hide the others."""
     shares = {}
-    left: F32 | None = None
+    free: F32 | None = None
     for body in reversed(order):
         coverage = np.clip(objects[body][..., 3], 0, 1)
-        shares[body] = coverage if left is None else coverage * left
-        left = 1 - coverage if left is None else left * (1 - coverage)
+        shares[body] = coverage if free is None else coverage * free
+        free = 1 - coverage if free is None else free * (1 - coverage)
     return shares
 
 
-def corrections(composed: F32, frame: U8) -> tuple[F32, F32]:
-    """(H, W, 3) factors and additions that make the layers equal to the frame; 1 and 0 where they are."""
-    difference = encode_u8(composed).astype(np.int16) - frame
+def corrections(composite: F32, frame: U8) -> tuple[F32, F32]:
+    """Return factors and additions (H, W, 3) that make the layers equal to the frame; 1 and 0 if they are equal."""
+    difference = encode_u8(composite).astype(np.int16) - frame
     target = decode(frame)
-    multiply = np.ones_like(composed)
-    dark = difference > 0
-    multiply[dark] = target[dark] / composed[dark]
-    add = np.zeros_like(composed)
-    bright = difference < 0
-    add[bright] = target[bright] - composed[bright]
+    multiply = np.ones_like(composite)
+    is_darker = difference > 0
+    multiply[is_darker] = target[is_darker] / composite[is_darker]
+    add = np.zeros_like(composite)
+    is_brighter = difference < 0
+    add[is_brighter] = target[is_brighter] - composite[is_brighter]
     return multiply, add
 
 
 def straight_srgb(light: F32) -> F32:
-    """Linear light as sRGB; of (h, w, 4) premultiplied, colours by themselves, continued beyond borders."""
+    """Return linear light as sRGB.
+
+    Of (h, w, 4) premultiplied, colours are divided by alpha and continued beyond borders.
+    """
     if light.shape[2] == 3:
         return encode(light)
     alpha = light[..., 3]

@@ -1,4 +1,4 @@
-"""Depth and normals of each frame, made from the maps of the photo, as 16-bit PNG."""
+"""Write depth and normals of each frame, made from the maps of the photo, as 16-bit PNG."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class LayerLimits:
-    """How a map is split and filled."""
+    """Limits of the parts of a map and their fill."""
 
     rim: int = 3
     """px around an object in which pixels mix it and the background: the background is filled in there, too."""
-    pad: int = (
-        4  # px around an object's mask to which its outermost values are extended
-    )
-    fill_error: float = 2e-4  # of a map's range: the largest error of the smooth fill
+    pad: int = 4
+    """px around an object's mask to which its outermost values are extended."""
+    fill_error: float = 2e-4
+    """Of a map's range: the largest error of the smooth fill."""
 
 
 LIMITS = LayerLimits()
@@ -41,11 +41,13 @@ WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 class Part:
     """A map on one object."""
 
-    corner: tuple[int, int]  # photo column and row of its first pixel
-    values: F32  # (h, w[, C]), extended beyond the object's mask
+    corner: tuple[int, int]
+    """Photo column and row of its first pixel."""
+    values: F32
+    """(h, w[, C]), extended beyond the object's mask."""
 
-    def warped(self, box: Slices, m: complex, n: complex) -> F32:
-        """(h, w[, C]) on a box of a view; `m` and `n` lead from its px to those of the photo."""
+    def warp(self, box: Slices, m: complex, n: complex) -> F32:
+        """Return the values (h, w[, C]) on a box of a view; `m` and `n` map its px to those of the photo."""
         rows, columns = box
         n += m * complex(columns.start, rows.start) - complex(*self.corner)
         matrix = np.array([[m.real, -m.imag, n.real], [m.imag, m.real, n.imag]])
@@ -57,7 +59,7 @@ class Part:
 
 
 Sample = Callable[[int, Part, View, Slices], F32]
-"""Body, its part, view and box -> what the box shows of the body, (h, w[, C])."""
+"""Body, its part, view and box -> values of the body on the box, (h, w[, C])."""
 
 
 class Layers:
@@ -70,43 +72,43 @@ class Layers:
         parts: Mapping[int, Part],
         encode: Callable[[F32], U16],
     ) -> None:
-        """`ground` (H, W[, C]) of the photo without objects; `parts` by body."""
+        """Take the `ground` (H, W[, C]) of the photo without objects, and `parts` by body."""
         self._world, self._size = clip.world, clip.size
         self._photo = photo_view(clip.trajectory, clip.world)
         self._ground, self._parts, self._encode = ground, parts, encode
         self._background: tuple[Array, U16] | None = None
         self._frame = np.zeros((0, 0), np.uint16)
 
-    def composed(self, view: View, sample: Sample) -> U16:
-        """(h, w[, C]) of a view; the next view overwrites it, since new memory costs more than a copy."""
-        ground = self._ground_seen(view.lens)
+    def compose(self, view: View, sample: Sample) -> U16:
+        """Return the codes (h, w[, C]) of a view.
+
+        The next view overwrites them, since new memory costs more than a copy.
+        """
+        ground = self._ground_codes(view.lens)
         if self._frame.shape != ground.shape:
             self._frame = np.empty_like(ground)
         np.copyto(self._frame, ground)
         for body, box in view.boxes.items():
             if body in self._parts:
-                mine = view.ids[box] == body + 1
-                values = self._encode(sample(body, self._parts[body], view, box))
-                cv2.copyTo(
-                    values, mine.view(np.uint8), self._frame[box]
-                )  # faster than NumPy with channels
+                own_mask = view.ids[box] == body + 1
+                codes = self._encode(sample(body, self._parts[body], view, box))
+                # faster than NumPy with channels
+                cv2.copyTo(codes, own_mask.view(np.uint8), self._frame[box])
         return self._frame
 
-    def turned(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        """A part that turns with its body in the picture."""
-        return part.warped(box, *similarity(body, view, self._photo))
+    def turn(self, body: int, part: Part, view: View, box: Slices) -> F32:
+        """Return a part that turns with its body in the picture."""
+        return part.warp(box, *similarity(body, view, self._photo))
 
-    def moved(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        """A part that moves with its body and never turns."""
+    def shift(self, body: int, part: Part, view: View, box: Slices) -> F32:
+        """Return a part that moves with its body and never turns."""
         m, _ = similarity(-1, view, self._photo)
-        (x, y), (to_x, to_y) = (
-            view.lens @ [*view.poses[body, :2], 1.0],
-            self._photo.poses[body, :2],
-        )
-        return part.warped(box, m, complex(to_x, to_y) - m * complex(x, y))
+        x, y = view.lens @ [*view.poses[body, :2], 1.0]
+        photo_x, photo_y = self._photo.poses[body, :2]
+        return part.warp(box, m, complex(photo_x, photo_y) - m * complex(x, y))
 
-    def _ground_seen(self, lens: Array) -> U16:
-        """The background through the camera; computed again only when the camera has moved."""
+    def _ground_codes(self, lens: Array) -> U16:
+        """Return the codes of the background; they are computed again only if the camera has moved."""
         if self._background is None or not np.array_equal(self._background[0], lens):
             values = self._ground
             height, width = values.shape[:2]
@@ -125,51 +127,52 @@ class Layers:
 
 
 def unknown_ground(clip: Clip) -> Mask:
-    """(H, W) of the photo: pixels on objects or beside them, where the background is not known."""
-    return dilate(clip.stood > 0, LIMITS.rim)
+    """Return the pixels (H, W) of the photo on objects or beside them: the background is not known there."""
+    return dilate(clip.photo_ids > 0, LIMITS.rim)
 
 
-def filled(values: F32, where: Mask) -> F32:
-    """(H, W[, C]) with a harmonic fill of `where` (H, W)."""
-    deep = values if values.ndim == 3 else values[..., None]
-    error = max(float(np.ptp(deep)), 1e-6) * LIMITS.fill_error
-    return harmonic_fill(deep, where, error).reshape(values.shape)
+def fill_map(values: F32, hole: Mask) -> F32:
+    """Return values (H, W[, C]) with a harmonic fill of a hole (H, W)."""
+    channels = values if values.ndim == 3 else values[..., None]
+    error = max(float(np.ptp(channels)), 1e-6) * LIMITS.fill_error
+    return harmonic_fill(channels, hole, error).reshape(values.shape)
 
 
 def parts_of(values: F32, clip: Clip) -> dict[int, Part]:
-    """Each body's part of a map (H, W[, C]) of the photo; bodies that the photo does not show have none."""
-    found = {}
+    """Return each body's part of a map (H, W[, C]) of the photo; bodies that are not in the photo have none."""
+    parts = {}
     for body in range(len(clip.world.bodies)):
-        own = clip.stood == body + 1
-        x, y, w, h = cv2.boundingRect(own.view(np.uint8))
-        if w:
-            box = np.s_[
-                max(y - LIMITS.pad, 0) : y + h + LIMITS.pad,
-                max(x - LIMITS.pad, 0) : x + w + LIMITS.pad,
-            ]
-            found[body] = Part(
-                (box[1].start, box[0].start), _nearest(values[box], own[box])
-            )
-    return found
+        mask = clip.photo_ids == body + 1
+        x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
+        if not w:
+            continue
+        left = max(x - LIMITS.pad, 0)
+        top = max(y - LIMITS.pad, 0)
+        box = np.s_[top : y + h + LIMITS.pad, left : x + w + LIMITS.pad]
+        parts[body] = Part((left, top), _extend(values[box], mask[box]))
+    return parts
 
 
-def _nearest(values: F32, known: Mask) -> F32:
-    """(h, w[, C]) with the nearest known value everywhere."""
-    _, nearest = cv2.distanceTransformWithLabels(
-        (~known).view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+def _extend(values: F32, mask: Mask) -> F32:
+    """Return values (h, w[, C]) with the nearest value of the mask everywhere."""
+    outside = (~mask).view(np.uint8)
+    _, labels = cv2.distanceTransformWithLabels(
+        outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    table = np.zeros((int(nearest.max()) + 1, *values.shape[2:]), np.float32)
-    table[nearest[known]] = values[known]
-    return np.ascontiguousarray(table[nearest])
+    table = np.zeros((int(labels.max()) + 1, *values.shape[2:]), np.float32)
+    table[labels[mask]] = values[mask]
+    return np.ascontiguousarray(table[labels])
 
 
 @dataclass(frozen=True)
 class MapCodes:
     """Codes and limits of the maps."""
 
-    full: int = 65535
+    max_code: int = 65535
     zero: int = 32768
-    unit: int = 32767  # codes of a normal's component: 0, and by how much 1 is larger
+    """Code of 0 in a normal's component."""
+    unit: int = 32767
+    """Difference of the codes of 1 and 0 in a normal's component."""
     ball_margin: float = 2.0
     """px beyond a ball's rim up to which its mask holds the rim; farther out it is a thread or a handle."""
 
@@ -187,39 +190,31 @@ class Depth(Writer):
     def __init__(self, folder: Path, clip: Clip) -> None:
         assert clip.maps is not None
         assert clip.maps.depth is not None
-        low, high = clip.scene.maps.get(
-            "depth", (0.0, 1.0)
-        )  # depths of 0 and 65535, as in the photo's own map
-        self._folder, self._world, steps = (
-            folder,
-            clip.world,
-            np.float32(CODES.full / (high - low)),
-        )
+        # depths of 0 and 65535, as in the photo's own map
+        low, high = clip.scene.maps.get("depth", (0.0, 1.0))
+        self._folder, self._world = folder, clip.world
+        codes_per_unit = np.float32(CODES.max_code / (high - low))
 
         def encode(depth: F32) -> U16:
-            return np.asarray(
-                (depth - np.float32(low)) * steps + np.float32(0.5), np.uint16
-            )
+            codes = (depth - np.float32(low)) * codes_per_unit
+            return np.asarray(codes + np.float32(0.5), np.uint16)
 
         depth = clip.maps.depth
-        ground = np.clip(filled(depth, unknown_ground(clip)), low, high)
+        ground = np.clip(fill_map(depth, unknown_ground(clip)), low, high)
         self._layers = Layers(clip, ground, parts_of(depth, clip), encode)
         write_json(
             folder / "scale.json", {"at_0": low, "at_65535": high, "larger": "farther"}
         )
 
     def add(self, moment: Moment) -> None:
-        """One file a frame."""
-        codes = self._layers.composed(moment.view, self._sampled)
+        """Write one file a frame."""
+        codes = self._layers.compose(moment.view, self._sample)
         write_png(self._folder / f"{moment.view.index:05d}.png", codes)
 
-    def _sampled(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        moved = (
-            self._layers.moved
-            if is_ball(self._world.bodies[body])
-            else self._layers.turned
-        )
-        return moved(body, part, view, box)
+    def _sample(self, body: int, part: Part, view: View, box: Slices) -> F32:
+        if is_ball(self._world.bodies[body]):
+            return self._layers.shift(body, part, view, box)
+        return self._layers.turn(body, part, view, box)
 
 
 class Normals(Writer):
@@ -242,53 +237,53 @@ class Normals(Writer):
             },
         )
         normals = clip.maps.normals
-        ground = filled(normals, unknown_ground(clip))
+        ground = fill_map(normals, unknown_ground(clip))
         self._layers = Layers(clip, ground, parts_of(normals, clip), normal_codes)
 
     def add(self, moment: Moment) -> None:
-        """One file a frame."""
-        codes = self._layers.composed(moment.view, self._sampled)
+        """Write one file a frame."""
+        codes = self._layers.compose(moment.view, self._sample)
         write_png(self._folder / f"{moment.view.index:05d}.png", codes)
 
-    def _sampled(self, body: int, part: Part, view: View, box: Slices) -> F32:
+    def _sample(self, body: int, part: Part, view: View, box: Slices) -> F32:
         ball = self._world.bodies[body]
         if not is_ball(ball):
-            return self._turned(body, part, view, box)
+            return self._turn(body, part, view, box)
         assert ball.radius is not None
         x, y = spans(box)
         radius = ball.radius * float(view.lens[0, 0])
-        at_x, at_y = view.lens @ [*view.poses[body, :2], 1.0]
-        u, v = (x - at_x) / radius, (y - at_y) / radius
-        squared = u * u + v * v
-        inward = 1 / np.sqrt(np.maximum(squared, 1))
-        towards = np.sqrt(np.maximum(1 - squared, 0))
-        sphere = np.stack([u * inward, v * inward, towards], axis=-1).astype(np.float32)
-        outside = squared > (1 + CODES.ball_margin / radius) ** 2
-        if (outside & (view.ids[box] == body + 1)).any():
-            np.copyto(
-                sphere, self._turned(body, part, view, box), where=outside[..., None]
-            )
-        return sphere
+        center_x, center_y = view.lens @ [*view.poses[body, :2], 1.0]
+        u = (x - center_x) / radius
+        v = (y - center_y) / radius
+        square = u * u + v * v
+        limit = 1 / np.sqrt(np.maximum(square, 1))
+        depth = np.sqrt(np.maximum(1 - square, 0))
+        normals = np.stack([u * limit, v * limit, depth], axis=-1).astype(np.float32)
+        is_outside = square > (1 + CODES.ball_margin / radius) ** 2
+        if (is_outside & (view.ids[box] == body + 1)).any():
+            other_normals = self._turn(body, part, view, box)
+            np.copyto(normals, other_normals, where=is_outside[..., None])
+        return normals
 
-    def _turned(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        """The photo's map, turned in the picture."""
-        turn = float(view.poses[body, 2] - self._start[body, 2])
-        c, s = np.cos(turn), np.sin(turn)
-        there = self._layers.turned(body, part, view, box)
-        return np.asarray(
-            cv2.transform(there, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])),
-            np.float32,
-        )
+    def _turn(self, body: int, part: Part, view: View, box: Slices) -> F32:
+        """Return the photo's map, turned in the picture."""
+        angle = float(view.poses[body, 2] - self._start[body, 2])
+        c = np.cos(angle)
+        s = np.sin(angle)
+        rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        normals = self._layers.turn(body, part, view, box)
+        return np.asarray(cv2.transform(normals, rotation), np.float32)
 
 
 def normal_codes(normals: F32) -> U16:
-    """(h, w, 3) of any length -> codes of unit normals; those of length 0 point to the viewer."""
+    """Return codes of unit normals of vectors (h, w, 3) of any length; those of length 0 point to the viewer."""
     x, y, z = cv2.split(normals)
     length = cv2.sqrt(x * x + y * y + z * z)
-    missing = length < 1e-6
-    if missing.any():
-        normals = np.where(missing[..., None], np.array([0, 0, 1], np.float32), normals)
-        length = np.where(missing, np.float32(1), length)
+    has_no_length = length < 1e-6
+    if has_no_length.any():
+        viewer = np.array([0, 0, 1], np.float32)
+        normals = np.where(has_no_length[..., None], viewer, normals)
+        length = np.where(has_no_length, np.float32(1), length)
     scale = np.float32(CODES.unit) / length
     codes = normals * cv2.merge((scale, scale, scale))
     codes += np.float32(CODES.zero + 0.5)

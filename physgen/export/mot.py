@@ -52,4 +52,4 @@ class Mot(Writer):
                 numbers = (view.index + 1, presence.body + 1, *box, 1)
                 category = self._clip.classes[presence.body]
                 columns = ",".join(map(str, (*numbers, category)))
-                file.write(f"{columns},{presence.visible:.6g}\n")
+                file.write(f"{columns},{presence.visible_share:.6g}\n")

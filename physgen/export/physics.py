@@ -1,13 +1,23 @@
-"""Masses, coefficients, forces and joints that the motion follows from, as JSON."""
+"""Write the masses, coefficients, forces and joints of a motion as JSON."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import degrees, isfinite
 from typing import Any
 
-from physgen.compile.world import Body, Joint, Push, World, pairings
+from physgen.compile.world import (
+    Body,
+    Field,
+    Joint,
+    Pairing,
+    Push,
+    Wall,
+    World,
+    pairings,
+)
 from physgen.export.labels import Clip, Scale, Writer, write_json
-from physgen.scene.scene import Load, Object, Scene
+from physgen.scene.scene import Boundary, Load, Object, Scene
 
 UNITS = {
     "size, place, radius, length": "px",
@@ -27,7 +37,7 @@ UNITS = {
     "damping": "g/s",
     "friction, elasticity": "of one surface; `pairs` has the values for two",
 }
-SOURCED = (
+SOURCE_KEYS = (
     "mass",
     "density",
     "friction",
@@ -42,17 +52,32 @@ SOURCED = (
 
 
 class Physics(Writer):
-    """One file."""
+    """Writes one file."""
 
     def close(self) -> None:
-        """Write it."""
+        """Write the file."""
         write_json(self._folder / "physics.json", physics(self._clip))
 
 
 def physics(clip: Clip) -> dict[str, Any]:
-    """As JSON. `from`: `written` in the scene file, `default` where it leaves a key out, or the source of a guess."""
-    scene, world, scale = clip.scene, clip.world, clip.scale
+    """Return the inputs of the motion for JSON.
+
+    `from` is `written` for a key in the scene file, `default` for a key that it leaves out, or the source of a guess.
+    """
+    scene = clip.scene
+    world = clip.world
+    scale = clip.scale
     gravity = world.gravity.tolist()
+    table = None
+    if world.press > 0:
+        table = {"friction": scene.world.table_friction, "press": world.press}
+    objects = []
+    bodies = zip(scene.objects, world.bodies, clip.labels, strict=True)
+    for item, body, label in bodies:
+        objects.append(_object(scene, item, body, label, scale))
+    boundaries = []
+    for boundary, wall in zip(scene.boundaries, world.walls, strict=True):
+        boundaries.append(_boundary(scene, boundary, wall))
     return {
         "version": 1,
         "clip": clip.name,
@@ -65,58 +90,26 @@ def physics(clip: Clip) -> dict[str, Any]:
         "combine": world.combine.value,
         "gravity": gravity,
         "gravity_m_s2": [scale.meters(value) for value in gravity],
-        "table": {"friction": scene.world.table_friction, "press": world.press}
-        if world.press > 0
-        else None,
-        "objects": [
-            _object(scene, item, body, label, scale)
-            for item, body, label in zip(
-                scene.objects, world.bodies, clip.labels, strict=True
-            )
-        ],
-        "boundaries": [
-            {
-                "name": item.name,
-                "lines": [chain.tolist() for chain in wall.chains],
-                "friction": item.friction,
-                "elasticity": item.elasticity,
-                "from": _sources(
-                    scene, f"boundaries.{item.name}", ("friction", "elasticity"), {}
-                ),
-            }
-            for item, wall in zip(scene.boundaries, world.walls, strict=True)
-        ],
-        "pairs": [
-            {
-                "first": p.first,
-                "second": p.second,
-                "friction": p.friction,
-                "elasticity": p.elasticity,
-            }
-            for p in pairings(world)
-        ],
+        "table": table,
+        "objects": objects,
+        "boundaries": boundaries,
+        "pairs": [_pairing(pairing) for pairing in pairings(world)],
         "forces": [_push(push, world) for push in world.pushes],
         "joints": [_joint(joint, world) for joint in world.joints],
-        "fields": [
-            {
-                "name": field.name,
-                "kind": field.kind.value,
-                "objects": [world.bodies[k].name for k in field.bodies],
-                "vector": field.vector.tolist(),
-                "drag": field.drag,
-                "strength": field.strength,
-                "soften": field.soften,
-            }
-            for field in world.fields
-        ],
+        "fields": [_field(field, world) for field in world.fields],
     }
 
 
 def _object(
     scene: Scene, item: Object, body: Body, label: str, scale: Scale
 ) -> dict[str, Any]:
-    per = scale.pixels_per_meter
-    moves = isfinite(body.mass)
+    """Return an object; without mass and moment if it is fixed or scripted."""
+    mass = moment = mass_kg = moment_si = None
+    if isfinite(body.mass):
+        mass, moment = body.mass, body.moment
+        mass_kg = mass / 1000
+        if scale.is_known:
+            moment_si = moment / 1000 / scale.pixels_per_meter**2
     return {
         "name": item.name,
         "label": label,
@@ -124,38 +117,74 @@ def _object(
         "solid": body.solid.value,
         "place": body.center.tolist(),
         "radius": body.radius,
-        "mass": body.mass if moves else None,
-        "mass_kg": body.mass / 1000 if moves else None,
-        "moment": body.moment if moves else None,
-        "moment_kg_m2": body.moment / 1000 / per**2 if moves and scale.known else None,
+        "mass": mass,
+        "mass_kg": mass_kg,
+        "moment": moment,
+        "moment_kg_m2": moment_si,
         "friction": item.friction,
         "elasticity": item.elasticity,
         "rolling": item.rolling,
         "velocity": list(item.velocity),
         "velocity_m_s": [scale.meters(value) for value in item.velocity],
         "spin": item.spin,
-        "from": _sources(scene, f"objects.{item.name}", SOURCED, item.provenance),
+        "from": _sources(scene, f"objects.{item.name}", SOURCE_KEYS, item.provenance),
     }
 
 
-def _sources(scene: Scene, path: str, keys: tuple[str, ...], by: Any) -> dict[str, str]:
-    """Of each key."""
-    found = {
-        key: str(by[key])
-        if key in by
-        else "written"
-        if f"{path}.{key}" in scene.places
-        else "default"
-        for key in keys
+def _boundary(scene: Scene, boundary: Boundary, wall: Wall) -> dict[str, Any]:
+    path, keys = f"boundaries.{boundary.name}", ("friction", "elasticity")
+    return {
+        "name": boundary.name,
+        "lines": [chain.tolist() for chain in wall.chains],
+        "friction": boundary.friction,
+        "elasticity": boundary.elasticity,
+        "from": _sources(scene, path, keys, {}),
     }
-    if found.get("mass") == "default" and found.get("density") != "default":
-        del found["mass"]  # it follows from the density
-    elif "density" in found:
-        del found["density"]
-    return found
+
+
+def _pairing(pairing: Pairing[list[str]]) -> dict[str, Any]:
+    return {
+        "first": pairing.first,
+        "second": pairing.second,
+        "friction": pairing.friction,
+        "elasticity": pairing.elasticity,
+    }
+
+
+def _field(field: Field, world: World) -> dict[str, Any]:
+    return {
+        "name": field.name,
+        "kind": field.kind.value,
+        "objects": [world.bodies[k].name for k in field.bodies],
+        "vector": field.vector.tolist(),
+        "drag": field.drag,
+        "strength": field.strength,
+        "soften": field.soften,
+    }
+
+
+def _sources(
+    scene: Scene, path: str, keys: tuple[str, ...], provenance: Mapping[str, Any]
+) -> dict[str, str]:
+    """Return the source of each key; of mass and density only the one that is given."""
+    sources = {}
+    for key in keys:
+        if key in provenance:
+            sources[key] = str(provenance[key])
+        elif f"{path}.{key}" in scene.places:
+            sources[key] = "written"
+        else:
+            sources[key] = "default"
+    has_density = sources.get("density") != "default"
+    if sources.get("mass") == "default" and has_density:
+        del sources["mass"]
+    elif "density" in sources:
+        del sources["density"]
+    return sources
 
 
 def _push(push: Push, world: World) -> dict[str, Any]:
+    """Return a push; its place is the point of the photo at which it acts."""
     row: dict[str, Any] = {"object": world.bodies[push.body].name, "start": push.start}
     if push.load is Load.TORQUE:
         row["torque"] = push.torque

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isnan
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,8 +36,8 @@ class TrajectoryTables(Writer):
     """A row a frame and object."""
 
     def close(self) -> None:
-        """Write all."""
-        arrays = motion(self._clip)
+        """Write both tables."""
+        arrays = motion_arrays(self._clip)
         names = self._clip.names
         with Table(self._folder / "trajectory.csv", COLUMNS) as table:
             for row in rows(arrays, names):
@@ -46,16 +48,17 @@ class TrajectoryTables(Writer):
         )
 
 
-def motion(clip: Clip) -> dict[str, NDArray[np.generic]]:
-    """T frames, N objects; the arrays of the archive; names end in their units where these are not px and rad."""
-    trajectory, order = clip.trajectory, np.array(clip.shot.order, np.int64)
-    times, poses, velocities = (
-        array[order]
-        for array in (trajectory.times, trajectory.poses, trajectory.velocities)
-    )
-    places, speeds = on_video(clip.shot, times, poses, velocities)
+def motion_arrays(clip: Clip) -> dict[str, NDArray[np.generic]]:
+    """Return the arrays of the archive, of T frames and N objects; names end in units other than px and rad."""
+    trajectory = clip.trajectory
+    order = np.array(clip.shot.order, np.int64)
+    times = trajectory.times[order]
+    poses = trajectory.poses[order]
+    velocities = trajectory.velocities[order]
+    places, speeds = video_motion(clip.shot, times, poses, velocities)
+    lenses = np.array([clip.shot.affine(float(time)) for time in times])
     scale = clip.scale
-    per_meter = scale.pixels_per_meter if scale.known else np.nan
+    px_per_meter = scale.pixels_per_meter if scale.is_known else np.nan
     arrays: dict[str, NDArray[np.generic]] = {
         "names": np.array(clip.names, np.str_),
         "labels": np.array(clip.labels, np.str_),
@@ -66,40 +69,40 @@ def motion(clip: Clip) -> dict[str, NDArray[np.generic]]:
         "velocities": velocities,
         "video_places": places,
         "video_velocities": speeds,
-        "lenses": np.array([clip.shot.affine(float(time)) for time in times]).reshape(
-            -1, 2, 3
-        ),
-        "places_m": poses[..., :2] / per_meter,
-        "velocities_m_s": velocities[..., :2] / per_meter,
-        "pixels_per_meter": np.array(per_meter),
+        "lenses": lenses.reshape(-1, 2, 3),
+        "places_m": poses[..., :2] / px_per_meter,
+        "velocities_m_s": velocities[..., :2] / px_per_meter,
+        "pixels_per_meter": np.array(px_per_meter),
     }
     if trajectory.turns.size:
         arrays |= {"rolls": trajectory.rolls[order], "turns": trajectory.turns[order]}
     return arrays
 
 
-def on_video(
+def video_motion(
     shot: Shot, times: Array, poses: Array, velocities: Array
 ) -> tuple[Array, Array]:
-    """Places (T, N, 2) video px of the centres of mass, and how fast they move there, px a second of the motion.
+    """Return places (T, N, 2) video px and velocities of the centres of mass, px a second of the motion.
 
-    What the camera does is in both: an object that it follows hardly moves.
+    The camera's motion is in both: an object that it follows hardly moves.
     """
-    places, speeds = np.empty((*poses.shape[:2], 2)), np.empty((*poses.shape[:2], 2))
+    places = np.empty((*poses.shape[:2], 2))
+    speeds = np.empty((*poses.shape[:2], 2))
     for t, time in enumerate(times.tolist()):
         lens = shot.affine(time)
-        early, late = max(time - CAMERA_STEP, 0.0), time + CAMERA_STEP
-        turning = (shot.affine(late) - shot.affine(early)) / (late - early)
-        at = np.column_stack([poses[t, :, :2], np.ones(len(poses[t]))])
-        places[t] = at @ lens.T
-        speeds[t] = velocities[t, :, :2] @ lens[:, :2].T + at @ turning.T
+        early = max(time - CAMERA_STEP, 0.0)
+        late = time + CAMERA_STEP
+        lens_rate = (shot.affine(late) - shot.affine(early)) / (late - early)
+        points = np.column_stack([poses[t, :, :2], np.ones(len(poses[t]))])
+        places[t] = points @ lens.T
+        speeds[t] = velocities[t, :, :2] @ lens[:, :2].T + points @ lens_rate.T
     return places, speeds
 
 
 def rows(
     arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...]
 ) -> list[dict[str, Cell]]:
-    """Cells by the columns' names; metres are empty without a known scale."""
+    """Return cells by the columns' names; metres are empty without a known scale."""
     keys = (
         "poses",
         "velocities",
@@ -109,15 +112,15 @@ def rows(
         "velocities_m_s",
     )
     columns = np.concatenate([arrays[key] for key in keys], axis=2).tolist()
-    values = COLUMNS[4:]
-    clip_times, times = arrays["clip_times"].tolist(), arrays["times"].tolist()
-    return [
-        {"frame": t, "clip_time": clip_times[t], "time": times[t], "object": name}
-        | {
-            key: value
-            for key, value in zip(values, columns[t][n], strict=True)
-            if value == value
-        }
-        for t in range(len(times))
-        for n, name in enumerate(names)
-    ]
+    clip_times = arrays["clip_times"].tolist()
+    times = arrays["times"].tolist()
+    table_rows = []
+    for t, time in enumerate(times):
+        for n, name in enumerate(names):
+            row: dict[str, Cell] = {"frame": t, "clip_time": clip_times[t]}
+            row |= {"time": time, "object": name}
+            for key, value in zip(COLUMNS[4:], columns[t][n], strict=True):
+                if not isnan(value):
+                    row[key] = value
+            table_rows.append(row)
+    return table_rows

@@ -1,4 +1,4 @@
-"""Encoding of frames as MP4, GIF, WebP or a folder of PNG; streamed, with the same bytes on every run."""
+"""Encode frames as MP4, GIF, WebP or a folder of PNG; streamed, with the same bytes on every run."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.messages import Message
 from physgen.problems import InputError, Problem
 
 U8 = NDArray[np.uint8]
@@ -30,11 +31,11 @@ if platform.machine().lower() in ("x86_64", "amd64"):
     # processors write the same bytes
     X264["x264-params"] = "asm=SSE4.2"
 PALETTE_FRAMES = 8
-"""Frames that a GIF's palette is chosen from: the first ones, since frames are streamed."""
+"""First frames that decide a GIF's palette, since frames are streamed."""
 
 
 class Format(Enum):
-    """What a clip is written as."""
+    """Format of a clip's file."""
 
     MP4 = "mp4"
     GIF = "gif"
@@ -43,20 +44,20 @@ class Format(Enum):
 
     @property
     def file(self) -> str:
-        """Name inside a scene's output folder."""
-        return self.named("video")
+        """Return the name inside a scene's output folder."""
+        return self.file_name("video")
 
-    def named(self, name: str) -> str:
-        """The same of another video beside it."""
+    def file_name(self, name: str) -> str:
+        """Return the name of another video beside it."""
         if self is Format.PNG:
             return "frames" if name == "video" else name
         return f"{name}.{self.value}"
 
 
-LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
-"""px of a side that the encoders take."""
+MAX_SIDES = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
+"""px of a side that the encoders take, at most."""
 
-FASTEST = {Format.GIF: 50, Format.WEBP: 90}
+MAX_RATES = {Format.GIF: 50, Format.WEBP: 90}
 """Frames/s that browsers play as they are written. They show a frame for 100 ms if its delay is 10 ms or less. GIF
 counts 10 ms, so its least delay is 20 ms; WebP counts 1 ms, and 90 frames/s give delays of 11 and 12 ms."""
 
@@ -87,45 +88,33 @@ WAITING = 4
 def open_video(
     folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str = "video"
 ) -> Iterator[Write]:
-    """A function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s.
+    """Yield a function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s.
 
-    Above the rate of `FASTEST`, frames are left out; the clip's duration stays.
+    Above the rate of `MAX_RATES`, frames are left out; the clip's duration stays.
     """
-    most = LONGEST.get(kind)
-    if most is not None and max(size) > most:
+    max_side = MAX_SIDES.get(kind)
+    place = f"--format {kind.value}"
+    if max_side is not None and max(size) > max_side:
         found = f"{size[0]} x {size[1]} px"
-        fix = "render with --format png"
-        raise InputError.of(
-            f"--format {kind.value}",
-            found,
-            f"is over the {most} px that it allows a side",
-            fix,
-        )
+        raise Message.SIDE_TOO_LONG.error(place, found, most=max_side)
     source_rate = Fraction(fps).limit_denominator(1001)
-    rate = min(source_rate, Fraction(FASTEST.get(kind, source_rate)))
-    opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[
-        kind
-    ]
+    rate = min(source_rate, Fraction(MAX_RATES.get(kind, source_rate)))
     from av.error import FFmpegError
 
-    path = folder / kind.named(name)
+    path = folder / kind.file_name(name)
     if kind is not Format.PNG:
-        path.write_bytes(
-            bytes(HEADER)
-        )  # PyAV crashes where a disk has no room for the header
+        # PyAV crashes if a disk has no room for the header
+        path.write_bytes(bytes(HEADER))
     try:
-        with opener(path, size, rate) as write:
+        with OPENERS[kind](path, size, rate) as write:
             yield write if rate == source_rate else _resample(write, source_rate, rate)
     except FFmpegError as error:
         if error.errno in NO_ROOM:
-            raise OSError(
-                error.errno, error.strerror, str(folder / kind.file)
-            ) from None
+            file = str(folder / kind.file)
+            raise OSError(error.errno, error.strerror, file) from None
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
-        expected = f"could not be encoded ({error.strerror or error})"
-        raise InputError.of(
-            f"--format {kind.value}", found, expected, "render with --format png"
-        ) from None
+        reason = error.strerror or error
+        raise Message.ENCODING_REFUSED.error(place, found, reason=reason) from None
 
 
 def _resample(write: Write, source_rate: Fraction, rate: Fraction) -> Write:
@@ -155,7 +144,7 @@ class FormatWriter:
     ) -> None:
         self.problems: Sequence[Problem] = ()
         self._format = kind.value
-        self._path = folder / kind.named(name)
+        self._path = folder / kind.file_name(name)
         self._video = open_video(folder, kind, size, fps, name)
         self._put: Write | None = None
 
@@ -208,9 +197,8 @@ class FormatWriter:
         if isinstance(error, InputError):
             return error
         reason = str(error) or type(error).__name__
-        expected = f"could not be encoded ({reason})"
-        fix = "render with --format png"
-        return InputError.of(f"--format {self._format}", "", expected, fix)
+        refused = Message.ENCODING_REFUSED
+        return refused.error(f"--format {self._format}", reason=reason)
 
     def _abandon(self, error: InputError) -> None:
         """Note why this format failed, and remove its file."""
@@ -223,9 +211,9 @@ class FormatWriter:
 
 @contextmanager
 def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
-    """A function that hands a frame to all `writes` and comes back at once: a thread encodes while frames are made.
+    """Yield a function that hands a frame to all `writes` and returns at once: a thread encodes them.
 
-    Frames wait in line, no more than `WAITING`; what goes wrong with one is raised by a later call or at the end.
+    No more than `WAITING` frames wait; the error of one is raised by a later call or at the end.
     """
     waiting: deque[Future[None]] = deque()
 
@@ -242,8 +230,8 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
 
         try:
             yield put
-            for one in waiting:
-                one.result()
+            for future in waiting:
+                future.result()
         except BaseException:
             thread.shutdown(cancel_futures=True)  # waiting frames are dropped
             raise
@@ -251,41 +239,27 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
 
 @contextmanager
 def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
-    """H.264, 4:2:0, BT.709; odd sizes are padded by repeating the last column and row."""
+    """Yield a writer of H.264, 4:2:0, BT.709; odd sizes are padded by repeating the last column and row."""
     import av
 
-    width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
-    with av.open(
-        str(path),
-        "w",
-        format="mp4",
-        options={"fflags": "+bitexact", "movflags": "+faststart"},
-    ) as container:
+    width = size[0] + size[0] % 2
+    height = size[1] + size[1] % 2
+    options = {"fflags": "+bitexact", "movflags": "+faststart"}
+    with av.open(str(path), "w", format="mp4", options=options) as container:
         stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.options = dict(X264)
         context = stream.codec_context
-        (
-            context.color_range,
-            context.colorspace,
-            context.color_primaries,
-            context.color_trc,
-        ) = 1, 1, 1, 13
-        context.flags |= 1 << 23  # bitexact: no encoder version in the stream
+        context.color_range, context.colorspace = 1, 1
+        context.color_primaries, context.color_trc = 1, 13
+        context.flags |= BITEXACT
+        border = ((0, height - size[1]), (0, width - size[0]), (0, 0))
 
         def write(rgb: U8) -> None:
-            even = (
-                np.pad(
-                    rgb,
-                    ((0, height - size[1]), (0, width - size[0]), (0, 0)),
-                    mode="edge",
-                )
-                if size != (width, height)
-                else rgb
-            )
-            frame = av.VideoFrame.from_ndarray(
-                np.ascontiguousarray(even), format="rgb24"
-            )
+            if size != (width, height):
+                rgb = np.pad(rgb, border, mode="edge")
+            even = np.ascontiguousarray(rgb)
+            frame = av.VideoFrame.from_ndarray(even, format="rgb24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
             container.mux(stream.encode(frame))
 
@@ -305,13 +279,8 @@ def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         stream.options = {"quality": "88", "compression_level": "2", "threads": "1"}
 
         def write(rgb: U8) -> None:
-            container.mux(
-                stream.encode(
-                    av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(
-                        format="bgra"
-                    )
-                )
-            )
+            frame = av.VideoFrame.from_ndarray(rgb, format="rgb24")
+            container.mux(stream.encode(frame.reformat(format="bgra")))
 
         yield write
         container.mux(stream.encode(None))
@@ -319,7 +288,10 @@ def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
 
 @contextmanager
 def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
-    """One shared palette. GIF counts time in hundredths of a second: delays of 30 fps are 30 and 40 ms."""
+    """Yield a writer with one palette for all frames.
+
+    GIF counts time in hundredths of a second: delays of 30 fps are 30 and 40 ms.
+    """
     import av
     from PIL import Image
 
@@ -328,43 +300,47 @@ def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     ) as container:
         stream = container.add_stream("gif", rate=rate)
         stream.width, stream.height, stream.pix_fmt = *size, "pal8"
-        waiting: list[U8] = []
-        chosen: list[tuple[Image.Image, U8]] = []
+        first_frames: list[U8] = []
+        palettes: list[tuple[Image.Image, U8]] = []
+        """None before the palette is chosen, then one."""
 
         def put(rgb: U8) -> None:
-            palette, table = chosen[0]
-            indices = np.asarray(
-                Image.fromarray(rgb).quantize(
-                    palette=palette, dither=Image.Dither.FLOYDSTEINBERG
-                )
-            )
-            indexed: Any = (np.ascontiguousarray(indices), table)
+            palette, table = palettes[0]
+            dither = Image.Dither.FLOYDSTEINBERG
+            picture = Image.fromarray(rgb).quantize(palette=palette, dither=dither)
+            indexed: Any = (np.ascontiguousarray(np.asarray(picture)), table)
             frame = av.VideoFrame.from_ndarray(indexed, format="pal8")
             container.mux(stream.encode(frame))
 
-        def choose() -> None:
-            if not chosen and waiting:
-                palette = Image.fromarray(np.concatenate(waiting)).quantize(255)
-                colours = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
-                table = np.zeros((256, 4), np.uint8)
-                table[:, 0] = 255
-                table[: len(colours), 1:] = colours
-                chosen.append((palette, table))
-            for rgb in waiting:
+        def flush() -> None:
+            if not palettes and first_frames:
+                picture = Image.fromarray(np.concatenate(first_frames))
+                palette = picture.quantize(255)
+                palettes.append((palette, _palette_table(palette)))
+            for rgb in first_frames:
                 put(rgb)
-            waiting.clear()
+            first_frames.clear()
 
         def write(rgb: U8) -> None:
-            if chosen:
+            if palettes:
                 put(rgb)
                 return
-            waiting.append(rgb)
-            if len(waiting) == PALETTE_FRAMES:
-                choose()
+            first_frames.append(rgb)
+            if len(first_frames) == PALETTE_FRAMES:
+                flush()
 
         yield write
-        choose()
+        flush()
         container.mux(stream.encode(None))
+
+
+def _palette_table(palette: Any) -> U8:
+    """Return the colours of a picture with a palette, (256, 4): alpha, then RGB."""
+    colours = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
+    table = np.zeros((256, 4), np.uint8)
+    table[:, 0] = 255
+    table[: len(colours), 1:] = colours
+    return table
 
 
 @contextmanager
@@ -382,6 +358,14 @@ def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     yield write
 
 
+OPENERS = {
+    Format.MP4: _mp4,
+    Format.GIF: _gif,
+    Format.WEBP: _webp,
+    Format.PNG: _png,
+}
+
+
 @contextmanager
 def open_alpha_clip(
     path: Path, size: tuple[int, int], fps: float, channels: int
@@ -393,7 +377,8 @@ def open_alpha_clip(
     import av
 
     container_name, encoder, pixel_formats, options = ALPHA_WAYS[path.suffix]
-    width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
+    width = size[0] + size[0] % 2
+    height = size[1] + size[1] % 2
     bitexact = {"fflags": "+bitexact"}
     with av.open(str(path), "w", format=container_name, options=bitexact) as container:
         stream: Any = container.add_stream(
@@ -424,28 +409,25 @@ def open_alpha_clip(
 
 
 def sample_frames(path: Path, count: int, side: int) -> list[U8]:
-    """Of an MP4 that `open_video` wrote, up to `count` frames, evenly from the first to the last: (H, W, 3) sRGB.
+    """Return up to `count` frames (H, W, 3) sRGB of an MP4 that `open_video` wrote, evenly from first to last.
 
-    None is longer than `side` px; only these are converted, so it is quick. Raises OSError where it cannot be read.
+    None is longer than `side` px; only these are converted, so it is quick. Raise OSError if it cannot be read.
     """
     import av
 
-    taken = []
+    samples = []
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
-            wanted = set(
-                np.linspace(0, stream.frames - 1, count).round().astype(int).tolist()
-            )
-            part = min(side / max(stream.width, stream.height), 1.0)
-            width, height = (
-                max(round(stream.width * part), 1),
-                max(round(stream.height * part), 1),
-            )
-            for index, frame in enumerate(container.decode(stream)):
-                if index in wanted:
+            places = np.linspace(0, stream.frames - 1, count).round().astype(int)
+            numbers = set(places.tolist())
+            scale = min(side / max(stream.width, stream.height), 1.0)
+            width = max(round(stream.width * scale), 1)
+            height = max(round(stream.height * scale), 1)
+            for number, frame in enumerate(container.decode(stream)):
+                if number in numbers:
                     small = frame.reformat(width, height, "rgb24", interpolation="AREA")
-                    taken.append(np.asarray(small.to_ndarray(), np.uint8))
+                    samples.append(np.asarray(small.to_ndarray(), np.uint8))
     except (av.error.FFmpegError, IndexError) as error:
         raise OSError(f"{path} cannot be read: {error}") from error
-    return taken
+    return samples

@@ -24,6 +24,7 @@ from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
 from physgen.geometry.scale import slow_motion
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
 from physgen.materials import kind, nouns
+from physgen.messages import Message, Note, did_you_mean
 from physgen.perceive.occlusion import drawing_layers, occlusion_orders
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -41,7 +42,7 @@ from physgen.perceive.roles import (
 from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.perceive.wheels import Vehicle
 from physgen.photometry import DistantLight
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Place, Problem
 from physgen.scene.files import (
     MAPS,
     OUTLINES,
@@ -160,13 +161,13 @@ def renamed_labels(
             known = ", ".join(list(called.values())[:8]) + (
                 ", ..." if len(called) > 8 else ""
             )
-            fix = (
-                f"did you mean {near[0]}?"
-                if near and near[0] != name
-                else f"the objects are {known}"
-            )
-            expected = "names no object" if sign and text else "is not NAME=TEXT"
-            problems += InputError.of("--label", f'"{rename}"', expected, fix).problems
+            fix = f"the objects are {known}"
+            if near and near[0] != name:
+                fix = did_you_mean(near[0])
+            wrong = Message.LABEL_WITHOUT_NAME
+            if sign and text:
+                wrong = Message.LABEL_OF_NO_OBJECT
+            problems.append(wrong.problem(Place("--label"), "", f'"{rename}"', fix=fix))
         (exact if own else labels).update(dict.fromkeys(hits, text))
     return labels | exact, problems
 
@@ -196,13 +197,10 @@ def unknown_label(label: str) -> Problem | None:
         for text in (label.lower(), label.lower().split()[-1])
     )
     close = next((match for match in matches if match), None)
-    fix = (
-        f"did you mean {close[0]}?"
-        if close
-        else "name a material, too, as in: wooden spoon"
-    )
-    expected = "is no object or material of the material table"
-    return Problem(Place("--label"), "", f'"{label}"', expected, fix, Severity.WARNING)
+    fix = "name a material, too, as in: wooden spoon"
+    if close:
+        fix = did_you_mean(close[0])
+    return Message.UNKNOWN_LABEL.warning(Place("--label"), "", f'"{label}"', fix=fix)
 
 
 # entries
@@ -507,7 +505,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     suits = f"{perceived.suitability}{check if unsure and str(perceived.suitability) == 'good' else ''}"
     first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
     if not objects:
-        lines = [first, f"  objects   none; {ADD_OBJECT}"]
+        lines = [first, f"  objects   {Note.NO_OBJECTS.text(fix=ADD_OBJECT)}"]
         if doubts := _doubtful_row(perceived, unsure):
             lines.append(f"  doubtful  {doubts}")
         return lines
@@ -515,24 +513,14 @@ def summary(perceived: PerceivedScene) -> list[str]:
         "objects": label_counts(
             {k: item["label"] for k, item in enumerate(objects.values())}
         ),
-        "scale": f"{world['pixels_per_meter']:g} px/m, {comments.get('world.pixels_per_meter', '')}; to correct it, "
-        "name an object by --label, or set world.pixels_per_meter",
+        "scale": Note.SCALE.text(
+            scale=world["pixels_per_meter"],
+            reason=comments.get("world.pixels_per_meter", ""),
+        ),
         "view": f"{world['view']}: {comments.get('world.view', '').partition(': ')[2]}",
     }
-    walls = [name for name in document["boundaries"] if name != "bottom"]
-    static = [name for name, item in objects.items() if item.get("motion") == "static"]
-    table["support"] = ", ".join(walls) or "no boundary is seen"
-    if static:
-        table["support"] += f"; held where they are: {', '.join(static)}"
-    pushed = [name for name, item in objects.items() if any(item.get("velocity", ()))]
-    ways = {
-        name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1]
-        for name in pushed
-    }
-    table["motion"] = "; ".join(
-        f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items()
-    )
-    table["motion"] = table["motion"] or "nothing is pushed"
+    table["support"] = _support_row(document)
+    table["motion"] = _motion_row(perceived)
     if doubts := _doubtful_row(perceived, unsure):
         table["doubtful"] = doubts
     return [
@@ -541,13 +529,36 @@ def summary(perceived: PerceivedScene) -> list[str]:
     ]
 
 
+def _support_row(document: Mapping[str, Any]) -> str:
+    """Return the names of the boundaries, and of the objects that do not move."""
+    walls = [name for name in document["boundaries"] if name != "bottom"]
+    row = ", ".join(walls) or Note.NO_BOUNDARY.text()
+    static = []
+    for name, item in document["objects"].items():
+        if item.get("motion") == "static":
+            static.append(name)
+    if not static:
+        return row
+    return Note.STATIC.text(boundaries=row, names=", ".join(static))
+
+
+def _motion_row(perceived: PerceivedScene) -> str:
+    """Return the pushes of the summary."""
+    pushes = []
+    for name, item in perceived.document["objects"].items():
+        if any(item.get("velocity", ())):
+            comment = perceived.comments.get(f"objects.{name}.velocity", ", as before")
+            direction = comment.split(", ")[1].partition(";")[0]
+            pushes.append(Note.PUSHED.text(name=name, way=direction))
+    return "; ".join(pushes) or Note.NOTHING_PUSHED.text()
+
+
 def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
     """Return what the summary says of `unsure` objects and of doubtful regions."""
     document, comments = perceived.document, perceived.comments
     doubts: list[str] = []
     if unsure:
-        fix = "not an object? move it to doubtful, as {mask: N}"
-        doubts.append(f"unsure {', '.join(unsure)}: {fix}")
+        doubts.append(Note.UNSURE.text(names=", ".join(unsure)))
     # a user's regions have no confidence
     regions = [
         name
@@ -555,12 +566,11 @@ def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
         if "confidence" in one
     ]
     if regions:
-        count = "1 region may be an object"
-        names = regions[0]
+        name = regions[0]
+        doubt = Note.ONE_REGION.text(name=name)
         if len(regions) > 1:
-            count = f"{len(regions)} regions may be objects"
-            names += " ..."
-        doubts.append(f"{count}, too: to use one, move {names} to objects")
+            doubt = Note.SEVERAL_REGIONS.text(count=len(regions), name=name)
+        doubts.append(doubt)
     reasons: dict[str, list[str]] = {}
     for name in regions:
         if reason := comments.get(f"doubtful.{name}"):

@@ -42,6 +42,7 @@ class HiddenConstants:
     most: float = 1.5  # times its area: more is a guess
     bay: float = 0.8  # share of a bay that objects in front fill
     smallest: float = 0.6  # of a ball's radius that is left where neighbours touch
+    moved: float = 0.06  # of a ball's radius by which neighbours push it off its border
 
 
 HIDDEN = HiddenConstants()
@@ -63,15 +64,40 @@ def continue_outlines(
         if item.id not in fronts or item.cut:
             continue
         whole = _whole_outline(labels, item, fronts[item.id])
-        if whole is None:
-            continue
-        wholes[item.id] = whole
-        if isinstance(whole, Disc):
+        if whole is not None:
+            wholes[item.id] = whole
+        circle = whole
+        if not isinstance(whole, Disc):
+            circle = _border_circle(labels, item, fronts[item.id])
+        if isinstance(circle, Disc):
             others = [other for other in completed if other.id != item.id]
-            disc = _free_disc(whole, others)
+            disc = _free_disc(circle, others)
             if disc is not None:
                 completed[place] = replace(item, outline=disc)
     return completed, wholes
+
+
+def _border_circle(labels: Labels, item: PhotoObject, fronts: set[int]) -> Disc | None:
+    """Return the circle of a ball's border if neighbours pushed its disc off it.
+
+    Discs of balls that touch are moved together, which lumpy fruit does not bear.
+    """
+    disc = item.outline
+    if not isinstance(disc, Disc) or kind(item.label).form not in ROLLING_FORMS:
+        return None
+    window, corner = _window(labels, item.id)
+    own = window == item.id
+    border = _free_border(own, window)
+    if len(border) < HIDDEN.points:
+        return None
+    circle = _circle(border, own, np.isin(window, list(fronts)))
+    if circle is None:
+        return None
+    center = circle.center + corner
+    shift = float(np.hypot(*(center - disc.center)))
+    if shift <= max(HIDDEN.near, HIDDEN.moved * circle.radius):
+        return None
+    return Disc(center, circle.radius)
 
 
 def with_neighbours_of_balls(

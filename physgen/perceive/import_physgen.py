@@ -25,6 +25,7 @@ from physgen.geometry.fitting import fit_outlines, long_border, without_specks
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.geometry.regions import fit_regions
 from physgen.maps import F32, Percepts, read_labels
+from physgen.messages import Message, did_you_mean
 from physgen.perceive.document import (
     MOTION_BLUR,
     light_entry,
@@ -310,35 +311,29 @@ def _fitted_light(
 def _check_folder(folder: Path) -> None:
     needed = ", ".join(NEEDED)
     if not folder.is_dir():
-        raise InputError.of(
-            str(folder), "", "is not a folder", f"name one with {needed}"
-        )
+        raise Message.IMPORT_NOT_FOLDER.error(str(folder), needed=needed)
     missing = [folder / name for name in NEEDED if not (folder / name).is_file()]
     if missing:
-        fix = f"the folder needs {needed}"
         raise InputError(
-            [Problem(Place(str(path)), "", "", "no such file", fix) for path in missing]
+            [
+                Message.IMPORT_FILE_MISSING.problem(Place(str(path)), needed=needed)
+                for path in missing
+            ]
         )
 
 
 def _check_size(path: Path, size: tuple[int, ...], rgb: Rgb) -> None:
     if tuple(size[:2]) != rgb.shape[:2]:
         found, photo = (f"{s[1]} x {s[0]} px" for s in (size, rgb.shape))
-        raise InputError.of(
-            str(path),
-            found,
-            f"differs from original.png's {photo}",
-            "make them one size",
-        )
+        raise Message.IMPORT_SIZE.error(str(path), found, size=photo)
 
 
 def _read_labels(path: Path, rgb: Rgb, sim: Sim) -> NDArray[np.uint16]:
     """The mask with the ids of sim.yaml's objects; other ids belong to the background."""
     labels = read_labels(path)
     _check_size(path, labels.shape[:2], rgb)
-    expected, fix = "has no pixel in mask.png", "remove it, or paint its mask"
     problems = [
-        Problem(body.place, f"obj_info.{i}", str(i), expected, fix)
+        Message.NOT_IN_MASK.problem(body.place, f"obj_info.{i}", str(i))
         for i, body in sim.bodies.items()
         if not (labels == i).any()
     ]
@@ -375,10 +370,7 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
         array = np.load(path, allow_pickle=False, mmap_mode="r")
     except (OSError, ValueError, EOFError) as error:
         reason = str(error).splitlines()[0][:80] if str(error) else "broken"
-        expected = f"is not an array that can be read ({reason})"
-        raise InputError.of(
-            str(path), "", expected, "save it with numpy.save"
-        ) from None
+        raise Message.ARRAY_UNREADABLE.error(str(path), reason=reason) from None
     if (
         not isinstance(array, np.ndarray)
         or array.dtype.kind not in "fiu"
@@ -387,21 +379,21 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
         found, wanted = (
             " x ".join(map(str, one)) for one in (getattr(array, "shape", ()), shape)
         )
-        expected = f"is not an array of {wanted} numbers"
-        raise InputError.of(
-            str(path), found or "it", expected, "save it at the photo's size"
-        )
+        raise Message.ARRAY_WRONG.error(str(path), found or "it", wanted=wanted)
     values = np.array(array, np.float32)
     if not np.isfinite(values).all():
-        raise InputError.of(
-            str(path), "NaN or infinity", "is among its numbers", "fill them in"
-        )
+        raise Message.ARRAY_NOT_FINITE.error(str(path), "NaN or infinity")
     return values
+
+
+SIM_START = "`obj_info:` and one entry per object"
+"""First key of the file, as messages name it."""
 
 
 def read_sim(path: Path) -> Sim:
     """Raises InputError with every wrong line."""
-    root = read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
+    source = Source(str(path), path.parent)
+    root = read(decode(path.read_bytes(), str(path)), source, start=SIM_START)
     data, known = plain(root), _schema()["properties"]
     of_object = known["obj_info"]["additionalProperties"]["properties"]
     problems = [
@@ -415,10 +407,9 @@ def read_sim(path: Path) -> Sim:
     for key in ("init_velocity", "init_acc"):
         for name, node in children(root, key).items():
             if name not in nodes:
-                fix = f"it has {', '.join(nodes)}"
                 problems.append(
-                    Problem(
-                        node.place, f"{key}.{name}", name, "is not among obj_info", fix
+                    Message.NOT_IN_OBJ_INFO.problem(
+                        node.place, f"{key}.{name}", name, names=", ".join(nodes)
                     )
                 )
     if errors := [
@@ -460,16 +451,11 @@ def _fault(root: Node, error: ValidationError) -> Problem:
         node = node.value[key]
     wanted = str(error.schema.get("description", "a number"))  # type: ignore[union-attr]
     found = shown(error.instance if error.validator == "pattern" else node.value)
-    expected = (
-        "is missing" if error.validator == "required" else "is not what is read here"
-    )
-    return Problem(
-        node.place,
-        dotted(tuple(error.absolute_path)),
-        found,
-        expected,
-        f"write {wanted}",
-    )
+    wrong = Message.SIM_VALUE_WRONG
+    if error.validator == "required":
+        wrong = Message.SIM_VALUE_MISSING
+    path = dotted(tuple(error.absolute_path))
+    return wrong.problem(node.place, path, found, wanted=wanted)
 
 
 def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[Problem]:
@@ -477,10 +463,10 @@ def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[P
     for key, child in children(node).items():
         if key not in known:
             near = nearest(key, known)
-            severity = Severity.ERROR if near else Severity.WARNING
-            fix = f"did you mean {near}?" if near else "it is ignored"
-            where, expected = (
-                f"{path}.{key}" if path else key,
-                "is not a key of sim.yaml",
-            )
-            yield Problem(child.key_place, where, f'"{key}"', expected, fix, severity)
+            where = f"{path}.{key}" if path else key
+            place, found = child.key_place, f'"{key}"'
+            unknown = Message.UNKNOWN_SIM_KEY
+            if near is None:
+                yield unknown.warning(place, where, found, fix="it is ignored")
+            else:
+                yield unknown.problem(place, where, found, fix=did_you_mean(near))

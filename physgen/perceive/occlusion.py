@@ -19,6 +19,9 @@ from physgen.geometry.fitting import long_border, touching_masks
 from physgen.geometry.polygon import Array
 from physgen.perceive.roles import Labels, Mask
 
+Box = tuple[int, int, int, int]
+"""x, y, width and height, px."""
+
 
 @dataclass(frozen=True)
 class _Limits:
@@ -70,9 +73,10 @@ def _find_orders(
     labels: Labels = np.frombuffer(numbers, kind).reshape(shape)
     found = []
     touching = touching_masks(labels, ids)
-    free = {i: _free_circle(labels, i) for i in {i for pair in touching for i in pair}}
+    boxes = {i: _box_of(labels, i) for i in {i for pair in touching for i in pair}}
+    free = {i: _free_circle(labels, i, box) for i, box in boxes.items()}
     for i, j in touching:
-        part, inner, corner = _window(labels, i, j)
+        part, inner, corner = _window(labels, _box_around([boxes[i], boxes[j]]))
         size = min(float(np.sqrt((part == k).sum())) for k in (i, j))
         circles = {
             k: None if (circle := free[k]) is None else circle - corner for k in (i, j)
@@ -168,9 +172,9 @@ def _filled_bay(mine: Mask, other: Mask) -> float:
     return float(reached.max()) if len(reached) else 0.0
 
 
-def _free_circle(labels: Labels, i: int) -> Array | None:
+def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     """`(3,)` px: x, y, radius of the circle that the free border of an object lies on; None where it lies on none."""
-    part, inner, corner = _window(labels, i, i)
+    part, inner, corner = _window(labels, box)
     border = long_border(part == i)
     others = (part != 0) & (part != i)
     free = border[
@@ -226,11 +230,23 @@ def _gap(mask: Mask, points: Array) -> Array:
     return np.asarray(away[row, column], np.float64)
 
 
-def _window(labels: Labels, i: int, j: int) -> tuple[Labels, Mask, Array]:
-    """The label map around two objects, the part of it within the photo, and where it begins: x, y, 0."""
-    x, y, width, height = cv2.boundingRect(
-        ((labels == i) | (labels == j)).astype(np.uint8)
-    )
+def _box_of(labels: Labels, i: int) -> Box:
+    """Return x, y, width and height of the box around an object, px."""
+    x, y, width, height = cv2.boundingRect((labels == i).view(np.uint8))
+    return x, y, width, height
+
+
+def _box_around(boxes: Sequence[Box]) -> Box:
+    """Return the box around boxes."""
+    left, top = min(box[0] for box in boxes), min(box[1] for box in boxes)
+    right = max(box[0] + box[2] for box in boxes)
+    bottom = max(box[1] + box[3] for box in boxes)
+    return left, top, right - left, bottom - top
+
+
+def _window(labels: Labels, box: Box) -> tuple[Labels, Mask, Array]:
+    """The label map around a box, the part of it within the photo, and where it begins: x, y, 0."""
+    x, y, width, height = box
     # a circle may reach farther than what is seen of it
     margin = (max(width, height) - 1) // 2 + 4
     top, left = max(y - margin, 0), max(x - margin, 0)

@@ -34,6 +34,7 @@ from physgen.geometry.scale import (
 )
 from physgen.maps import F32, Percepts
 from physgen.materials import kind
+from physgen.messages import Message
 from physgen.perceive import document
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.remains import Remain, attach_remains, find_remains
@@ -60,6 +61,7 @@ from physgen.perceive.shadow.backgrounds import (
     Surroundings,
     fill_backgrounds,
     fill_before_scenery,
+    find_scenery,
     find_surroundings,
 )
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
@@ -68,7 +70,7 @@ from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.perceive.wheels import find_vehicles
 from physgen.photometry import decode, encode_u8
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import Place, Problem
 from physgen.progress import Progress, silent
 from physgen.registry import Backends
 from physgen.scene.scene import View
@@ -190,7 +192,8 @@ def perceive(
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
         # the fill takes as long as all that does not need it
         # what the border cuts off stays where it is, as scenery for all others
-        fixed = [item.id for item in objects if item.cut]
+        cut = [item.id for item in objects if item.cut]
+        fixed = find_scenery(filled, cut)
         scenery_mask = nearest_labels(filled, fixed) & (coverage > 0)
         filling = beside.submit(run.fill, around, shadows, standing, scenery_mask)
         labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
@@ -256,16 +259,9 @@ def perceive(
             for i, name in called.items()
             if names.before[i] != name
         ]:
-            what = "in the scene, since names follow labels"
-            fix = "use the new names; physgen rename gives others"
             warnings += (
-                Problem(
-                    Place("--label"),
-                    "",
-                    listed(moved, "and"),
-                    what,
-                    fix,
-                    Severity.WARNING,
+                Message.NAMES_FOLLOW_LABELS.warning(
+                    Place("--label"), "", listed(moved, "and")
                 ),
             )
         suits = judge_suitability(rgb, found, objects, boundaries)
@@ -297,8 +293,7 @@ def check_size(rgb: Rgb, file: str = "the photo") -> None:
     """Raises InputError where a photo is too small."""
     if min(rgb.shape[:2]) < SMALLEST_SIDE:
         found_size = f"{rgb.shape[1]} x {rgb.shape[0]} px"
-        fix = f"use a photo of at least {SMALLEST_SIDE} px a side"
-        raise InputError.of(file, found_size, "is too small to find objects in", fix)
+        raise Message.PHOTO_TOO_SMALL.error(file, found_size, least=SMALLEST_SIDE)
 
 
 @dataclass(frozen=True)
@@ -515,27 +510,21 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     labels = found.labels
     height, width = rgb.shape[:2]
     if labels.shape != (height, width):
-        size, fix = f"{labels.shape[1]} x {labels.shape[0]} px", "make them one size"
-        raise InputError.of(
-            "--masks", size, f"differs from the photo's {width} x {height} px", fix
-        )
+        size = f"{labels.shape[1]} x {labels.shape[0]} px"
+        differs = Message.NOT_PHOTO_SIZE
+        raise differs.error("--masks", size, width=width, height=height)
     counts = np.bincount(labels.ravel(), minlength=2)
     every = np.flatnonzero(counts[1:]) + 1
     ids = [int(i) for i in every if counts[i] >= SMALLEST_OBJECT]
     mostly_specks = 2 * len(ids) < len(every)
     if (len(every) > MOST_IDS and mostly_specks) or len(ids) > MOST_OBJECTS:
-        what = f"has {len(every):,} ids" + (
-            ", most of them of a few pixels" if mostly_specks else ""
-        )
-        fix = "give each object one id or colour, without soft borders, saved as PNG"
-        raise InputError.of("--masks", "", f"is no label map: it {what}", fix)
+        specks = ", most of them of a few pixels" if mostly_specks else ""
+        count = f"{len(every):,} ids{specks}"
+        raise Message.NOT_A_LABEL_MAP.error("--masks", count=count)
     if not ids and found.source == "given":
-        shows = (
-            f"shows no object of {SMALLEST_OBJECT} px or more"
-            if len(every)
-            else "shows no object"
-        )
-        raise InputError.of("--masks", "", shows, POINT)
+        if len(every):
+            raise Message.MASKS_OF_SPECKS.error("--masks", least=SMALLEST_OBJECT)
+        raise Message.MASKS_EMPTY.error("--masks")
     if not ids:
         return [], len(every)
     outlines = fit_outlines(labels, ids)
@@ -566,10 +555,8 @@ def remain_problem(remain: Remain, name: str) -> Problem:
     """Return a warning about a part beside an object that may stay behind."""
     x, y = remain.place
     found = f"something narrow at {x}, {y}"
-    expected = "may be a part of it that stays behind when it moves"
-    fix = "add it with --box around the whole object, or in physgen edit by the brush"
     path = f"objects.{name}.mask"
-    return Problem(Place("the photo"), path, found, expected, fix, Severity.WARNING)
+    return Message.REMAINS_BEHIND.warning(Place("the photo"), path, found)
 
 
 def outline_as_named(

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from physgen.export.video import FASTEST, U8, Format
+from physgen.export.video import MAX_RATES, U8, Format
 from physgen.files import file_stamp
+from physgen.messages import Message
 from physgen.pipeline.refining import (
     Footage,
     Refiners,
@@ -37,14 +38,13 @@ from physgen.problems import (
     InputError,
     Place,
     Problem,
-    Severity,
     Warn,
     ignore_warning,
     variant_named,
 )
 from physgen.progress import Progress, silent
 from physgen.scene.scene import ADD_OBJECT, Load, Motion
-from physgen.text import listed
+from physgen.text import listed, percent
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -138,9 +138,9 @@ class Labels:
         """Raises InputError where a format is unknown, or does not fit the scene."""
         if not formats:
             return cls((), None)
-        from physgen.export.formats import check_fits, chosen_formats
+        from physgen.export.formats import check_fits, choose_formats
 
-        chosen = chosen_formats(formats)
+        chosen = choose_formats(formats)
         check_fits(chosen, scene, maps)
         return cls(chosen, maps if any(kind.needs for kind in chosen) else None)
 
@@ -152,9 +152,7 @@ class Labels:
             read_manifest(final),
             {"trajectory.npz", *(kind.name for kind in self.kinds)},
         ):
-            expected = f"holds {lost} of an earlier run, which would go"
-            fix = "name all formats at once, or choose another folder with -o"
-            raise InputError.of(str(final), "", expected, fix)
+            raise Message.FILES_WOULD_BE_LOST.error(str(final), files=lost)
 
     @contextmanager
     def exported(
@@ -181,7 +179,7 @@ class Labels:
             len(shot.order),
             shot,
             record.inputs,
-            stood=starting_labels(compiled.labels, labels, compiled.scenery),
+            photo_ids=starting_labels(compiled.labels, labels, compiled.scenery),
         )
         queues: list[MomentQueue] = []
         with ExitStack() as held:
@@ -285,24 +283,24 @@ def accuracy_warnings(
     """Return warnings about a large error of the energy balance, and about work that was not done."""
     problems = []
     if error > UNBALANCED:
-        fix = balance_advice(world)
-        found = f"has an error of {error:.0%} of the energy that flows"
         place = scene.place("world")
         what = "the energy balance"
-        problems.append(Problem(place, "world", what, found, fix, Severity.WARNING))
+        problems.append(
+            Message.ENERGY_ERROR.warning(
+                place, "world", what, error=percent(error), fix=balance_advice(world)
+            )
+        )
     effort = trajectory.effort
     if effort.overworked >= 0:
         names = [name for name, _ in world.surfaces]
         if effort.overworked_by >= 0:
             second = names[effort.overworked_by]
             what = f"impacts of {names[effort.overworked]} and {second}"
-            fix = "bring their masses closer"
+            message = Message.IMPACTS_INEXACT
         else:
             what = f"steps of {names[effort.overworked]}"
-            fix = "look for a corner that reaches far out, or slow it down"
-        found = "took more work than a run may do: later ones are less exact"
-        place = scene.place("objects")
-        problems.append(Problem(place, "", what, found, fix, Severity.WARNING))
+            message = Message.STEPS_INEXACT
+        problems.append(message.warning(scene.place("objects"), "", what))
     return problems
 
 
@@ -314,11 +312,11 @@ def departure_warnings(
     time = trajectory.time_of_departure(reaches, world.size, UNMOVED)
     if time is None or time >= DEPARTED * world.duration:
         return []
-    found = (
-        f"all that moves has left the picture by {time:.2g} s of {world.duration:g} s"
-    )
-    fix = "write boundaries that stop it, a lower velocity, or a shorter world.duration"
-    return [Problem(scene.place("objects"), "", "", found, fix, Severity.WARNING)]
+    return [
+        Message.ALL_LEFT.warning(
+            scene.place("objects"), time=time, duration=world.duration
+        )
+    ]
 
 
 def reduced_rates(scene: Scene, formats: Sequence[Format]) -> list[Problem]:
@@ -326,15 +324,15 @@ def reduced_rates(scene: Scene, formats: Sequence[Format]) -> list[Problem]:
     fps = scene.render.fps
     problems = []
     for kind in formats:
-        fastest = FASTEST.get(kind, fps)
+        fastest = MAX_RATES.get(kind, fps)
         if fps <= fastest:
             continue
         found = f"{fps:g} frames/s"
-        expected = f"is more than a {kind.value} file can play: it gets {fastest:g}"
-        fix = f"write {fastest:g} or less, or choose mp4, to have all frames"
         place = scene.place("render.fps")
         problems.append(
-            Problem(place, "render.fps", found, expected, fix, Severity.WARNING)
+            Message.RATE_REDUCED.warning(
+                place, "render.fps", found, fastest=fastest, format=kind.value
+            )
         )
     return problems
 
@@ -413,7 +411,7 @@ class _Run:
         self.paged = bool(options.formats) and options.page is not Page.NONE
         self.film = Film(scene, compiled, maps, record, stages)
         self.labels = Labels.of(options.export, scene, maps.percepts)
-        self.film.keeps_layers = any(kind.in_layers for kind in self.labels.kinds)
+        self.film.keeps_layers = any(kind.has_layers for kind in self.labels.kinds)
         if options.export and not options.formats:
             self.labels.check_kept(self.final)
         self.aside = Aside(record, scene.size)
@@ -457,23 +455,12 @@ class _Run:
                 record.mark = ""  # the next run makes it again: a format is missing, or which of two inputs was drawn
             write_manifest(record, folder)
             earlier = read_manifest(self.final)
-        source, change, gone = earlier.get("source"), "", ""
+        source, place = earlier.get("source"), Place(str(self.final))
         other = os.path.normpath(self.final / str(source))
         if source != record.source and os.path.isfile(other):
-            change, gone = (
-                "rename a scene",
-                f"the clip of {other} that was there is replaced",
-            )
+            self._warn(Message.CLIP_REPLACED.warning(place, scene=other))
         elif lost := lost_files(earlier, {*record.files, "report.html"}):
-            change, gone = (
-                "name all formats at once",
-                f"{lost} of an earlier run is replaced",
-            )
-        if gone:
-            fix = f"{change}, or choose another folder with -o, to have both"
-            self._warn(
-                Problem(Place(str(self.final)), "", "", gone, fix, Severity.WARNING)
-            )
+            self._warn(Message.FILES_REPLACED.warning(place, files=lost))
         if faults:
             raise InputError(
                 [*faults, _kept(self.final, "has the clip without refinement")]
@@ -552,22 +539,15 @@ class _Run:
             if pushed:
                 speed = float(np.hypot(*pushed[0].velocity))
                 slow = speed * world.duration < least
-                why = (
-                    f"of {speed:.3g} px/s, and hardly moves at that"
-                    if slow
-                    else f"and is stuck: {look}"
-                )
-                fix = f"{pushed[0].name} has a velocity {why}"
+                fix = f"{pushed[0].name} has a velocity and is stuck: {look}"
+                if slow:
+                    fix = f"{pushed[0].name} has {speed:.3g} px/s, too little to see"
             elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
                 fix = (
                     f"try --push {push.name}={push.way}, or write a velocity or a force"
                 )
-            why = "nothing moves in this clip" + ": the scene has no objects" * (
-                not world.bodies
-            )
-            self.warn(
-                Problem(scene.place("objects"), "", "", why, fix, Severity.WARNING)
-            )
+            nothing = Message.NOTHING_MOVES if world.bodies else Message.NOTHING_TO_MOVE
+            self.warn(nothing.warning(scene.place("objects"), fix=fix))
         else:  # at rest, no energy flows; a body's fall by a pixel is the least that counts
             record.imbalance = imbalance(world, trajectory)
             for problem in departure_warnings(scene, world, trajectory):
@@ -593,12 +573,8 @@ class _Run:
 
         scene, compiled, options = self.scene, self.film.compiled, self.options
         if not uncertain_values(scene, options.variant):
-            fix = 'write the source and confidence of a number: from: {mass: "by eye 0.6"}; perceive does'
-            what = "nothing in the scene is uncertain, so every draw would be the same and none is made"
             self.warn(
-                Problem(
-                    scene.place("objects"), "--fan", "", what, fix, Severity.WARNING
-                )
+                Message.NOTHING_UNCERTAIN.warning(scene.place("objects"), "--fan")
             )
             return None
         made = fan(
@@ -686,7 +662,7 @@ class _Run:
         )
         world, shot = film.compiled.world, film.shot(trajectory)
         name = "video" if record.frames else "unrefined"
-        names = [kind.named(name) for kind in kinds]
+        names = [kind.file_name(name) for kind in kinds]
         made = [video for video in names if (folder / video).exists()]
         shown = linked_film(made)
         if (
@@ -745,8 +721,7 @@ class Draws:
 
 
 def _kept(folder: Path, what: str) -> Problem:
-    fix = "mend that, then run the same command again"
-    return Problem(Place(str(folder)), "", "", what, fix, Severity.WARNING)
+    return Message.CLIP_KEPT.warning(Place(str(folder)), content=what)
 
 
 def write_manifest(record: RunRecord, folder: Path) -> None:
@@ -767,8 +742,5 @@ def output_name(path: str | Path, variant: str | None) -> str:
 
     name = scene_name(Path(path))
     if not name.isprintable():
-        fix = "rename the file: its name becomes that of a folder"
-        raise InputError.of(
-            repr(str(path)), "", "has characters in its name that cannot be shown", fix
-        )
+        raise Message.NAME_NOT_PRINTABLE.error(repr(str(path)))
     return f"{name}-{variant}" if variant is not None else name

@@ -7,8 +7,9 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from physgen.messages import Message
 from physgen.pipeline.trial_scenes import open_trial
-from physgen.problems import InputError, Place, Problem, Severity, Warn
+from physgen.problems import InputError, Place, Warn
 from physgen.scene.provenance import meters, source
 from physgen.text import listed
 
@@ -377,20 +378,10 @@ def refresh_motion(
             for k, item in perceived.document["objects"].items()
             if any(item.get("velocity", ()))
         ]
-        fix = (
-            f"{listed(new, 'and')} is pushed instead"
-            if new
-            else "and no other push does"
-        )
+        fix = "no other push moves anything"
+        if new:
+            fix = f"{listed(new, 'and')} is pushed instead"
+        nothing, place = Message.PUSH_MOVES_NOTHING, Place("--refresh")
         for name in [] if turned else stopped:
-            warn(
-                Problem(
-                    Place("--refresh"),
-                    name,
-                    "its push",
-                    "moves nothing now",
-                    fix,
-                    Severity.WARNING,
-                )
-            )
+            warn(nothing.warning(place, name, "its push", fix=fix))
     return perceived, moving

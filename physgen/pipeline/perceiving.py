@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.files import check_text_names, check_writable
+from physgen.messages import Message
 from physgen.pipeline.first_motion import (
     push_anew,
     refresh_motion,
@@ -86,10 +87,7 @@ def perceive(
     crew = crew or Backends()
     crew.begin()
     if options.masks is not None and (options.boxes or options.points):
-        fix = "choose --masks, or --box and --point"
-        raise InputError.of(
-            "perceive", "", "was given the objects in more than one way", fix
-        )
+        raise Message.OBJECTS_GIVEN_TWICE.error("perceive")
     check_text_names(image, output)
     check_writable((output or stdout or Path()).parent)
     photo = _perceive_photo(image, options, crew, progress, warn)
@@ -175,12 +173,7 @@ def _perceive_photo(
     photo = read_photo(image)
     place = Place(str(image))
     if not photo.readable:
-        fix = "save it as sRGB if its colours look wrong"
-        warn(
-            Problem(
-                place, "", "the colour profile", "cannot be used", fix, Severity.WARNING
-            )
-        )
+        warn(Message.PROFILE_UNUSABLE.warning(place, "", "the colour profile"))
     rgb = shrink_photo(photo.rgb, options.side or LONGEST_SIDE)
     check_size(rgb, str(image))
     labels = None
@@ -191,15 +184,9 @@ def _perceive_photo(
     as_it_is = photo.plain and rgb is photo.rgb
     if rgb is not photo.rgb:
         was, now = f"{width} x {height} px", f"{rgb.shape[1]} x {rgb.shape[0]} px"
-        fix = f"--side {max(width, height)} keeps its size"
         warn(
-            Problem(
-                place,
-                "",
-                f"the photo of {was}",
-                f"was made {now}",
-                fix,
-                Severity.WARNING,
+            Message.PHOTO_MADE_SMALLER.warning(
+                place, "", f"the photo of {was}", width=max(width, height), size=now
             )
         )
     del photo  # a large one is larger than all maps together
@@ -259,9 +246,9 @@ def _check_masks(
         return
     found = f"{shape[1]} x {shape[0]} px"
     height, width = photo_shapes[0]
-    expected = f"differs from the {width} x {height} px of {image}"
-    fix = "draw the masks on this photo, in its size"
-    raise InputError.of(str(masks), found, expected, fix)
+    raise Message.MASKS_SIZE.error(
+        str(masks), found, width=width, height=height, image=image
+    )
 
 
 def _prompt_frames(opened: Opened, scene: Scene) -> PromptFrames:
@@ -290,18 +277,14 @@ def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
     """Warnings about options that the segment backend does not use."""
     uses, found = crew.row("segment").uses, []
     if options.asked and (options.masks or "categories" not in uses):
-        fix = "choose e.g. --backend segment=grounding-dino+sam"
-        expected = "has no effect: no backend here finds named objects"
         asked = f'"{", ".join(options.asked)}"'
-        found.append(
-            Problem(Place("--find"), "", asked, expected, fix, Severity.WARNING)
-        )
+        found.append(Message.FIND_HAS_NO_EFFECT.warning(Place("--find"), "", asked))
     if "categories" in crew.plan.choices and "categories" not in uses:
-        fix = "choose e.g. --backend segment=grounding-dino+sam, or leave it out"
         chosen = f"categories={crew.plan.choices['categories']}"
-        expected = f"has no effect: segment={crew.name('segment')} needs no categories"
         found.append(
-            Problem(Place("--backend"), "", chosen, expected, fix, Severity.WARNING)
+            Message.CATEGORIES_HAVE_NO_EFFECT.warning(
+                Place("--backend"), "", chosen, name=crew.name("segment")
+            )
         )
     return found
 
@@ -429,9 +412,7 @@ def _perceive_anew(opened: Opened, run: _Refresh) -> str:
     carried = carry_over(old, opened.ground.record, anew.perceived)
     description = _description(carried.perceived)
     for key in carried.dropped:
-        expected = "belongs to the photo of other proportions and is left out"
-        fix = "set it again for the new photo"
-        run.warn(Problem(Place(str(path)), key, "", expected, fix, Severity.WARNING))
+        run.warn(Message.VALUE_OF_OTHER_PHOTO.warning(Place(str(path)), key))
     text = write_scene(
         replace(carried.perceived, description=description),
         image if anew.is_nameable else None,
@@ -452,13 +433,11 @@ def _report_lost_objects(
     names = perceived.document["objects"]
     lost = [name for name in old.get("objects", {}) if name not in names]
     if lost and not names:
-        expected = "none of the objects is found in the photo of other proportions"
-        fix = "restore the photo, or perceive it anew with --masks, --box or --point"
-        raise InputError.of(str(path), "", expected, fix)
+        raise Message.NO_OBJECT_FOUND_AGAIN.error(str(path))
     for name in lost:
-        expected = "is not found by this name in the photo of other proportions"
-        fix = "compare it with the objects that were found, or point at it"
-        problem = Problem(Place(str(path)), f"objects.{name}", "", expected, fix)
+        problem = Message.OBJECT_NOT_FOUND_AGAIN.problem(
+            Place(str(path)), f"objects.{name}"
+        )
         warn(replace(problem, severity=Severity.WARNING))
 
 
@@ -477,9 +456,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     path, options, crew, warn = run.path, run.options, run.crew, run.warn
     scene = opened.scene()
     if scene.image is None:
-        raise InputError.of(
-            "--refresh", f'"{path}"', "shows no photo", "name one with image:"
-        )
+        raise Message.REFRESH_WITHOUT_PHOTO.error("--refresh", f'"{path}"')
     frames = _prompt_frames(opened, scene)
     check_prompts(options.boxes, options.points, frames.new)
     check_prompts(*old_and_new.prompts_of(scene.objects), frames.old)
@@ -501,13 +478,7 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     )
     crew.release("segment")
     for name in begun.gone:
-        expected = "is part of what was pointed at and has gone"
-        fix = "leave the box or point out if it should stay"
-        warn(
-            Problem(
-                Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING
-            )
-        )
+        warn(Message.POINTED_PART_LOST.warning(Place(str(path)), f"objects.{name}"))
     called = {
         i: name
         for i, name in begun.found.object_names.items()

@@ -52,6 +52,8 @@ class TrialLimits:
     """Score up to which a push is no story, whatever its grade."""
     work: float = 2500.0
     """Work of all trials together, in steps of the engine: about half a second."""
+    more_work: float = 7500.0
+    """The same while no calm push moves an object by `travel`."""
     one: float = 1500.0
     """Work of one trial, after which it ends: objects that are jammed take long."""
     longest: float = 6.0
@@ -308,7 +310,7 @@ def _candidates(
     world = replace(trials.world, steps_per_second=TRIAL.rate)
     ranked = rank_pushes(trials, confidence)[: TRIAL.more]
     highest = _highest_score(trials)
-    work, count, has_story = 0.0, 0, False
+    work, count, has_story, is_visible = 0.0, 0, False, False
     for order, pair in enumerate(ranked):
         if has_story and order >= TRIAL.pairs:
             return
@@ -321,7 +323,9 @@ def _candidates(
             score = outcome.score * confidence.get(candidate.item.name, 1.0)
             is_best = outcome.grade is Grade.STORY and score >= TRIAL.enough * highest
             most = TRIAL.most if has_story else 2 * TRIAL.most
-            if is_best or work > TRIAL.work or count >= most:
+            is_visible |= outcome.is_calm and outcome.travel >= TRIAL.travel
+            most_work = TRIAL.work if is_visible else TRIAL.more_work
+            if is_best or work > most_work or count >= most:
                 return
 
 
@@ -355,10 +359,13 @@ def _search(
     speed, hardest = speeds
     calm, leaving = 0.0, inf
     best, halvings = 0.0, 0
+    previous = NO_MOTION
     while speed <= hardest and halvings <= TRIAL.halvings:
         candidate = tried(speed)
-        yield candidate
         outcome = candidate.outcome
+        if calm and _is_too_hard(outcome, previous):
+            yield tried(sqrt(calm * speed))
+        yield candidate
         if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best:
             if calm and outcome.travel > TRIAL.slide:
                 yield tried(sqrt(calm * speed))
@@ -367,6 +374,7 @@ def _search(
             leaving = speed
         else:
             calm = speed
+            previous = outcome
         if outcome.grade is not Grade.LEAVES:
             best = max(best, outcome.score)
         if leaving < inf:
@@ -374,6 +382,17 @@ def _search(
             speed = sqrt(calm * leaving) if calm else leaving / 2
         else:
             speed = calm * _next_step(trials, outcome)
+
+
+def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
+    """Return whether a push between two may tell more than the harder one.
+
+    What goes too far uncovers much, and what rocks for long may be pushed less.
+    """
+    if outcome.grade is Grade.STORY:
+        return gentler.grade is not Grade.STORY and outcome.travel > TRIAL.far
+    is_short = gentler.grade is Grade.SHORT and gentler.travel < TRIAL.travel
+    return is_short and outcome.grade is Grade.RESTLESS
 
 
 def _next_step(trials: TrialScene, outcome: Outcome) -> float:

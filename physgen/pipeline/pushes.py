@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from physgen.geometry.scale import push_speed
+from physgen.messages import Message, one_of
 from physgen.pipeline.push_trials import (
     NO_MOTION,
     Outcome,
@@ -19,11 +20,11 @@ from physgen.pipeline.push_trials import (
     choose_speed,
     compile_trials,
 )
-from physgen.problems import InputError, collect
+from physgen.problems import collect
 from physgen.scene.files import equal
 from physgen.scene.provenance import meters
 from physgen.scene.scene import ADD_OBJECT, Motion, Object, Scene, View
-from physgen.text import listed, nearest, quantity, quoted
+from physgen.text import nearest, quantity, quoted
 
 if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
@@ -190,15 +191,15 @@ def _object_and_velocity(
     """Return the object of NAME=DIRECTION[@SPEED] and its velocity, px/s."""
     name, _, rest = text.partition("=")
     if _is_way(name) and any(item.name == rest.strip() for item in scene.objects):
-        fix = f"write --push {rest.strip()}={name.strip()}"
-        raise InputError.of("--push", quoted(text), "has the direction first", fix)
+        raise Message.DIRECTION_FIRST.error(
+            "--push", quoted(text), name=rest.strip(), direction=name.strip()
+        )
     if not rest:
         _refuse_other_signs(scene, text)
     item = named(scene, "--push", name.strip())
     way, speed = _direction_and_speed(scene, "--push", rest)
     if not way:
-        fix = f"write --push {item.name}=right"
-        raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
+        raise Message.NO_DIRECTION.error("--push", f'"{text}"', name=item.name)
     x, y = _direction("--push", way)
     if "@" not in rest:
         speed = _gentle_speed(scene, shapes, item, (x, y)) or speed
@@ -228,18 +229,16 @@ def _refuse_other_signs(scene: Scene, text: str) -> None:
     for item in scene.objects:
         rest = text.removeprefix(item.name).lstrip(" :,")
         if text.startswith(item.name) and _is_way(rest.partition("@")[0]):
-            fix = f"write --push {item.name}={rest}"
-            raise InputError.of("--push", quoted(text), "lacks a =", fix)
+            raise Message.PUSH_WITHOUT_SIGN.error(
+                "--push", quoted(text), name=item.name, rest=rest
+            )
 
 
 def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str, Any]]:
     """The object of that name, and the place from which it falls, by dotted key."""
     item = named(scene, "--drop", name.strip())
     if scene.world.view is View.TOP:
-        fix = f"write --push {item.name}=right"
-        raise InputError.of(
-            "--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix
-        )
+        raise Message.CANNOT_FALL.error("--drop", f'"{name}"', name=item.name)
     return item, {f"objects.{item.name}.place": _lifted(scene, compiled, item)}
 
 
@@ -249,15 +248,8 @@ def named(scene: Scene, flag: str, name: str) -> Object:
         if item.name == name:
             return item
     names = [item.name for item in scene.objects]
-    close = nearest(name, names)
-    fix = (
-        f"did you mean {close}?"
-        if close
-        else f"write one of {listed(names[:20])}"
-        if names
-        else ADD_OBJECT
-    )
-    raise InputError.of(flag, f'"{name}"', "names no object", fix)
+    fix = one_of(name, names) if names else ADD_OBJECT
+    raise Message.PUSHED_NAME_UNKNOWN.error(flag, f'"{name}"', fix=fix)
 
 
 def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float]:
@@ -269,9 +261,7 @@ def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float
     try:
         return way, finite(rest if in_units is None else repr(in_units))
     except ValueError:
-        raise InputError.of(
-            flag, f'"{rest}"', "is no speed", "write e.g. @2 m/s or @300 px/s"
-        ) from None
+        raise Message.NOT_A_SPEED.error(flag, f'"{rest}"') from None
 
 
 def _metric(text: str) -> bool:
@@ -310,7 +300,7 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
         way, _, speed = text.replace(",", " ").partition(" ")
         if _is_way(way) and quantity(speed, "px/s", 1.0) is not None:
             fix = f"write {way}@{speed.strip()}"
-        raise InputError.of(flag, quoted(text), "is no direction", fix) from None
+        raise Message.NOT_A_DIRECTION.error(flag, quoted(text), fix=fix) from None
     return cos(angle), sin(angle)
 
 
@@ -364,12 +354,9 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
             for part, px in zip(ends, in_units, strict=True)
         )
     except ValueError:
-        fix = "write e.g. 120,80 or 6 cm,4 cm"
-        raise InputError.of("--kick", f'"{where}"', "is not two lengths", fix) from None
+        raise Message.NOT_TWO_LENGTHS.error("--kick", f'"{where}"') from None
     if not scene.objects:
-        raise InputError.of(
-            "--kick", f'"{where}"', "meets no object: the scene has none", ADD_OBJECT
-        )
+        raise Message.KICK_WITHOUT_OBJECTS.error("--kick", f'"{where}"')
     at = np.array([x, y])
     ways = [
         shapely.shortest_line(outline_shape(one), shapely.Point(x, y))
@@ -384,10 +371,9 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
         k = int(compiled.labels[row, column]) - 1
     elif ways[k].length > NEAR * max(scene.size):
         near = ",".join(str(round(part)) for part in ways[k].coords[0])
-        fix = (
-            f"name a point of an object; the nearest: {near} of {scene.objects[k].name}"
+        raise Message.KICK_MISSES.error(
+            "--kick", f'"{where}"', name=scene.objects[k].name, point=near
         )
-        raise InputError.of("--kick", f'"{where}"', "meets no object", fix)
     body = compiled.world.bodies[k]
     way = body.center - at
     if scene.world.view is View.SIDE or hypot(*way) < 1:

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.files import partial
-from physgen.problems import InputError, Place, Problem
+from physgen.messages import Message
+from physgen.problems import InputError, Place
 from physgen.scene.files import MAPS, OUTLINES, RECORD, read_record
 from physgen.scene.provenance import stated_scale
 from physgen.scene.scaling import scale_part, scale_scene
@@ -101,9 +102,7 @@ def _lacks_masks(opened: Opened) -> bool:
 def check_own_assets(text: str, path: Path) -> None:
     """Refuse a scene that inherits: its base names the photo. Raises InputError."""
     if "extends" in marked(text).data():
-        expected = "extends another scene, whose photo or assets changed"
-        fix = "perceive that scene again"
-        raise InputError.of(str(path), "", expected, fix)
+        raise Message.EXTENDED_SCENE_CHANGED.error(str(path))
 
 
 def _ids(document: Mapping[str, Any]) -> dict[tuple[str, str], int]:
@@ -266,10 +265,8 @@ def _matched_ids(
         elif section != "doubtful" and "prompt" not in entry:
             missing.append(f"{section}.{name}")
     if missing:
-        expected = "is not found in the photo again"
-        fix = "write prompt: {box: [x, y, width, height]} there, or remove the object"
         raise InputError(
-            Problem(Place(file), key, "", expected, fix) for key in missing
+            Message.OBJECT_LOST.problem(Place(file), key) for key in missing
         )
     return ids
 

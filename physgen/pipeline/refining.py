@@ -179,7 +179,7 @@ def refine_footage(
         )[0]
     except InputError as error:
         for kind in files.formats:
-            path = files.folder / kind.named("video")
+            path = files.folder / kind.file_name("video")
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}

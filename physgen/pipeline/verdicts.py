@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from physgen.geometry.scale import PLAYBACK
 from physgen.materials import is_living, kind
+from physgen.messages import Note
 from physgen.perceive.roles import PerceivedScene, Suitability
 from physgen.perceive.support.viewpoint import fine_detail
 from physgen.pipeline.push_trials import Grade, Outcome
 from physgen.pipeline.refusals import WATERCRAFT
-from physgen.text import listed
+from physgen.text import listed, percent
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class OutcomeLimits:
 
 
 OUTCOME = OutcomeLimits()
-STILL = "no push moves anything"
+STILL = Note.NOTHING_MOVES.text()
 TOY_WORDS = frozenset(["toy", "toys", "model", "matchbox", "figure"])
 """Words of a label that name a toy as such."""
 
@@ -54,18 +55,18 @@ def outcome_doubts(
     names = listed(list(pushed), "and")
     doubts = []
     if outcome.grade is Grade.NOTHING:
-        doubts.append(f"the push of {names} moves nothing visibly")
+        doubts.append(Note.PUSH_MOVES_NOTHING.text(names=names))
     if outcome.grade is Grade.LEAVES and not outcome.left:
-        doubts.append(f"{names} would rebound from a wall that the photo does not show")
+        doubts.append(Note.REBOUNDS.text(names=names))
     elif outcome.grade is Grade.LEAVES:
         left = listed(list(outcome.left), "and")
-        doubts.append(f"{left} leaves the picture, also at the gentlest push")
+        doubts.append(Note.LEAVES_PICTURE.text(names=left))
     if outcome.grade is Grade.RESTLESS:
-        doubts.append("something moves for too long, or climbs what is in its way")
+        doubts.append(Note.RESTLESS.text())
     slow = round(perceived.document.get("render", {}).get("slow", 1))
     seconds = outcome.seconds * slow
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:
-        doubts.append(f"the motion takes only {seconds:.1f} s of video")
+        doubts.append(Note.MOTION_BRIEF.text(seconds=seconds))
     doubts += _fill_doubts(perceived, outcome)
     return doubts
 
@@ -85,8 +86,8 @@ def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:
     is_busy = area > OUTCOME.busy_filled and busy > OUTCOME.busy
     if not (is_large or is_busy):
         return []
-    text = f"{100 * area:.0f} % of the photo must be filled in behind moving objects"
-    return [f"{text}, beside fine detail" if is_busy else text]
+    note = Note.BUSY_FILLED if is_busy else Note.MUCH_FILLED
+    return [note.text(share=percent(area))]
 
 
 def _object_mask(perceived: PerceivedScene, name: str) -> NDArray[np.bool_]:
@@ -138,11 +139,12 @@ def living_doubts(perceived: PerceivedScene) -> list[str]:
     what = "people and animals" if len(kinds) > 1 else f"a {min(kinds)}"
     if kinds == {"animal"}:
         what = "an animal"
-    reason = f"{listed(list(living), 'and')}: {what}, never pushed"
+    names = listed(list(living), "and")
     for label in living.values():
         if kind(label).noun == "animal":
-            return [f'{reason}; if it is a toy, label it "toy {label.split()[-1]}"']
-    return [reason]
+            noun, note = label.split()[-1], Note.LIVING_OR_TOY
+            return [note.text(names=names, kinds=what, noun=noun)]
+    return [Note.LIVING.text(names=names, kinds=what)]
 
 
 def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> list[str]:
@@ -155,7 +157,7 @@ def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> lis
     if names and set(names) <= set(cut):
         verb = "is" if len(names) == 1 else "are"
         cut_names = listed(sorted(names), "and")
-        return [f"{STILL}: {cut_names} {verb} cut off by the photo's border"]
+        return [Note.CUT_BY_BORDER.text(names=cut_names, verb=verb)]
     return [STILL] if names else []
 
 
@@ -174,7 +176,7 @@ def toy_note(photo_scene: PerceivedScene) -> str:
     if not names:
         return ""
     verb = "is taken for a toy" if len(names) == 1 else "are taken for toys"
-    return f"{listed(names, 'and')} {verb}"
+    return Note.TAKEN_FOR_TOY.text(names=listed(names, "and"), verb=verb)
 
 
 def brief_summary(outcome: Outcome, slow: int) -> str:
@@ -182,6 +184,6 @@ def brief_summary(outcome: Outcome, slow: int) -> str:
     seconds = max(outcome.seconds * slow, 0.0)
     clip = max(seconds + PLAYBACK.pause, PLAYBACK.shortest)
     return (
-        f"{100 * outcome.travel:.0f} % of the photo's longer side in {seconds:.1f} s "
+        f"{percent(outcome.travel)} of the photo's longer side in {seconds:.1f} s "
         f"of a clip of {clip:.1f} s"
     )

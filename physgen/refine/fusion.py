@@ -34,6 +34,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from physgen.messages import Message
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Place, Problem
 from physgen.progress import Progress, silent
@@ -281,12 +282,8 @@ class Refinement:
             held=each_step(over_time(stay, grid), how.count)[:, None, None, None],
         )
         if not np.isfinite(z).all():
-            fix = 'write dtype = "float32" in physgen.toml'
-            raise InputError.of(
-                "refine",
-                str(model.note().get("dtype", "")),
-                "leaves no finite picture",
-                fix,
+            raise Message.REFINED_NOT_FINITE.error(
+                "refine", str(model.note().get("dtype", ""))
             )
         parts = zip(model.decode(z), model.decode(z0), strict=True)
         pairs = (pair for part in parts for pair in zip(*part, strict=True))
@@ -305,10 +302,7 @@ class Refinement:
     def _too_large(self) -> Problem:
         width, height = self._fit.padded
         found = f"{self._count} frames of {width} x {height} px"
-        fix = "write a smaller resolution in the backend's section of physgen.toml, or refine fewer frames"
-        return Problem(
-            Place("refine"), "", found, "do not fit into the memory of the device", fix
-        )
+        return Message.REFINING_TOO_LARGE.problem(Place("refine"), "", found)
 
     def note(self) -> Mapping[str, Any]:
         """Return entries of the record: settings, steps that ran, the model's own note."""
@@ -338,7 +332,6 @@ def backend_errors(flag: str, name: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        fix = "see what failed, or choose another backend"
-        raise InputError.of(
-            flag, f'"{name}"', f"failed ({describe_error(error)})", fix
+        raise Message.REFINER_FAILED.error(
+            flag, f'"{name}"', error=describe_error(error)
         ) from error

@@ -675,6 +675,8 @@ def _claimed(
 
 EDGE = 6
 """px over which an object's own shadow fades at the border of its box."""
+BEYOND = 0.2
+"""Share of the longer side over which that shadow fades beyond the photo's border."""
 
 
 def _owned(
@@ -689,18 +691,25 @@ def _owned(
     own = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
     # The shadow fades at the box's border, so that it may move unseen; beyond the photo's border it goes on.
     height, width = rest.shape
-    above, below = EDGE * (y0 <= 0), EDGE * (y1 >= height)
-    left, right = EDGE * (x0 <= 0), EDGE * (x1 >= width)
+    beyond = max(round(BEYOND * max(height, width)), EDGE)
+    above, below = beyond * (y0 <= 0), beyond * (y1 >= height)
+    left, right = beyond * (x0 <= 0), beyond * (x1 >= width)
     own = np.pad(own, ((above, below), (left, right)), "edge")
-    fade = np.outer(_faded_ends(own.shape[0]), _faded_ends(own.shape[1]))
+    rows = _faded_ends(own.shape[0], above, below)
+    columns = _faded_ends(own.shape[1], left, right)
     box = x0 - left, y0 - above, x1 + right, y1 + below
-    return box, np.asarray(own * fade.astype(np.float32), np.float32)
+    return box, np.asarray(own * np.outer(rows, columns), np.float32)
 
 
-def _faded_ends(count: int) -> NDArray[np.float64]:
-    """Return (count,) 1, with ramps from 0 over EDGE at both ends."""
-    places = np.arange(count)
-    return np.clip(np.minimum(places, places[::-1]) / EDGE, 0, 1)
+def _faded_ends(count: int, before: int, after: int) -> F32:
+    """Return (count,) 1, with ramps from 0 over `before` and `after` at its ends.
+
+    Each ramp is `EDGE` long at least.
+    """
+    places = np.arange(count, dtype=np.float32)
+    rise = np.minimum(places / max(before, EDGE), 1)
+    fall = np.minimum(places[::-1] / max(after, EDGE), 1)
+    return np.minimum(rise, fall)
 
 
 def _add(canvas: F32, box: PixelBox, values: F32) -> None:

@@ -77,6 +77,8 @@ class StagingTuning:
     """Share of a ball's pixels that may lie outside its circle."""
     lumpy: float = 0.5
     """Of its radius, by which a fruit may be larger than its circle."""
+    lumpy_turn: float = 0.2
+    """Share of a turn in which a lump reaches beyond its circle; a thread's is less."""
     around: float = 0.75
     """Of a disc's ring that must be seen, for light to be told from paint."""
     uneven: float = 0.7
@@ -340,10 +342,10 @@ def lit_stage(
     grounds = _shadow_floors(world, maps, setting)
     parts = _split_balls(scene, world, sprites)
     sprites = [sprite for sprite, _ in parts]
-    actors = [
-        _actor(sprite, world.bodies[sprite.body], is_loose, setting.top)
-        for sprite, is_loose in parts
-    ]
+    actors = []
+    for sprite, is_loose in parts:
+        body = world.bodies[sprite.body]
+        actors.append(_actor(sprite, body, is_loose, setting.top))
     starts = []
     for sprite, actor in zip(sprites, actors, strict=True):
         center = world.bodies[sprite.body].center
@@ -420,11 +422,14 @@ def _shadow_floors(world: World, maps: Percepts, setting: ShadowSetting) -> list
 def _split_balls(
     scene: Scene, world: World, sprites: Sequence[Sprite]
 ) -> list[tuple[Sprite, bool]]:
-    """Return all sprites as `_parted`."""
+    """Return all sprites as `_parted`; lumps seen from the side stay whole."""
     parts = []
     for sprite in sprites:
         lumpiness = 0.0
         label = scene.objects[sprite.body].label
+        if world.view is View.SIDE and _is_lump(sprite, world.bodies[sprite.body]):
+            parts.append((sprite, False))
+            continue
         if world.view is View.TOP and not is_billiard_ball(label):
             lumpiness = STAGING.lumpy
         parts += _parted(sprite, world.bodies[sprite.body], lumpiness)
@@ -744,6 +749,7 @@ def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
     if loose:
         return ShadowBody(None, STAGING.thread)
     ball = body.solid is Solid.SPHERE and sprite.coverage.max(initial=0) >= 1
+    ball &= top or not _is_lump(sprite, body)
     return ShadowBody(body.radius if ball else None, thickness(body, top))
 
 
@@ -771,6 +777,23 @@ def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     colour = np.median(sprite.light[top], axis=0)
     sides = Sides(first, STAGING.back * 2 * face, colour, light)
     return replace(sprite, face=face, sides=sides)
+
+
+def _is_lump(sprite: Sprite, body: Body) -> bool:
+    """Return whether a rolling object reaches beyond its circle on many sides.
+
+    Such fruit turns as a picture: a skin on its circle would leave its outline behind.
+    """
+    if body.radius is None:
+        return False
+    rows, columns = np.nonzero(sprite.coverage > 0.5)
+    x = columns + sprite.corner[0] - body.center[0]
+    y = rows + sprite.corner[1] - body.center[1]
+    is_stray = np.hypot(x, y) > body.radius + 2
+    if np.count_nonzero(is_stray) <= STAGING.stray * len(rows):
+        return False
+    steps = np.unique((np.arctan2(y, x)[is_stray] * 36 / np.pi).astype(int))
+    return len(steps) >= STAGING.lumpy_turn * 72
 
 
 def _parted(

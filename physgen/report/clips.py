@@ -16,6 +16,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from physgen.messages import Message
 from physgen.problems import InputError, Problem, Severity
 from physgen.report.record import write_json
 from physgen.text import natural
@@ -159,9 +160,8 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
 
     Folders whose names begin with a dot, and files that are not ours, are skipped.
     """
-    fix = "name folders that physgen rendered into, e.g. out"
     missing = [
-        InputError.of(str(root), "", "is no folder", fix)
+        Message.NOT_A_CLIP_FOLDER.error(str(root))
         for root in roots
         if not root.is_dir()
     ]

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from physgen.files import check_writable, machine_id, partial
+from physgen.messages import Message
 from physgen.operating_system import is_running
-from physgen.problems import InputError
 from physgen.report.record import TIMING
 from physgen.text import listed
 
@@ -145,19 +145,10 @@ def output_folder(out: Path, name: str) -> Path:
     final = out / name
     strange = _strangers(final)
     if strange is None:
-        fix = "choose another folder with -o"
-        raise InputError.of(
-            str(final), "", "is there already and was not made by physgen", fix
-        )
+        raise Message.FOLDER_OF_OTHERS.error(str(final))
     if strange:
         found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
-        fix = "move it out, or choose another folder with -o"
-        raise InputError.of(
-            str(final),
-            "",
-            f"would be replaced, and holds {found}, which physgen did not make",
-            fix,
-        )
+        raise Message.FILES_OF_OTHERS.error(str(final), files=found)
     return final
 
 

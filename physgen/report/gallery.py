@@ -19,6 +19,7 @@ from urllib.parse import quote, unquote
 
 from physgen import __version__
 from physgen.files import back_up, check_writable, resource, write_atomic
+from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.progress import Progress, silent
 from physgen.report.clips import Clip, clips_in
@@ -77,9 +78,7 @@ def write_gallery(
     roots that are no folders.
     """
     if index.is_dir():
-        raise InputError.of(
-            "-o", f'"{index}"', "is a folder", "name a file, e.g. -o out/index.html"
-        )
+        raise Message.FOLDER_FOR_PAGE.error("-o", f'"{index}"')
     check_writable(index.parent)
     clips = clips_in(roots)
     index.parent.mkdir(parents=True, exist_ok=True)

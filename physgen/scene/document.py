@@ -25,6 +25,7 @@ from yaml.events import (
     SequenceStartEvent,
 )
 
+from physgen.messages import Message
 from physgen.problems import InputError, Limit, Place, Problem, RefusedError
 from physgen.scene.syntax import explain_syntax
 from physgen.text import dotted, quoted
@@ -62,22 +63,18 @@ def resolve(text: str) -> Scalar:
             return int(text) if len(text) < 20 else int(_short(text))
         number = float(text) if len(text) < 30 else float(_short(text))
         if math.isinf(number):
-            raise RefusedError(
-                "is too large a number", "write a finite number, at most 1.0e308"
-            )
+            raise Message.NUMBER_TOO_LARGE.refusal()
         return number
     if _BASE(text):
         return int(_short(text), 0)
     if _ENDLESS(text):
-        raise RefusedError("is not a finite number", "write a finite number")
+        raise Message.NUMBER_NOT_FINITE.refusal()
     return text
 
 
 def _short(text: str) -> str:
     if len(text) > MAX_NUMBER:
-        raise RefusedError(
-            f"is a number of {len(text)} characters", f"write at most {MAX_NUMBER}"
-        )
+        raise Message.NUMBER_TOO_LONG.refusal(length=len(text), most=MAX_NUMBER)
     return text
 
 
@@ -166,27 +163,26 @@ def decode(data: bytes, name: str) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         if data.startswith((b"\x89PNG", b"\xff\xd8\xff", b"RIFF")):
-            fix = "make a scene of it with physgen perceive"
-            raise InputError.of(
-                name, "", "is a picture, not a scene file", fix
-            ) from None
+            raise Message.PICTURE_FOR_SCENE.error(name) from None
         if data.startswith(b"PK\x03\x04"):
-            raise InputError.of(
-                name, "", "is a zip, not a scene file", "unzip it"
-            ) from None
+            raise Message.ZIP_FOR_SCENE.error(name) from None
         before = data[: error.start]
         place = Place(name, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
-        raise InputError(
-            [Problem(place, "", "", "not UTF-8 text", "save the file as UTF-8")]
-        ) from None
+        raise Message.NOT_UTF8.error_at(place) from None
 
 
-def read(text: str, source: Source, counted: bool = True) -> Node:
+SCENE_START = "`physgen: 1` and `image: photo.png`"
+"""First keys of a scene file, as messages name them."""
+
+
+def read(
+    text: str, source: Source, counted: bool = True, start: str = SCENE_START
+) -> Node:
     """Text of a scene file -> its tree, a mapping at the top.
 
     Raises InputError: syntax, limits, aliases and tags end the reading with one problem; duplicate keys and
     numbers that are not finite are collected. `counted` is False for the value of a flag: it may be anything,
-    and has no line.
+    and has no line. `start` names the first keys of a file of this kind.
     """
     reader = _Reader(source, counted)
     try:
@@ -197,18 +193,14 @@ def read(text: str, source: Source, counted: bool = True) -> Node:
         raise InputError(reader.problems)
     if not counted:
         return root if root is not None else Node(None, source)
-    start = "start with `physgen: 1` and `image: photo.png`"
     if root is None or root.value is None:
-        fix = f"{start}; if > emptied it: --refresh writes into the scene without >"
-        raise InputError.of(source.name, "", "empty", fix)
+        empty = Message.SCENE_EMPTY if start is SCENE_START else Message.FILE_EMPTY
+        raise empty.error(source.name, start=start)
     if not isinstance(root.value, dict):
         found = "a list" if isinstance(root.value, list) else "one value"
-        raise _stop(root.place, f"{found}, not a mapping", start)
+        top = Message.TOP_NOT_MAPPING
+        raise top.error_at(root.place, found=found, start=start)
     return root
-
-
-def _stop(place: Place, expected: str, fix: str) -> InputError:
-    return InputError([Problem(place, "", "", expected, fix)])
 
 
 class _Reader:
@@ -250,11 +242,7 @@ class _Reader:
             elif kind is DocumentStartEvent:
                 documents += 1
                 if documents > 1:
-                    raise _stop(
-                        self._place(event),
-                        "a second document",
-                        "write one scene a file",
-                    )
+                    raise self._error(Message.SECOND_DOCUMENT, event)
                 continue
             else:
                 continue
@@ -275,16 +263,9 @@ class _Reader:
                     try:
                         value = resolve(event.value)
                     except RefusedError as error:
-                        where, found = _path(stack, key), quoted(event.value, "")
-                        self._collect(
-                            Problem(
-                                self._place(event),
-                                where,
-                                found,
-                                error.expected,
-                                error.fix,
-                            )
-                        )
+                        place, where = self._place(event), _path(stack, key)
+                        found = quoted(event.value, "")
+                        self._collect(error.problem(place, where, found))
                 node = Node(value, source, line, column)
             else:
                 node = Node(
@@ -308,23 +289,15 @@ class _Reader:
     def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
         """The text of a key; one that is repeated or not allowed is reported."""
         if type(event) is not ScalarEvent:
-            raise _stop(
-                self._place(event),
-                "a key that is not text",
-                "write a name before the colon",
-            )
+            raise self._error(Message.KEY_NOT_TEXT, event)
         key: str = event.value
         if key in siblings:
             first = siblings[key].key
-            where = f", first on line {first[0]}" if first and self.counted else ""
-            expected = f"is written twice{where}"
-            self._collect(
-                Problem(self._place(event), _path(stack, key), "", expected, "keep one")
-            )
+            line = f", first on line {first[0]}" if first and self.counted else ""
+            place, where = self._place(event), _path(stack, key)
+            self._collect(Message.KEY_TWICE.problem(place, where, first=line))
         elif key == "<<" and event.implicit[0]:
-            raise _stop(
-                self._place(event), "a merge key `<<`", "use extends or variants"
-            )
+            raise self._error(Message.MERGE_KEY, event)
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
             top = stack[0].value
             assert isinstance(top, dict)
@@ -337,20 +310,15 @@ class _Reader:
         if len(self.problems) > 100:  # enough for one message
             raise InputError(self.problems)
 
+    def _error(self, message: Message, event: Any, **values: object) -> InputError:
+        return message.error_at(self._place(event), **values)
+
     def _refused(self, event: Any) -> InputError:
         if getattr(event, "tag", None) is not None:
-            return _stop(
-                self._place(event),
-                f"a tag, {quoted(event.tag, '')}",
-                "write plain values",
-            )
-        what = "an alias" if type(event) is AliasEvent else "an anchor"
-        shown = quoted(event.anchor, "")
-        return _stop(
-            self._place(event),
-            f"{what}, {shown}",
-            "write the value out, or use extends or variants",
-        )
+            return self._error(Message.TAG, event, tag=quoted(event.tag, ""))
+        kind = "an alias" if type(event) is AliasEvent else "an anchor"
+        name = quoted(event.anchor, "")
+        return self._error(Message.ANCHOR, event, kind=kind, name=name)
 
 
 def _path(stack: list[Node], key: str | None) -> str:
@@ -418,7 +386,7 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
         (fix for start, fix in _FIXES if start in text_),
         "write `key: value`, one a line",
     )
-    return Problem(place, "", "", f"not YAML: {text_}", fix)
+    return Message.NOT_YAML.problem(place, reason=text_, fix=fix)
 
 
 _FIXES = (

@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from physgen.files import SCENE_FORMATS, Stamp, file_stamp
-from physgen.problems import InputError, Limit, Problem, RefusedError
+from physgen.messages import Message, did_you_mean
+from physgen.problems import InputError, Limit, RefusedError
 from physgen.scene.document import Node, Source, decode, read
 from physgen.scene.overlay import merge
-from physgen.text import quoted, shown
+from physgen.text import shown
 
 SUFFIXES = (".yaml", ".yml")
 MAPS = (
@@ -56,26 +57,20 @@ def confined(
 ) -> Path:
     """The path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
     if "\0" in written:
-        raise RefusedError(
-            "has a character that no path can have", "write the name of a file"
-        )
+        raise Message.NOT_IN_PATH.refusal()
     if max(len(os.fsencode(part)) for part in written.split("/")) > Limit.NAME.most:
-        raise RefusedError(Limit.NAME.expected, Limit.NAME.fix)
+        raise Limit.NAME.refusal()
     path = folder / written
     if allow_outside:
         return path
     if os.path.isabs(written) or written[1:3] in (":\\", ":/"):
-        raise RefusedError(
-            "is an absolute path", f"keep it below {what}, or use --allow-outside"
-        )
+        raise Message.PATH_ABSOLUTE.refusal(folder=what)
     try:
         real, root = os.path.realpath(path), os.path.realpath(within)
     except (OSError, ValueError):
-        raise RefusedError("cannot be followed", "write the name of a file") from None
+        raise Message.PATH_BROKEN.refusal() from None
     if os.path.commonpath([real, root]) != root:
-        raise RefusedError(
-            f"leads out of {what}", f"keep it below {what}, or use --allow-outside"
-        )
+        raise Message.PATH_OUTSIDE.refusal(folder=what)
     return path
 
 
@@ -91,33 +86,21 @@ def scene_bytes(path: Path, name: str) -> bytes:
         if stat.S_ISFIFO(os.stat(path).st_mode) and not os.path.realpath(
             path
         ).startswith("/proc/"):
-            raise InputError.of(
-                name,
-                "",
-                "is a pipe",
-                "name a file; what a program writes is read as /dev/stdin",
-            )
+            raise Message.IS_PIPE.error(name)
         with open(path, "rb") as stream:
             return stream.read(Limit.BYTES.most + 1)
     except IsADirectoryError:
-        raise InputError.of(
-            name, "", "a folder", "name a scene file in it, e.g. scene.yaml"
-        ) from None
+        raise Message.IS_FOLDER.error(name) from None
     except FileNotFoundError:
         fix = similar(name, path, SUFFIXES, "write the path of a scene file")
-        raise InputError.of(name, "", "no such file", fix) from None
+        raise Message.NO_SUCH_FILE.error(name, fix=fix) from None
     except (OSError, ValueError) as error:
         reason = (
             error.strerror
             if isinstance(error, OSError) and error.strerror
             else "the path is no path"
         )
-        raise InputError.of(
-            name,
-            "",
-            f"cannot be read: {reason.lower()}",
-            "name a file that can be read",
-        ) from None
+        raise Message.CANNOT_READ.error(name, reason=reason.lower()) from None
 
 
 def read_record(path: Path) -> dict[str, Any]:
@@ -179,17 +162,13 @@ def _base(
 ) -> Node:
     """The tree of the file that `extends` names."""
 
-    def refused(expected: str, fix: str) -> InputError:
-        return InputError(
-            [Problem(link.place, "extends", shown(link.value), expected, fix)]
-        )
+    def refused(refusal: RefusedError) -> InputError:
+        return InputError([refusal.problem(link.place, "extends", shown(link.value))])
 
     if not isinstance(link.value, str) or not link.value:
-        raise refused(
-            "is not a path", "write another scene file, e.g. ../pool/scene.yaml"
-        )
+        raise refused(Message.EXTENDS_NOT_PATH.refusal())
     if depth > Limit.EXTENDS.most:
-        raise refused(Limit.EXTENDS.expected, Limit.EXTENDS.fix)
+        raise refused(Limit.EXTENDS.refusal())
     try:
         path = confined(
             link.value,
@@ -199,24 +178,21 @@ def _base(
             "the folder above the scene's",
         )
     except RefusedError as error:
-        raise refused(error.expected, error.fix) from None
+        raise refused(error) from None
     if path.suffix.lower() not in SUFFIXES:
-        raise refused("is not a scene file", "name a .yaml file")
+        raise refused(Message.NOT_SCENE_FILE.refusal())
     real = os.path.realpath(path)
     if real in seen:
-        raise refused("extends itself", "take one of the two extends out")
+        raise refused(Message.EXTENDS_ITSELF.refusal())
     seen.add(real)
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
         fix = "write the path of a scene file, relative to this one"
-        raise refused(
-            "does not exist", similar(link.value, path, SUFFIXES, fix, seen)
-        ) from None
+        fix = similar(link.value, path, SUFFIXES, fix, seen)
+        raise refused(Message.DOES_NOT_EXIST.refusal(fix=fix)) from None
     if not stat.S_ISREG(mode):
-        raise refused(
-            "is not a file", "write the path of a scene file, relative to this one"
-        )
+        raise refused(Message.EXTENDS_NOT_FILE.refusal())
     files[path] = file_stamp(path)  # before it is read: a save in between is noticed
     return read_scene(path, beside(link.source.name, link.value))
 
@@ -246,11 +222,9 @@ def similar(
         if n.lower().endswith(ends) and os.path.realpath(folder / n) not in besides
     ]
     close = get_close_matches(path.name, names, 1)
-    return (
-        f"did you mean {quoted(os.path.join(above, close[0].rstrip('/')))}?"
-        if close
-        else fix
-    )
+    if not close:
+        return fix
+    return did_you_mean(os.path.join(above, close[0].rstrip("/")))
 
 
 def image_size(path: Path, written: str) -> tuple[int, int]:
@@ -263,15 +237,14 @@ def image_size(path: Path, written: str) -> tuple[int, int]:
     if not (path.is_file() or path.is_dir()):
         fix = "write the path of an image, relative to this file"
         fix = similar(written, path, (".png", ".jpg", ".jpeg", ".webp"), fix)
-        raise RefusedError("does not exist", fix)
+        raise Message.DOES_NOT_EXIST.refusal(fix=fix)
     try:
         with open_picture(path, SCENE_FORMATS) as image:
             size, turn = image.size, orientation(image)
     except InputError as error:
-        raise RefusedError(error.problems[0].expected, error.problems[0].fix) from None
+        raise error.problems[0].refusal() from None
     if turn != 1:
-        fix = "save it upright, or let physgen perceive make the scene"
-        raise RefusedError("is stored turned and says so in its EXIF data alone", fix)
+        raise Message.PICTURE_TURNED.refusal()
     return size
 
 

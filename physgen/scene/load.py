@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from physgen.files import file_stamp
+from physgen.messages import Message, one_of
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.scene import scene as parts
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
@@ -31,7 +32,7 @@ from physgen.scene.validate import (
     TooManyError,
     check_schema,
 )
-from physgen.text import KeyPath, dotted, listed, natural, nearest, quantity, quoted
+from physgen.text import KeyPath, dotted, natural, quantity, quoted
 
 T = TypeVar("T")
 
@@ -174,15 +175,9 @@ def _edits(
 
 def _unknown_variant(variant: str, known: Sequence[str]) -> Problem:
     """Return the problem with `--variant`."""
-    close = nearest(variant, known)
-    if not known:
-        fix = "the file has no variants"
-    elif close:
-        fix = f'did you mean "{close}"?'
-    else:
-        fix = f"write one of {listed(known[:30])}"
+    fix = one_of(variant, known) if known else "the file has no variants"
     place = Place(f"--variant {quoted(variant, '')}")
-    return Problem(place, "", quoted(variant), "is not a variant", fix)
+    return Message.UNKNOWN_VARIANT.problem(place, "", quoted(variant), fix=fix)
 
 
 def _edited(root: Node, edits: Sequence[Edit]) -> Node:
@@ -193,7 +188,7 @@ def _edited(root: Node, edits: Sequence[Edit]) -> Node:
         if edit.variant:
             left -= targets(root, edit) * _values(edit.value)
         if left < 0:  # at once: no other problem may be looked for in such a tree
-            raise edit.problem(Limit.SET.expected, Limit.SET.fix)
+            raise edit.error(Limit.SET.refusal())
         try:
             root = apply(root, edit)
         except InputError as error:
@@ -313,9 +308,7 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
         edits_of_one = edits_of_variant(node, name)
         left -= sum(targets(root, edit) * _values(edit.value) for edit in edits_of_one)
         if left < 0:
-            yield from (
-                edits_of_one[-1].problem(Limit.SET.expected, Limit.SET.fix).problems
-            )
+            yield from (edits_of_one[-1].error(Limit.SET.refusal()).problems)
             return
         problems = _problems_of_variant(root, edits_of_one, own, files)
         yield from problems

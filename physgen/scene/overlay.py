@@ -7,13 +7,15 @@ so a Node that was checked once needs no second check.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 
-from physgen.problems import InputError, Problem
+from physgen.messages import Message, did_you_mean
+from physgen.problems import InputError, RefusedError
 from physgen.scene.document import Node, Source, children, items, read
 from physgen.scene.schema import schema_at
-from physgen.text import KeyPath, dotted, nearest, quoted
+from physgen.text import KeyPath, counted, dotted, nearest, quoted
 
 SEALED = ("extends", "variants")
 """Keys that no edit may touch: they are done with before edits apply."""
@@ -97,12 +99,11 @@ class Edit:
         """Return the name of the variant that the edit belongs to, or nothing."""
         return str(self.path[1]) if self.path else ""
 
-    def problem(self, expected: str, fix: str) -> InputError:
-        """Why the edit cannot be made."""
+    def error(self, refusal: RefusedError) -> InputError:
+        """Return the error of an edit that cannot be made."""
         path = self.key if self.variant else ""
-        place = self.value.key_place
-        problem = Problem(place, path, "", expected, fix, variant=self.variant)
-        return InputError([problem])
+        problem = refusal.problem(self.value.key_place, path)
+        return InputError([replace(problem, variant=self.variant)])
 
 
 def edits_of_variant(variant: Node, name: str) -> list[Edit]:
@@ -118,13 +119,8 @@ def edit_of_flag(text: str, folder: Source) -> Edit:
     source = Source(quoted(f"--set {text}", "", 80), folder.folder)
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        expected = "has no key" if equals else "has no ="
-        raise InputError.of(
-            source.name,
-            "",
-            expected,
-            "write --set KEY=VALUE, e.g. --set objects.ball.mass=200",
-        )
+        part = "key" if equals else "="
+        raise Message.SET_INCOMPLETE.error(source.name, part=part)
     return Edit(key.strip(), read(value, source, counted=False), ())
 
 
@@ -135,17 +131,12 @@ def apply(root: Node, edit: Edit) -> Node:
     """
     path = parse_key(edit.key)
     if path is None:
-        raise edit.problem(
-            f"{quoted(edit.key)} is not a dotted key",
-            "write keys joined by dots, e.g. objects.ball.mass",
-        )
+        raise edit.error(Message.NOT_DOTTED_KEY.refusal(key=quoted(edit.key)))
     if path[0] in SEALED:
-        raise edit.problem(f"{path[0]} cannot be set", "write it in the scene file")
+        raise edit.error(Message.KEY_SEALED.refusal(key=path[0]))
     if path[0] in children(root, "objects") and schema_at(path[:1]) is None:
-        raise edit.problem(
-            f"{quoted(str(path[0]))} is not a key of the scene",
-            f'did you mean "objects.{edit.key}"?',
-        )
+        key = quoted(str(path[0]))
+        raise edit.error(Message.KEY_OF_OBJECTS.refusal(key=key, rest=edit.key))
     return _set(root, path, 0, edit, star=False, at=())
 
 
@@ -172,10 +163,8 @@ def _set(
     changed = dict(children(node))
     if step == "*":
         if node is None or not isinstance(node.value, dict):
-            raise edit.problem(
-                f"{dotted(at) or 'the scene'} has no keys for * to stand for",
-                "name a key that is there",
-            )
+            owner = dotted(at) or "the scene"
+            raise edit.error(Message.STAR_MATCHES_NOTHING.refusal(owner=owner))
         for key in children(node):
             _put(changed, key, path, depth, edit, True, at)
     else:
@@ -200,28 +189,36 @@ def _put(
             del changed[key]
         elif not star:
             known = nearest(key, changed)
-            fix = f'did you mean "{known}"?' if known else "leave it out"
-            raise edit.problem(f"{dotted((*at, key))} is not there to take away", fix)
+            fix = did_you_mean(known) if known else "leave it out"
+            path_text = dotted((*at, key))
+            raise edit.error(Message.NOTHING_TO_REMOVE.refusal(path=path_text, fix=fix))
         return
     may_begin = not last and path[depth + 1] in (
         "shape",
         "mask",
     )  # objects.new.shape makes one
     if at == ("objects",) and not last and key not in changed and not may_begin:
-        known = nearest(key, changed)
-        names = ", ".join(list(changed)[:8]) + (", ..." if len(changed) > 8 else "")
-        fix = (
-            f'did you mean "{known}"?'
-            if known
-            else f"the objects are {names}"
-            if names
-            else "there are none"
-        )
-        raise edit.problem(f"no object is called {quoted(key)}", fix)
+        fix = _name_advice(key, list(changed))
+        raise edit.error(Message.NO_OBJECT_CALLED.refusal(name=quoted(key), fix=fix))
     child = _set(changed.get(key), path, depth + 1, edit, star, (*at, key))
     for rival in rivals(kind_of(at)).get(key, ()):
         changed.pop(rival, None)
     changed[key] = child
+
+
+def _name_advice(name: str, known: Sequence[str]) -> str:
+    """Return which object to name in place of an unknown one."""
+    close = nearest(name, known)
+    if close:
+        return did_you_mean(close)
+    if not known:
+        return "the scene has no objects"
+    names = ", ".join(known[:8])
+    return (
+        f"the objects are {names}, ..."
+        if len(known) > 8
+        else f"the objects are {names}"
+    )
 
 
 def _set_item(
@@ -230,15 +227,11 @@ def _set_item(
     step = path[depth]
     if node is None or not isinstance(node.value, list):
         whole = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
-        raise edit.problem(
-            f"{dotted(at)} is not a list", f"write {whole}=[...] to set all of it"
-        )
+        raise edit.error(Message.NOT_A_LIST.refusal(path=dotted(at), whole=whole))
     changed = list(node.value)
     if isinstance(step, int) and step >= len(changed):
-        raise edit.problem(
-            f"{dotted(at)} has {len(changed)} item{'' if len(changed) == 1 else 's'}",
-            "count from 0",
-        )
+        count = counted(len(changed), "item")
+        raise edit.error(Message.INDEX_TOO_LARGE.refusal(path=dotted(at), items=count))
     for index in range(len(changed)) if step == "[*]" else [int(step)]:
         changed[index] = _set(changed[index], path, depth + 1, edit, star, (*at, index))
     return node.with_value(changed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import ceil, floor, sqrt
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 
 from physgen import registry
 from physgen.files import Stamp, file_stamp
+from physgen.messages import Message, one_of
 from physgen.problems import InputError, Limit, RefusedError
 from physgen.scene.document import Node, children, items, plain, whole
 from physgen.scene.files import (
@@ -28,7 +29,7 @@ from physgen.scene.files import (
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part, misspelt_keys
-from physgen.text import KeyPath, listed, nearest, number, quoted, shown
+from physgen.text import KeyPath, dotted, listed, nearest, number, quoted, shown
 
 FORCES = ("impulse", "force", "torque")
 KINDS = {
@@ -49,7 +50,6 @@ OWNER = {
     **dict.fromkeys(("strength", "soften"), "attractor"),
 }
 """Key of a joint or field -> the only kind that it belongs to."""
-ONE_OF_TWO = "write only one of the two"
 LEAST_AREA = 0.01
 """px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
 LONGEST_EXTENT = 20
@@ -131,7 +131,7 @@ class _Rules:
         self.ground = Ground()
         self.map_sizes: dict[str, tuple[int, int]] = {}
         """Width and height of each map, px."""
-        self.add = findings.add
+        self.report = findings.report
 
     def check(self) -> Ground:
         self.canvas()
@@ -166,11 +166,10 @@ class _Rules:
     def canvas(self) -> None:
         image, size = self.top.get("image"), self.top.get("size")
         if image and size:
-            self.add(size.key_place, "size", "", "stands beside image", ONE_OF_TWO)
+            self.report(Message.EXCLUDES.problem(size.key_place, "size", other="image"))
         meant = misspelt_keys(self.top, at("")["properties"])
         if image is None and size is None and not meant & {"image", "size"}:
-            fix = "write image: photo.png, or size: [512, 512] for a scene without a photo"
-            self.add(self.root.place, "image", "", "missing", fix)
+            self.report(Message.NO_CANVAS.problem(self.root.place, "image"))
         good = self.good(self.root)
         if image and "image" in good:
             folder = image.source.folder
@@ -183,17 +182,11 @@ class _Rules:
             except RefusedError as error:
                 if self.is_in_missing_assets(image):
                     return
-                self.add(
-                    image.place, "image", shown(image.value), error.expected, error.fix
-                )
+                self.report(error.problem(image.place, "image", shown(image.value)))
         elif not image and "size" in good:
             width, height = whole(good["size"])
             if width * height > Limit.PIXELS.most:
-                fix, found = (
-                    f"{Limit.PIXELS.fix}, e.g. [512, 512]",
-                    f"{width} x {height}",
-                )
-                self.add(good["size"].place, "size", found, Limit.PIXELS.expected, fix)
+                self.too_many_pixels(good["size"], "size", "[512, 512]")
             else:
                 self.ground.size = (width, height)
 
@@ -223,9 +216,9 @@ class _Rules:
                 fix = RESTORE_PHOTO if is_photo_lost else RESTORE_ASSETS
                 if not self._is_own_folder(node):
                     fix = similar(str(node.value), folder, ("/",), fix)
-                raise RefusedError("is not a folder", fix)
+                raise Message.ASSETS_NOT_FOLDER.refusal(fix=fix)
         except RefusedError as error:
-            self.add(node.place, "assets", found, error.expected, error.fix)
+            self.report(error.problem(node.place, "assets", found))
             return
         self.ground.assets = folder
         for file in ASSETS:
@@ -236,7 +229,7 @@ class _Rules:
                     use(confined(file, folder, home, self.files.allow_outside))
                 except RefusedError as error:
                     found = quoted(f"{node.value}/{file}")
-                    self.add(node.place, "assets", found, error.expected, error.fix)
+                    self.report(error.problem(node.place, "assets", found))
         self.check_map_sizes(node)
 
     def check_map_sizes(self, assets: Node) -> None:
@@ -244,24 +237,28 @@ class _Rules:
         canvas, sizes = self.ground.size, set(self.map_sizes.values())
         if canvas is None or sizes <= {canvas}:
             return
-        now = f"{canvas[0]} x {canvas[1]}"
+        now = _size_text(canvas)
         image = self.good(self.root).get("image")
         is_perceived = self.ground.record.objects or self.ground.record.world
         if image is not None and is_perceived and len(sizes) == 1:
             (size,) = sizes
             self.ground.perceived_size = size
-            expected = (
-                f"is {now}, but this scene was made from {size[0]} x {size[1]} px"
+            problem = Message.PHOTO_CHANGED.problem(
+                image.place,
+                "image",
+                shown(image.value),
+                size=now,
+                perceived=_size_text(size),
             )
-            fix = "restore the photo, or perceive it again"
-            self.add(image.place, "image", shown(image.value), expected, fix)
+            self.report(problem)
             return
         for file, size in self.map_sizes.items():
             if size != canvas:
                 found = quoted(f"{assets.value}/{file}")
-                expected = f"is {size[0]} x {size[1]}, the canvas {now}"
-                fix = "make them the same size"
-                self.add(assets.place, "assets", found, expected, fix)
+                problem = Message.MAP_SIZE.problem(
+                    assets.place, "assets", found, size=_size_text(size), canvas=now
+                )
+                self.report(problem)
 
     def outlines(self, path: Path) -> None:
         """Reads the stored shapes; they are checked as those in the file are."""
@@ -272,9 +269,8 @@ class _Rules:
         try:
             tree = self.files.outlines(path, name)
         except InputError as error:
-            raise RefusedError(
-                f"cannot be read: {error.problems[0]}",
-                "remove it, and outlines are fitted",
+            raise Message.OUTLINES_UNREADABLE.refusal(
+                reason=error.problems[0]
             ) from None
         for key, entry in children(tree).items():
             crc, shape, solid = (
@@ -286,10 +282,7 @@ class _Rules:
                 and type(crc.value) is int
                 and shape is not None
             ):
-                raise RefusedError(
-                    f"has no outline at {quoted(key)}",
-                    "remove it, and outlines are fitted",
-                )
+                raise Message.OUTLINE_MISSING.refusal(key=quoted(key))
             before = len(self.findings.problems)
             check_part(shape, (key, "shape"), "objects.*.shape", self.findings)
             if len(self.findings.problems) > before or not isinstance(
@@ -337,14 +330,11 @@ class _Rules:
                     continue
                 id_ = int(mask.value)
                 if id_ in owner:
-                    expected = f"is the mask of {owner[id_]} already"
-                    self.add(
-                        mask.place,
-                        path,
-                        shown(id_),
-                        expected,
-                        "give each an id of its own",
+                    taken = Message.MASK_TAKEN
+                    problem = taken.problem(
+                        mask.place, path, shown(id_), owner=owner[id_]
                     )
+                    self.report(problem)
                 owner.setdefault(
                     id_, name if section == "objects" else f"boundary {name}"
                 )
@@ -354,23 +344,10 @@ class _Rules:
 
     def no_masks(self, mask: Node, path: KeyPath, id_: int) -> None:
         if self.ground.assets is None:
-            fix = "write assets: and the folder of masks.png, or mask: {polygon: [[x, y], ...]}"
-            self.add(
-                mask.place,
-                path,
-                shown(id_),
-                "is an id, but the scene names no assets",
-                fix,
-            )
+            self.report(Message.NO_ASSETS.problem(mask.place, path, shown(id_)))
         else:
-            assets = self.top["assets"]
-            self.add(
-                assets.place,
-                "assets",
-                shown(assets.value),
-                "has no masks.png",
-                RESTORE_ASSETS,
-            )
+            assets, missing = self.top["assets"], Message.ASSETS_WITHOUT_MASKS
+            self.report(missing.problem(assets.place, "assets", shown(assets.value)))
 
     # Objects and boundaries
 
@@ -380,7 +357,8 @@ class _Rules:
         mask, shape = parts.get("mask"), parts.get("shape")
         if "mass" in parts and "density" in parts:
             place = parts["density"].key_place
-            self.add(place, (*path, "density"), "", "stands beside mass", ONE_OF_TWO)
+            where: KeyPath = (*path, "density")
+            self.report(Message.EXCLUDES.problem(place, where, other="mass"))
         is_bad = shape is not None and "shape" not in good
         kinds_of_shape = at("objects.*.shape")["properties"]
         is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
@@ -390,28 +368,12 @@ class _Rules:
             close = nearest(name, (other for other in self.objects if other != name))
             if close and shape is None and len(parts) < 3:
                 fix += f"; or did you mean {quoted(close)}?"
-            what = (
-                "has neither mask nor shape"
-                if shape is None
-                else "has a shape to fit, but no mask"
-            )
-            self.add(node.place, path, "", what, fix)
+            message = Message.NO_MASK_FOR_SHAPE
+            if shape is None:
+                message = Message.NO_MASK_NOR_SHAPE
+            self.report(message.problem(node.place, path, fix=fix))
         kinds = children(good.get("shape"))
-        solid = good.get("solid")
-        if (
-            solid is not None
-            and kinds
-            and "circle" not in kinds
-            and solid.value != "plate"
-        ):
-            expected = f"does not go with a {next(iter(kinds))}"
-            self.add(
-                solid.place,
-                (*path, "solid"),
-                shown(solid.value),
-                expected,
-                "write plate",
-            )
+        self.solid(good.get("solid"), kinds, path)
         for where, outline, crossing in _outlines(good.get("mask"), kinds):
             self.outline(outline, (*path, *where), crossing)
         self.areas(kinds, path)
@@ -422,10 +384,18 @@ class _Rules:
             items(children(good.get("motion")).get("path")), (*path, "motion", "path")
         )
 
+    def solid(self, node: Node | None, kinds: dict[str, Node], path: KeyPath) -> None:
+        """Add the problem of a round solid whose shape is not a circle."""
+        if node is None or not kinds or "circle" in kinds or node.value == "plate":
+            return
+        where: KeyPath = (*path, "solid")
+        kind, message = next(iter(kinds)), Message.SOLID_NEEDS_CIRCLE
+        self.report(message.problem(node.place, where, shown(node.value), kind=kind))
+
     def outline(self, node: Node, path: KeyPath, crossing: bool) -> None:
-        problem = outline_problem(_points(node), crossing)
-        if problem:
-            self.add(node.place, path, "", *problem)
+        refusal = outline_fault(_points(node), crossing)
+        if refusal is not None:
+            self.report(refusal.problem(node.place, dotted(path)))
 
     def areas(self, kinds: dict[str, Node], path: KeyPath) -> None:
         """Add a problem for each outline of a shape that is too small to simulate."""
@@ -434,11 +404,12 @@ class _Rules:
             area = abs(_signed_area(points))
             if "holes" in where or area >= LEAST_AREA:
                 continue
-            if outline_problem(points, crossing):
+            if outline_fault(points, crossing) is not None:
                 continue
-            expected = f"has an area of {area:.2g} px², below {LEAST_AREA:g} px²"
-            fix = "draw it larger; did you mean meters? write each number as e.g. 0.5 m"
-            self.add(node.place, (*path, *where), "", expected, fix)
+            problem = Message.OUTLINE_SMALL.problem(
+                node.place, (*path, *where), area=area, least=LEAST_AREA
+            )
+            self.report(problem)
 
     def extents(self, kinds: dict[str, Node], path: KeyPath) -> None:
         """Add a problem if the shape is far larger than the photo."""
@@ -449,12 +420,14 @@ class _Rules:
             extent = self._extent(kind, node)
             if extent <= longest:
                 continue
-            expected = f"is {extent:,.0f} px long, above {longest:,} px"
-            fix = (
-                f"write at most {LONGEST_EXTENT} times the photo's longer side; did you "
-                "mean px? write the numbers without a unit"
+            problem = Message.SHAPE_HUGE.problem(
+                node.place,
+                (*path, "shape", kind),
+                extent=extent,
+                longest=longest,
+                times=LONGEST_EXTENT,
             )
-            self.add(node.place, (*path, "shape", kind), "", expected, fix)
+            self.report(problem)
 
     def _extent(self, kind: str, node: Node) -> float:
         """Return the length of a shape, px; 0 if its numbers are not valid."""
@@ -466,7 +439,7 @@ class _Rules:
         sides = []
         for _, outline, crossing in _outlines(None, {kind: node}):
             points = _points(outline)
-            if outline_problem(points, crossing):
+            if outline_fault(points, crossing) is not None:
                 return 0.0  # it has a problem of its own
             sides += [max(axis) - min(axis) for axis in zip(*points, strict=True)]
         return max(sides, default=0.0)
@@ -482,13 +455,7 @@ class _Rules:
                     for (low, high), side in zip(box, sides, strict=True)
                 ):
                     where: KeyPath = (*path, "shape", "polygons", index, "holes", hole)
-                    self.add(
-                        node.place,
-                        where,
-                        "",
-                        "leads out of its outline",
-                        "keep holes inside",
-                    )
+                    self.report(Message.HOLE_OUTSIDE.problem(node.place, where))
 
     def rising(self, knots: list[Node], path: KeyPath) -> None:
         """Times of knots start at 0 and rise; the first wrong one is reported."""
@@ -498,31 +465,29 @@ class _Rules:
             where: KeyPath = (*path, index, 0)
             now: Any = time.value
             if before is None and now != 0:
-                self.add(
-                    time.place,
-                    where,
-                    shown(now),
-                    "is not 0",
-                    "start the path at time 0",
-                )
+                self.report(Message.PATH_START.problem(time.place, where, shown(now)))
                 return
             if before is not None and now <= before:
-                fix = "write knots with rising times"
-                self.add(
-                    time.place, where, shown(now), f"is not after {number(before)}", fix
-                )
+                self.not_rising(time, where, before, "knots")
                 return
             before = now
+
+    def not_rising(self, time: Node, path: KeyPath, before: float, kind: str) -> None:
+        """Add the problem of a time that is not after the one before it."""
+        problem = Message.TIMES_NOT_RISING.problem(
+            time.place, path, shown(time.value), before=number(before), items=kind
+        )
+        self.report(problem)
 
     def boundary(self, node: Node, path: KeyPath) -> None:
         parts = children(node)
         given = [key for key in ("segment", "polyline", "mask") if key in parts]
-        if len(given) != 1:
-            has = f"has {listed(given, 'and')}" if given else "has no line"
-            fix = "write segment: [[0, 457], [512, 457]], polyline or mask"
-            self.add(
-                node.place, path, "", has, "write only one of them" if given else fix
-            )
+        if not given:
+            self.report(Message.NO_LINE.problem(node.place, path))
+            return
+        if len(given) > 1:
+            keys = listed(given, "and")
+            self.report(Message.SEVERAL_LINES.problem(node.place, path, keys=keys))
             return
         line = self.good(node).get(given[0])
         if line is None:
@@ -542,9 +507,7 @@ class _Rules:
             ):
                 where: KeyPath = (*path, given[0], index)
                 place = items(line)[index].place
-                self.add(
-                    place, where, "", "is the point before it again", "move or drop it"
-                )
+                self.report(Message.POINT_REPEATED.problem(place, where))
                 return
 
     # Forces, joints and fields
@@ -583,30 +546,19 @@ class _Rules:
                 else []
             )
             if len(names) == 2 and names[0] == names[1]:
-                fix = "name two objects, or one to hold it to the world"
                 place = children(node)["objects"].place
-                self.add(
-                    place,
-                    (*path, "objects"),
-                    shown(names[0]),
-                    "is joined to itself",
-                    fix,
-                )
+                itself, where = Message.JOINED_TO_ITSELF, (*path, "objects")
+                self.report(itself.problem(place, where, shown(names[0])))
 
     def is_object(self, node: Node, path: KeyPath) -> None:
         """Adds a problem where a value names no object of the scene."""
         if str(node.value) in self.objects:
             return
-        close = nearest(str(node.value), self.objects)
-        fix = (
-            f"did you mean {quoted(close)}?"
-            if close
-            else f"write {listed(list(self.objects)[:30])}"
-        )
-        fix = fix if self.objects else "write it under objects first"
-        self.add(
-            node.place, path, shown(node.value), "is not an object of this scene", fix
-        )
+        fix = "write it under objects first"
+        if self.objects:
+            fix = one_of(str(node.value), list(self.objects))
+        unknown = Message.UNKNOWN_OBJECT
+        self.report(unknown.problem(node.place, path, shown(node.value), fix=fix))
 
     def one_of(self, node: Node, path: KeyPath, kinds: tuple[str, ...]) -> str | None:
         """The one kind that a mapping has; a problem where it has none or several."""
@@ -617,10 +569,11 @@ class _Rules:
         known = known.get("items", known)["properties"]
         if not given and any(key not in known for key in children(node)):
             return None  # the message about the unknown key lists the kinds
-        has = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
-        self.add(
-            node.place, path, "", has, f"write exactly one of {listed(kinds, 'and')}"
+        content = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
+        problem = Message.NOT_ONE_KEY.problem(
+            node.place, path, content=content, kinds=listed(kinds, "and")
         )
+        self.report(problem)
         return None
 
     def kind(self, node: Node, path: KeyPath, section: str) -> None:
@@ -631,20 +584,18 @@ class _Rules:
         parts, needed = children(node), NEEDED.get(kind)
         if needed and needed not in parts:
             fix = advice(at(f"{section}.*")["properties"][needed])
-            self.add(
-                node.place,
-                (*path, needed),
-                "",
-                f"missing, and {_a(kind)} needs it",
-                fix,
-            )
+            where: KeyPath = (*path, needed)
+            missing = Message.KEY_NEEDED
+            self.report(missing.problem(node.place, where, kind=_a(kind), fix=fix))
         for key, owner in OWNER.items():
             if key in parts and owner != kind:
-                why = f"it belongs to {_a(owner)}, and this is {_a(kind)}"
+                why = f"only {_a(owner)} has it, and this is {_a(kind)}"
                 self.senseless(parts[key], (*path, key), why)
 
     def senseless(self, node: Node, path: KeyPath, why: str) -> None:
-        self.add(node.key_place, path, "", f"has no meaning here: {why}", "take it out")
+        """Add the problem of a key without an effect."""
+        message = Message.HAS_NO_EFFECT
+        self.report(message.problem(node.key_place, path, why=why))
 
     # The video and the rest
 
@@ -674,13 +625,7 @@ class _Rules:
             if "time" in good:
                 now: Any = good["time"].value
                 if before is not None and now <= before:
-                    expected, fix = (
-                        f"is not after {number(before)}",
-                        "write views with rising times",
-                    )
-                    self.add(
-                        good["time"].place, (*path, "time"), shown(now), expected, fix
-                    )
+                    self.not_rising(good["time"], (*path, "time"), before, "views")
                 before = now
             if "follow" in good:
                 self.is_object(good["follow"], (*path, "follow"))
@@ -693,13 +638,8 @@ class _Rules:
         for group in at(schema_path)["x-exclusive"]:
             first, *rest = [key for key in group if key in parts] or [""]
             for key in rest:
-                self.add(
-                    parts[key].key_place,
-                    (*path, key),
-                    "",
-                    f"stands beside {first}",
-                    ONE_OF_TWO,
-                )
+                place = parts[key].key_place
+                self.report(Message.EXCLUDES.problem(place, (*path, key), other=first))
 
     def video_size(self, good: dict[str, Node]) -> None:
         """A video is no larger than a photo may be."""
@@ -709,11 +649,7 @@ class _Rules:
         if size is not None:
             width, height = whole(size)
             if width * height > Limit.PIXELS.most:
-                found, fix = (
-                    f"{width} x {height}",
-                    f"{Limit.PIXELS.fix}, e.g. [832, 480]",
-                )
-                self.add(size.place, "render.size", found, Limit.PIXELS.expected, fix)
+                self.too_many_pixels(size, "render.size", "[832, 480]")
         if scale is not None:
             factor: Any = scale.value
             width, height = video_size(photo, factor, None)
@@ -721,23 +657,39 @@ class _Rules:
                 most = (
                     floor(sqrt(Limit.PIXELS.most / (photo[0] * photo[1])) * 100) / 100
                 )
-                expected = f"makes a video of {width} x {height}, which {Limit.PIXELS.expected}"
-                self.add(
+                problem = Message.VIDEO_TOO_LARGE.problem(
                     scale.place,
                     "render.scale",
                     shown(factor),
-                    expected,
-                    f"write at most {most:g}",
+                    width=width,
+                    height=height,
+                    limit=Limit.PIXELS.expected,
+                    most=most,
                 )
+                self.report(problem)
+
+    def too_many_pixels(self, size: Node, path: str, example: str) -> None:
+        """Add the problem of a canvas or a video that is too large."""
+        width, height = whole(size)
+        problem = Limit.PIXELS.problem(size.place, path, f"{width} x {height}")
+        self.report(replace(problem, fix=f"{problem.fix}, e.g. {example}"))
 
     def in_photo(self, node: Node, path: KeyPath, photo: tuple[int, int]) -> None:
         x, y = _point(node)
         if not all(
             -0.5 <= c <= side - 0.5 for c, side in zip((x, y), photo, strict=True)
         ):
-            expected = f"is beside the photo, which is {photo[0]} x {photo[1]}"
-            fix = f"write a point in it, e.g. [{photo[0] // 2}, {photo[1] // 2}]"
-            self.add(node.place, path, f"[{shown(x)}, {shown(y)}]", expected, fix)
+            width, height = photo
+            problem = Message.POINT_OUTSIDE.problem(
+                node.place,
+                path,
+                f"[{shown(x)}, {shown(y)}]",
+                width=width,
+                height=height,
+                x=width // 2,
+                y=height // 2,
+            )
+            self.report(problem)
 
     def refine(self) -> None:
         """The backend is known, and its strength leaves at least one step to run."""
@@ -748,9 +700,8 @@ class _Rules:
         known = registry.names("refine")
         if backend.value not in known:
             fix = registry.suggestion(str(backend.value), known)
-            self.findings.value(
-                backend, ("refine", "backend"), "is no backend that refines", fix
-            )
+            unknown = Message.UNKNOWN_REFINER.refusal(fix=fix)
+            self.findings.value(backend, ("refine", "backend"), unknown)
         steps, strength = (
             parts[key].value if key in parts else at(f"refine.{key}")["default"]
             for key in ("steps", "strength")
@@ -761,15 +712,21 @@ class _Rules:
             and steps * strength < 0.5
         ):
             wrong = parts.get("strength", parts.get("steps", backend))
-            what = f"leaves none of {shown(steps)} steps to run"
-            fix = f"write at least {number(ceil(50 / steps) / 100)}, or backend: none"
-            self.add(wrong.place, ("refine", "strength"), shown(strength), what, fix)
+            problem = Message.NO_STEP.problem(
+                wrong.place,
+                ("refine", "strength"),
+                shown(strength),
+                steps=shown(steps),
+                least=number(ceil(50 / steps) / 100),
+            )
+            self.report(problem)
 
     def light(self) -> None:
         direction = self.good(self.top.get("light")).get("direction")
         if direction is not None and not any(item.value for item in items(direction)):
             fix = advice(at("light.direction"))
-            self.add(direction.place, "light.direction", "", "has no length", fix)
+            zero = Message.DIRECTION_ZERO
+            self.report(zero.problem(direction.place, "light.direction", fix=fix))
 
     def map_range(self, name: str, node: Node) -> None:
         if node in self.findings.bad:
@@ -777,13 +734,7 @@ class _Rules:
         low, high = _point(node)
         if low >= high:
             found = f"[{shown(low)}, {shown(high)}]"
-            self.add(
-                node.place,
-                ("maps", name),
-                found,
-                "does not rise",
-                "write the smaller number first",
-            )
+            self.report(Message.RANGE_ORDER.problem(node.place, ("maps", name), found))
 
 
 def _number(node: Node) -> float:
@@ -808,8 +759,8 @@ def _outlines(
             yield (*where, "holes", hole), node, True
 
 
-def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str] | None:
-    """`expected` and `fix` of a Problem, None for a good outline; `crossing`: its lines may not cross.
+def outline_fault(points: Sequence[Corner], crossing: bool) -> RefusedError | None:
+    """Return why an outline is wrong, None for a good one; `crossing`: its lines may not cross.
 
     Only lines that properly cross are refused; an outline may touch itself, as contours of masks do.
     """
@@ -820,11 +771,10 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
     flat = abs(area) < 1e-12 * extent
     if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
         if pair == (-1, -1):
-            return Limit.CROSSINGS.expected, Limit.CROSSINGS.fix
-        found = f"crosses itself: the lines from corners {pair[0]} and {pair[1]}"
-        return found, "write the corners in order"
+            return Limit.CROSSINGS.refusal()
+        return Message.OUTLINE_CROSSES.refusal(first=pair[0], second=pair[1])
     if extent == 0 or (flat and (crossing or len(points) < 4)):
-        return "has no area", "write at least three corners that are not on one line"
+        return Message.OUTLINE_FLAT.refusal()
     return None
 
 
@@ -867,6 +817,11 @@ def _point(node: Node) -> tuple[float, float]:
 
 def _points(node: Node) -> list[tuple[float, float]]:
     return [_point(item) for item in items(node)]
+
+
+def _size_text(size: tuple[int, int]) -> str:
+    """Return a width and height as messages show them."""
+    return f"{size[0]} x {size[1]}"
 
 
 def _a(word: str) -> str:

@@ -13,7 +13,8 @@ from functools import cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from physgen.problems import Place, Problem
+from physgen.messages import Message, did_you_mean, one_of
+from physgen.problems import Place, Problem, RefusedError
 from physgen.scene.document import Node, plain
 from physgen.scene.overlay import NAMED, kind_of
 from physgen.scene.schema import (
@@ -34,6 +35,7 @@ from physgen.text import (
     UNITS,
     KeyPath,
     add_space,
+    counted,
     dotted,
     example,
     listed,
@@ -67,28 +69,25 @@ class Findings:
         self._texts: dict[Place, set[tuple[str, ...]]] = {}
         self.bad: set[Node] = set()
 
-    def add(
-        self, place: Place, path: KeyPath | str, found: str, expected: str, fix: str
-    ) -> None:
-        """One problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
-        where = path if isinstance(path, str) else dotted(path)
-        text = where.rpartition(".")[2], found, expected, fix
+    def report(self, problem: Problem) -> None:
+        """Keep a problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
+        place = problem.place
+        key = problem.path.rpartition(".")[2]
+        text = key, problem.found, problem.expected, problem.fix
         if text in self._texts.setdefault(place, set()):
             return  # of a key with a star: one mistake, in many objects
         if len(self.problems) >= MAX_PROBLEMS:
-            self.problems[
-                Problem(place, "", "", "more problems follow", "fix these first")
-            ] = None
+            self.problems[Message.TOO_MANY_PROBLEMS.problem(place)] = None
             raise TooManyError
         self._texts[place].add(text)
-        self.problems[Problem(place, where, found, expected, fix)] = None
+        self.problems[problem] = None
 
-    def value(self, node: Node, path: KeyPath, expected: str, fix: str) -> None:
+    def value(self, node: Node, path: KeyPath, refusal: RefusedError) -> None:
         """A problem with a value; one that an overlay wrote into many objects is reported once."""
         if node not in self.bad:
             self.bad.add(node)
             written = shown(node.value) if node.text is None else quoted(node.text)
-            self.add(node.place, path, written, expected, fix)
+            self.report(refusal.problem(node.place, dotted(path), written))
 
 
 def check_schema(root: Node, findings: Findings) -> None:
@@ -323,16 +322,17 @@ class _Fault:
         if "enum" in self.schema:
             return self._choice(findings)
         if "object" in kinds and (len(kinds) == 1 or "array" in kinds):
-            expected = "is not a mapping"
+            kind = "a mapping"
             spaced = add_space(value) if isinstance(value, str) else None
             fix = spaced or advice({**self.schema, "type": "object"})
             if value is None:
                 fix += ", or indent its keys below it"
         elif len(kinds) > 1 and not ("integer" in kinds and type(value) is float):
-            expected, fix = "does not fit here", f"write {listed(self._ways())}"
+            refusal = Message.NO_WAY_FITS.refusal(ways=listed(self._ways()))
+            return findings.value(self.node, self.path, refusal)
         elif "array" in kinds:
             what, count = self._count()
-            expected = f"is not a list of {count}"
+            kind = f"a list of {count}"
             fix = f"write {count}{self._in_unit(what)}{self.hint}"
             meant = self._meant_list(what)
             fix = f"write {meant}" if meant else fix
@@ -346,26 +346,25 @@ class _Fault:
                 "n": "false",
             }
             word = words.get(value.lower()) if isinstance(value, str) else None
-            expected, fix = "is not true or false", f"write {word or 'true or false'}"
+            kind, fix = "true or false", f"write {word or 'true or false'}"
         elif "string" in kinds:
             is_scalar = isinstance(value, int | float)
-            expected = "is not text"
+            kind = "text"
             fix = (
                 f'write it in quotes: "{shown(value)}"'
                 if is_scalar
                 else f"write text{self.hint}"
             )
         else:
-            expected = (
-                "is not a whole number" if "integer" in kinds else "is not a number"
-            )
+            kind = "a whole number" if "integer" in kinds else "a number"
             ranged = isinstance(value, float)
             fix = f"write {measure(self._numeric(), self.unit, ranged=ranged)}{self._units()}{self.hint}"
             meant = meant_number(value, self.unit) if isinstance(value, str) else None
             if meant:
                 fix = f"write {meant}"
                 fix += ", without quotes" if meant == value else ""
-        return findings.value(self.node, self.path, expected, fix)
+        refusal = Message.WRONG_TYPE.refusal(kind=kind, fix=fix)
+        return findings.value(self.node, self.path, refusal)
 
     def _meant_list(self, what: str) -> str | None:
         """Return the list that a text stands for, None if it is none."""
@@ -423,51 +422,53 @@ class _Fault:
     def _choice(self, findings: Findings) -> None:
         value, schema = self.node.value, self.schema
         if "const" in schema:
-            expected, fix = (
-                "is not a version that this physgen reads",
-                f"write {example(schema['const'])}",
-            )
+            version = example(schema["const"])
+            refusal = Message.UNKNOWN_VERSION.refusal(version=version)
         elif "then" in schema:
             words = schema["then"]["enum"]
             close = nearest(str(value), [*words, *schema.get("properties", {})])
-            is_word = close in words
-            expected, fix = "is not known here", f"write {listed(self._ways())}"
-            fix = f'did you mean "{close}"?' if is_word else fix
+            fix = f"write {listed(self._ways())}"
+            if close is not None and close in words:
+                fix = did_you_mean(close)
+            refusal = Message.UNKNOWN_WORD.refusal(fix=fix)
         else:
             names = [example(choice) for choice in schema["enum"]]
-            close = nearest(value, names) if isinstance(value, str) else None
-            expected = f"is not one of {listed(names)}"
-            fix = f'did you mean "{close}"?' if close else f"write {listed(names)}"
-        findings.value(self.node, self.path, expected, fix)
+            fix = f"write {listed(names)}"
+            if isinstance(value, str):
+                fix = one_of(value, names)
+            unknown = Message.UNKNOWN_CHOICE
+            refusal = unknown.refusal(choices=listed(names), fix=fix)
+        findings.value(self.node, self.path, refusal)
 
     def _range(self, findings: Findings) -> None:
         schema, value = self._numeric(), self.node.value
         assert isinstance(value, int | float)
         least, greatest, _ = bounds(schema)
         if value > greatest:
-            expected = f"is above {limit(greatest)}"
+            side, bound = "above", limit(greatest)
         else:
-            expected = f"is {'not above' if value == least else 'below'} {limit(least)}"
+            side = "not above" if value == least else "below"
+            bound = limit(least)
         fix = measure(schema, self.unit, ranged=True)
         if value > greatest and limit(greatest) not in fix:
             fix = f"{measure(schema, self.unit, ranged=False)} of at most {limit(greatest)}"
         fix = f"write {fix}{self.hint}"
         if self.unit == "px" and 0 < value < least and self.node.text is None:
             fix += f"; did you mean meters? write {number(value)} m"
-        findings.value(self.node, self.path, expected, fix)
+        refusal = Message.OUT_OF_RANGE.refusal(side=side, bound=bound, fix=fix)
+        findings.value(self.node, self.path, refusal)
 
     def _text(self, findings: Findings) -> None:
         value, schema = str(self.node.value), self.schema
         if self.error.validator == "maxLength":
-            expected, fix = (
-                f"is {len(value)} characters long",
-                f"write at most {schema['maxLength']}",
-            )
+            most = schema["maxLength"]
+            refusal = Message.TEXT_TOO_LONG.refusal(length=len(value), most=most)
         elif self.error.validator == "minLength":
-            expected, fix = "is empty", f"write text{self.hint}"
+            refusal = Message.TEXT_EMPTY.refusal(example=self.hint)
         else:
-            expected, fix = "is not a name", f"write {schema['x-pattern']}{self.hint}"
-        findings.value(self.node, self.path, expected, fix)
+            fix = f"write {schema['x-pattern']}{self.hint}"
+            refusal = Message.NOT_A_NAME.refusal(fix=fix)
+        findings.value(self.node, self.path, refusal)
 
     def _length(self, findings: Findings) -> None:
         what, _ = self._count()
@@ -477,12 +478,15 @@ class _Fault:
         bound = fewest if len(items) < fewest else most
         much = "" if fewest == most else "at least " if bound == fewest else "at most "
         many = what if bound != 1 else what.removesuffix("s")
-        has = f"has {len(items)} item{'' if len(items) == 1 else 's'}"
         fix = f"write {much}{bound} {many}{self._in_unit(what)}{self.hint}"
         written = items[0].value if len(items) == 1 else None
         meant = meant_list(written) if isinstance(written, str) else None
         fix = f"write {meant}, with a comma between" if meant else fix
-        findings.add(self.node.place, self.path, "", has, fix)
+        count = counted(len(items), "item")
+        problem = Message.LIST_LENGTH.problem(
+            self.node.place, self.path, items=count, fix=fix
+        )
+        findings.report(problem)
 
     def _missing(self, findings: Findings) -> None:
         value = self.node.value
@@ -491,22 +495,23 @@ class _Fault:
         for key in self.schema["required"]:
             if key not in value and key not in meant:
                 fix = advice(self.schema["properties"][key])
-                findings.add(self.node.place, (*self.path, key), "", "missing", fix)
+                where = (*self.path, key)
+                missing = Message.IS_MISSING
+                findings.report(missing.problem(self.node.place, where, fix=fix))
 
     def _several(self, findings: Findings) -> None:
         value, parts = self.node.value, self.schema.get("properties", {})
         assert isinstance(value, dict)
         if not parts:
-            has, fix = (
-                f"has {len(value):,} keys",
-                f"write at most {self.schema['maxProperties']:,}",
-            )
+            most = self.schema["maxProperties"]
+            refusal = Message.TOO_MANY_KEYS.refusal(count=len(value), most=most)
         elif all(key in parts for key in value):
-            has = f"has {listed(value, 'and')}" if value else "is empty"
-            fix = f"write exactly one of {listed(parts)}"
+            content = f"has {listed(value, 'and')}" if value else "is empty"
+            kinds = listed(parts)
+            refusal = Message.NOT_ONE_KEY.refusal(content=content, kinds=kinds)
         else:
             return  # the message is that of the unknown key
-        findings.add(self.node.place, self.path, "", has, fix)
+        findings.report(refusal.problem(self.node.place, dotted(self.path)))
 
     def _name(self, findings: Findings) -> None:
         key, names = str(self.error.instance), self.schema["propertyNames"]
@@ -514,13 +519,8 @@ class _Fault:
         fix = f"write {names['x-pattern']}, e.g. {example(names['examples'][0])}"
         if "\u00a0" in key:
             fix = "write plain spaces in place of no-break spaces"
-        findings.add(
-            self.node.value[key].key_place,
-            (*self.path, key),
-            quoted(key),
-            "is not a name",
-            fix,
-        )
+        place, where = self.node.value[key].key_place, (*self.path, key)
+        findings.report(Message.NOT_A_NAME.problem(place, where, quoted(key), fix=fix))
 
     def _unknown(self, findings: Findings) -> None:
         value, known = self.node.value, list(self.schema["properties"])
@@ -529,7 +529,9 @@ class _Fault:
             if key in known:
                 continue
             fix = self._fix_of_key(key, value)
-            findings.add(child.key_place, (*self.path, key), "", "unknown key", fix)
+            where = (*self.path, key)
+            unknown = Message.UNKNOWN_KEY
+            findings.report(unknown.problem(child.key_place, where, fix=fix))
             findings.bad.add(child)
         if (
             self.schema.get("maxProperties") == 1
@@ -557,12 +559,13 @@ class _Fault:
         if kinds and not alias:
             close = nearest(key, kinds)
             likeness = similarity(key, close or "")
-        if alias or (close and (not kinds or likeness >= SURE)):
-            return f'did you mean "{close}"?'
+        is_sure = alias or not kinds or likeness >= SURE
+        if close and is_sure:
+            return did_you_mean(close)
         elsewhere = None if kinds or self.path else nearest(key, parents())
         if elsewhere is not None and similarity(key, elsewhere) >= SURE:
             home = listed(self._nearest_of(parents()[elsewhere]))
-            return f'did you mean "{elsewhere}"? it belongs to {home}'
+            return f"{did_you_mean(elsewhere)} it belongs to {home}"
         return f"write {listed(islice(kinds or known, 30))}"
 
     def _nearest_of(self, homes: Iterable[str]) -> list[str]:

@@ -22,7 +22,8 @@ from typing import Any
 
 import yaml
 
-from physgen.problems import EditError, InputError, impossible
+from physgen.messages import Message
+from physgen.problems import EditError, InputError
 from physgen.scene.document import LOADER, Source, read, resolve
 from physgen.scene.schema import schema_at
 from physgen.scene.write import entry_lines, flow_text, key_text
@@ -89,9 +90,7 @@ def marked(text: str) -> Marked:
         problem = error.problems[0]
         where = f" (line {problem.place.line})" if problem.place.line else ""
         reason = f"{problem.found} {problem.expected}".strip()
-        raise impossible(
-            f"the file cannot be read{where}: {reason}", "correct the YAML, or undo"
-        ) from None
+        raise Message.EDITOR_UNREADABLE.impossible(where=where, reason=reason) from None
     return _marked(yaml.compose(text, Loader=LOADER), text)
 
 
@@ -198,10 +197,7 @@ def find(text: str, path: Sequence[str | int]) -> Marked:
     for key in path:
         child = node.child(key)
         if child is None:
-            raise impossible(
-                f"{dotted(tuple(path))} is not there",
-                "ask for the state and edit again",
-            )
+            raise Message.EDITOR_NOT_THERE.impossible(path=dotted(tuple(path)))
         node = child
     return node
 
@@ -224,9 +220,7 @@ def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
     parent = find(text, path[:-1])
     at = parent.place(path[-1])
     if at is None:
-        raise impossible(
-            f"{dotted(path)} is not there", "ask for the state and edit again"
-        )
+        raise Message.EDITOR_NOT_THERE.impossible(path=dotted(path))
     return parent, at
 
 
@@ -250,10 +244,7 @@ def write(text: str, data: dict[str, Any]) -> str:
             return made
     except EditError:
         pass
-    raise impossible(
-        "the YAML is written in a way that this cannot be written into",
-        "edit the YAML beside",
-    )
+    raise Message.EDITOR_UNWRITABLE.impossible()
 
 
 def written_anew(text: str, path: KeyPath, value: Any) -> str:

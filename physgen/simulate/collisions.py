@@ -250,6 +250,11 @@ def _swept_dense(
     return np.array(impulse), passes
 
 
+def _as_pairs(values: Array) -> list[tuple[float, float]]:
+    """Return values (2P,), normal and along the surface in turn, as P pairs."""
+    return [(float(normal), float(side)) for normal, side in values.reshape(-1, 2)]
+
+
 @dataclass(frozen=True)
 class Impacts:
     """What the impacts of one step did."""
@@ -490,7 +495,7 @@ class ImpactSolver:
                 bodies |= (
                     set(self._joined.members[whole]) if whole is not None else set()
                 )
-            found = self._together(
+            found, was = self._together(
                 points, was, sorted(bodies), [times[k] for k in group]
             )
         for k, p, (jn, jt), (vn, vt), (dn, dt) in zip(
@@ -532,8 +537,12 @@ class ImpactSolver:
         was: list[tuple[float, float]],
         bodies: list[int],
         times: list[float],
-    ) -> list[tuple[float, float]]:
-        """Impulses of points that share bodies, or whose bodies joints hold, carried out on all of them."""
+    ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+        """Carry out the impulses of points that share bodies, or whose bodies joints hold.
+
+        Returns the impulses, and the speeds at which the points close: those in `was`
+        without what joints exclude.
+        """
         properties = self._properties
         inverse = np.array(
             [
@@ -559,23 +568,44 @@ class ImpactSolver:
         )
         exact = TUNING.nearly if self._budget.exceeded_by else self._exact
         approach = np.array(was).ravel()
-        for _ in range(TUNING.aheads):
+        removed = np.zeros(len(inverse))
+        for attempt in range(TUNING.aheads):
             spread = response @ J.T
             found, passes = simultaneous_impulses(
-                J @ spread, approach, elasticity, friction, exact
+                J @ spread, approach + J @ removed, elasticity, friction, exact
             )
             self._budget.spend(passes, points)
+            if attempt == TUNING.aheads - 1:
+                break
             ahead = self._pose_ahead(bodies, spread @ found, inverse)
             if ahead is None:
                 break
             response = self._joined.response(bodies, inverse, self._middle, ahead)
-        change, moved = spread @ found, spread @ (found * np.repeat(times, 2))
+            removed = self._excluded_speeds(bodies, inverse, response)
+        change = spread @ found + removed
+        moved = spread @ (found * np.repeat(times, 2)) + removed * max(times)
         for body, k in place.items():
             v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])
             for axis in range(3):
                 v[axis] += float(change[k + axis])
                 shift[axis] += float(moved[k + axis])
-        return [(float(jn), float(jt)) for jn, jt in found.reshape(-1, 2)]
+        return _as_pairs(found), _as_pairs(approach + J @ removed)
+
+    def _excluded_speeds(
+        self, bodies: list[int], inverse: Array, response: Array
+    ) -> Array:
+        """Return the changes (3n,) of velocities that take out what joints exclude.
+
+        Chains that become taut stop at once: a partner that met them at the speed they
+        still have, while they yield to nothing, would get energy from nowhere. The loss
+        is counted.
+        """
+        speeds = np.array([self._speeds(body) for body in bodies]).ravel()
+        is_free = inverse > 0
+        mass = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=is_free)
+        removed = np.where(is_free, response @ (mass * speeds) - speeds, 0.0)
+        self._lost -= float((mass * removed * (speeds + removed / 2)).sum())
+        return removed
 
     def _pose_ahead(
         self, bodies: list[int], change: Array, inverse: Array

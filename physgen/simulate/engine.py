@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.problems import UNKNOWN_PLACE, InputError, Problem
+from physgen.messages import Message
+from physgen.problems import UNKNOWN_PLACE
 from physgen.progress import Progress, silent
 from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
@@ -48,7 +49,6 @@ from physgen.simulate.forces import (
 )
 from physgen.simulate.joints import Assemblies
 from physgen.simulate.recorder import (
-    DIVERGED_FIX,
     NOT_BRAKED,
     Recorder,
     Step,
@@ -99,10 +99,10 @@ def spring_parts(world: World) -> int:
     rate, name = stiffest_spring(world)
     parts = max(1, ceil(rate / world.steps_per_second / PHASE))
     if parts > MOST_PARTS:
-        found = f"needs every step divided into {parts:,} parts"
-        fix = f"make it softer, what it joins heavier, or steps_per_second larger: at most {MOST_PARTS} parts"
         path = f"joints.{name}.stiffness"
-        raise InputError([Problem(UNKNOWN_PLACE, path, "", found, fix)])
+        raise Message.SPRING_TOO_STIFF.error_at(
+            UNKNOWN_PLACE, path, parts=parts, most_parts=MOST_PARTS
+        )
     return parts
 
 
@@ -232,9 +232,9 @@ class Running:
             with np.errstate(over="ignore", invalid="ignore"):
                 yield
         except (OverflowError, np.linalg.LinAlgError) as error:
-            found = f"leaves all numbers by t = {self._number * self._base:.3f} s"
-            raise InputError(
-                [Problem(UNKNOWN_PLACE, "world", "the motion", found, DIVERGED_FIX)]
+            time, diverged = self._number * self._base, Message.MOTION_DIVERGED
+            raise diverged.error_at(
+                UNKNOWN_PLACE, "world", "the motion", time=time
             ) from error
 
     def _start(self) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import cos, hypot, inf, sin
 from typing import NamedTuple
 
@@ -149,6 +150,80 @@ NEIGHBOURS = 2.0
 """px around a shape, in which the surfaces lie that may continue it."""
 
 
+class Cover:
+    """Points of a contact that edges of third shapes cover."""
+
+    __slots__ = (
+        "_contact", "_exceptions", "_frame", "_shape", "_slope", "_surface", "edges",
+        "is_covered", "room",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        shape: ShapeOutline,
+        surface: ShapeOutline,
+        frame: Frame,
+        contact: Contact,
+        exceptions: Collection[tuple[int, int]],
+    ) -> None:
+        """`frame`: of the owner of `surface`; the normal of the contact goes from `surface` to `shape`.
+
+        exceptions: pairs of owners, in both orders, that do not collide.
+        """
+        self._shape, self._surface, self._frame = shape, surface, frame
+        self._contact, self._exceptions = contact, exceptions
+        self._slope = TOLERANCE.slope_of_circles
+        if shape.corners:
+            self._slope = TOLERANCE.slope
+        self.is_covered = [False] * len(contact.points)
+        self.edges: list[Edge] = []
+        """Edges that cover a point."""
+        self.room = inf
+        """Least cosine between the normal and an edge that continues the surface."""
+
+    @property
+    def is_whole(self) -> bool:
+        """Return whether all points are covered."""
+        return False not in self.is_covered
+
+    def extend(self, place: Frame, edges: Sequence[Edge]) -> None:
+        """Cover further points by edges that are given in a frame."""
+        contact = self._contact
+        if place is not WORLD:
+            contact = place.locate_contact(contact)
+        (nx, ny), points, slope = contact.normal, contact.points, self._slope
+        is_covered = self.is_covered
+        for edge in edges:
+            into = nx * edge.dx + ny * edge.dy
+            if -slope <= into <= slope:
+                continue
+            for k, point in enumerate(points):
+                if is_covered[k]:
+                    continue
+                spot = _spot_over(edge, contact, point)
+                if spot is None or self._passes_through(edge.owner):
+                    continue
+                self.room = min(self.room, abs(into))
+                is_covered[k] = self._is_clear(self._frame.locate(place.place(spot)))
+                if is_covered[k]:
+                    self.edges.append(edge)
+
+    def _passes_through(self, owner: int) -> bool:
+        """Return whether the shape belongs to an owner, or does not collide with it."""
+        mine = self._shape.owner
+        return mine == owner or (mine, owner) in self._exceptions
+
+    def _is_clear(self, point: Spot) -> bool:
+        """Return whether the other shape does not rise to a point, in the frame of its owner."""
+        least = TOLERANCE.above - TOLERANCE.level
+        outline = self._surface
+        x, y = outline.center
+        # the circle around it tells at once in most cases
+        if hypot(point[0] - x, point[1] - y) > outline.reach + 2 * least:
+            return True
+        return _distance(outline.corners, point) >= least
+
+
 class InternalEdges:
     """Finds contacts at internal edges, by the shapes of a world."""
 
@@ -163,10 +238,17 @@ class InternalEdges:
         for k, outline in enumerate(outlines):
             if outline.corners:
                 self._of_owner.setdefault(outline.owner, []).append(k)
+        self._reach_of_owner: dict[int, float] = {}
+        """px: all edges that are near an owner's shapes are within this circle."""
+        for owner, shapes in self._of_owner.items():
+            reaches = [hypot(*outlines[k].center) + outlines[k].reach for k in shapes]
+            self._reach_of_owner[owner] = max(reaches) + 2 * NEIGHBOURS
         self._static_edges: dict[int, list[Edge]] = {}
         """Placed edges of static shapes near a static shape."""
         self._own_edges: dict[int, list[Edge]] = {}
         """Edges near a shape, of other shapes of its owner, in the frame of the owner."""
+        self._covering: dict[tuple[int, int], list[Edge]] = {}
+        """Edges beside the second shape that covered its last contact with the first one."""
 
     def room(
         self,
@@ -181,9 +263,46 @@ class InternalEdges:
         partners: of each owner, the owners that it touches.
         """
         first, second = shapes
+        if self._is_still_covered(frames, (second, first), contact):
+            return STILL
+        reversed_contact = contact.reversed()
+        if self._is_still_covered(frames, shapes, reversed_contact):
+            return STILL
         return self._room(frames, second, first, partners, contact) or self._room(
-            frames, first, second, partners, contact.reversed()
+            frames, first, second, partners, reversed_contact
         )
+
+    def _is_still_covered(
+        self, frames: Frames, pair: tuple[int, int], contact: Contact
+    ) -> bool:
+        """Return whether the edges cover a contact that covered it before.
+
+        They are those of `_covering`, and the two shapes are no circles. The normal goes
+        from the second shape of the pair to the first.
+        """
+        edges = self._covering.get(pair)
+        if edges is None:
+            return False
+        surface = self._outlines[pair[1]]
+        place = WORLD
+        if not surface.is_static:
+            place = frames.of(surface.owner)
+        cover = self._begin_cover(frames, pair, contact)
+        cover.extend(place, edges)
+        return cover.is_whole
+
+    def _begin_cover(
+        self, frames: Frames, pair: tuple[int, int], contact: Contact
+    ) -> Cover:
+        """Return the cover, still empty, of a contact between two shapes.
+
+        The normal goes from the second shape to the first.
+        """
+        shape, surface = self._outlines[pair[0]], self._outlines[pair[1]]
+        center = frames.of(shape.owner).place(shape.center)
+        located = Contact(contact.normal, contact.points, center)
+        frame = frames.of(surface.owner)
+        return Cover(shape, surface, frame, located, self._apart)
 
     def _room(
         self,
@@ -200,38 +319,19 @@ class InternalEdges:
         shape, beside = self._outlines[own], self._outlines[other]
         if not beside.corners:
             return 0.0
-        slope = TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
-        least = TOLERANCE.above - TOLERANCE.level
-        frame = frames.of(beside.owner)
-        center = frames.of(shape.owner).place(shape.center)
-        contact = contact._replace(center=center)
-        covered = [False] * len(contact.points)
-        least_room = inf
+        cover = self._begin_cover(frames, (own, other), contact)
         point = contact.points[0]
-        for place, edges in self._nearby_edges(frames, own, other, partners, point):
-            local = place.locate_contact(contact)
-            nx, ny = local.normal
-            for edge in edges:
-                into = abs(nx * edge.dx + ny * edge.dy)
-                if into <= slope:
-                    continue
-                if (
-                    edge.owner == shape.owner
-                    or (shape.owner, edge.owner) in self._apart
-                ):
-                    continue
-                for k, point in enumerate(local.points):
-                    if covered[k]:
-                        continue
-                    spot = _spot_over(edge, local, point)
-                    if spot is None:
-                        continue
-                    over = frame.locate(place.place(spot))
-                    covered[k] = _distance(beside.corners, over) >= least
-                    least_room = min(least_room, into)
-            if all(covered):
-                # the normal of a circle turns as it moves, others change at once
-                return STILL if shape.corners else STILL + least_room * shape.reach / 4
+        nearby = self._nearby_edges(frames, own, other, partners, point)
+        for order, (place, edges) in enumerate(nearby):
+            cover.extend(place, edges)
+            if not cover.is_whole:
+                continue
+            if shape.corners:
+                if order == 0:  # the edges beside the other shape: they do not change
+                    self._covering[own, other] = cover.edges
+                return STILL
+            # the normal of a circle turns as it moves, others change at once
+            return STILL + cover.room * shape.reach / 4
         return 0.0
 
     def _nearby_edges(
@@ -241,7 +341,7 @@ class InternalEdges:
         other: int,
         partners: Mapping[int, Collection[int]],
         point: Spot,
-    ) -> Iterator[tuple[Frame, list[Edge]]]:
+    ) -> Iterator[tuple[Frame, Sequence[Edge]]]:
         """Yield edges near a point that may continue the other shape, with the frame that they are in."""
         owner, beside = self._outlines[own].owner, self._outlines[other].owner
         is_static = self._outlines[other].is_static
@@ -262,13 +362,16 @@ class InternalEdges:
                 continue
             frame = frames.of(third)
             x, y = frame.locate(point)
+            if hypot(x, y) >= self._reach_of_owner[third]:
+                continue
             edges: list[Edge] = []
             for k in shapes:
                 outline = self._outlines[k]
                 reach = outline.reach + NEIGHBOURS
                 if hypot(x - outline.center[0], y - outline.center[1]) < reach:
                     edges += self._edges[k]
-            yield frame, edges
+            if edges:
+                yield frame, edges
 
     def _edges_beside_static(self, shape: int, frames: Frames) -> list[Edge]:
         """Return edges near a static shape, of other static shapes, in the frame of the world."""
@@ -304,12 +407,37 @@ class InternalEdges:
         return apart < a.reach + b.reach + NEIGHBOURS
 
 
+@lru_cache(maxsize=4)
+def internal_edges(
+    outlines: tuple[ShapeOutline, ...],
+    exceptions: frozenset[tuple[int, int]],
+    poses: tuple[tuple[float, ...], ...],
+) -> InternalEdges:
+    """Return `InternalEdges` of a world, one for all runs that start from the same poses of owners.
+
+    They keep which edges are beside each other, and nothing that changes a result.
+    """
+    return InternalEdges(outlines, exceptions)
+
+
 def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
     """Return whether an edge has an end near a shape, or a corner of the shape near it."""
     ends = edge.ends
+    if _has_gap(ends, corners, 0) or _has_gap(ends, corners, 1):
+        return False
     return any(_distance(corners, end) < NEIGHBOURS for end in ends) or any(
         _distance(ends, corner) < NEIGHBOURS for corner in corners
     )
+
+
+def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
+    """Return whether an edge with these ends is farther from a shape than neighbours along an axis."""
+    end_places = [end[axis] for end in ends]
+    corner_places = [corner[axis] for corner in corners]
+    gap = max(
+        min(end_places) - max(corner_places), min(corner_places) - max(end_places)
+    )
+    return gap > NEIGHBOURS
 
 
 def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
@@ -338,15 +466,23 @@ def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
 
 def _distance(corners: Sequence[Spot], point: Spot) -> float:
     """Return the px from a point to a segment or a convex polygon; 0 inside."""
-    nearest = float("inf")
+    nearest = inf
     is_inside = len(corners) > 2
     px, py = point
-    for (x0, y0), (x1, y1) in zip(corners, (*corners[1:], corners[0]), strict=True):
+    x0, y0 = corners[-1]
+    for x1, y1 in corners:
         ex, ey = x1 - x0, y1 - y0
-        square = ex * ex + ey * ey
-        part = ((px - x0) * ex + (py - y0) * ey) / max(square, 1e-300)
-        part = min(max(part, 0.0), 1.0)
-        nearest = min(nearest, hypot(px - x0 - part * ex, py - y0 - part * ey))
-        if (px - x0) * ey - (py - y0) * ex > 0:
+        wx, wy = px - x0, py - y0
+        if wx * ey - wy * ex > 0:
             is_inside = False
+        square = ex * ex + ey * ey
+        part = (wx * ex + wy * ey) / square if square > 1e-300 else 0.0
+        if part < 0.0:
+            part = 0.0
+        elif part > 1.0:
+            part = 1.0
+        away = hypot(wx - part * ex, wy - part * ey)
+        if away < nearest:
+            nearest = away
+        x0, y0 = x1, y1
     return 0.0 if is_inside else nearest

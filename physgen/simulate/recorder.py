@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.geometry.polygon import cross
-from physgen.problems import UNKNOWN_PLACE, InputError, Problem
+from physgen.messages import Message
+from physgen.problems import UNKNOWN_PLACE
 from physgen.scene.scene import JointKind, Motion
 from physgen.simulate.collisions import Impacts
 from physgen.simulate.contacts import (
@@ -158,7 +159,6 @@ BLOCK_BYTES = 2_000_000
 """Of their contacts, at most."""
 MISPLACED = 0.05
 """Of a body's energy: smaller errors of where a contact acts are left as they are; see `Recorder._misplaced`."""
-DIVERGED_FIX = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
 
 
 NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
@@ -712,6 +712,6 @@ def _refuse_infinities(
     ).tolist()
     if wrong:
         k, body = wrong[0]
-        expected = f"leaves all numbers by t = {times[k]:.3f} s"
         path = f"objects.{world.bodies[body].name}"
-        raise InputError([Problem(UNKNOWN_PLACE, path, "", expected, DIVERGED_FIX)])
+        diverged = Message.MOTION_DIVERGED
+        raise diverged.error_at(UNKNOWN_PLACE, path, time=times[k])

@@ -26,11 +26,13 @@ from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
 from physgen.simulate.internal_edges import (
     Contact,
     Frames,
-    InternalEdges,
     ShapeOutline,
+    internal_edges,
 )
 
 Index = NDArray[np.int64]
+Distances = tuple[float, float, float, float]
+"""px by which the owners of two shapes are apart, along x and y, and turned."""
 
 SLOP = 0.005
 """px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
@@ -136,24 +138,25 @@ class Space:
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
         places = [*bodies, *walls]
-        self._still_poses = [[*body.position, body.angle] for body in places]
+        self._still_poses = [(*body.position, body.angle) for body in places]
         self._shapes = [shape._shape for body in places for shape in body.shapes]
-        self._numbers = {_address(shape): k for k, shape in enumerate(self._shapes)}
-        outlines = [
+        self._numbers = {shape: k for k, shape in enumerate(self._shapes)}
+        outlines = tuple(
             _shape_outline(shape, owner)
             for owner, body in enumerate(places)
             for shape in body.shapes
-        ]
+        )
         self._owners = [outline.owner for outline in outlines]
         reach = [hypot(*outline.center) + outline.reach for outline in outlines]
         self._reach = [
             far if outline.corners else 0.0
             for far, outline in zip(reach, outlines, strict=True)
         ]
-        self._edges = InternalEdges(outlines, _pairs_apart(world.joints))
+        poses = tuple(self._still_poses)
+        self._edges = internal_edges(outlines, _pairs_apart(world.joints), poses)
         self._partners: dict[int, set[int]] = {}
         """Owners that each owner touched when contacts at internal edges were last looked for."""
-        self.hidden: dict[Pair, tuple[float, Sequence[float]]] = {}
+        self.hidden: dict[Pair, tuple[float, Distances]] = {}
         """Shapes whose contact at an internal edge is left out of the solution.
 
         The px that they may move before this is looked at again, and where they are.
@@ -225,7 +228,7 @@ class Space:
         for arbiter in self._arbiters():
             if not arbiter.count:
                 continue
-            key = self._numbers[_address(arbiter.a)], self._numbers[_address(arbiter.b)]
+            key = self._numbers[arbiter.a], self._numbers[arbiter.b]
             first, second = self._owners[key[0]], self._owners[key[1]]
             partners.setdefault(first, set()).add(second)
             partners.setdefault(second, set()).add(first)
@@ -249,7 +252,8 @@ class Space:
         ended: list[Pair] = []
         for key, (room, before) in self.hidden.items():
             now = self._distances(frames, key)
-            if sum(abs(a - b) for a, b in zip(now, before, strict=True)) < room:
+            apart = abs(now[0] - before[0]) + abs(now[1] - before[1])
+            if apart + abs(now[2] - before[2]) + abs(now[3] - before[3]) < room:
                 continue
             room = self._room(frames, key)
             self.hidden[key] = room, now
@@ -260,7 +264,7 @@ class Space:
         for key in ended:
             del self.hidden[key]
         for arbiter in self._arbiters():
-            key = self._numbers[_address(arbiter.a)], self._numbers[_address(arbiter.b)]
+            key = self._numbers[arbiter.a], self._numbers[arbiter.b]
             if key in ended:
                 lib.cpArbiterSetProcessCollision(arbiter, True)
 
@@ -280,13 +284,12 @@ class Space:
             poses[owner] = pose
         return Frames(poses)
 
-    def _distances(self, frames: Frames, key: Pair) -> Sequence[float]:
+    def _distances(self, frames: Frames, key: Pair) -> Distances:
         """Return px by which the owners of two shapes are apart and turned."""
         first, second = self._owners[key[0]], self._owners[key[1]]
         one, other = frames.poses[first], frames.poses[second]
-        far = self._reach[key[0]], self._reach[key[1]]
-        apart = one[0] - other[0], one[1] - other[1]
-        return (*apart, far[0] * one[2], far[1] * other[2])
+        turns = self._reach[key[0]] * one[2], self._reach[key[1]] * other[2]
+        return one[0] - other[0], one[1] - other[1], turns[0], turns[1]
 
     def _room(self, frames: Frames, key: Pair) -> float:
         """Return `InternalEdges.room` of two shapes; 0 if they do not touch."""
@@ -367,10 +370,6 @@ def _batched(
         buffer._int_arr,
     )
     return space._space, ffi.addressof(lib, name), request
-
-
-def _address(pointer: Any) -> int:
-    return int(ffi.cast("uintptr_t", pointer))
 
 
 def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:

@@ -142,7 +142,7 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["objects.ball.mass"], "objects.ball.mass: has no =; write KEY=VALUES, in quotes where it"),
+        (["objects.ball.mass"], "objects.ball.mass: has no =; write KEY=VALUES, in quotes if it"),
         (["=1,2"], "=1,2: has no key; write e.g. objects.ball.mass=100,200"),
         (["a..b=1,2"], 'a..b=1,2: "a..b" is not a dotted key; write e.g. objects.ball.mass=100,200'),
         (
@@ -151,14 +151,14 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
         ),
         (
             ["a.b=1:2:1"],
-            "a.b=1:2:1: has no count from 2 to 100,000 behind its ends; write e.g. 0.1:0.9:5, or",
+            "a.b=1:2:1: has no count from 2 to 100,000 after its ends; write e.g. 0.1:0.9:5, or",
         ),
         (
             ["a.b=0:2:5:log"],
-            "a.b=0:2:5:log: has no logarithm: 0 lies between its ends, or is one; take both above 0, or both below",
+            "a.b=0:2:5:log: has no logarithm: an end is 0, or 0 is between the ends; take both above 0, or both below",
         ),
         (["a.b=1,,2"], "a.b=1,,2: is not YAML with commas between the values; close brackets and quotes"),
-        (["a.b=red #2, blue"], "a.b=red #2, blue: holds # after a space, which begins a comment; put text that"),
+        (["a.b=red #2, blue"], "a.b=red #2, blue: has # after a space, which begins a comment; put text with"),
         (["a.b=1,2,1"], "a.b=1,2,1: has 1 twice; keep one"),
         (
             ["a.b=[1,2"],
@@ -166,11 +166,11 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
         ),
         (
             ["a.b=uniform(1,2)"],
-            "a.b=uniform(1,2): is text as it stands; a distribution begins with ~: a.b=~uniform(1,2)",
+            "a.b=uniform(1,2): is plain text; a distribution begins with ~: a.b=~uniform(1,2)",
         ),
         (
             ["a.b=~unifrom(1,2)"],
-            "a.b=~unifrom(1,2): names no known distribution; did you mean ~uniform(0.2, 0.9)?",
+            "a.b=~unifrom(1,2): is not a known distribution; did you mean ~uniform(0.2, 0.9)?",
         ),
         (
             ["a.b=~uniform(2,1)"],
@@ -180,7 +180,7 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
             ["a.b=~normal(1,2,0,9)"],
             "a.b=~normal(1,2,0,9): does not hold a mean and a standard deviation; write e.g. ~normal(200, 15)",
         ),
-        (["a.b=~each uniform(1,2)"], "a.b=~each uniform(1,2): names no distribution; write ~uniform(0.2, 0.9), "),
+        (["a.b=~each uniform(1,2)"], "a.b=~each uniform(1,2): is not a known distribution; write ~uniform(0.2, 0.9), "),
         (
             ["a.b=~normal(1,-1)"],
             "a.b=~normal(1,-1): has a standard deviation of -1; write e.g. ~normal(200, 15)",
@@ -192,11 +192,11 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
         ),
         (
             ["a.b=1", "a.b=2"],
-            "a.b=2: leaves nothing of a.b=1; keep one; several values go into one argument: a.b=VALUE,VALUE",
+            "a.b=2: replaces all of a.b=1; keep one; several values go into one argument: a.b=VALUE,VALUE",
         ),
         (
             ["a.v.0=1,2", "a.v=[1,2],[3,4]"],
-            "a.v=[1,2],[3,4]: leaves nothing of a.v.0=1,2; keep one; several values go into one argument",
+            "a.v=[1,2],[3,4]: replaces all of a.v.0=1,2; keep one; several values go into one argument",
         ),
         (
             ["a.b=~uniform(0,1)"],

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -53,6 +55,11 @@ def contents(out: Path) -> dict[str, bytes]:
     return files
 
 
+def every_file(root: Path) -> dict[Path, bytes]:
+    paths = [path for path in root.rglob("*") if path.is_file()]
+    return {path.relative_to(root): path.read_bytes() for path in paths}
+
+
 def jobs_of(scene: Path, out: Path, count: int, **options: object) -> list[Job]:
     return [
         Job(
@@ -97,12 +104,8 @@ def test_a_cluster_sweeps_as_one_machine_does(
     gather = ["dataset", "shared", "--split", "train=1", "-o"]
     assert main([*gather, "one"]) == 0
     assert main([*gather, "other", "--cluster", two.address]) == 0
-    every = [
-        {path.relative_to(root): path.read_bytes() for path in root.rglob("*.*")}
-        for root in (tmp_path / "one", tmp_path / "other")
-    ]
-    assert every[0] == every[1]
-    assert len(every[0]) > 6 * 3
+    assert every_file(tmp_path / "one") == every_file(tmp_path / "other")
+    assert len(every_file(tmp_path / "one")) > 6 * 3
 
 
 @pytest.mark.slow
@@ -127,10 +130,76 @@ def test_a_store_takes_the_place_of_a_shared_folder(
     assert main(["verify", "out", *shipped, "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["equal"] == 2
     assert main(["verify", "nowhere", *shipped]) == 2
-    assert f"nowhere: holds no clip in {url}" in capsys.readouterr().err
+    assert f"nowhere: has no clip in {url}" in capsys.readouterr().err
     monkeypatch.chdir(tmp_path / "out")
     assert main(["render", f"../{scene}", *shipped]) == 2
     assert "is outside of the working folder" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_data_set_of_clips_in_a_store_is_there(
+    two: Cluster, lesson: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    url = f"file://{tmp_path}/store"
+    shipped = ["--cluster", two.address, "--ship", url]
+    sweep = ["sweep", "lesson.yaml", "objects.ball.mass=50,90", "--preview"]
+    assert main([*sweep, "-o", "out", *shipped]) == 0
+    shutil.copytree(tmp_path / "store" / "out", tmp_path / "here" / "out")
+    for layout in ("folder", "webdataset"):
+        command = ["dataset", "--layout", layout, "-o"]
+        assert main([*command, f"{layout}-here", "here/out"]) == 0
+        capsys.readouterr()
+        assert main([*command, f"{layout}-there", "out", *shipped]) == 0
+        for line in capsys.readouterr().out.splitlines():
+            assert Path(line.removeprefix("file://")).is_file()
+        here, there = tmp_path / f"{layout}-here", tmp_path / "store"
+        assert every_file(there / f"{layout}-there") == every_file(here)
+    assert not (tmp_path / "folder-there").exists()
+    assert main(["dataset", "out", "-o", "folder-there", *shipped]) == 2
+    assert f"folder-there: is there already in {url}" in capsys.readouterr().err
+    assert main(["dataset", "nowhere", "-o", "third", *shipped]) == 2
+    assert f"nowhere: holds no clip in {url}" in capsys.readouterr().err
+    assert not (tmp_path / "store" / "third").exists()
+
+
+@pytest.mark.slow
+def test_the_clip_of_a_photo_is_made_on_a_cluster(
+    two: Cluster, pictured: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    photo, masks = "pictured/photo.png", "pictured/photo.assets/masks.png"
+    few = ["--set", "render.frames=4", "--report", "none"]
+    clip = ["clip", photo, "--masks", masks, *few]
+    assert main([*clip, "-o", "alone"]) == 0
+    alone = capsys.readouterr().out
+    assert main([*clip, "-o", "shared", "--cluster", two.address]) == 0
+    assert capsys.readouterr().out == alone.replace("alone", "shared")
+    assert contents(tmp_path / "alone") == contents(tmp_path / "shared")
+    assert (tmp_path / "shared" / "photo" / "video.mp4").is_file()
+
+
+@pytest.mark.slow
+def test_the_script_of_the_docs_starts_a_cluster(
+    lesson: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    """With Dask's local cluster in place of Slurm's, and less work."""
+    page = (Path(__file__).parents[2] / "docs" / "batches.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?SLURMCluster.*?)```", page, re.DOTALL)
+    slurm = "from dask_jobqueue import SLURMCluster", "SLURMCluster(**size)"
+    local = "from distributed import LocalCluster", "LocalCluster(n_workers=1)"
+    changes = {**dict(zip(slurm, local, strict=True)), "scale(64)": "scale(1)"}
+    changes |= {"500:1000": "500:2", '"--cluster"': '"--preview", "--cluster"'}
+    for old, new in changes.items():
+        assert script.count(old) == 1
+        script = script.replace(old, new)
+    monkeypatch.chdir(tmp_path)
+    lesson.rename("scene.yaml")
+    with dask_processes.alarm():
+        exec(script, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert [Path(line).name for line in lines[:2]] == ["00,mass=10", "01,mass=500"]
+    assert Path(lines[-1]).name == "sweep.csv"
 
 
 @pytest.mark.slow
@@ -222,11 +291,11 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
         start({**ours, "numpy": "1.0", "sources": "0" * 64})
     (problem,) = error.value.problems
     assert problem.found.startswith("a worker on ")
-    expected = (
-        f"has numpy {ours['numpy']}, and here is numpy 1.0: its results would differ"
-    )
+    expected = f"has numpy {ours['numpy']}, but this machine has numpy 1.0: its results would differ"
     assert problem.expected == expected
-    sources = f"has sources {ours['sources'][:12]}, and here is sources 000000000000"
+    sources = (
+        f"has sources {ours['sources'][:12]}, but this machine has sources 000000000000"
+    )
     with pytest.raises(InputError, match=sources):
         start({**ours, "sources": "0" * 64})
 
@@ -255,7 +324,7 @@ def test_a_word_that_is_no_cluster_is_refused(name: str, lesson: Path, capsys) -
     with pytest.raises(SystemExit) as error:
         main(["render", str(lesson), "--cluster", name])
     assert error.value.code == 2
-    assert f"{name} is no cluster; write tcp://HOST:8786" in capsys.readouterr().err
+    assert f"{name} is not a cluster; write tcp://HOST:8786" in capsys.readouterr().err
 
 
 def test_an_unusable_cluster_is_one_message(lesson: Path, capsys, monkeypatch) -> None:
@@ -269,20 +338,20 @@ def test_an_unusable_cluster_is_one_message(lesson: Path, capsys, monkeypatch) -
         return line
 
     refused = message("--cluster", "tcp://127.0.0.1:9")
-    assert refused.startswith('--cluster: "tcp://127.0.0.1:9" is no scheduler that')
+    assert refused.startswith('--cluster: "tcp://127.0.0.1:9" is not a scheduler that')
     refused = message("--cluster", "nowhere.json")
-    assert refused.startswith('--cluster: "nowhere.json" is no scheduler file; ')
+    assert refused.startswith('--cluster: "nowhere.json" is not a scheduler file; ')
     Path("empty.json").write_text("{}")
     refused = message("--cluster", "empty.json")
-    assert refused.startswith('--cluster: "empty.json" names no scheduler; ')
+    assert refused.startswith('--cluster: "empty.json" has no scheduler; ')
     refused = message("--ship", "")
-    assert refused.startswith('--ship: "" is no store; ')
+    assert refused.startswith('--ship: "" is not a store; ')
     refused = message("--ship", "s3://a/b")
-    assert refused == '--ship: "s3://a/b" is for clusters; add --cluster ADDRESS'
+    assert refused == '--ship: "s3://a/b" is only for clusters; add --cluster ADDRESS'
     refused = message("--cluster", "local", "--jobs", "2")
-    assert refused.startswith("--jobs: 2 is for one machine; leave it out")
+    assert refused.startswith("--jobs: 2 is only for one machine; leave it out")
     refused = message("--cluster", "local", "--ship", "unknown://a/b")
-    assert refused.startswith('--ship: "unknown://a/b" is no store (')
+    assert refused.startswith('--ship: "unknown://a/b" is not a store (')
     refused = message("--cluster", "local:1", "--ship", "/proc/nowhere")
     assert refused.startswith('--ship: "/proc/nowhere" cannot be written (')
     monkeypatch.setitem(sys.modules, "distributed", None)

@@ -300,16 +300,16 @@ def test_what_cannot_be_is_refused_in_one_line(
     monkeypatch.chdir(tmp_path / "here")
     assert "cannot be replaced" in refusal(capsys, few, "-o", ".")
     assert (full / "letter.txt").read_text() == "mine"
-    assert "holds no clip that can be used" in refusal(
+    assert "has no clip that can be used" in refusal(
         capsys, str(empty), "-o", str(data)
     )
     assert not data.exists()
-    assert "is no folder" in refusal(capsys, str(tmp_path / "none"), "-o", str(data))
+    assert "is not a folder" in refusal(capsys, str(tmp_path / "none"), "-o", str(data))
     assert f"lies in {few}, which is read" in refusal(capsys, few, "-o", f"{few}/data")
-    assert "hold the same clips" in refusal(capsys, few, str(made), "-o", str(data))
+    assert "have the same clips" in refusal(capsys, few, str(made), "-o", str(data))
     assert "adds up to 0.9" in refusal(
         capsys, few, "-o", str(data), "--split", "train=0.8,test=0.1"
     )
-    assert '"Train" is no split' in refusal(
+    assert '"Train" is not a split' in refusal(
         capsys, few, "-o", str(data), "--split", "Train"
     )

@@ -75,7 +75,7 @@ def test_what_is_no_part_is_refused(part: str, lesson: Path, capsys) -> None:
     with pytest.raises(SystemExit) as error:
         main(["render", str(lesson), "--part", part])
     assert error.value.code == 2
-    assert f"{part} is no part; write e.g. 2/8" in capsys.readouterr().err
+    assert f"{part} is not a part; write e.g. 2/8" in capsys.readouterr().err
 
 
 def test_a_part_without_clips_is_said_and_leaves_nothing(
@@ -116,7 +116,7 @@ def test_a_folder_in_the_place_of_the_table_is_refused_before_rendering(
         main(["sweep", str(lesson), "objects.ball.mass=10:500:5", "-o", str(tmp_path)])
         == 2
     )
-    assert "holds a folder sweep.csv" in capsys.readouterr().err
+    assert "has a folder sweep.csv" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir() if path.name != lesson.name] == [
         "sweep.csv"
     ]

@@ -288,7 +288,7 @@ def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
     found = verify(VerifyRequest(moved / "desk"))
     assert found.outcome is Outcome.UNKNOWN
     assert [str(p) for p in found.problems] == [
-        f"{moved / 'desk' / '../../scene.yaml'}: is not there; "
+        f"{moved / 'desk' / '../../scene.yaml'}: does not exist; "
         "the clip or the scene was moved; name it with --scene FILE"
     ]
     assert (
@@ -297,7 +297,7 @@ def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
     )
     rewrite(desk, lambda told: told.pop("source"))
     assert [str(p) for p in judged(desk).problems] == [
-        f"{desk / 'out' / 'desk' / 'manifest.json'}: is damaged: it is no manifest that can be read; "
+        f"{desk / 'out' / 'desk' / 'manifest.json'}: is damaged: it is not a manifest that can be read; "
         "render the scene again"
     ]
 
@@ -315,8 +315,8 @@ def test_a_manifest_of_nonsense_does_no_harm(desk: Path) -> None:
     )
     found = judged(desk)
     assert found.damaged == (
-        "../../scene.yaml is no file of the clip",
-        "/etc/passwd is no file of the clip",
+        "../../scene.yaml is not a file of the clip",
+        "/etc/passwd is not a file of the clip",
     )
     with np.load(desk / "out" / "desk" / "trajectory.npz") as file:
         arrays = {**file, "names": file["names"][:1]}
@@ -352,7 +352,7 @@ def test_a_tree_by_command(
     assert [item["outcome"] for item in told[:2]] == ["equal", "not verified"]
     assert (
         told[1]["problems"][0]["expected"]
-        == "is damaged: it is no manifest that can be read"
+        == "is damaged: it is not a manifest that can be read"
     )
     assert told[2] == {
         "clips": 2,
@@ -370,6 +370,6 @@ def test_what_is_no_clip_is_refused(
     (tmp_path / "empty").mkdir()
     assert main(["verify", str(tmp_path / "empty"), str(tmp_path / "none")]) == 2
     assert capsys.readouterr().err.splitlines() == [
-        f"{tmp_path / 'empty'}: holds no clip; name a folder that physgen rendered into, e.g. out",
-        f"{tmp_path / 'none'}: is no folder; name folders that were rendered into",
+        f"{tmp_path / 'empty'}: has no clip; name a folder that physgen rendered into, e.g. out",
+        f"{tmp_path / 'none'}: is not a folder; name folders that were rendered into",
     ]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from physgen.evaluate.physics.elliptic import complete, runge_kutta
+from physgen.evaluate.physics.elliptic import integrate_ellipse, runge_kutta
 from physgen.evaluate.physics.forces import kepler
-from physgen.evaluate.physics.sliding_disc import coupling
+from physgen.evaluate.physics.sliding_disc import couple
 from physgen.evaluate.physics.tabletop import mean_distance
 from physgen.geometry.polygon import Region, Ring
 from physgen.geometry.polygon import mean_distance as of_outline
@@ -22,7 +22,7 @@ def test_elliptic_integrals(k: float) -> None:
         (np.arange(20_000) + 0.5) * np.pi / 40_000
     )  # the midpoint rule converges fast on periodic functions
     root = np.sqrt(1 - (k * np.sin(angle)) ** 2)
-    first, second = complete(k)
+    first, second = integrate_ellipse(k)
     assert first == approx((1 / root).mean() * np.pi / 2, rel=1e-12)
     assert second == approx(root.mean() * np.pi / 2, rel=1e-12)
 
@@ -30,7 +30,7 @@ def test_elliptic_integrals(k: float) -> None:
 @pytest.mark.parametrize("swing", [0.1, 1.0, 2.5])
 def test_pendulum_period(swing: float) -> None:
     length, ratio = 80.0, 1.3  # J/(m L²)
-    period = 4 * np.sqrt(ratio * length / G) * complete(np.sin(swing / 2))[0]
+    period = 4 * np.sqrt(ratio * length / G) * integrate_ellipse(np.sin(swing / 2))[0]
 
     def rate(state: np.ndarray) -> np.ndarray:
         return np.array([state[1], -G / (ratio * length) * np.sin(state[0])])
@@ -57,7 +57,7 @@ def over_the_disc(epsilon: float, count: int = 1500) -> tuple[float, float]:
 
 @pytest.mark.parametrize("epsilon", [0.05, 0.3, 0.653, 0.99, 1.0, 1.01, 2.0, 20.0])
 def test_sliding_and_spinning_disc(epsilon: float) -> None:
-    assert coupling(epsilon) == approx(over_the_disc(epsilon), rel=1e-5, abs=1e-7)
+    assert couple(epsilon) == approx(over_the_disc(epsilon), rel=1e-5, abs=1e-7)
 
 
 def test_mean_distance_of_a_rectangle() -> None:

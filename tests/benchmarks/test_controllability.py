@@ -12,13 +12,13 @@ import pytest
 from physgen import pipeline
 from physgen.cli.main import main as physgen
 from physgen.evaluate.controllability import (
-    Along,
-    Swept,
-    by_direction,
+    PushGroup,
+    PushSweep,
     findings,
+    group_by_direction,
+    join_groups,
     outcome,
     sweep,
-    together,
 )
 
 
@@ -39,8 +39,8 @@ render: {fps: 20}
 """
 
 
-def answers(swept: Swept) -> Along:
-    return together(by_direction(swept))
+def answers(swept: PushSweep) -> PushGroup:
+    return join_groups(group_by_direction(swept))
 
 
 def quiet(*_: object) -> None:
@@ -61,22 +61,22 @@ def test_a_puck_goes_where_and_as_far_as_it_is_pushed(tmp_path: Path) -> None:
     assert findings(swept).as_dict()["still_px"] == pytest.approx(0, abs=1e-9)
     for one in swept.outcomes:
         if one.push.angle:
-            assert not one.met
+            assert not one.has_contact
             assert one.length == pytest.approx(
                 one.push.size**2 / (2 * MU * GRAVITY), rel=1e-4
             )
     assert found.steps == (8, 8)
     assert found.spearman == 1
-    assert max(found.off) == pytest.approx(0, abs=1e-6)
+    assert max(found.deviations) == pytest.approx(0, abs=1e-6)
 
 
 def test_what_stands_in_the_way_counts_in_its_direction_alone(tmp_path: Path) -> None:
     swept = sweep(pipeline.load(table(tmp_path)), "puck", 4, [80, 260], quiet)
-    met = [one.push.angle for one in swept.outcomes if one.met]
+    met = [one.push.angle for one in swept.outcomes if one.has_contact]
     assert met == [0]
-    hit = next(one for one in swept.outcomes if one.met)
+    hit = next(one for one in swept.outcomes if one.has_contact)
     assert (
-        80 < np.hypot(*hit.at_first) <= 87.5
+        80 < np.hypot(*hit.free_response) <= 87.5
     )  # from 60 + 8 to 155, and a frame's way before it
     free = sweep(
         pipeline.load(table(tmp_path), ["objects.post=null"]),
@@ -85,17 +85,19 @@ def test_what_stands_in_the_way_counts_in_its_direction_alone(tmp_path: Path) ->
         [80, 260],
         quiet,
     )
-    assert not any(one.met for one in free.outcomes)
-    assert answers(free).free == answers(free).steps == (4, 4)
+    assert not any(one.has_contact for one in free.outcomes)
+    assert answers(free).free_steps == answers(free).steps == (4, 4)
 
 
 def test_a_motion_that_answers_wrongly_is_told_to_be_wrong(tmp_path: Path) -> None:
     good = sweep(pipeline.load(table(tmp_path)), "puck", 4, [40, 80, 120], quiet)
 
-    def bent(change) -> Swept:
+    def bent(change) -> PushSweep:
         return replace(
             good,
-            outcomes=tuple(outcome(*change(one), good.still) for one in good.outcomes),
+            outcomes=tuple(
+                outcome(*change(one), good.rest_path) for one in good.outcomes
+            ),
         )
 
     def mirrored(one):
@@ -110,7 +112,7 @@ def test_a_motion_that_answers_wrongly_is_told_to_be_wrong(tmp_path: Path) -> No
         return one.push, replace(one.path, places=places)
 
     back = answers(bent(mirrored))
-    assert back.off == pytest.approx([180] * 12)
+    assert back.deviations == pytest.approx([180] * 12)
     less = answers(bent(shrinking))
     assert less.steps == (0, 8)
     assert less.spearman == -1

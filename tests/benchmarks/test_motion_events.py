@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from pytest import approx
 
-from physgen.evaluate.physics.events import crossings, flights
+from physgen.evaluate.physics.events import find_crossings, find_flights
 from physgen.evaluate.physics.scorecard import Track
 
 G = 980.0
@@ -32,11 +32,11 @@ def bouncing(e: float, height: float, rate: float, duration: float) -> Track:
 
 
 def test_flights_tell_times_speeds_and_heights() -> None:
-    found = flights(bouncing(0.7, 200, 240, 3.5), 0.0, G)
+    found = find_flights(bouncing(0.7, 200, 240, 3.5), 0.0, G)
     speed = np.sqrt(2 * G * 200)
     assert len(found) >= 5
     for n, flight in enumerate(found[:5]):
-        assert flight.leaving == approx(speed * 0.7**n, rel=1e-9)
+        assert flight.start_speed == approx(speed * 0.7**n, rel=1e-9)
         assert flight.apex == approx(200 * 0.7 ** (2 * n), rel=1e-9)
         assert flight.end - flight.begin == approx(2 * speed * 0.7**n / G, rel=1e-9)
     for before, after in pairwise(found[:5]):
@@ -45,7 +45,7 @@ def test_flights_tell_times_speeds_and_heights() -> None:
 
 def test_crossings_are_far_finer_than_samples() -> None:
     times = np.arange(200) / 60
-    found = crossings(times, np.cos(7 * times), -7 * np.sin(7 * times))
+    found = find_crossings(times, np.cos(7 * times), -7 * np.sin(7 * times))
     exact = (np.arange(len(found)) + 0.5) * np.pi / 7
     assert np.abs(found - exact).max() < 1e-7
 

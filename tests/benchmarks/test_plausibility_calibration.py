@@ -65,7 +65,7 @@ def test_a_run_in_two_pieces_is_the_run_in_one() -> None:
 
 @pytest.mark.parametrize("fault", [None, *balls.KINDS])
 def test_balls_that_go_wrong_are_called_wrong(fault: str | None) -> None:
-    assert judge(stranger(closed(fault))).wrong is (fault is not None)
+    assert judge(stranger(closed(fault))).is_wrong is (fault is not None)
 
 
 @pytest.mark.parametrize(
@@ -79,8 +79,8 @@ def test_our_own_clips_and_the_same_with_a_fault(family: str, fault: str) -> Non
     poses = faults.FAULTS[fault](world, times, fine, rng)
     assert poses is not None
     right = from_world(family, world, times, fine.poses[:: 480 // FPS])
-    assert judge(stranger(right)).wrong is False
-    assert judge(stranger(from_world(family, world, times, poses))).wrong is True
+    assert judge(stranger(right)).is_wrong is False
+    assert judge(stranger(from_world(family, world, times, poses))).is_wrong is True
 
 
 def test_balanced_accuracy_counts_right_and_wrong_alike() -> None:
@@ -102,5 +102,5 @@ def test_balanced_accuracy_counts_right_and_wrong_alike() -> None:
         (8 / 9 + 0.5) / 2
     )  # what cannot be asked is not told rightly
     found = findings(rows, range(1000, 1001))
-    assert not found.passed
+    assert not found.has_passed
     assert "75.0 %" in found.sentences[0]

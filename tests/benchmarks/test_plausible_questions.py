@@ -76,7 +76,7 @@ def deviation(verdict: Verdict, question: str) -> float:
 
 def test_a_throw_is_right_and_its_gravity_is_found() -> None:
     verdict = judge(clip([fall(), fall(x=250, vx=-60, vy=-420)]))
-    assert verdict.wrong is False
+    assert verdict.is_wrong is False
     assert verdict.motion.gravity == pytest.approx((0, 900), abs=1)
 
 
@@ -91,7 +91,9 @@ def test_gravity_that_changes_midway_is_seen_where_it_does(noise: float) -> None
     question, evidence = verdict.faults()[0]
     assert question == "gravity"
     assert 0.35 < evidence.deviation < 1.1
-    assert judge(clip([fall(frames=48) + RNG.normal(0, noise, (48, 2))])).wrong is False
+    assert (
+        judge(clip([fall(frames=48) + RNG.normal(0, noise, (48, 2))])).is_wrong is False
+    )
 
 
 def test_what_is_pulled_upwards_is_seen_beside_what_falls() -> None:
@@ -136,7 +138,7 @@ def test_momentum_of_two_discs_on_a_table() -> None:
     rest, fast = np.zeros(2), np.array([300.0, 0.0])
     right = judge(clip(two(fast, rest, 0.1 * fast, 0.9 * fast), View.TOP))
     assert right.answers["momentum"]
-    assert right.wrong is False
+    assert right.is_wrong is False
     alone = judge(
         clip(
             two(fast, np.array([0.0, 30.0]), -0.5 * fast, np.array([0.0, 30.0])),
@@ -147,7 +149,7 @@ def test_momentum_of_two_discs_on_a_table() -> None:
         question for question, _ in alone.faults()
     }  # the second takes no notice
     across = judge(clip(two(fast, rest, 0.2 * fast, np.array([0.0, 250.0])), View.TOP))
-    assert across.wrong
+    assert across.is_wrong
 
 
 def test_known_masses_tell_more() -> None:
@@ -155,8 +157,8 @@ def test_known_masses_tell_more() -> None:
     paths = two(
         fast, np.zeros(2), 0.5 * fast, 1.0 * fast
     )  # right if the second has half the mass
-    assert judge(clip(paths, View.TOP)).wrong is False
-    assert judge(clip(paths, View.TOP, masses=np.array([2.0, 1.0]))).wrong is False
+    assert judge(clip(paths, View.TOP)).is_wrong is False
+    assert judge(clip(paths, View.TOP, masses=np.array([2.0, 1.0]))).is_wrong is False
     heavy = judge(clip(paths, View.TOP, masses=np.array([1.0, 3.0])))
     assert deviation(heavy, "momentum") == pytest.approx(
         0.5 * 300 * 5 / (150 + 900), abs=0.05
@@ -169,9 +171,9 @@ def test_one_goes_through_another_in_frames_and_between_them() -> None:
         0.7 < deviation(through, "overlap") < 1
     )  # a whole ball deep, less what frames and noise leave open
     fast = judge(clip([along(-890, 200, 1800, 0), along(300, 200, 0, 0)], View.TOP))
-    assert fast.wrong
+    assert fast.is_wrong
     apart = judge(clip([along(50, 200, 240, 0), along(330, 240, -180, 0)], View.TOP))
-    assert apart.wrong is False
+    assert apart.is_wrong is False
 
 
 def test_a_jump_is_found_in_its_frame_by_its_size() -> None:
@@ -182,7 +184,7 @@ def test_a_jump_is_found_in_its_frame_by_its_size() -> None:
     assert float(evidence.text.split()[2]) == pytest.approx(np.hypot(40, 20), abs=2)
     flicker = fall()
     flicker[22] += (40, 0)
-    assert judge(clip([flicker])).wrong
+    assert judge(clip([flicker])).is_wrong
 
 
 def test_what_cannot_be_asked_is_no_success() -> None:

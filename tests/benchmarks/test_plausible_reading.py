@@ -43,7 +43,7 @@ def test_a_table_tells_the_motion(tmp_path: Path) -> None:
     assert tracks.step == pytest.approx(1 / FPS, rel=1e-3)
     np.testing.assert_allclose(tracks.places, np.stack(PATHS, axis=1), atol=1e-3)
     verdict = judge(tracks)
-    assert verdict.wrong is False
+    assert verdict.is_wrong is False
     assert verdict.motion.gravity is not None
     assert verdict.motion.gravity[1] == pytest.approx(G, rel=0.03)
 
@@ -128,4 +128,4 @@ def test_a_scene_and_its_clip_are_judged_by_their_places(tmp_path: Path) -> None
     (alone,) = read(tmp_path / "out")
     assert alone.forms[0].reach == 0
     for tracks in (by_scene, by_clip, alone):
-        assert judge(tracks).wrong is False
+        assert judge(tracks).is_wrong is False

@@ -129,7 +129,7 @@ def test_what_an_earlier_run_wrote_goes_with_a_warning(
     assert main([*command, "--format", "gif"]) == 0
     folder = tmp_path / "lesson"
     assert not (folder / "video.mp4").exists()
-    warning = f"{folder}: warning: video.mp4 of an earlier run is replaced; name all formats at once"
+    warning = f"{folder}: warning: video.mp4 of an earlier run is removed; name all formats at once"
     assert warning in capsys.readouterr().err
     assert main([*command, "--format", "gif,mp4"]) == 0
     assert main([*command, "--format", "gif,mp4", "--no-cache"]) == 0
@@ -198,9 +198,11 @@ def test_two_scenes_of_one_name_are_refused(
             == 0
         )
         told.append(capsys.readouterr().err)
-    assert [
-        f"the clip of {lesson} that was there is replaced" in text for text in told
-    ] == [False, False, True]
+    assert [f"the earlier clip of {lesson} is replaced" in text for text in told] == [
+        False,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("damage", [{"source": None}, {"source": 5}, {"files": 5}])
@@ -220,8 +222,8 @@ def test_a_strange_manifest_of_an_earlier_run_loses_no_clip(
 def test_an_emptied_scene_says_what_empties_it(lesson: Path, capsys) -> None:
     lesson.write_text("")  # as the shell's > does before a refresh begins
     assert main(["perceive", "--refresh", str(lesson)]) == 2
-    assert "lesson.yaml: empty" in (told := capsys.readouterr().err)
-    assert "if > emptied it: --refresh writes into the scene without >" in told
+    assert "lesson.yaml: the file is empty" in (told := capsys.readouterr().err)
+    assert "if `> FILE` emptied it: --refresh writes into the scene without >" in told
 
 
 def test_check_tells_all(lesson: Path, capsys) -> None:
@@ -406,7 +408,7 @@ def test_perceive_on_stdout_puts_assets_beside(
         ),
         (
             ["perceive", "{photo}", "--masks", "{photo}", "--box", "1,2,3,4"],
-            "was given the objects in more than one way",
+            "has the objects in more than one way",
         ),
         (["perceive", "{photo}", "--backend", "segment=sam9"], "sam9"),
         (["render", "{lesson}", "--set", "objects.ball.mass"], "--set"),
@@ -415,20 +417,23 @@ def test_perceive_on_stdout_puts_assets_beside(
         (["import", "physgen", "no-such-folder"], "no-such-folder: is not a folder"),
         (
             ["simulate", "{lesson}", "-o", "{lesson}"],
-            "is no name for a trajectory; end it in .npz, .csv or .json",
+            "is not a name for a trajectory; end it in .npz, .csv or .json",
         ),
-        (["perceive", "{photo}", "--point=-1,3"], "is off the 160 x 120 photo"),
-        (["perceive", "{photo}", "--box=200,3,50,50"], "is off the 160 x 120 photo"),
+        (["perceive", "{photo}", "--point=-1,3"], "is outside the 160 x 120 photo"),
+        (
+            ["perceive", "{photo}", "--box=200,3,50,50"],
+            "is outside the 160 x 120 photo",
+        ),
         (
             ["perceive", "{photo}", "--box=10,10,0,5"],
             "--box 10,10,0,5: is under 4 px wide or high",
         ),
-        (["simulate", "{lesson}", "-o", "."], "is no name for a trajectory"),
+        (["simulate", "{lesson}", "-o", "."], "is not a name for a trajectory"),
         (
             ["perceive", "{photo}", "-o", "{photo}"],
-            "is no name for a scene file; end it in .yaml",
+            "is not a name for a scene file; end it in .yaml",
         ),
-        (["perceive", "{photo}", "-o", "-"], "is no name for a scene file"),
+        (["perceive", "{photo}", "-o", "-"], "is not a name for a scene file"),
         (["render", "{lesson}", "-o", "{lesson}"], "is a file"),
     ],
 )

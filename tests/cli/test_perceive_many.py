@@ -86,8 +86,8 @@ def test_one_bad_photo_leaves_the_others(photos, tmp_path: Path, capsys):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ((), "2 photos go into a folder; name it: -o FOLDER"),
-        (("-o", "x.yaml"), "2 photos go into a folder; name it: -o FOLDER"),
+        ((), "2 photos need a folder; name it: -o FOLDER"),
+        (("-o", "x.yaml"), "2 photos need a folder; name it: -o FOLDER"),
         (
             ("-o", "d", "--box", "1,2,30,40"),
             "perceive: --box is for one photo; leave it out, or name one photo",
@@ -126,7 +126,7 @@ def test_a_photo_that_is_not_there_stops_all_before_any_work(
     photos, tmp_path: Path, capsys
 ):
     assert told(photos[0], str(tmp_path / "none.png"), "-o", str(tmp_path / "all")) == 2
-    assert "none.png: is not there; name a photo" in capsys.readouterr().err
+    assert "none.png: does not exist; name a photo" in capsys.readouterr().err
     assert not (tmp_path / "all").exists()
 
 

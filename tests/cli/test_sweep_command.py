@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import resource
+from argparse import Namespace
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,10 @@ import pandas as pd
 import pytest
 
 from physgen import pipeline, tables
+from physgen.batch.axes import read_axes
+from physgen.batch.sweep import Point, planned
+from physgen.cli import sweep as sweep_command
+from physgen.cli.clips import preview_edits
 from physgen.cli.main import main
 
 GRID = ["objects.ball.velocity.0=300,200", "objects.crate.friction=0:1:2"]
@@ -137,7 +142,7 @@ def test_a_draw_that_makes_no_scene_is_a_row_and_a_card(
         ),
         (
             ["objects.ball.mass=1,2", "--track", "floor"],
-            '--track: "floor" is no object that can move',
+            '--track: "floor" is not an object that can move',
         ),
         (
             ["variants.heavy=1,2"],
@@ -221,6 +226,38 @@ def test_previews_last_as_long_as_their_own_clips(lesson: Path, tmp_path: Path) 
         frames = film.get(cv2.CAP_PROP_FRAME_COUNT)
         assert frames <= 24
         assert frames / film.get(cv2.CAP_PROP_FPS) == pytest.approx(seconds, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("axis", "duration", "calls"),
+    [
+        ("objects.ball.velocity.0=20,90,300", "0.5", 1),
+        ("objects.ball.velocity.0=20,90,300", "auto", 3),
+        ("render.fps=10,20,40", "0.5", 3),
+    ],
+)
+def test_points_of_one_duration_share_their_preview(
+    axis: str, duration: str, calls: int, lesson: Path, monkeypatch
+) -> None:
+    changes = [f"world.duration={duration}"]
+    options = Namespace(scene=str(lesson), allow_outside=False, set=changes)
+    plan = planned(read_axes([axis]))
+
+    def own_edits(point: Point) -> tuple[str, ...]:
+        return preview_edits(str(lesson), None, options, point.overrides)
+
+    expected = [own_edits(point) for point in map(plan.__getitem__, range(3))]
+    made = []
+
+    def counted(*arguments: object) -> tuple[str, ...]:
+        made.append(arguments)
+        return preview_edits(*arguments)
+
+    monkeypatch.setattr(sweep_command, "preview_edits", counted)
+    previews = sweep_command.Previews(plan, options)
+    edits = [previews.edits(plan[number]) for number in range(3)]
+    assert edits == expected
+    assert len(made) == calls
 
 
 def test_the_folder_is_named_after_scene_and_variant(

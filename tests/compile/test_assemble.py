@@ -225,7 +225,8 @@ objects:
     )
     for thing in ("objects: {a: {mask: 1}}", "boundaries: {a: {mask: 1}}"):
         with pytest.raises(
-            InputError, match=r"1 is an id, and masks\.png is read beside a photo only"
+            InputError,
+            match=r"1 is an id, but the scene has no photo and so no masks\.png",
         ):
             compiled(tmp_path, thing, "size: [200, 150]\nassets: photo.assets")
 
@@ -235,6 +236,6 @@ def test_a_path_begins_where_its_object_is(tmp_path: Path) -> None:
     body = f"objects: {{a: {{{box}, motion: {{path: [[0, 60, 50], [1, 100, 50]]}}}}}}"
     with pytest.raises(
         InputError,
-        match=r"3:\d+: objects.a.motion.path: the first knot is not where the object is; begin with",
+        match=r"3:\d+: objects.a.motion.path: the first knot is not at the object; begin with",
     ):
         compiled(tmp_path, body)

@@ -39,15 +39,15 @@ LINTS = {
     "objects.a.shape: a reaches 4.0 px across boundary floor at t = 0; ": """\
 objects: {a: {shape: {box: {center: [50, 60], size: [20, 20]}}}}
 boundaries: {floor: {segment: [[0, 66], [200, 66]]}}""",
-    "objects.a.rolling: 0.1 has no effect: only circles roll; take it out": f"""\
+    "objects.a.rolling: 0.1 has no effect: only circles roll; remove it": f"""\
 objects: {{a: {{shape: {BOX}, rolling: 0.1}}}}""",
-    "objects.a.rolling: 0.1 has no effect: only spheres roll; take it out": f"""\
+    "objects.a.rolling: 0.1 has no effect: only spheres roll; remove it": f"""\
 {CLOTH}objects: {{a: {{shape: {BALL}, rolling: 0.1}}}}""",
     "objects.a.rolling: 0.1 has no effect on an object whose motion is static; ": f"""\
 objects: {{a: {{shape: {BALL}, rolling: 0.1, motion: static}}}}""",
-    "objects.a.roll: roll has no effect: only dynamic spheres on a tabletop with friction roll; take it out": f"""\
+    "objects.a.roll: roll has no effect: only dynamic spheres on a tabletop with friction roll; remove it": f"""\
 {TOP}objects: {{a: {{shape: {BALL}, solid: sphere, roll: none}}}}""",
-    "world.table.friction: 0.2 has no effect seen from the side; take it out, or write view: top": (
+    "world.table.friction: 0.2 has no effect seen from the side; remove it, or write view: top": (
         "world: {table: {friction: 0.2}}\nobjects: {}"
     ),
     "world.duration: 120 s makes 3,600 frames, 2 min of video, in about 1.8 min; write auto": (
@@ -61,10 +61,10 @@ forces: [{{object: a, impulse: [1, 0]}}]""",
     "forces[0].start: 3 begins after the end of the clip at 2 s; ": f"""\
 {TOP}objects: {{a: {{shape: {BALL}}}}}
 forces: [{{object: a, impulse: [1, 0], start: 3}}]""",
-    "joints.glue: glue has no effect: no object of it is dynamic; take it out, or write motion: dynamic": f"""\
+    "joints.glue: glue has no effect: none of its objects is dynamic; remove it, or write motion: dynamic": f"""\
 objects: {{a: {{shape: {BALL}, motion: static}}, b: {{shape: {BOX}, motion: static}}}}
 joints: {{glue: {{objects: [a, b], weld: [90, 60]}}}}""",
-    "fields.breeze: breeze has no effect: no object of it is dynamic; ": f"""\
+    "fields.breeze: breeze has no effect: none of its objects is dynamic; ": f"""\
 objects: {{b: {{shape: {BOX}, motion: static}}}}
 fields: {{breeze: {{wind: [5, 0], drag: 1}}}}""",
 }
@@ -216,7 +216,7 @@ def test_a_shape_that_misses_its_mask_is_told(
     (line,) = [
         line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "misses" in line
     ]
-    assert abs(int(line.split("misses ")[1].split("%")[0]) - share) < 15
+    assert abs(int(line.split("misses ")[1].split(" %")[0]) - share) < 15
 
 
 def test_spike_without_area_does_not_stop_warnings(tmp_path: Path) -> None:
@@ -231,7 +231,7 @@ def test_a_shape_beyond_the_picture_misses_all_of_its_mask(tmp_path: Path) -> No
     (line,) = [
         line for line in masked(tmp_path, shape, (40, 50, 91, 100)) if "mask" in line
     ]
-    assert "misses 100% of" in line
+    assert "misses 100 % of" in line
 
 
 @pytest.mark.parametrize(

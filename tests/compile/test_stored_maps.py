@@ -74,7 +74,7 @@ def test_an_edit_beside_the_objects_is_told_with_its_place(folder: Path) -> None
     assert 12 * 20 <= count <= 16 * 24
     assert "(x 88 to 111, y 18 to 33)" in line
     assert line.endswith(
-        "if the photo was edited, physgen perceive --refresh makes the maps anew"
+        "if the photo was edited, physgen perceive --refresh makes the maps again"
     )
     (folder / "clean.png").unlink()
     assert told(folder) == [line]

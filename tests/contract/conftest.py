@@ -46,7 +46,9 @@ def video(tiny: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Callable[...,
     """Kind of weights, options -> a video model that runs on tiny ones; with the same options, the same model."""
     from physgen import registry
 
-    variants = importlib.import_module("tests.contract.tiny_wan").VARIANTS
+    variants = {}
+    for module in ("tiny_video", "tiny_wan", "tiny_ltx"):
+        variants |= importlib.import_module(f"tests.contract.{module}").VARIANTS
     root, paths, made = tmp_path_factory.mktemp("video"), {}, {}
 
     def model(variant: str, dtype: str = "auto", **options: Any) -> Any:

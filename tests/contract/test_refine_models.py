@@ -27,11 +27,13 @@ from physgen.refine.backends import sampling as loading
 from physgen.refine.denoiser import Denoiser, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
 from physgen.registry import Setup
+from tests.contract import tiny_ltx, tiny_video, tiny_wan
 from tests.contract.tiny_maps import Trap
 from tests.contract.tiny_video import animatediff
-from tests.contract.tiny_wan import VARIANTS, wan
+from tests.contract.tiny_wan import wan
 
-ROWS = {"animatediff": "animatediff", "wan": "wan"}
+VARIANTS = [*tiny_video.VARIANTS, *tiny_wan.VARIANTS, *tiny_ltx.VARIANTS]
+ROWS = {"animatediff": "animatediff", "wan": "wan", "ltx-video": "ltx-video"}
 """A kind of weights for each backend."""
 SIZE = 37, 23
 HOW = RefineSettings(
@@ -127,7 +129,9 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
 def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(
     variant: str, video: Video, apart
 ):
-    far = apart(video(variant), replace(HOW, hold=6))
+    model = video(variant)
+    span = 6 * max(1, model.grid.stride // 4)  # two latent frames or more
+    far = apart(model, replace(HOW, hold=span), 1 + span)
     assert far[0] == 0
     assert far.max() > 0.1
     assert np.diff(far).max() < 0.7 * far.max()
@@ -183,7 +187,12 @@ class Watched:
 
 @pytest.mark.parametrize(
     ("variant", "window", "latents"),
-    [("animatediff", 8, 8), ("wan", 9, 3), ("wan-framed", 9, 3)],
+    [
+        ("animatediff", 8, 8),
+        ("wan", 9, 3),
+        ("wan-framed", 9, 3),
+        ("ltx-video", 17, 3),
+    ],
 )
 def test_a_long_clip_is_seen_in_windows(
     variant: str, window: int, latents: int, video: Video
@@ -191,7 +200,7 @@ def test_a_long_clip_is_seen_in_windows(
     model = video(variant, window=window)
     frames, coverage = clip(21)
     run = Refinement(model, HOW, SIZE, 21)
-    model.begin(frames[:1] * 5, HOW.prompt, 4, 2)  # so that it is loaded
+    model.load()
     network = model._network
     model.__dict__["_network"] = watched = Watched(network)
     made = np.stack(list(run.frames(frames, coverage)))
@@ -373,11 +382,11 @@ def test_missing_weights_are_named_before_any_work(name: str):
             (fix,) = [
                 fix
                 for text, fix in told.items()
-                if f'--refine: "{id_}" holds the weights of' in text
+                if f'--refine: "{id_}" has the weights of' in text
             ]
             assert fix == f"run hf download {id_}, or write NAME:PATH"
     with pytest.raises(
-        InputError, match=r'--refine: "no/such/folder" is not there: the weights of'
+        InputError, match=r'--refine: "no/such/folder" does not exist: the weights of'
     ):
         made(name, "no/such/folder")
 
@@ -409,7 +418,7 @@ def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path
         (
             "animatediff",
             f"{base}/unet,{base}",
-            r"is a UNet2DConditionModel: no motion adapter; name a motion",
+            r"is a UNet2DConditionModel, not a motion adapter; name a motion",
         ),
         (
             "animatediff",

@@ -19,6 +19,7 @@ from PIL import Image
 
 from physgen.refine.denoiser import PromptSettings
 from physgen.refine.fusion import fused
+from tests.contract.tiny_ltx import SHIFT
 
 STEPS = 8
 WORDS, NOT = "a red ball,  &amp; a cup", "blur"
@@ -64,6 +65,10 @@ THEIRS = {
     "wan-ti2v": Theirs(
         "WanPipeline", "wan.pipeline_wan", (48, 32), 9, 1.0, ("transformer", "expand_timesteps")
     ),
+    "ltx-video": Theirs("LTXPipeline", "ltx.pipeline_ltx", (96, 64), 17, 1.0, ("transformer",)),
+    "ltx-video-condition": Theirs(
+        "LTXConditionPipeline", "ltx.pipeline_ltx_condition", (96, 64), 17, parts=("transformer",)
+    ),
 }  # fmt: skip
 
 
@@ -71,6 +76,10 @@ def scheduler(variant: str) -> Any:
     """Built from numbers, not from the weights' own."""
     if variant.startswith("wan"):
         return diffusers.FlowMatchEulerDiscreteScheduler(shift=3.0)
+    if variant == "ltx-video":
+        return diffusers.FlowMatchEulerDiscreteScheduler(**SHIFT)
+    if variant.startswith("ltx-video"):
+        return diffusers.FlowMatchEulerDiscreteScheduler()
     return diffusers.DDIMScheduler(
         beta_start=0.00085, beta_end=0.012, beta_schedule="linear", clip_sample=False, steps_offset=1,
         prediction_type="v_prediction",
@@ -143,17 +152,16 @@ class Both:
             self.theirs.size,
             [Image.fromarray(frame) for frame in self.frames],
         )
-        if "Wan" in self.theirs.kind or "Image" in self.theirs.kind:
-            more |= {"height": height, "width": width}
+        more |= {"height": height, "width": width}
         if "VideoToVideo" in self.theirs.kind:
-            more |= {
-                "video": pictures,
-                "strength": self.theirs.strength,
-                "height": height,
-                "width": width,
-            }
+            more |= {"video": pictures, "strength": self.theirs.strength}
+        elif "Condition" in self.theirs.kind:
+            more |= {"num_frames": len(pictures), "latents": self.laid_out(self.z0, 5)}
+            more["denoise_strength"] = self.theirs.strength
         else:
-            more |= {"num_frames": len(pictures), "latents": self._drawn(self._shape())}
+            tokens = 3 if "LTX" in self.theirs.kind else 5
+            more |= {"num_frames": len(pictures)}
+            more["latents"] = self.laid_out(self.noise, tokens)
         if "Image" in self.theirs.kind:
             more["image"] = pictures[0]
         found = self.pipe(
@@ -162,12 +170,18 @@ class Both:
         ).frames  # fmt: skip
         return self.ours(found).numpy()
 
-    def _shape(self) -> tuple[int, ...]:
-        f, c, h, w = self.z0.shape
-        return (1, c, f, h, w)
-
     def ours(self, latents: torch.Tensor) -> torch.Tensor:
+        if latents.ndim == 3:  # tokens
+            f, c, h, w = self.z0.shape
+            return latents[0].reshape(f, h, w, c).permute(0, 3, 1, 2)
         return latents[0].transpose(0, 1)
+
+    def laid_out(self, latents: Any, dimensions: int) -> torch.Tensor:
+        """Ours as theirs: (1, C, F', h, w), or tokens."""
+        z = torch.as_tensor(latents)
+        if dimensions == 3:
+            return z.permute(0, 2, 3, 1).reshape(1, -1, z.shape[1])
+        return z.transpose(0, 1)[None]
 
     def run_ours(self, mask: Any, stop: int) -> np.ndarray:
         model = self.model
@@ -218,7 +232,7 @@ def test_with_objects_it_is_the_algorithm_in_their_callback(both: Both):
             else:
                 ref = both.scheduler.add_noise(guidance, noise, times[i + 1 : i + 2])
             z = (1 - m) * z + m * (i / n * z + (1 - i / n) * ref)
-            told["latents"] = z.transpose(0, 1)[None]
+            told["latents"] = both.laid_out(z, told["latents"].ndim)
         return told
 
     theirs, ours = both.run(step), both.run_ours(mask, stop)
@@ -242,6 +256,14 @@ def test_latents_become_the_frames_that_theirs_become(both: Both):
                 for v in (told.latents_mean, told.latents_std)
             )
             video = pipe.vae.decode(z.transpose(1, 2) * std + mean).sample
+        elif both.theirs.kind.startswith("LTX"):
+            vae = pipe.vae
+            known = vae.latents_mean, vae.latents_std, vae.config.scaling_factor
+            time = torch.zeros(1) if vae.config.timestep_conditioning else None
+            torch.manual_seed(0)
+            video = vae.decode(
+                pipe._denormalize_latents(z.transpose(1, 2), *known), time
+            ).sample
         else:
             video = pipe.decode_latents(z.transpose(1, 2))
         theirs = pipe.video_processor.postprocess_video(video, output_type="np")[0]

@@ -27,11 +27,11 @@ def photo(height, width):
     [
         (
             "",
-            '"IDEA-Research/grounding-dino-tiny" holds the weights of Grounding DINO and is not on this machine',
+            '"IDEA-Research/grounding-dino-tiny" has the weights of Grounding DINO, and is not on this machine',
         ),
         (
             "/nowhere/dino",
-            '"/nowhere/dino" is not there: the weights of Grounding DINO; write ROLE=NAME:PATH',
+            '"/nowhere/dino" does not exist: the weights of Grounding DINO; write ROLE=NAME:PATH',
         ),
         ("a,b,c", '"a,b,c" names 3 weights for grounding-dino+sam; write at most 2'),
     ],
@@ -74,7 +74,7 @@ def test_the_second_weights_alone_can_be_named(tiny, tmp_path):
 
 def test_a_device_that_is_not_here_is_refused():
     assert models.device_of(Setup(device="auto")) in ("cpu", "cuda", "mps")
-    with pytest.raises(InputError, match='"tpu" is no device; choose auto or'):
+    with pytest.raises(InputError, match='"tpu" is not a device; choose auto or'):
         models.device_of(Setup(device="tpu"))
     if not torch.cuda.is_available():
         with pytest.raises(InputError, match='"cuda:1" is not here'):
@@ -105,5 +105,5 @@ def test_a_hub_that_does_not_answer_is_not_waited_for():
     )
     assert run.returncode == 0, run.stderr
     assert (
-        "nor can the hub be asked; run hf download facebook/sam-vit-huge" in run.stdout
+        "the hub cannot be asked; run hf download facebook/sam-vit-huge" in run.stdout
     )

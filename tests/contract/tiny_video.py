@@ -31,3 +31,7 @@ MODELS: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("refine", "animatediff"): animatediff,
 }
 """What builds the model of a row in an empty folder and gives what a choice names."""
+VARIANTS: Mapping[str, tuple[str, Callable[[Path], str]]] = {
+    "animatediff": ("animatediff", animatediff)
+}
+"""Kinds of weights that the backend takes: its name, and what builds them."""

@@ -27,14 +27,11 @@ from transformers import (
     UMT5EncoderModel,
 )
 
-from tests.contract.tiny_video import animatediff
-
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
 
-def _t5() -> dict[str, Any]:
-    """A text encoder and its tokenizer."""
-    torch.manual_seed(0)
+def tokenizer() -> T5Tokenizer:
+    """One of single letters."""
     pieces = [
         "<pad>",
         "</s>",
@@ -44,11 +41,17 @@ def _t5() -> dict[str, Any]:
         *(f"▁{letter}" for letter in LETTERS),
         ",",
     ]
+    return T5Tokenizer(vocab=[(piece, -1.0) for piece in pieces], extra_ids=0)
+
+
+def _t5() -> dict[str, Any]:
+    """A text encoder and its tokenizer."""
+    torch.manual_seed(0)
+    tokens = tokenizer()
     size: dict[str, Any] = {
-        "vocab_size": len(pieces), "d_model": 16, "d_kv": 8, "d_ff": 16, "num_layers": 1, "num_heads": 2,
+        "vocab_size": len(tokens), "d_model": 16, "d_kv": 8, "d_ff": 16, "num_layers": 1, "num_heads": 2,
     }  # fmt: skip
     encoder = UMT5EncoderModel(UMT5Config(**size))
-    tokens = T5Tokenizer(vocab=[(piece, -1.0) for piece in pieces], extra_ids=0)
     return {"text_encoder": encoder.eval(), "tokenizer": tokens}
 
 
@@ -111,11 +114,10 @@ def _clip() -> dict[str, Any]:
 MODELS: Mapping[tuple[str, str], Callable[[Path], str]] = {("refine", "wan"): wan}
 """What builds the model of a row in an empty folder and gives what a choice names."""
 VARIANTS: Mapping[str, tuple[str, Callable[[Path], str]]] = {
-    "animatediff": ("animatediff", animatediff),
     "wan": ("wan", wan),
     "wan-framed": ("wan", partial(wan, framed=True)),
     "wan-experts": ("wan", partial(wan, experts=True)),
     "wan-framed-experts": ("wan", partial(wan, framed=True, experts=True)),
     "wan-ti2v": ("wan", partial(wan, ti2v=True)),
 }
-"""Kinds of weights that a backend takes: its name, and what builds them."""
+"""Kinds of weights that the backend takes: its name, and what builds them."""

@@ -138,7 +138,7 @@ def test_a_run_that_leaves_all_numbers_ends_there_and_says_so(tmp_path: Path) ->
     assert part["upto"] < part["total"]
     (problem,) = stream.problems
     assert problem.path == "objects.ball"
-    assert "leaves all numbers by t = 0.2" in str(problem)
+    assert "becomes larger than any number by t = 0.2" in str(problem)
     assert unpacked(part["bodies"][0]["x"]).tolist() == [60.0] * part["upto"]
 
 

@@ -247,7 +247,7 @@ def test_a_mask_that_is_painted_over_another_takes_its_pixels(desk: Desk) -> Non
     over = stroke([(150, 100)], 10, (W, H))
     assert not (desk.mask(block) & over).any()
     assert np.array_equal(desk.mask(block), BLOCK & ~over)
-    with pytest.raises(EditError, match=f"nothing would be left of {block}"):
+    with pytest.raises(EditError, match=f"no pixel would be left of {block}"):
         desk.do(kind="brush", object=disc, strokes=[[150, 100], [190, 100]], radius=60)
 
 
@@ -454,9 +454,9 @@ def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
             {"kind": "brush", "object": "DISC", "strokes": [[1, 1]], "radius": 10**400},
             "radius: .* number",
         ),
-        ({"kind": "box", "box": [500, 500, 20, 20]}, "is off the"),
+        ({"kind": "box", "box": [500, 500, 20, 20]}, "is outside the"),
         ({"kind": "point", "point": [1e9, 3]}, "point.0: .* less than"),
-        ({"kind": "point", "point": [-5, 3]}, "off the 240 x 160 photo"),
+        ({"kind": "point", "point": [-5, 3]}, "outside the 240 x 160 photo"),
         ({"kind": "polygon", "polygon": [[1, 1], [2, 2]]}, "at least 3 items"),
         (
             {"kind": "polygon", "polygon": [[300, 1], [302, 2], [301, 5]]},
@@ -486,7 +486,7 @@ def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
             {"kind": "eraser", "object": "DISC", "strokes": [[70, 60]], "radius": 90},
             "fewer than 12 px",
         ),
-        ({"kind": "merge", "objects": ["DISC", "DISC"]}, "are one"),
+        ({"kind": "merge", "objects": ["DISC", "DISC"]}, "named twice"),
         ({"kind": "merge", "objects": "DISC"}, "objects: .* list"),
         ({"kind": "split", "object": "DISC", "line": [[1, 1], [1, 1]]}, "is a point"),
         ({"kind": "relabel", "object": "DISC", "label": " "}, "label: .* pattern"),

@@ -217,7 +217,7 @@ def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(
     ("arguments", "said"),
     [
         (["nowhere.yaml"], "nowhere.yaml: no such file"),
-        (["."], "a folder; name a scene file in it"),
+        (["."], "is a folder; name a scene file in it"),
         (
             ["scene.yaml", "--port", "99999"],
             "99999 is not a whole number from 0 to 65535",

@@ -72,7 +72,7 @@ def test_commands_edit_the_file(
     assert not {first, second, third} & set(names)
     capsys.readouterr()
     assert main(["remove", str(scene), "strat"]) == 2
-    assert "did you mean start?" in capsys.readouterr().err
+    assert 'did you mean "start"?' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("gap", [10, 90])

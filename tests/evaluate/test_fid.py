@@ -16,7 +16,7 @@ from benchmarks.picture_features import Bank
 from physgen.cli import evaluate
 from physgen.cli.main import main
 from physgen.evaluate.clip_frames import Rule, sources
-from physgen.evaluate.fid import pictured
+from physgen.evaluate.fid import picture_flow
 
 SIDE, FRAMES = 64, 5
 
@@ -127,7 +127,7 @@ def test_a_flows_colours_are_those_of_the_wheel() -> None:
     moved[0] = (4, 0)
     moved[1] = (-2, 0)
     moved[2] = (40, 0)
-    shown = pictured(moved, 4.0)
+    shown = picture_flow(moved, 4.0)
     hue, _, full = colorsys.rgb_to_hsv(*(shown[0, 0] / 255))
     assert min(hue, 1 - hue) < 0.02  # to the right is red
     assert full == pytest.approx(1, abs=0.01)
@@ -136,7 +136,7 @@ def test_a_flows_colours_are_those_of_the_wheel() -> None:
     assert left[1] == pytest.approx(0.5, abs=0.05)
     assert np.array_equal(shown[2], shown[0])  # faster than full stays full
     assert (shown[4:] == 255).all()
-    assert not np.array_equal(shown, pictured(moved, 8.0))  # speed is seen
+    assert not np.array_equal(shown, picture_flow(moved, 8.0))  # speed is seen
 
 
 def test_formats_do_not_matter(
@@ -235,7 +235,7 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
         "short": ([true, "--frames", "9"], ["5 frames are fewer than --frames 9; give --frames 5"]),
         "no script": ([true, "--inception", str(root / "weights.pth")], ["does not load as Inception"]),
         "both sides": ([str(root / "nowhere"), "--reference", str(root / "nowhere")], ["no such file or folder"]),
-        "twice": ([one, one], ["0, 0 are names of one thing"]),
+        "twice": ([one, one], ["0, 0 are equal names"]),
     }  # fmt: skip
 
 

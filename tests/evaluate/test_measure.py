@@ -90,8 +90,8 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
 
 
 def test_a_missed_bar_is_said_everywhere() -> None:
-    assert found().passed
-    assert not found(met=False).passed
+    assert found().has_passed
+    assert not found(met=False).has_passed
     assert "MISSED" in text(found(met=False))
     assert found(met=False).as_dict()["passed"] is False
 

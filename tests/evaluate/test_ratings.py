@@ -211,7 +211,7 @@ def test_the_command_reads_answers(
         (["a.json", "--key", "a.json"], "is not the key of a study"),
         (
             ["a.json", "--key", "study.key.json", "--videos", "3"],
-            "--videos: has no part in reading answers",
+            "--videos: is not used to read answers",
         ),
         (["a.json", "--key", "study.key.json", "-o", "a.json"], "is a file"),
         (["empty", "--key", "study.key.json"], "holds no answer"),

@@ -7,20 +7,20 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen.evaluate.segmentation import (
-    Judged,
     Photo,
+    PhotoMatches,
     Runs,
     calibration_error,
     counts,
+    encode_mask,
     match,
-    runs,
 )
 
 
 def square(x: int, y: int, side: int = 10) -> Runs:
     mask = np.zeros((120, 120), np.bool_)
     mask[y : y + side, x : x + side] = True
-    return runs(mask)
+    return encode_mask(mask)
 
 
 def test_a_case_worked_out_by_hand() -> None:
@@ -63,13 +63,17 @@ def test_where_nobody_judges_nothing_counts() -> None:
     # right; within; mostly within; mostly without
     said = [square(10, 10), square(70, 10), square(46, 40), square(43, 70)]
     confidence = np.array([0.9, 0.8, 0.7, 0.6])
-    photo = Photo("x", (120, 120), [square(10, 10)], [runs(unjudged)], said, confidence)
+    photo = Photo(
+        "x", (120, 120), [square(10, 10)], [encode_mask(unjudged)], said, confidence
+    )
     found = counts(match([photo]).photos)
     assert (found["true"], found["said"], found["hit"]) == (1, 2, 1)
 
 
-def said_and_right(confidence: NDArray[np.float64], right: NDArray[np.bool_]) -> Judged:
-    return Judged(confidence, right.astype(np.float64), len(right))
+def said_and_right(
+    confidence: NDArray[np.float64], right: NDArray[np.bool_]
+) -> PhotoMatches:
+    return PhotoMatches(confidence, right.astype(np.float64), len(right))
 
 
 def test_perfect_candour_has_no_error() -> None:

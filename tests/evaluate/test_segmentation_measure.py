@@ -156,7 +156,7 @@ def test_names_stay_apart_and_inside(tmp_path: Path) -> None:
         ),
         ("broken", "is not a picture that can be read"),
         ("twins", "could both be its photo; keep one of them"),
-        ("backend", '--backend: "label" has no part in this; write segment=NAME'),
+        ("backend", '--backend: "label" is not used here; write segment=NAME'),
         ("output", "is a file"),
     ],
 )

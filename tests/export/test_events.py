@@ -34,7 +34,7 @@ def test_a_ball_that_is_dropped_meets_the_floor_as_free_fall_has_it(
     assert first.impulse == pytest.approx(5 * (1 + E) * speed, rel=5e-3)
     assert first.closing == pytest.approx(speed, rel=1e-2)
     assert first.vector == pytest.approx((0, -1), abs=1e-9)  # the floor pushes it up
-    assert first.at == pytest.approx((100, 180), abs=0.1)
+    assert first.place == pytest.approx((100, 180), abs=0.1)
 
 
 @pytest.mark.parametrize(("light", "heavy"), [(5, 5), (5, 20)])
@@ -89,9 +89,9 @@ def test_pushes_begin_and_end_when_the_scene_says(tmp_path: Path) -> None:
     forces = "forces=[{object: ball, force: [900, 0], start: 0.25, duration: 0.5}, {object: ball, impulse: [0, 70]}]"
     told = clip(tmp_path, BALL, forces, "world.gravity=[0, 0]", "boundaries={}")
     push, begin = happened(told, EventKind.PUSH)
-    assert (begin.time, begin.until) == (0.25, 0.75)
+    assert (begin.time, begin.end) == (0.25, 0.75)
     assert (push.time, push.impulse, push.vector) == (0, 70, (0, 70))
-    assert begin.at == pytest.approx(
+    assert begin.place == pytest.approx(
         (100, 70 + 14 * 0.25), abs=1e-6
     )  # where the ball is by then
 
@@ -120,8 +120,8 @@ def test_a_clip_that_plays_backward_shows_events_in_that_order(tmp_path: Path) -
     last = len(forward.trajectory.times) - 1
     for event in happened(forward, EventKind.COLLISION):
         there, back = ClipTimes(forward), ClipTimes(backward)
-        assert there.shown(event.time) == pytest.approx(event.time)
-        assert back.shown(event.time) == pytest.approx(last / 60 - event.time)
+        assert there.clip_time(event.time) == pytest.approx(event.time)
+        assert back.clip_time(event.time) == pytest.approx(last / 60 - event.time)
         # the first frame that shows what came of it: the sample after, and played backward the one before
         assert there.frame(event.time) + back.frame(event.time) in (last + 1, last)
     both = clip(tmp_path, BALL, "render.play=there-and-back")
@@ -136,7 +136,7 @@ def _plain(told: Clip) -> list[tuple[object, ...]]:
 
 
 def _numbers(event: Event) -> list[float]:
-    numbers = (event.time, event.until, event.impulse, event.closing, *event.at)
+    numbers = (event.time, event.end, event.impulse, event.closing, *event.place)
     return [0.0 if number is None else number for number in numbers]
 
 

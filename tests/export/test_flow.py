@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen.cli.main import main
-from physgen.export.flow import GONE, HIDDEN, SEEN
+from physgen.export.flow import HIDDEN, OUTSIDE, VISIBLE
 from physgen.export.kitti import kitti_codes
 from physgen.simulate.trajectory import read_trajectory
 
@@ -76,7 +76,7 @@ def test_pictures_warped_by_the_flow_are_those_that_follow(case: str, export) ->
     assert len(forward) == len(backward) == len(pictures) - 1
     worst = 0.0
     for k, moved in enumerate(forward):
-        mask = seen(folder)[k] == SEEN
+        mask = seen(folder)[k] == VISIBLE
         assert mask.mean() > 0.7
         apart = np.abs(
             warped(pictures[k + 1], moved)[mask].astype(int) - pictures[k][mask]
@@ -130,7 +130,7 @@ def test_what_is_hidden_is_hidden_by_somebody(export) -> None:
     apart = np.abs(warped(pictures[k + 1], forward[k]).astype(int) - pictures[k]).mean(
         axis=2
     )
-    assert apart[hidden[k]].mean() > 5 * apart[seen(folder)[k] == SEEN].mean()
+    assert apart[hidden[k]].mean() > 5 * apart[seen(folder)[k] == VISIBLE].mean()
 
 
 def test_a_ball_that_rolls_carries_its_top_on(export) -> None:
@@ -187,8 +187,8 @@ def test_kitti_agrees_with_flo_to_half_a_code(export) -> None:
         assert valid.all()
         assert np.abs(flow - moved).max() <= 1 / 128
         _, not_hidden = kitti(folder / "kitti/flow_noc" / path.name)
-        np.testing.assert_array_equal(not_hidden, visible == SEEN)
-        outside += int((visible == GONE).sum())
+        np.testing.assert_array_equal(not_hidden, visible == VISIBLE)
+        outside += int((visible == OUTSIDE).sum())
         for number, frame in ((10, k), (11, k + 1)):
             picture = cv2.imread(str(folder / f"kitti/image_2/{k:06d}_{number}.png"))
             same = cv2.imread(str(folder / f"frames/{frame:05d}.png"))

@@ -30,8 +30,7 @@ def test_too_many_objects(tmp_path, capsys) -> None:
     )
     said = capsys.readouterr().err
     assert (
-        "objects: 255 objects are more than the format davis can number, which is 254; take coco"
-        in said
+        "objects: 255 objects are more than davis can number: 254; choose coco" in said
     )
     assert not (tmp_path / "out/crowd").exists()
 
@@ -66,7 +65,7 @@ def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
     assert main(["export", scene, "--format", "flo,frames", *few]) == 2
     said = capsys.readouterr().err
     assert (
-        f"{out / 'hall'}: holds davis of an earlier run, which would go; name all formats at once, or"
+        f"{out / 'hall'}: has davis of an earlier run, which would be removed; name all formats at once, or"
         in said
     )
     assert sorted(path for path in out.rglob("*") if path.is_file()) == there
@@ -103,7 +102,7 @@ def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
         )
         == 2
     )
-    assert "holds video.mp4 of an earlier run" in capsys.readouterr().err
+    assert "has video.mp4 of an earlier run" in capsys.readouterr().err
 
 
 def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
@@ -121,8 +120,8 @@ def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
         == 2
     )
     said = capsys.readouterr().err
-    assert '--format: "davos" is no format; did you mean "davis"?' in said
-    assert '--format: "zip" is no format; write any of frames, flo' in said
+    assert '--format: "davos" is not a format; did you mean "davis"?' in said
+    assert '--format: "zip" is not a format; write frames, flo' in said
     assert not (tmp_path / "out").exists()
 
 

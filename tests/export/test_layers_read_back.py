@@ -186,13 +186,13 @@ def test_scenes_without_maps_are_told_what_they_lack(
     assert len(lines) == 2
     where = f"{scene}:3:9: assets: --format "
     assert lines[1].startswith(
-        f'{where}"normals" is made of normals.png, which is not there; '
+        f'{where}"normals" is made from normals.png, which does not exist; '
     )
     assert lines[0].startswith(
-        f'{where}"depth" is made of depth.png, which is not there; have it made: physgen'
+        f'{where}"depth" is made from depth.png, which does not exist; make it: physgen'
     )
     flat = tmp_path / "flat.yaml"
     flat.write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
     assert main(["export", str(flat), "--format", "normals", *out]) == 2
-    assert "there is no photo; leave normals out" in capsys.readouterr().err
+    assert "the scene has no photo; leave normals out" in capsys.readouterr().err
     assert not (tmp_path / "labels").exists()

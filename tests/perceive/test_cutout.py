@@ -121,7 +121,7 @@ def test_nothing_is_seen_in_an_empty_picture() -> None:
         assert mask_at_point(rgb, (50, 50), 60).confidence < RULE.weak
 
 
-@pytest.mark.parametrize("size", [(8, 8), (11, 9), (40, 300)])
+@pytest.mark.parametrize("size", [(8, 11), (40, 300)])
 def test_small_and_narrow_photos(size: tuple[int, int]) -> None:
     rgb = np.random.default_rng(1).integers(0, 256, (*size, 3)).astype(np.uint8)
     for box in ((0, 0, 4, 4), (size[1] - 4, size[0] - 4, 9, 9), (-5, -5, 500, 500)):

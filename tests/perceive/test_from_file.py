@@ -110,34 +110,34 @@ def test_a_whole_scene_from_files(tmp_path, rgb, monkeypatch):
         (
             "normals",
             np.zeros((64, 96)),
-            "is no map of normals; save (H, W, 3) finite numbers",
+            "is not a map of normals; save (H, W, 3) finite numbers",
         ),
         (
             "depth",
             np.full((64, 96), np.nan),
-            "is no map of depth; save (H, W) finite numbers",
+            "is not a map of depth; save (H, W) finite numbers",
         ),
         (
             "depth",
             np.zeros((64, 64)),
             "64 x 64 px has other proportions than the photo's 96 x 64 px",
         ),
-        ("depth", np.array(["a"]), "is no map of depth"),
+        ("depth", np.array(["a"]), "is not a map of depth"),
         (
             "normals",
             np.full((64, 96, 3), np.nan),
-            "is no map of normals; save (H, W, 3) finite numbers",
+            "is not a map of normals; save (H, W, 3) finite numbers",
         ),
-        ("normals", np.full((64, 96, 3), "x"), "is no map of normals"),
-        ("normals", np.zeros((0, 0, 3)), "is no map of normals"),
-        ("depth", np.zeros((0, 0)), "is no map of depth"),
+        ("normals", np.full((64, 96, 3), "x"), "is not a map of normals"),
+        ("normals", np.zeros((0, 0, 3)), "is not a map of normals"),
+        ("depth", np.zeros((0, 0)), "is not a map of depth"),
         (
             "depth",
             np.full((64, 96), 1e300),
-            "is no map of depth; save (H, W) finite numbers",
+            "is not a map of depth; save (H, W) finite numbers",
         ),
-        ("depth", np.full((64, 96), 1j), "(64, 96) complex128 is no map of depth"),
-        ("intrinsic", np.full((64, 96), 1e300), "is no map of shading"),
+        ("depth", np.full((64, 96), 1j), "(64, 96) complex128 is not a map of depth"),
+        ("intrinsic", np.full((64, 96), 1e300), "is not a map of shading"),
     ],
 )
 def test_maps_that_do_not_fit_are_refused(tmp_path, rgb, role, values, message):
@@ -150,7 +150,7 @@ def test_maps_that_do_not_fit_are_refused(tmp_path, rgb, role, values, message):
 def test_files_that_are_not_there_or_no_maps(tmp_path):
     for text, message in (
         ("", "names no file; write depth=file:PATH"),
-        (str(tmp_path / "no.npy"), "is not there"),
+        (str(tmp_path / "no.npy"), "does not exist"),
     ):
         with pytest.raises(InputError) as error:
             registry.make("depth", "file", Setup(text))

@@ -356,7 +356,9 @@ def test_a_base_is_not_added_far_above_the_ground() -> None:
     assert add_base(find_foot(receding_shoe(50)), Line(0.0, 300.0)) is None
 
 
-def test_what_is_nearly_round_gets_no_base() -> None:
+@pytest.mark.parametrize(("label", "is_based"), [("apple", False), ("toy", True)])
+def test_nearly_round_fruit_gets_no_base(label: str, is_based: bool) -> None:
     angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     ring = Ring(100 + 40 * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    assert not needs_base(find_foot(PhotoObject(1, Region((ring,)))))
+    item = PhotoObject(1, Region((ring,)), label)
+    assert needs_base(find_foot(item)) == is_based

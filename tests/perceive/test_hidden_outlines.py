@@ -62,3 +62,19 @@ def test_nothing_is_added_where_nothing_is_hidden():
     outlines = fit_outlines(labels, [1, 2])
     objects = [PhotoObject(i, outlines[i], "apple") for i in (1, 2)]
     assert continue_outlines(labels, objects) == (objects, {})
+
+
+def test_a_lumpy_fruit_keeps_the_circle_of_its_own_border():
+    """Its disc was moved off its mask, to touch those of its neighbours."""
+    labels = np.zeros((240, 320), np.uint16)
+    cv2.ellipse(labels, (110, 120), (66, 60), 0, 0, 360, 1, -1)
+    cv2.circle(labels, (228, 120), 50, 2, -1)
+    pushed = PhotoObject(1, Disc(np.array([100.0, 104.0]), 62.0), "apple")
+    neighbour = PhotoObject(2, Disc(np.array([228.0, 120.0]), 50.0), "apple")
+    after, _ = continue_outlines(labels, [pushed, neighbour])
+    disc = after[0].outline
+    assert isinstance(disc, Disc)
+    assert disc.center == pytest.approx([110, 120], abs=2)
+    assert disc.radius == pytest.approx(62, abs=4)
+    beside = PhotoObject(1, Disc(np.array([110.0, 120.0]), 62.0), "stone block")
+    assert continue_outlines(labels, [beside, neighbour])[0][0] is beside

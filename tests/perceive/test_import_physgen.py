@@ -167,18 +167,18 @@ def test_only_three_files_are_needed(tmp_path: Path):
         (
             "num_steps: 120",
             "num_step: 120",
-            '"num_step" is not a key of sim.yaml; did you mean num_steps?',
+            '"num_step" is not a key of sim.yaml; did you mean "num_steps"?',
         ),
         ("mass: 170, ", "", "obj_info.1: a mapping is missing; write its mass, in g"),
         (
             "  2: [-50, 0]",
             "  4: [-50, 0]",
-            "init_acc.4: 4 is not among obj_info; it has 1, 2",
+            "init_acc.4: 4 is not in obj_info; obj_info has 1, 2",
         ),
         (
             "[1, 95]]",
             "[1]]",
-            "edge_list[1][1]: a list is not what is read here; write [x, y]",
+            "edge_list[1][1]: a list has the wrong form; write [x, y]",
         ),
     ],
 )

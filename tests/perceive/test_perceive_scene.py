@@ -244,10 +244,13 @@ def test_a_light_from_below_relights_nothing(up: float, view: View, relit: bool)
 @pytest.mark.parametrize(
     ("rename", "message"),
     [
-        ("bal-1=apple", '--label: "bal-1=apple" names no object; did you mean ball-1?'),
+        (
+            "bal-1=apple",
+            '--label: "bal-1=apple" matches no object; did you mean "ball-1"?',
+        ),
         (
             "zebra=apple",
-            '--label: "zebra=apple" names no object; the objects are ball-1, block-1',
+            '--label: "zebra=apple" matches no object; the objects are ball-1, block-1',
         ),
         ("ball-1", '--label: "ball-1" is not NAME=TEXT'),
     ],

@@ -234,9 +234,13 @@ def test_what_hardly_stands_out_is_not_pushed_and_not_good(
 def test_points_on_one_object_are_told_apart_or_refused() -> None:
     rgb, _ = crates()
     segment = Segmenter(Backends())
-    with pytest.raises(InputError, match="shows what another box or point shows"):
+    with pytest.raises(
+        InputError, match="shows the same object as another box or point"
+    ):
         from_prompts(rgb, [], [(95, 205), (95.3, 205)], segment)
-    with pytest.raises(InputError, match="shows what another box or point shows"):
+    with pytest.raises(
+        InputError, match="shows the same object as another box or point"
+    ):
         from_prompts(rgb, [(60, 180, 70, 50)], [(95, 205), (97, 207)], segment)
 
 

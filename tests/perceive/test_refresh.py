@@ -441,9 +441,7 @@ def test_a_changed_label_or_scale_counts_at_once_as_after_a_refresh(
     assert main(["check", str(scene), "--strict"]) == 2
     said = capsys.readouterr().err
     assert "perceive --refresh writes them" in said
-    by_labels = (
-        "is the scale by the labels that you changed, not the 600 px/m of this line"
-    )
+    by_labels = "is the scale by the changed labels, not the 600 px/m of this line"
     assert (by_labels in said) is ("billiard" in edit[1])
     at_once = pipeline.load(scene)
     after, _ = refreshed(scene)
@@ -809,7 +807,7 @@ def test_neither_photo_nor_scene(
     assert (
         main(["perceive", "--refresh", str(bare), "-o", str(tmp_path / "b.yaml")]) == 2
     )
-    assert "shows no photo" in capsys.readouterr().err
+    assert "has no photo" in capsys.readouterr().err
 
 
 def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand(

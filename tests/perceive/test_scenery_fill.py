@@ -12,6 +12,7 @@ from physgen.perceive.roles import Shadows
 from physgen.perceive.shadow.backgrounds import (
     fill_backgrounds,
     fill_before_scenery,
+    find_scenery,
     find_surroundings,
 )
 from physgen.photometry import DistantLight
@@ -52,6 +53,34 @@ def test_place_of_a_cup_is_filled_with_its_bench():
     assert np.abs(together.shaded[place].astype(int) - 60).min() > 8
     wall = np.s_[54:62, 66:94]
     assert np.abs(filled.shaded[wall].astype(int) - 200).max() < 8
+
+
+def test_place_of_a_cup_that_throws_a_shadow_shows_its_bench():
+    """Both backgrounds show the bench where the cup was, and the wall beyond the bench."""
+    photo, labels = _cup_on_bench()
+    labels[70:, 150:] = 0
+    photo[70:, 150:] = 200
+    lit = photo.copy()
+    photo[80:90, 100:130] = 40  # on a bench of 60
+    coverage = (labels > 0).astype(np.float32)
+    scenery = nearest_labels(labels, [2]) & (coverage > 0)
+    around = find_surroundings(photo, coverage)
+    clean = np.where(coverage[..., None] > 0, around.guess, lit)
+    shadows = replace(NO_SHADOWS, clean=clean)
+    filled = fill_before_scenery(around, scenery, shadows, _row_mean)
+    place = np.s_[72:78, 66:94]
+    assert filled.clean is not None
+    assert filled.shaded[place].max() < 100
+    assert filled.clean[100:, :150].min() > 190
+    is_open = np.s_[:40]
+    assert (filled.shaded[is_open] == photo[is_open]).all()
+
+
+def test_scenery_far_from_all_objects_is_not_what_they_stand_on():
+    _, labels = _cup_on_bench()
+    labels[5:20, 150:] = 3
+    assert find_scenery(labels, [2, 3]) == [2]
+    assert find_scenery(np.where(labels == 1, 0, labels), [2, 3]) == [2, 3]
 
 
 def test_nearest_labels_of_two_objects_do_not_overlap():

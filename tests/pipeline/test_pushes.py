@@ -190,8 +190,8 @@ def test_of_a_pile_in_a_box_the_top_is_pushed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ("domino-0", "lacks a direction"),
-        ("domino-0=sideways", "is no direction; write right, left"),
+        ("domino-0", "has no direction"),
+        ("domino-0=sideways", "is not a direction; write right, left"),
     ],
 )
 def test_a_push_without_a_direction(text: str, found: str, row: Path) -> None:
@@ -370,12 +370,12 @@ def test_shorthands_are_edits(row: Path) -> None:
     ].endswith(" g m/s")
     for far in ("2350,10", "300,190"):
         with pytest.raises(
-            InputError, match=r"meets no object.*the nearest: \d+,\d+ of domino-\d"
+            InputError, match=r"hits no object.*the nearest: \d+,\d+ of domino-\d"
         ):
             motion_edits(scene, compiled, [], [], [far])
     for pushes, word in (
         (["domino-1=sideways"], "direction"),
-        (["dominoe-1=left"], "did you mean domino-1"),
+        (["dominoe-1=left"], 'did you mean "domino-1"'),
     ):
         with pytest.raises(InputError, match=word):
             motion_edits(scene, compiled, pushes, [], [])
@@ -548,7 +548,7 @@ def test_a_scene_without_objects_is_told_how_to_add_one(tmp_path: Path, capsys) 
             "block has a velocity and is stuck: see what holds it",
         ),  # 0.5 % of 400 px is 2 px
         (2.5, 200, ""),
-        (50, 2, "block has a velocity of 2 px/s, and hardly moves at that"),
+        (50, 2, "block has 2 px/s, too little to see"),
         (50, 20, ""),
     ],
 )

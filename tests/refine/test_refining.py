@@ -98,7 +98,7 @@ class Broken(Gaussian):
 
 
 def test_a_model_that_overflows_is_told_of() -> None:
-    with pytest.raises(InputError, match="leaves no finite picture; write dtype = "):
+    with pytest.raises(InputError, match="gives no finite picture; write dtype = "):
         refined(Broken())
 
 

@@ -114,7 +114,7 @@ def _comb(corners: int) -> str:
 TEXTS: dict[str, tuple[Callable[[], str], str]] = {
     "alias bomb": (
         _bomb,
-        "scene.yaml:1:5: an anchor, a0; write the value out, or use extends or variants",
+        "scene.yaml:1:5: an anchor, a0; write the value itself, or use extends or variants",
     ),
     "million objects": (
         lambda: HEAD + "objects:\n" + "".join(f" {n:x}:\n" for n in range(10**6)),

@@ -178,7 +178,7 @@ def test_what_is_called_doubtful_afterwards_is_put_back(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("mask", "said"),
-    [(9, "is no id in masks.png"), (1, "is ball-1's, which stays an object")],
+    [(9, "is not an id in masks.png"), (1, "is the mask of the object ball-1")],
 )
 def test_a_doubtful_id_that_can_mean_nothing_is_told(
     mask: int, said: str, tmp_path: Path

@@ -47,9 +47,7 @@ def test_a_folder_of_somebody_elses_is_refused(tmp_path: Path) -> None:
     (mine / "manifest.json").write_text('{"manifest": 1, "files": {"scene.yaml": ""}}')
     assert output_folder(tmp_path, "pool") == mine
     (mine / "notes.txt").write_text("x")
-    with pytest.raises(
-        InputError, match=r"holds notes\.txt, which physgen did not make"
-    ):
+    with pytest.raises(InputError, match=r"has notes\.txt, which physgen did not make"):
         output_folder(tmp_path, "pool")
 
 

@@ -255,7 +255,9 @@ def test_a_page_that_is_somebody_else_s_is_kept(tmp_path: Path, capsys) -> None:
 
 def test_an_empty_gallery_says_so(tmp_path: Path, capsys) -> None:
     assert main(["gallery", str(tmp_path), "--title", "Nothing"]) == 2
-    assert "holds no clips of physgen; physgen render" in capsys.readouterr().err
+    assert (
+        "has no clips of physgen; make some: physgen render" in capsys.readouterr().err
+    )
     assert not (tmp_path / "index.html").exists()
 
 
@@ -267,7 +269,7 @@ def test_wrong_folders_are_refused_before_anything_is_written(
         == 2
     )
     assert (
-        "is no folder; name folders that physgen rendered into"
+        "is not a folder; name folders that physgen rendered into"
         in capsys.readouterr().err
     )
     assert main(["gallery", str(tmp_path), "-o", str(tmp_path)]) == 2

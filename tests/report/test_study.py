@@ -128,7 +128,7 @@ def test_clips_of_many_kinds_are_read(home: Path, tmp_path: Path) -> None:
     sizes = {clip.method: clip.size for clip in made.clips}
     assert sizes == {"gif": SIZE, "webp": SIZE, "large": (1024, 102)}
     for clip in made.clips:
-        _, frames = decoded(clip.film, tmp_path)
+        _, frames = decoded(clip.video, tmp_path)
         assert len(frames) == FRAMES
 
 

@@ -333,7 +333,7 @@ def test_a_photo_and_its_maps(tmp_path: Path) -> None:
         6  # turned by a quarter: is the author's canvas 30 x 20 or 20 x 30? we do not guess
     )
     Image.new("RGB", (30, 20)).save(home / "photo.jpg", exif=exif)
-    assert '2:8: image: "photo.jpg" is stored turned' in fails(path)
+    assert '2:8: image: "photo.jpg" is rotated by its EXIF data alone' in fails(path)
 
 
 def test_links_within_the_folder_are_followed(tmp_path: Path) -> None:
@@ -351,7 +351,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         "none.yaml: no such file; write the path of a scene file"
     )
     assert fails(tmp_path).endswith(
-        ": a folder; name a scene file in it, e.g. scene.yaml"
+        ": is a folder; name a scene file in it, e.g. scene.yaml"
     )
     assert "cannot be read" in fails(tmp_path / ("x" * 3000))
     assert "cannot be read: the path is no path" in fails(Path("a\0b"))

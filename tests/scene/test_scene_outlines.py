@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.scene.rules import Corner, outline_problem
+from physgen.scene.rules import Corner, outline_fault
 
 
 def properly_cross(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
@@ -42,8 +42,8 @@ def test_the_first_pair_of_lines_that_cross_is_found(points: list[Corner]) -> No
     (left, right), (top, bottom) = ((min(c), max(c)) for c in zip(*points, strict=True))
     if left < right and top < bottom:
         expected = every_pair(points)
-        problem = outline_problem(points, True)
-        found = "" if problem is None else problem[0]
+        fault = outline_fault(points, True)
+        found = "" if fault is None else fault.expected
         if expected is None:
             assert not found.startswith("crosses")
         else:
@@ -61,19 +61,19 @@ def circle(corners: int, radius: float = 100) -> list[Corner]:
 @pytest.mark.parametrize("corners", [3, 50, 3000])
 def test_a_circle_is_fine_until_two_corners_change_places(corners: int) -> None:
     points = circle(corners)
-    assert outline_problem(points, True) is None
-    assert outline_problem(points[::-1], True) is None
+    assert outline_fault(points, True) is None
+    assert outline_fault(points[::-1], True) is None
     if corners > 3:
         points[1], points[2] = points[2], points[1]
-        problem = outline_problem(points, True)
-        assert problem is not None
-        assert problem[0].startswith("crosses itself: the lines from corners ")
+        fault = outline_fault(points, True)
+        assert fault is not None
+        assert fault.code == "outline-crosses"
 
 
 def test_outlines_may_touch_themselves() -> None:
     """As contours of masks do, where two parts hang together by a corner."""
     pinched = [(0, 0), (4, 0), (2, 2), (4, 4), (0, 4), (2, 2)]
-    assert outline_problem(pinched, True) is None
+    assert outline_fault(pinched, True) is None
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,6 @@ def test_outlines_may_touch_themselves() -> None:
     ],
 )
 def test_no_area(points: list[Corner]) -> None:
-    assert outline_problem(points, True) == (
-        "has no area",
-        "write at least three corners that are not on one line",
-    )
+    fault = outline_fault(points, True)
+    assert fault is not None
+    assert fault.code == "outline-flat"

@@ -119,7 +119,9 @@ def test_samples_inside_a_contact_step_are_before_or_after_it() -> None:
 
 def test_motion_beyond_all_numbers_is_told() -> None:
     light = ball("a", 0, 0, mass=1e-300, v=(1e12, 0))
-    with pytest.raises(InputError, match=r"objects\.a: leaves all numbers by t ="):
+    with pytest.raises(
+        InputError, match=r"objects\.a: becomes larger than any number by t ="
+    ):
         simulate(world(light, pushes=[push(Load.FORCE, (1e12, 0))]))
 
 

@@ -105,13 +105,15 @@ def test_heavy_ball_rests_on_two_pinned_planks():
 
 
 def test_ball_falls_on_bridges():
-    faults = {seed: bridge_faults(*random_bridge(seed)) for seed in range(4)}
+    faults = {seed: bridge_faults(*random_bridge(seed)) for seed in (0, 1, 2, 68)}
     assert {seed: found for seed, found in faults.items() if found} == {}
 
 
 @pytest.mark.slow
-def test_ball_falls_on_many_bridges():
-    faults = {seed: bridge_faults(*random_bridge(seed)) for seed in range(200)}
+@pytest.mark.parametrize("first", range(0, 200, 50))
+def test_ball_falls_on_many_bridges(first):
+    seeds = range(first, first + 50)
+    faults = {seed: bridge_faults(*random_bridge(seed)) for seed in seeds}
     assert {seed: found for seed, found in faults.items() if found} == {}
 
 

@@ -1,4 +1,4 @@
-"""Pictures -> the features that published FIDs are made of, by a user's own file of the Inception network."""
+"""Compute the features of published FIDs by a user's own file of the Inception network."""
 
 from __future__ import annotations
 
@@ -18,18 +18,20 @@ from physgen.registry import Setup
 from physgen.videos import U8
 
 FLAG = "--inception"
-WIDE = 2048
+FEATURES = 2048
+"""Of a picture."""
 KEY = "return_features"
 BATCH = 16
-GET = "name inception-2015-12-05.pt, the TorchScript file that NVIDIA published with StyleGAN2-ADA"
+"""Pictures that the network takes at a time."""
+FIX = "name inception-2015-12-05.pt, the TorchScript file that NVIDIA published with StyleGAN2-ADA"
 
 
 class Inception:
     """The 2048 features of the network of Heusel et al., by a user's own file `inception-2015-12-05.pt`.
 
-    It takes (N, 3, H, W) uint8, 0 to 255, of any size, resizes to 299 x 299 px as TensorFlow 1 did, and gives
-    (N, 2048) where it is called with `return_features=True`. A TorchScript file is a program: loading one runs it.
-    Raises InputError where there is no file; it is loaded when first needed.
+    The network takes (N, 3, H, W) uint8, 0 to 255, of any size, resizes to 299 x 299 px as TensorFlow 1 did, and gives
+    (N, 2048) if `return_features=True`. A TorchScript file is a program: loading one runs it. Raise InputError if
+    there is no file; the file is loaded when first needed.
     """
 
     name = "inception"
@@ -37,7 +39,7 @@ class Inception:
     def __init__(self, path: Path) -> None:
         self._path = path.expanduser()
         if not self._path.is_file():
-            raise InputError.of(FLAG, f'"{path}"', "no such file", GET)
+            raise InputError.of(FLAG, f'"{path}"', "no such file", FIX)
         self._device = device_of(Setup())
 
     @cached_property
@@ -47,7 +49,7 @@ class Inception:
         )
         if KEY not in [argument.name for argument in model.forward.schema.arguments]:
             raise InputError.of(
-                FLAG, f'"{self._path}"', f"takes no {KEY}: is not that network", GET
+                FLAG, f'"{self._path}"', f"takes no {KEY}: is not that network", FIX
             )
         return model
 
@@ -55,31 +57,29 @@ class Inception:
         return torch.jit.load(weights, map_location=self._device).eval()
 
     def __call__(self, pictures: U8) -> NDArray[np.float64]:
-        """(N, H, W, 3) sRGB -> (N, 2048)."""
-        found = []
+        """Return the features (N, 2048) of pictures (N, H, W, 3) sRGB."""
+        features = []
         for k in range(0, len(pictures), BATCH):
-            batch = torch.from_numpy(
-                np.ascontiguousarray(pictures[k : k + BATCH].transpose(0, 3, 1, 2))
-            )
-            found.append(self._answer(batch))
-        return np.concatenate(found)
+            channels_first = pictures[k : k + BATCH].transpose(0, 3, 1, 2)
+            batch = torch.from_numpy(np.ascontiguousarray(channels_first))
+            features.append(self._run(batch))
+        return np.concatenate(features)
 
-    def _answer(self, batch: torch.Tensor) -> NDArray[np.float64]:
+    def _run(self, batch: torch.Tensor) -> NDArray[np.float64]:
+        """Return the features of a batch. Raise InputError if the network gives others."""
         with torch.inference_mode():
             answer = self._model(batch.to(self._device), return_features=True)
-        shape = (
-            tuple(answer.shape)
-            if isinstance(answer, torch.Tensor)
-            else type(answer).__name__
-        )
-        wanted = (len(batch), WIDE)
-        if shape != wanted or not isinstance(answer, torch.Tensor):
-            found = f"answers {shape}, not {wanted}: is not that network"
-            raise InputError.of(FLAG, f'"{self._path}"', found, GET)
+        expected_shape = (len(batch), FEATURES)
+        shape: tuple[int, ...] | str = type(answer).__name__
+        if isinstance(answer, torch.Tensor):
+            shape = tuple(answer.shape)
+        if shape != expected_shape:
+            fault = f"answers {shape}, not {expected_shape}: is not that network"
+            raise InputError.of(FLAG, f'"{self._path}"', fault, FIX)
         return np.asarray(answer.double().cpu().numpy(), np.float64)
 
     def note(self) -> Mapping[str, Any]:
-        """Which file it was, by its content, and where it ran."""
+        """Return the file, by its content, and the device."""
         digest = hashlib.sha256(self._path.read_bytes()).hexdigest()
         return run_note(
             self._device, torch.float32, str(self._path), {"sha256": digest}

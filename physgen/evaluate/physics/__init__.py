@@ -38,7 +38,7 @@ ROWS: tuple[Row, ...] = tuple(
 
 
 def examples() -> Iterator[tuple[str, str]]:
-    """File name and text of every scene of the first draws: the files of scenes/physics/."""
+    """Yield file name and text of every scene of the first draws: the files of scenes/physics/."""
     for row in ROWS:
         for case in row.draw(0):
             yield scene_file(row, case, 0), scene_of(row, case)

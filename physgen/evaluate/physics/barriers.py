@@ -1,12 +1,14 @@
-"""Rows of what holds bodies in: thin walls that fast balls hit, and a hollow that a ball falls into."""
+"""Rows of barriers that hold bodies in: thin walls that fast balls hit, and a hollow that a ball falls into."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from math import cos, sin
 
 import numpy as np
 
-from physgen.evaluate.physics.impacts import FLOATING
 from physgen.evaluate.physics.scorecard import (
     Case,
     Document,
@@ -17,110 +19,161 @@ from physgen.evaluate.physics.scorecard import (
     Run,
     Unit,
 )
-from physgen.evaluate.physics.staging import box, circle, scene, segment
+from physgen.evaluate.physics.staging import FLOATING, box, circle, scene, segment
 
 FAST = (2, 5, 10, 15, 20)
 """Radii a step of 1/960 s, a draw each."""
+LEFT, MIDDLE, RIGHT = 20.0, 250.0, 480.0
+"""px: walls of the rooms, and the partition between their halves."""
+ROOM_HEIGHT = 160.0
+"""px."""
+ROOM_TOPS = (20.0, 200.0)
+"""px."""
+ELASTICITIES = (1.0, 0.5)
+"""Of the rooms."""
+
+
+@dataclass(frozen=True)
+class _HalfRoom:
+    """The part of the picture that a ball must not leave."""
+
+    left: float
+    """px."""
+    right: float
+    """px."""
+    top: float
+    """px."""
 
 
 def _thin_walls(draw: Draw) -> list[Case]:
-    """1 if a ball is ever outside its half of the room."""
+    """Return the case of two rooms of two halves, with a fast ball in each half."""
     objects: dict[str, Document] = {}
     walls = {}
-    for k, e in enumerate((1.0, 0.5)):
-        top = 20.0 + 180 * k
-        bounce = {"friction": 0.0, "elasticity": e}
-        corners = [
-            [20.0, top],
-            [480.0, top],
-            [480.0, top + 160],
-            [20.0, top + 160],
-            [20.0, top],
+    halves = {}
+    for k, (top, elasticity) in enumerate(zip(ROOM_TOPS, ELASTICITIES, strict=True)):
+        surface = {"friction": 0.0, "elasticity": elasticity}
+        walls[f"room-{k}"] = {"polyline": _room_corners(top), **surface}
+        center = (250, top + 80)
+        partition = box(center, (1.0, 170.0), motion="static", **surface)
+        objects[f"partition-{k}"] = partition
+        for side, name in ((-1, f"ball-{k}-left"), (1, f"ball-{k}-right")):
+            objects[name] = _fast_ball(draw, side, top, surface)
+        halves[f"ball-{k}-left"] = _HalfRoom(LEFT, MIDDLE, top)
+        halves[f"ball-{k}-right"] = _HalfRoom(MIDDLE, RIGHT, top)
+    document = scene((500, 380), 0.2, objects, walls, world=FLOATING)
+    return [Case(document, partial(_escape_error, halves), rate=960)]
+
+
+def _room_corners(top: float) -> list[list[float]]:
+    bottom = top + ROOM_HEIGHT
+    return [[LEFT, top], [RIGHT, top], [RIGHT, bottom], [LEFT, bottom], [LEFT, top]]
+
+
+def _fast_ball(draw: Draw, side: int, top: float, surface: Document) -> Document:
+    """Return a ball in the half at the left (-1) or the right (1) that flies towards the partition."""
+    radius = draw.number(3, 6)
+    angle = np.radians(draw.number(-70, 70, 1))
+    speed = FAST[draw.index] * radius * 960
+    center = (250 + side * draw.number(40, 180), top + draw.number(30, 130))
+    velocity = [-side * speed * cos(angle), speed * sin(angle)]
+    return circle(center, radius, mass=draw.mass(), velocity=velocity, **surface)
+
+
+def _escape_error(halves: Mapping[str, _HalfRoom], run: Run) -> Errors:
+    """Return 1 if a ball is ever outside its half of a room."""
+    has_escaped = False
+    for name, half in halves.items():
+        track = run.track(name)
+        is_level = (track.x > half.left) & (track.x < half.right)
+        is_upright = (track.y > half.top) & (track.y < half.top + ROOM_HEIGHT)
+        if not (is_level & is_upright).all():
+            has_escaped = True
+    return {"inside": float(has_escaped)}
+
+
+@dataclass(frozen=True)
+class _Hollow:
+    """An outline like a U that stands on the floor."""
+
+    width: float
+    """px between its walls."""
+    depth: float
+    """px from its rim to its floor."""
+    thickness: float
+    """px of walls and floor."""
+
+    base = 320.0
+    """px: the height of the ground."""
+
+    @property
+    def left(self) -> float:
+        """Return the inner side of the left wall, px."""
+        return 200 - self.width / 2
+
+    @property
+    def right(self) -> float:
+        """Return the inner side of the right wall, px."""
+        return 200 + self.width / 2
+
+    @property
+    def bottom(self) -> float:
+        """Return the height of the inner floor, px."""
+        return self.base - self.thickness
+
+    def outline(self) -> list[list[float]]:
+        """Return the corners, px."""
+        rim = self.base - self.thickness - self.depth
+        outer_left = self.left - self.thickness
+        outer_right = self.right + self.thickness
+        return [
+            [outer_left, self.base],
+            [outer_left, rim],
+            [self.left, rim],
+            [self.left, self.bottom],
+            [self.right, self.bottom],
+            [self.right, rim],
+            [outer_right, rim],
+            [outer_right, self.base],
         ]
-        walls[f"room-{k}"] = {"polyline": corners, **bounce}
-        objects[f"partition-{k}"] = box(
-            (250, top + 80), (1.0, 170.0), motion="static", **bounce
-        )
-        for side in (-1, 1):
-            radius, angle = draw.number(3, 6), np.radians(draw.number(-70, 70, 1))
-            speed = FAST[draw.index] * radius * 960
-            at = (250 + side * draw.number(40, 180), top + draw.number(30, 130))
-            objects[f"ball-{k}-{'left' if side < 0 else 'right'}"] = circle(
-                at, radius, mass=draw.mass(), velocity=[-side * speed * cos(angle), speed * sin(angle)], **bounce
-            )  # fmt: skip
-
-    def measure(run: Run) -> Errors:
-        out = False
-        for name in objects:
-            if not name.startswith("ball"):
-                continue
-            track, top = run.track(name), 20 + 180 * int(name.split("-")[1])
-            low, high = (20, 250) if name.endswith("left") else (250, 480)
-            inside = (
-                (track.x > low)
-                & (track.x < high)
-                & (track.y > top)
-                & (track.y < top + 160)
-            )
-            out |= not bool(inside.all())
-        return {"inside": float(out)}
-
-    return [
-        Case(scene((500, 380), 0.2, objects, walls, world=FLOATING), measure, rate=960)
-    ]
 
 
-def _hollow(draw: Draw) -> list[Case]:
-    """1 unless the ball ends inside the U, on its floor, to half a pixel."""
-    inner, depth, thick = (
-        draw.number(70, 120, 0),
-        draw.number(60, 110, 0),
-        draw.number(10, 20, 0),
+def _hollow_outline(draw: Draw) -> list[Case]:
+    """Return the case of a ball that falls into a U, which is fixed or loose."""
+    hollow = _Hollow(
+        width=draw.number(70, 120, 0),
+        depth=draw.number(60, 110, 0),
+        thickness=draw.number(10, 20, 0),
     )
     radius = draw.number(12, 24)
-    loose = draw.index % 2 == 0
-    left, right, base = 200 - inner / 2, 200 + inner / 2, 320.0
-    rim, bottom = base - thick - depth, base - thick
-    outline = [
-        [left - thick, base], [left - thick, rim], [left, rim], [left, bottom],
-        [right, bottom], [right, rim], [right + thick, rim], [right + thick, base],
-    ]  # fmt: skip
+    is_loose = draw.index % 2 == 0
     surface = {"friction": draw.number(0.3, 0.8), "elasticity": draw.number(0, 0.5)}
-    aside = draw.number(-0.8, 0.8) * (inner / 2 - radius)
+    offset = draw.number(-0.8, 0.8) * (hollow.width / 2 - radius)
+    motion: Document = {"mass": 2000.0} if is_loose else {"motion": "static"}
     objects: dict[str, Document] = {
-        "hollow": {
-            "shape": {"polygon": outline},
-            **({"mass": 2000.0} if loose else {"motion": "static"}),
-            **surface,
-        },
+        "hollow": {"shape": {"polygon": hollow.outline()}, **motion, **surface},
         "ball": circle(
-            (200 + aside, draw.number(60, 100)),
+            (200 + offset, draw.number(60, 100)),
             radius,
             mass=draw.number(20, 200, 0),
             **surface,
         ),
     }
+    floor = segment((0, 320), (400, 320), **surface)
+    document = scene((400, 360), 2.5, objects, {"floor": floor})
+    return [Case(document, partial(_rest_error, hollow, radius))]
 
-    def measure(run: Run) -> Errors:
-        ball, hollow = run.track("ball"), run.track("hollow")
-        x, y = ball.at[-1] - hollow.moved[-1]
-        inside = (
-            left + radius - 0.5 < x < right - radius + 0.5
-            and abs(y - (bottom - radius)) < 0.5
-        )
-        return {"inside": float(not (inside and abs(hollow.angle[-1]) < 0.01))}
 
-    return [
-        Case(
-            scene(
-                (400, 360),
-                2.5,
-                objects,
-                {"floor": segment((0, 320), (400, 320), **surface)},
-            ),
-            measure,
-        )
-    ]
+def _rest_error(hollow: _Hollow, radius: float, run: Run) -> Errors:
+    """Return 1 unless the ball ends inside the U, on its floor, to half a pixel."""
+    ball = run.track("ball")
+    body = run.track("hollow")
+    x, y = ball.positions[-1] - body.displacements[-1]
+    low = hollow.left + radius - 0.5
+    high = hollow.right - radius + 0.5
+    is_between_walls = low < x < high
+    is_at_floor = abs(y - (hollow.bottom - radius)) < 0.5
+    is_upright = abs(body.angle[-1]) < 0.01
+    return {"inside": float(not (is_between_walls and is_at_floor and is_upright))}
 
 
 ROWS = (
@@ -135,6 +188,6 @@ ROWS = (
         25, "hollow", "concave outline (a U), ball dropped in", "rests inside, on the floor of the U",
         "70 to 120 px wide, 60 to 110 deep, fixed or loose; balls of 12 to 24 px dropped anywhere between the walls",
         "After 2.5 s the ball is between the walls, and its height is that of the floor to 0.5 px.",
-        (Measure("inside", 0, Unit.SWITCH),), _hollow,
+        (Measure("inside", 0, Unit.SWITCH),), _hollow_outline,
     ),
 )  # fmt: skip

@@ -1,13 +1,16 @@
-"""Rows of what hits leave unchanged: energy of an elastic gas, momentum and angular momentum."""
+"""Rows of quantities that hits leave unchanged: energy of an elastic gas, momentum and angular momentum."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from math import cos, hypot, sin
 
 import numpy as np
 
-from physgen.evaluate.physics.impacts import FLOATING, toward
+from physgen.evaluate.physics.impacts import place_along, vector
 from physgen.evaluate.physics.scorecard import (
+    Array,
     Case,
     Document,
     Draw,
@@ -17,60 +20,72 @@ from physgen.evaluate.physics.scorecard import (
     Run,
     worst,
 )
-from physgen.evaluate.physics.staging import Point, box, circle, scene
+from physgen.evaluate.physics.staging import FLOATING, Point, box, circle, scene
+
+WALL = 20.0
+"""px from the picture's edges to the walls."""
+ROOM = (400.0, 300.0)
+"""px: width and height between the walls."""
+BALLS = 10
+ELASTIC = {"friction": 0.0, "elasticity": 1.0}
 
 
 def _gas(draw: Draw) -> list[Case]:
-    """Largest change of kinetic energy over its first value; 1 if a ball gets out."""
-    width, height = 400.0, 300.0
+    """Return the case of elastic balls in a room."""
+    width, height = ROOM
+    right, bottom = WALL + width, WALL + height
     corners = [
-        [20.0, 20.0],
-        [20 + width, 20.0],
-        [20 + width, 20 + height],
-        [20.0, 20 + height],
-        [20.0, 20.0],
+        [WALL, WALL],
+        [right, WALL],
+        [right, bottom],
+        [WALL, bottom],
+        [WALL, WALL],
     ]
-    placed: list[tuple[float, float, float]] = []
-    while len(placed) < 10:
-        radius = draw.number(8, 16)
-        x, y = draw.number(38, 2 + width), draw.number(38, 2 + height)
-        if all(hypot(x - a, y - b) > radius + r + 1 for a, b, r in placed):
-            placed.append((x, y, radius))
     objects = {}
-    for k, (x, y, radius) in enumerate(placed, 1):
-        velocity = list(toward((0, 0), draw.angle(), draw.number(100, 250, 0)))
+    for k, (center, radius) in enumerate(_place_balls(draw), 1):
+        velocity = list(vector(draw.angle(), draw.number(100, 250, 0)))
         objects[f"ball-{k}"] = circle(
-            (x, y),
-            radius,
-            mass=draw.mass(),
-            velocity=velocity,
-            friction=0.0,
-            elasticity=1.0,
+            center, radius, mass=draw.mass(), velocity=velocity, **ELASTIC
         )
-    walls = {"box": {"polyline": corners, "friction": 0.0, "elasticity": 1.0}}
+    walls = {"box": {"polyline": corners, **ELASTIC}}
+    document = scene((440, 340), 20.0, objects, walls, world=FLOATING)
+    return [Case(document, partial(_energy_error, tuple(objects)), rate=24)]
 
-    def measure(run: Run) -> Errors:
-        kinetic = np.zeros(len(run.trajectory.times))
-        for name in objects:
-            track, body = run.track(name), run.body(name)
-            kinetic = (
-                kinetic + (body.mass * track.speed**2 + body.moment * track.spin**2) / 2
-            )
-            aside = np.abs(track.at - (20 + width / 2, 20 + height / 2))
-            if not (aside < (width / 2, height / 2)).all():
-                return {"energy": 1.0}
-        return {"energy": worst(np.abs(kinetic / kinetic[0] - 1).tolist())}
 
-    return [
-        Case(scene((440, 340), 20.0, objects, walls, world=FLOATING), measure, rate=24)
-    ]
+def _place_balls(draw: Draw) -> list[tuple[Point, float]]:
+    """Return centres and radii (px) of balls that do not touch each other or a wall."""
+    width, height = ROOM
+    balls: list[tuple[Point, float]] = []
+    while len(balls) < BALLS:
+        radius = draw.number(8, 16)
+        x = draw.number(38, 2 + width)
+        y = draw.number(38, 2 + height)
+        clearances = [hypot(x - a, y - b) - other for (a, b), other in balls]
+        if all(clearance > radius + 1 for clearance in clearances):
+            balls.append(((x, y), radius))
+    return balls
+
+
+def _energy_error(names: Sequence[str], run: Run) -> Errors:
+    """Return the largest change of kinetic energy over its first value; 1 if a ball gets out."""
+    half_room = np.array(ROOM) / 2
+    kinetic = np.zeros(len(run.trajectory.times))
+    for name in names:
+        track = run.track(name)
+        body = run.body(name)
+        energy = body.mass * track.speed**2 + body.moment * track.spin**2
+        kinetic = kinetic + energy / 2
+        offsets = np.abs(track.positions - (WALL + half_room))
+        if not (offsets < half_room).all():
+            return {"energy": 1.0}
+    return {"energy": worst(np.abs(kinetic / kinetic[0] - 1).tolist())}
 
 
 def _polygon(draw: Draw, corners: int, radius: float) -> list[list[float]]:
-    """Corners on a circle about the origin, at uneven angles: convex."""
+    """Return corners on a circle about the origin, at uneven angles, so that the polygon is convex."""
     steps = np.array([draw.number(0.6, 1.4) for _ in range(corners)])
-    turned = np.cumsum(steps) / steps.sum() * 2 * np.pi
-    return [[round(radius * cos(a), 3), round(radius * sin(a), 3)] for a in turned]
+    angles = np.cumsum(steps) / steps.sum() * 2 * np.pi
+    return [[round(radius * cos(a), 3), round(radius * sin(a), 3)] for a in angles]
 
 
 ELL = [
@@ -82,69 +97,88 @@ ELL = [
     [-24.0, 24.0],
 ]
 """px: an L about its corner."""
+MEETING_POINT = (220, 220)
+"""px: centre of the picture and of the body that is hit."""
+NO_SPIN = 1e-3
+"""rad/s: bodies whose spins change less have missed each other."""
 
 
 def _momenta(draw: Draw) -> list[Case]:
-    """Change of momentum over the first body's, and of angular momentum about the middle over what the bodies carry."""
+    """Return the case of two bodies that hit each other off-centre."""
     surface = {"friction": draw.number(0.2, 0.8), "elasticity": draw.number(0.1, 1.0)}
-    shapes: list[Document] = [
-        box((0, 0), (draw.number(30, 60), draw.number(20, 40)), draw.number(0, 90, 0)),
+    shapes = _draw_shapes(draw)
+    first = draw.index % 4
+    second = (draw.index + 1 + draw.index // 4) % 4
+    angle = draw.angle()
+    speed = draw.number(150, 300, 0)
+    keys = {"mass": draw.mass(), "velocity": list(vector(angle, speed)), **surface}
+    offset = draw.sign() * draw.number(8, 16)
+    start = place_along(MEETING_POINT, angle, -110, offset)
+    objects = {
+        "thrown": {
+            **_move_shape(shapes[first], start),
+            **keys,
+            "spin": draw.number(-300, 300, 0),
+        },
+        "struck": {
+            **_move_shape(shapes[second], MEETING_POINT),
+            "mass": draw.mass(),
+            "spin": draw.number(-300, 300, 0),
+            **surface,
+        },
+    }
+    document = scene((440, 440), 0.8, objects, world=FLOATING)
+    return [Case(document, partial(_momenta_error, tuple(objects)))]
+
+
+def _draw_shapes(draw: Draw) -> list[Document]:
+    """Return a box, a ball, a polygon and an L about the origin."""
+    size = (draw.number(30, 60), draw.number(20, 40))
+    return [
+        box((0, 0), size, draw.number(0, 90, 0)),
         circle((0, 0), draw.number(14, 24)),
         {"shape": {"polygon": _polygon(draw, 5, 28)}},
         {"shape": {"polygon": ELL}},
-    ]  # fmt: skip
-    first, second = (
-        shapes[draw.index % 4],
-        shapes[(draw.index + 1 + draw.index // 4) % 4],
-    )
-    angle, speed = draw.angle(), draw.number(150, 300, 0)
-    keys = {
-        "mass": draw.mass(),
-        "velocity": list(toward((0, 0), angle, speed)),
-        **surface,
-    }
-    objects = {
-        "thrown": _moved(
-            first, toward((220, 220), angle, -110, draw.sign() * draw.number(8, 16))
-        )
-        | keys
-        | {"spin": draw.number(-300, 300, 0)},
-        "struck": _moved(second, (220, 220))
-        | {"mass": draw.mass(), "spin": draw.number(-300, 300, 0), **surface},
-    }
-
-    def measure(run: Run) -> Errors:
-        momentum, turning, scales = np.zeros(2), np.zeros(1), np.zeros(2)
-        spins = []
-        for name in objects:
-            track, body = run.track(name), run.body(name)
-            p, arm = body.mass * track.velocity, track.at - (220.0, 220.0)
-            own = arm[:, 0] * p[:, 1] - arm[:, 1] * p[:, 0], body.moment * track.spin
-            momentum, turning = momentum + p, turning + sum(own)
-            scales = scales + np.array(
-                [np.hypot(*p[0]), abs(own[0][0]) + abs(own[1][0])]
-            )
-            spins.append(abs(track.spin[-1] - track.spin[0]))
-        if max(spins) < 1e-3:
-            return {"momenta": 1.0}  # they never met
-        return {
-            "momenta": worst(
-                [
-                    np.hypot(*(momentum - momentum[0]).T).max() / scales[0],
-                    np.abs(turning - turning[0]).max() / scales[1],
-                ]
-            )
-        }
-
-    return [Case(scene((440, 440), 0.8, objects, world=FLOATING), measure)]
+    ]
 
 
-def _moved(object: Document, by: Point) -> Document:
-    """A box, circle or polygon drawn about the origin, elsewhere."""
+def _move_shape(object: Document, center: Point) -> Document:
+    """Return an object whose shape is moved from the origin to a centre (px)."""
     [(kind, shape)] = object["shape"].items()
     if kind == "polygon":
-        return {"shape": {kind: [[x + by[0], y + by[1]] for x, y in shape]}}
-    return {"shape": {kind: {**shape, "center": list(by)}}}
+        x, y = center
+        corners = [[corner[0] + x, corner[1] + y] for corner in shape]
+        return {"shape": {kind: corners}}
+    return {"shape": {kind: {**shape, "center": list(center)}}}
+
+
+def _momenta_error(names: Sequence[str], run: Run) -> Errors:
+    """Return the largest change of momentum or angular momentum over the sum of the bodies' own at first.
+
+    Angular momentum is about MEETING_POINT. Bodies that miss each other count as 100 %.
+    """
+    momentum: Array = np.zeros(2)
+    angular_momentum: Array = np.zeros(1)
+    momentum_scale = angular_scale = 0.0
+    spin_changes = []
+    for name in names:
+        track = run.track(name)
+        body = run.body(name)
+        own_momentum = body.mass * track.velocity
+        arm = track.positions - MEETING_POINT
+        orbital = arm[:, 0] * own_momentum[:, 1] - arm[:, 1] * own_momentum[:, 0]
+        intrinsic = body.moment * track.spin
+        momentum = momentum + own_momentum
+        angular_momentum = angular_momentum + (orbital + intrinsic)
+        momentum_scale += np.hypot(*own_momentum[0])
+        angular_scale += abs(orbital[0]) + abs(intrinsic[0])
+        spin_changes.append(abs(track.spin[-1] - track.spin[0]))
+    if max(spin_changes) < NO_SPIN:
+        return {"momenta": 1.0}
+    momentum_change = np.hypot(*(momentum - momentum[0]).T).max()
+    angular_change = np.abs(angular_momentum - angular_momentum[0]).max()
+    changes = [momentum_change / momentum_scale, angular_change / angular_scale]
+    return {"momenta": worst(changes)}
 
 
 ROWS = (

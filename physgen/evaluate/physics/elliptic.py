@@ -10,29 +10,40 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MEAN_TOLERANCE = 1e-9
+"""Difference of the two means at which they count as equal: each turn squares it."""
 
-def complete(k: float) -> tuple[float, float]:
-    """K(k) and E(k) of the modulus 0 <= k < 1 (Abramowitz and Stegun 17.6); E(1) = 1 and K infinite there.
 
-    >>> [round(value, 12) for value in complete(0.5)]
+def integrate_ellipse(k: float) -> tuple[float, float]:
+    """Return K(k) and E(k) of the modulus 0 <= k < 1 (Abramowitz and Stegun 17.6); at 1, infinity and 1.
+
+    >>> [round(value, 12) for value in integrate_ellipse(0.5)]
     [1.685750354813, 1.467462209339]
     """
     if k >= 1:
         return np.inf, 1.0
-    a, b, c = 1.0, sqrt(1 - k * k), k
-    total, power = c * c / 2, 0.5
-    while c > 1e-9:  # squared at every turn
-        a, b, c = (a + b) / 2, sqrt(a * b), (a - b) / 2
+    arithmetic = 1.0
+    geometric = sqrt(1 - k * k)
+    difference = k
+    total, power = difference * difference / 2, 0.5
+    while difference > MEAN_TOLERANCE:
+        mean = (arithmetic + geometric) / 2
+        difference = (arithmetic - geometric) / 2
+        geometric = sqrt(arithmetic * geometric)
+        arithmetic = mean
         power *= 2
-        total += power * c * c
-    first = pi / (2 * a)
-    return first, first * (1 - total)
+        total += power * difference * difference
+    first_kind = pi / (2 * arithmetic)
+    return first_kind, first_kind * (1 - total)
 
 
 def runge_kutta(
     rate: Callable[[Array], Array], start: Array, duration: float, steps: int
 ) -> Array:
-    """(steps + 1, D): the solution of y' = rate(y) from `start` (D,) at even times; the classical fourth order."""
+    """Return the solution of y' = rate(y) from `start` (D,) at even times, (steps + 1, D).
+
+    The method is the classical one of fourth order.
+    """
     h = duration / steps
     states = [np.asarray(start, np.float64)]
     for _ in range(steps):

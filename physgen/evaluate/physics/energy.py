@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import cos, sin
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,12 @@ from physgen.evaluate.physics.scorecard import (
 )
 from physgen.evaluate.physics.staging import GRAVITY, Slope, box, circle, scene, segment
 
+DURATION = 1.5
+"""s of every scene."""
 
-def balance(run: Run) -> Errors:
-    """Largest change of kinetic + potential + dissipated - work, over the most that any of the four changes."""
+
+def measure_balance(run: Run) -> Errors:
+    """Return the largest change of kinetic + potential + dissipated - work, over the largest change of one of them."""
     energy = run.trajectory.energy
     parts = (energy.kinetic, energy.potential, energy.dissipated, energy.work)
     flow = max(float(np.ptp(part)) for part in parts)
@@ -28,20 +32,30 @@ def balance(run: Run) -> Errors:
     return {"balance": worst([np.abs(total - total[0]).max() / flow])}
 
 
+def _case(
+    label: str, size: tuple[int, int], objects: dict[str, Document], **sections: Any
+) -> Case:
+    """Return a case whose energy is balanced."""
+    document = scene(size, DURATION, objects, **sections)
+    return Case(document, measure_balance, label)
+
+
 def _surface(draw: Draw) -> Document:
     return {"friction": draw.number(0.2, 0.7), "elasticity": draw.number(0.2, 0.8)}
 
 
 def _bouncing(draw: Draw) -> Case:
-    """Balls and a box that bounce on a floor between two walls, and off each other."""
-    objects = {
-        f"ball-{k}": circle(
-            (80 + 90 * k, draw.number(60, 140)), draw.number(12, 24), mass=draw.mass(),
-            velocity=[draw.number(-150, 150, 0), draw.number(-100, 100, 0)], spin=draw.number(-400, 400, 0),
+    """Return the case of balls and a box that bounce on a floor between two walls, and off each other."""
+    objects = {}
+    for k in range(4):
+        objects[f"ball-{k}"] = circle(
+            (80 + 90 * k, draw.number(60, 140)),
+            draw.number(12, 24),
+            mass=draw.mass(),
+            velocity=[draw.number(-150, 150, 0), draw.number(-100, 100, 0)],
+            spin=draw.number(-400, 400, 0),
             **_surface(draw),
         )
-        for k in range(4)
-    }  # fmt: skip
     objects["box"] = box(
         (260, 280), (60, 30), 20, mass=draw.mass(), spin=200.0, **_surface(draw)
     )
@@ -51,14 +65,13 @@ def _bouncing(draw: Draw) -> Case:
         "left": segment((20, 20), (20, 380), **surface),
         "right": segment((500, 20), (500, 380), **surface),
     }
-    return Case(scene((520, 400), 1.5, objects, walls), balance, "bouncing")
+    return _case("bouncing", (520, 400), objects, boundaries=walls)
 
 
 def _tumbling(draw: Draw) -> Case:
-    """A box that tumbles down a slope beside one that slides, and a ball that rolls with resistance."""
+    """Return the case of a box that tumbles down a slope, one that slides, and a ball that rolls with resistance."""
     slope = Slope((40, 60), 0.5, 1, 330)
     surface = {"friction": 0.6, "elasticity": draw.number(0.1, 0.5)}
-    end = slope.point(slope.length)
     objects = {
         "tumbles": box(
             slope.point(90, 50),
@@ -71,7 +84,7 @@ def _tumbling(draw: Draw) -> Case:
         "slides": box(
             slope.point(190, 10),
             (40, 20),
-            slope.turned,
+            slope.box_angle,
             mass=draw.mass(),
             friction=0.2,
             elasticity=0.1,
@@ -80,26 +93,24 @@ def _tumbling(draw: Draw) -> Case:
             slope.point(280, 16), 16, mass=draw.mass(), rolling=0.05, **surface
         ),
     }
+    x, y = slope.point(slope.length)
     walls = {
         "slope": slope.wall(**surface),
-        "floor": segment(end, (end[0] + 500, end[1]), **surface),
+        "floor": segment((x, y), (x + 500, y), **surface),
     }
-    return Case(scene((700, 260), 1.5, objects, walls), balance, "tumbling")
+    return _case("tumbling", (700, 260), objects, boundaries=walls)
 
 
 def _stack_hit(draw: Draw) -> Case:
-    """A stack of five boxes and the ball that knocks it over."""
+    """Return the case of a stack of five boxes and the ball that knocks it over."""
     surface = _surface(draw)
     height = draw.number(24, 34, 0)
-    objects = {
-        f"box-{k}": box(
-            (260, 280 - (k - 0.5) * height),
-            (50, height),
-            mass=draw.mass(),
-            **_surface(draw),
-        )
-        for k in range(1, 6)
-    }
+    objects = {}
+    for k in range(1, 6):
+        center = (260, 280 - (k - 0.5) * height)
+        mass = draw.mass()
+        body = box(center, (50, height), mass=mass, **_surface(draw))
+        objects[f"box-{k}"] = body
     speed = draw.number(350, 500, 0)
     objects["ball"] = circle(
         (80, draw.number(170, 220)),
@@ -108,43 +119,32 @@ def _stack_hit(draw: Draw) -> Case:
         velocity=[speed, -100.0],
         **surface,
     )
-    return Case(
-        scene(
-            (520, 300),
-            1.5,
-            objects,
-            {"floor": segment((-300, 280), (900, 280), **surface)},
-        ),
-        balance,
-        "stack",
-    )
+    floor = {"floor": segment((-300, 280), (900, 280), **surface)}
+    return _case("stack", (520, 300), objects, boundaries=floor)
 
 
 def _dominoes(draw: Draw) -> Case:
-    """Seven dominoes, the first of them pushed."""
+    """Return the case of seven dominoes, the first of them pushed."""
     surface = {"friction": draw.number(0.3, 0.6), "elasticity": draw.number(0, 0.3)}
-    height, mass = draw.number(60, 80, 0), draw.mass()
-    apart = height * draw.number(0.4, 0.6)
-    objects = {
-        f"domino-{k}": box(
-            (40 + k * apart, 180 - height / 2), (9, height), mass=mass, **surface
-        )
-        for k in range(1, 8)
-    }
+    height = draw.number(60, 80, 0)
+    mass = draw.mass()
+    distance = height * draw.number(0.4, 0.6)
+    objects = {}
+    for k in range(1, 8):
+        center = (40 + k * distance, 180 - height / 2)
+        objects[f"domino-{k}"] = box(center, (9, height), mass=mass, **surface)
     push = {
         "object": "domino-1",
         "force": [mass * 600.0, 0.0],
-        "at": [35.5 + apart, 185.0 - height],
+        "at": [35.5 + distance, 185.0 - height],
         "duration": 0.15,
     }
     floor = {"floor": segment((0, 180), (600, 180), **surface)}
-    return Case(
-        scene((500, 210), 1.5, objects, floor, forces=[push]), balance, "dominoes"
-    )
+    return _case("dominoes", (500, 210), objects, boundaries=floor, forces=[push])
 
 
 def _table(draw: Draw) -> Case:
-    """From above: a struck ball, others it meets, pucks that slide and spin, and cushions."""
+    """Return the case, from above, of a struck ball, other balls, pucks that slide and spin, and cushions."""
     corners = [[20.0, 20.0], [500.0, 20.0], [500.0, 340.0], [20.0, 340.0], [20.0, 20.0]]
     ball = {
         "solid": "sphere",
@@ -153,24 +153,39 @@ def _table(draw: Draw) -> Case:
         "elasticity": 0.9,
         "rolling": 0.01,
     }
-    angle, speed = np.radians(draw.number(-10, 10)), draw.number(350, 500, 0)
+    angle = np.radians(draw.number(-10, 10))
+    speed = draw.number(350, 500, 0)
+    velocity = [speed * cos(angle), speed * sin(angle)]
     objects = {
-        "cue": circle((90, 180), 16, velocity=[speed * cos(angle), speed * sin(angle)], roll="none", **ball),
+        "cue": circle((90, 180), 16, velocity=velocity, roll="none", **ball),
         "ball-1": circle((300, 180), 16, **ball),
         "ball-2": circle((340, 190), 16, **ball),
         "puck": circle(
-            (150, 280), 22, mass=draw.mass(), friction=0.2, elasticity=0.7, velocity=[150.0, -30.0],
+            (150, 280),
+            22,
+            mass=draw.mass(),
+            friction=0.2,
+            elasticity=0.7,
+            velocity=[150.0, -30.0],
             spin=draw.number(-600, 600, 0),
         ),
-        "plate": box((420, 80), (60, 30), 30, mass=draw.mass(), friction=0.2, elasticity=0.5, velocity=[-120.0, 40.0]),
-    }  # fmt: skip
+        "plate": box(
+            (420, 80),
+            (60, 30),
+            30,
+            mass=draw.mass(),
+            friction=0.2,
+            elasticity=0.5,
+            velocity=[-120.0, 40.0],
+        ),
+    }
     walls = {"cushions": {"polyline": corners, "friction": 0.2, "elasticity": 0.8}}
     world = {"view": "top", "table": {"friction": 0.3}}
-    return Case(scene((520, 360), 1.5, objects, walls, world=world), balance, "table")
+    return _case("table", (520, 360), objects, boundaries=walls, world=world)
 
 
 def _machine(draw: Draw) -> Case:
-    """A double pendulum, a damped spring, a motor's wheel under a ball, and two boxes welded, which fall."""
+    """Return the case of a double pendulum, a damped spring, a motor's wheel under a ball, and two welded boxes."""
     surface = _surface(draw)
     mass = draw.mass()
     objects = {
@@ -182,82 +197,104 @@ def _machine(draw: Draw) -> Case:
         "left": box((450, 220), (30, 30), mass=draw.mass(), **surface),
         "right": box((480, 220), (30, 50), mass=draw.mass(), **surface),
     }
-    moment = objects["wheel"]["mass"] * 40**2 / 2
+    spring_mass = objects["hung"]["mass"]
+    wheel_moment = objects["wheel"]["mass"] * 40**2 / 2
     joints = {
         "shoulder": {"objects": ["upper"], "pivot": [220.0, 60.0]},
         "elbow": {"objects": ["upper", "lower"], "pivot": [315.0, 60.0]},
         "spring": {
-            "objects": ["hung"], "spring": [[480.0, 140.0], [480.0, 40.0]], "length": 70.0,
-            "stiffness": objects["hung"]["mass"] * 150, "damping": objects["hung"]["mass"] * draw.number(0.5, 2),
+            "objects": ["hung"],
+            "spring": [[480.0, 140.0], [480.0, 40.0]],
+            "length": 70.0,
+            "stiffness": spring_mass * 150,
+            "damping": spring_mass * draw.number(0.5, 2),
         },
-        "motor": {"objects": ["wheel"], "motor": [600.0, 240.0], "speed": 500.0, "limit": round(moment * 20, 1)},
+        "motor": {
+            "objects": ["wheel"],
+            "motor": [600.0, 240.0],
+            "speed": 500.0,
+            "limit": round(wheel_moment * 20, 1),
+        },
         "glue": {"objects": ["left", "right"], "weld": [465.0, 220.0]},
-    }  # fmt: skip
+    }
     floor = {"floor": segment((-200, 320), (800, 320), **surface)}
-    return Case(
-        scene((700, 350), 1.5, objects, floor, joints=joints), balance, "machine"
+    return _case("machine", (700, 350), objects, boundaries=floor, joints=joints)
+
+
+PADDLE_PATH = [[0, 500, 250], [0.4, 500, 250], [0.8, 430, 250, -20], [1.5, 480, 250, 0]]
+"""s, px, px, degrees."""
+
+
+def _driven_bodies(draw: Draw) -> Case:
+    """Return the case of pushes, a torque, a wind, an attractor, and a scripted paddle that strikes."""
+    surface = _surface(draw)
+    floor = {"floor": segment((-300, 290), (900, 290), **surface)}
+    return _case(
+        "driven",
+        (560, 320),
+        _driven_objects(draw, surface),
+        boundaries=floor,
+        forces=_driving_forces(draw),
+        fields=_driving_fields(draw),
     )
 
 
-def _driven(draw: Draw) -> Case:
-    """Pushes, a torque, a wind, an attractor, and a scripted paddle that strikes."""
-    surface = _surface(draw)
-    objects = {
+def _driven_objects(draw: Draw, surface: Document) -> dict[str, Document]:
+    motion = {"path": PADDLE_PATH}
+    return {
         "pushed": box((80, 275), (50, 30), mass=200.0, **surface),
         "turned": circle((220, 270), 20, mass=150.0, **surface),
         "blown": circle((330, 80), 16, mass=draw.number(20, 60, 0), **surface),
-        "drawn": circle((400, 140), 12, mass=draw.mass(), velocity=[60.0, 0.0], **surface),
-        "struck": circle((420, 270), 20, mass=draw.mass(), **surface),
-        "paddle": box(
-            (500, 250), (16, 70), **surface,
-            motion={"path": [[0, 500, 250], [0.4, 500, 250], [0.8, 430, 250, -20], [1.5, 480, 250, 0]]},
+        "drawn": circle(
+            (400, 140), 12, mass=draw.mass(), velocity=[60.0, 0.0], **surface
         ),
-    }  # fmt: skip
-    forces = [
-        {
-            "object": "pushed",
-            "force": [200.0 * GRAVITY * 0.9, 0.0],
-            "start": 0.1,
-            "duration": 0.3,
-        },
-        {
-            "object": "pushed",
-            "impulse": [-200.0 * draw.number(50, 120, 0), 0.0],
-            "at": [80.0, 265.0],
-            "start": 0.8,
-        },
-        {
-            "object": "turned",
-            "torque": 150.0 * 20**2 / 2 * draw.number(10, 30),
-            "duration": 0.5,
-        },
-    ]
-    fields = {
-        "breeze": {
-            "wind": [draw.number(100, 300, 0), 0],
-            "drag": 0.01,
-            "objects": ["blown", "turned"],
-        },
-        "magnet": {
-            "attractor": [400.0, 60.0],
-            "strength": 8.0e6,
-            "soften": 30.0,
-            "objects": ["drawn"],
-        },
+        "struck": circle((420, 270), 20, mass=draw.mass(), **surface),
+        "paddle": box((500, 250), (16, 70), **surface, motion=motion),
     }
-    floor = {"floor": segment((-300, 290), (900, 290), **surface)}
-    return Case(
-        scene((560, 320), 1.5, objects, floor, forces=forces, fields=fields),
-        balance,
-        "driven",
-    )
 
 
-KINDS = (_bouncing, _tumbling, _stack_hit, _dominoes, _table, _machine, _driven)
+def _driving_forces(draw: Draw) -> list[Document]:
+    push = {
+        "object": "pushed",
+        "force": [200.0 * GRAVITY * 0.9, 0.0],
+        "start": 0.1,
+        "duration": 0.3,
+    }
+    strike = {
+        "object": "pushed",
+        "impulse": [-200.0 * draw.number(50, 120, 0), 0.0],
+        "at": [80.0, 265.0],
+        "start": 0.8,
+    }
+    disc_moment = 150.0 * 20**2 / 2
+    twist = {
+        "object": "turned",
+        "torque": disc_moment * draw.number(10, 30),
+        "duration": 0.5,
+    }
+    return [push, strike, twist]
+
+
+def _driving_fields(draw: Draw) -> dict[str, Document]:
+    breeze = {
+        "wind": [draw.number(100, 300, 0), 0],
+        "drag": 0.01,
+        "objects": ["blown", "turned"],
+    }
+    magnet = {
+        "attractor": [400.0, 60.0],
+        "strength": 8.0e6,
+        "soften": 30.0,
+        "objects": ["drawn"],
+    }
+    return {"breeze": breeze, "magnet": magnet}
+
+
+KINDS = (_bouncing, _tumbling, _stack_hit, _dominoes, _table, _machine, _driven_bodies)
 
 
 def _energies(draw: Draw) -> list[Case]:
-    """Two or one of the seven kinds a draw, so that five draws have them all."""
+    """Return one or two of the seven kinds, so that five draws have them all."""
     return [kind(draw) for kind in KINDS[draw.index :: 5]]
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from math import ceil, cos, radians, sin, sqrt
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import ceil, cos, pi, radians, sin, sqrt
 
 import numpy as np
 
-from physgen.evaluate.physics.events import flights
+from physgen.evaluate.physics.events import find_flights
 from physgen.evaluate.physics.scorecard import (
+    Array,
     Case,
+    Document,
     Draw,
     Errors,
     Measure,
@@ -17,14 +21,26 @@ from physgen.evaluate.physics.scorecard import (
     Run,
     worst,
 )
-from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene, segment
+from physgen.evaluate.physics.staging import (
+    FLOATING,
+    GRAVITY,
+    box,
+    circle,
+    scene,
+    segment,
+)
 
 
 def _free_fall(draw: Draw) -> list[Case]:
-    """Deviation from g t²/2 at any time, as a part of the whole fall."""
+    """Return the case of a ball, a box and a hoop that fall freely."""
     gravity = draw.number(300, 1500, 0)
     objects = {
-        "ball": circle((80, draw.number(30, 60)), draw.number(8, 28), mass=draw.mass(), spin=draw.number(-400, 400, 0)),
+        "ball": circle(
+            (80, draw.number(30, 60)),
+            draw.number(8, 28),
+            mass=draw.mass(),
+            spin=draw.number(-400, 400, 0),
+        ),
         "box": box(
             (180, draw.number(30, 60)),
             (draw.number(20, 50), draw.number(20, 50)),
@@ -32,174 +48,263 @@ def _free_fall(draw: Draw) -> list[Case]:
             mass=draw.mass(),
             spin=draw.number(-400, 400, 0),
         ),
-        "hoop": circle((280, draw.number(30, 60)), draw.number(8, 28), mass=draw.mass(), solid="hoop"),
-    }  # fmt: skip
-
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name in objects:
-            track = run.track(name)
-            fall = gravity * track.times**2 / 2
-            off = np.hypot(track.moved[:, 0], track.moved[:, 1] - fall)
-            errors.append(off.max() / fall[-1])
-        return {"fall": worst(errors)}
-
+        "hoop": circle(
+            (280, draw.number(30, 60)),
+            draw.number(8, 28),
+            mass=draw.mass(),
+            solid="hoop",
+        ),
+    }
     size = (360, 100 + ceil(gravity / 2 / 20) * 20)
-    return [Case(scene(size, 1.0, objects, world={"gravity": [0, gravity]}), measure)]
+    document = scene(size, 1.0, objects, world={"gravity": [0, gravity]})
+    return [Case(document, partial(_fall_error, tuple(objects), gravity))]
+
+
+def _fall_error(names: tuple[str, ...], gravity: float, run: Run) -> Errors:
+    """Return the largest deviation from g t²/2 at any time, as a part of the whole fall."""
+    errors = []
+    for name in names:
+        track = run.track(name)
+        fall = gravity * track.times**2 / 2
+        x, y = track.displacements.T
+        errors.append(np.hypot(x, y - fall).max() / fall[-1])
+    return {"fall": worst(errors)}
+
+
+@dataclass(frozen=True)
+class _Throw:
+    """The start of a flight."""
+
+    speed: float
+    """px/s."""
+    degrees: float
+    """Above the horizontal to the right."""
+
+    def velocity(self) -> tuple[float, float]:
+        """Return the velocity to the right and upwards, px/s."""
+        angle = radians(self.degrees)
+        return self.speed * cos(angle), self.speed * sin(angle)
 
 
 def _projectile(draw: Draw) -> list[Case]:
-    """Distance from the parabola at any time, as a part of the path flown by then."""
+    """Return the case of a ball and a box that are thrown."""
     throws = {
-        "ball": (draw.number(300, 600, 0), draw.number(35, 75, 0)),
-        "box": (draw.number(300, 600, 0), draw.number(105, 145, 0)),
+        "ball": _Throw(draw.number(300, 600, 0), draw.number(35, 75, 0)),
+        "box": _Throw(draw.number(300, 600, 0), draw.number(105, 145, 0)),
     }
     objects = {}
-    for name, (speed, degrees) in throws.items():
-        keys: dict[str, Any] = {
+    for name, throw in throws.items():
+        vx, vy = throw.velocity()
+        keys: Document = {
             "mass": draw.mass(),
-            "velocity": [speed * cos(radians(degrees)), -speed * sin(radians(degrees))],
+            "velocity": [vx, -vy],
             "spin": draw.number(-400, 400, 0),
         }
         size = draw.number(10, 20)
-        ball = name == "ball"
-        objects[name] = (
-            circle((500, 220), size, **keys)
-            if ball
-            else box((430, 220), (2 * size, size), **keys)
-        )
+        if name == "ball":
+            objects[name] = circle((500, 220), size, **keys)
+        else:
+            objects[name] = box((430, 220), (2 * size, size), **keys)
+    return [Case(scene((930, 440), 1.0, objects), partial(_path_error, throws))]
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, (speed, degrees) in throws.items():
-            track = run.track(name)
-            t = track.times
-            vx, vy = speed * cos(radians(degrees)), speed * sin(radians(degrees))
-            exact = np.stack([vx * t, GRAVITY * t**2 / 2 - vy * t], axis=1)
-            path = np.hypot(*np.diff(exact, axis=0).T).cumsum()
-            errors.append((np.hypot(*(track.moved - exact)[1:].T) / path).max())
-        return {"path": worst(errors)}
 
-    return [Case(scene((930, 440), 1.0, objects), measure)]
+def _path_error(throws: Mapping[str, _Throw], run: Run) -> Errors:
+    """Return the largest distance from the parabola, as a part of the path flown by then."""
+    errors = []
+    for name, throw in throws.items():
+        track = run.track(name)
+        times = track.times
+        vx, vy = throw.velocity()
+        parabola = np.stack([vx * times, GRAVITY * times**2 / 2 - vy * times], axis=1)
+        path = np.hypot(*np.diff(parabola, axis=0).T).cumsum()
+        distance = np.hypot(*(track.displacements - parabola)[1:].T)
+        errors.append((distance / path).max())
+    return {"path": worst(errors)}
+
+
+@dataclass(frozen=True)
+class _Drop:
+    """A ball that is dropped onto a pad of the same elasticity."""
+
+    elasticity: float
+    height: float
+    """px that the ball falls."""
+    radius: float
+    """px."""
+
+    def fall_time(self) -> float:
+        """Return the time of the first fall, s."""
+        return sqrt(2 * self.height / GRAVITY)
+
+
+@dataclass(frozen=True)
+class _Pads:
+    """Places of pads, one a ball."""
+
+    left: int
+    """px: the middle of the first."""
+    distance: int
+    """px from one to the next."""
+    half_width: int
+    """px."""
+    floor: int
+    """px: their height."""
+
+
+def _place_drops(
+    drops: Mapping[str, _Drop], pads: _Pads, draw: Draw
+) -> tuple[Document, Document]:
+    """Return the balls of some drops, and the pads below them."""
+    objects, boundaries = {}, {}
+    for k, (name, drop) in enumerate(drops.items()):
+        x = pads.left + pads.distance * k
+        surface = {"friction": 0.5, "elasticity": drop.elasticity}
+        center = (x, pads.floor - drop.height - drop.radius)
+        objects[name] = circle(center, drop.radius, mass=draw.mass(), **surface)
+        begin = (x - pads.half_width, pads.floor)
+        end = (x + pads.half_width, pads.floor)
+        boundaries[name.replace("ball", "pad")] = segment(begin, end, **surface)
+    return objects, boundaries
+
+
+ONE_BOUNCE = _Pads(left=70, distance=130, half_width=55, floor=360)
+BOUNCE_ELASTICITIES = (0.3, 0.5, 0.8, 1.0)
 
 
 def _bounce(draw: Draw) -> list[Case]:
-    """Speed and height after the first bounce, each against what e makes of those before, at the height of contact."""
-    drops = {
-        f"ball-{int(e * 10)}": (e, draw.number(100, 260, 1), draw.number(8, 26))
-        for e in (0.3, 0.5, 0.8, 1.0)
-    }
-    objects, pads = {}, {}
-    for k, (name, (e, height, radius)) in enumerate(drops.items()):
-        x, surface = 70 + 130 * k, {"friction": 0.5, "elasticity": e}
-        objects[name] = circle(
-            (x, 360 - height - radius), radius, mass=draw.mass(), **surface
-        )
-        pads[name.replace("ball", "pad")] = segment(
-            (x - 55, 360), (x + 55, 360), **surface
-        )
+    """Return the case of four balls that bounce."""
+    drops = {}
+    for elasticity in BOUNCE_ELASTICITIES:
+        drop = _Drop(elasticity, draw.number(100, 260, 1), draw.number(8, 26))
+        drops[f"ball-{int(elasticity * 10)}"] = drop
+    objects, pads = _place_drops(drops, ONE_BOUNCE, draw)
+    highest = max(drops.values(), key=lambda drop: drop.height)
+    document = scene((530, 400), 2.1 * highest.fall_time(), objects, pads)
+    return [Case(document, partial(_bounce_errors, drops))]
 
-    def measure(run: Run) -> Errors:
-        speeds, heights = [], []
-        for name, (e, height, radius) in drops.items():
-            parts = flights(run.track(name), 360 - radius, GRAVITY)
-            if len(parts) < 2:
-                return {"speed": 1.0, "height": 1.0}
-            speeds.append(abs(parts[1].leaving / parts[0].landing / e - 1))
-            heights.append(abs(parts[1].apex / (e * e * height) - 1))
-        return {"speed": worst(speeds), "height": worst(heights)}
 
-    duration = 2.1 * sqrt(2 * max(height for _, height, _ in drops.values()) / GRAVITY)
-    return [Case(scene((530, 400), duration, objects, pads), measure)]
+def _bounce_errors(drops: Mapping[str, _Drop], run: Run) -> Errors:
+    """Return the errors of speed and height after the first bounce, at the height of contact."""
+    speeds, heights = [], []
+    for name, drop in drops.items():
+        floor = ONE_BOUNCE.floor - drop.radius
+        flights = find_flights(run.track(name), floor, GRAVITY)
+        if len(flights) < 2:
+            return {"speed": 1.0, "height": 1.0}
+        drop_flight, rebound = flights[:2]
+        e = drop.elasticity
+        speeds.append(abs(rebound.start_speed / drop_flight.impact_speed / e - 1))
+        heights.append(abs(rebound.apex / (e * e * drop.height) - 1))
+    return {"speed": worst(speeds), "height": worst(heights)}
 
 
 BOUNCES = 4
+SEVERAL_BOUNCES = _Pads(left=80, distance=150, half_width=60, floor=330)
+LOWEST_ELASTICITIES = (0.5, 0.6, 0.7)
+"""Of the three balls; each draw adds up to 0.1."""
 
 
 def _bounces(draw: Draw) -> list[Case]:
-    """Length of each of the first four flights, from landing to landing."""
-    drops = {
-        f"ball-{k}": (
-            draw.number(low, low + 0.1, 3),
-            draw.number(150, 250, 1),
-            draw.number(8, 26),
+    """Return the case of three balls that bounce several times."""
+    drops = {}
+    for k, low in enumerate(LOWEST_ELASTICITIES, 1):
+        drops[f"ball-{k}"] = _Drop(
+            elasticity=draw.number(low, low + 0.1, 3),
+            height=draw.number(150, 250, 1),
+            radius=draw.number(8, 26),
         )
-        for k, low in enumerate((0.5, 0.6, 0.7), 1)
-    }
-    objects, pads = {}, {}
-    for k, (name, (e, height, radius)) in enumerate(drops.items()):
-        x, surface = 80 + 150 * k, {"friction": 0.5, "elasticity": e}
-        objects[name] = circle(
-            (x, 330 - height - radius), radius, mass=draw.mass(), **surface
-        )
-        pads[name.replace("ball", "pad")] = segment(
-            (x - 60, 330), (x + 60, 330), **surface
-        )
+    objects, pads = _place_drops(drops, SEVERAL_BOUNCES, draw)
+    longest = max(map(_time_of_bounces, drops.values()))
+    document = scene((460, 360), longest + 0.05, objects, pads)
+    return [Case(document, partial(_bounces_error, drops), rate=480)]
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, (e, height, radius) in drops.items():
-            parts = flights(run.track(name), 330 - radius, GRAVITY)
-            if len(parts) <= BOUNCES:
-                return {"times": 1.0}
-            for n in range(1, BOUNCES + 1):
-                exact = 2 * sqrt(2 * height / GRAVITY) * e**n
-                errors.append(abs((parts[n].end - parts[n - 1].end) / exact - 1))
-        return {"times": worst(errors)}
 
-    longest = max(
-        sqrt(2 * h / GRAVITY) * (1 + 2 * sum(e**n for n in range(1, BOUNCES + 1)))
-        for e, h, _ in drops.values()
-    )
-    return [Case(scene((460, 360), longest + 0.05, objects, pads), measure, rate=480)]
+def _time_of_bounces(drop: _Drop) -> float:
+    """Return the time to the end of the last flight that counts, s."""
+    flights = sum(drop.elasticity**n for n in range(1, BOUNCES + 1))
+    return drop.fall_time() * (1 + 2 * flights)
+
+
+def _bounces_error(drops: Mapping[str, _Drop], run: Run) -> Errors:
+    """Return the largest error of the length of a flight, from landing to landing."""
+    errors = []
+    for name, drop in drops.items():
+        floor = SEVERAL_BOUNCES.floor - drop.radius
+        flights = find_flights(run.track(name), floor, GRAVITY)
+        if len(flights) <= BOUNCES:
+            return {"times": 1.0}
+        for n in range(1, BOUNCES + 1):
+            expected = 2 * drop.fall_time() * drop.elasticity**n
+            duration = flights[n].end - flights[n - 1].end
+            errors.append(abs(duration / expected - 1))
+    return {"times": worst(errors)}
+
+
+@dataclass(frozen=True)
+class _Air:
+    """Air that slows down a body, or a wind that takes it along."""
+
+    drag: float
+    """g/px²: force over width times squared speed."""
+    wind: float | None
+    """px/s in place of gravity; None for a fall."""
+
+    def motion(self, mass: float, width: float, times: Array) -> tuple[Array, Array]:
+        """Return the speeds (px/s) and distances (px) of a body (g, px) from rest."""
+        k = self.drag * width / mass
+        if self.wind is not None:  # u' = -k u², u = wind - v
+            fading = self.wind * k * times
+            speeds = self.wind - self.wind / (1 + fading)
+            return speeds, self.wind * times - np.log1p(fading) / k
+        final = sqrt(GRAVITY / k)
+        speeds = final * np.tanh(GRAVITY * times / final)
+        distances = final**2 / GRAVITY * np.log(np.cosh(GRAVITY * times / final))
+        return speeds, distances
 
 
 def _air(draw: Draw) -> list[Case]:
-    """Speed and distance at any time, over their last values; in every other draw a wind in place of gravity."""
-    blown = draw.index % 2 == 1
+    """Return the case of a ball and a box in air; in every other draw a wind blows in place of gravity."""
+    has_wind = draw.index % 2 == 1
     wind = draw.number(150, 400, 0)
     drag = draw.number(0.02, 0.08, 4)
-    bodies = {
-        "ball": (draw.number(10, 25), draw.mass()),
-        "box": (draw.number(20, 40), draw.mass()),
-    }
-    objects = {
-        "ball": circle((60, 60), bodies["ball"][0], mass=bodies["ball"][1]),
-        "box": box((60, 150) if blown else (140, 60), (bodies["box"][0],) * 2, mass=bodies["box"][1]),
-    }  # fmt: skip
-    widths = {"ball": 2 * bodies["ball"][0], "box": 2 * bodies["box"][0] / sqrt(np.pi)}
+    radius = draw.number(10, 25)
+    ball_mass = draw.mass()
+    side = draw.number(20, 40)
+    box_mass = draw.mass()
+    # the box is as wide as the disc of the same area
+    bodies = {"ball": (ball_mass, 2 * radius), "box": (box_mass, 2 * side / sqrt(pi))}
+    ball = circle((60, 60), radius, mass=ball_mass)
+    if has_wind:
+        air = _Air(drag, wind)
+        size = (420, 220)
+        box_center = (60, 150)
+        field = {"wind": [wind, 0], "drag": drag}
+        world = FLOATING
+    else:
+        air = _Air(drag, None)
+        size = (220, 580)
+        box_center = (140, 60)
+        field = {"wind": [0, 0], "drag": drag}
+        world = {}
+    objects = {"ball": ball, "box": box(box_center, (side, side), mass=box_mass)}
+    document = scene(size, 1.0, objects, world=world, fields={"air": field})
+    return [Case(document, partial(_air_error, air, bodies))]
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, (_, mass) in bodies.items():
-            track = run.track(name)
-            t, k = track.times, drag * widths[name] / mass
-            if blown:  # u' = -k u², u = wind - v
-                speed = wind - wind / (1 + wind * k * t)
-                way = wind * t - np.log1p(wind * k * t) / k
-            else:
-                final = sqrt(GRAVITY / k)
-                speed = final * np.tanh(GRAVITY * t / final)
-                way = final**2 / GRAVITY * np.log(np.cosh(GRAVITY * t / final))
-            axis = 0 if blown else 1
-            errors.append(np.abs(track.velocities[:, axis] - speed).max() / speed[-1])
-            errors.append(np.abs(track.moved[:, axis] - way).max() / way[-1])
-        return {"motion": worst(errors)}
 
-    field = {"air": {"wind": [wind, 0] if blown else [0, 0], "drag": drag}}
-    world = {"gravity": [0, 0]} if blown else {}
-    return [
-        Case(
-            scene(
-                (420, 220) if blown else (220, 580),
-                1.0,
-                objects,
-                world=world,
-                fields=field,
-            ),
-            measure,
-        )
-    ]
+def _air_error(
+    air: _Air, bodies: Mapping[str, tuple[float, float]], run: Run
+) -> Errors:
+    """Return the largest deviation of speed and distance at any time, over their last values."""
+    axis = 1 if air.wind is None else 0
+    errors = []
+    for name, (mass, width) in bodies.items():
+        track = run.track(name)
+        speeds, distances = air.motion(mass, width, track.times)
+        deviations = np.abs(track.velocities[:, axis] - speeds)
+        errors.append(deviations.max() / speeds[-1])
+        deviations = np.abs(track.displacements[:, axis] - distances)
+        errors.append(deviations.max() / distances[-1])
+    return {"motion": worst(errors)}
 
 
 ROWS = (

@@ -1,174 +1,272 @@
-"""Rows of what pushes and pulls: impulses, forces and torques of a scene, and a centre that attracts."""
+"""Rows of impulses, forces and torques of a scene, and of a centre that attracts."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from math import cos, pi, radians, sin, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.evaluate.physics.scorecard import (
+    Array,
     Case,
+    Document,
     Draw,
     Errors,
     Measure,
     Row,
     Run,
+    Track,
     worst,
 )
-from physgen.evaluate.physics.staging import box, circle, scene
+from physgen.evaluate.physics.staging import FLOATING, Point, box, circle, scene
 
-Array = NDArray[np.float64]
+DURATION = 0.6
+"""s of the row of pushes."""
 
-FLOATING = {"gravity": [0, 0]}
+
+def _unit(angle: float) -> Array:
+    """Return the unit vector of a direction (rad)."""
+    return np.array([cos(angle), sin(angle)])
+
+
+@dataclass(frozen=True)
+class _Block:
+    """A box that is pushed, and the numbers that its push is made of."""
+
+    center: Array
+    """(2,) px."""
+    mass: float
+    """g."""
+    size: Point
+    """px."""
+    tilt: float
+    """degrees."""
+    start: float
+    """s at which the push begins."""
+    duration: float
+    """s of the push."""
+    arm: Array
+    """(2,) px from the centre to the point that is pushed, along the box's long side."""
+    direction: Array
+    """(2,) unit vector of the push."""
+
+    @classmethod
+    def random(cls, draw: Draw, k: int) -> _Block:
+        """Return box `k` of four in a square."""
+        mass = draw.mass()
+        size = (draw.number(40, 70), draw.number(20, 40))
+        tilt = draw.number(0, 180, 0)
+        # times that are not on the engine's steps
+        start = draw.number(0.05, 0.2, 3)
+        duration = draw.number(0.2, 0.35, 3)
+        arm = draw.number(0.3, 0.5) * size[0] * _unit(radians(tilt))
+        angle = radians(tilt + draw.sign() * draw.number(50, 90, 0))
+        center = np.array([160 + 240 * (k % 2), 130 + 240 * (k // 2)])
+        return cls(center, mass, size, tilt, start, duration, arm, _unit(angle))
+
+    @property
+    def moment(self) -> float:
+        """Return the moment of inertia, g·px²."""
+        width, height = self.size
+        return self.mass * (width**2 + height**2) / 12
+
+    def point(self) -> list[float]:
+        """Return the point that is pushed, px."""
+        return [float(value) for value in self.arm + self.center]
+
+
+@dataclass(frozen=True)
+class _Gain:
+    """The velocity and spin that a push gives."""
+
+    velocity: Array
+    """(2,) px/s."""
+    spin: float
+    """rad/s."""
+
+
+_Push = tuple[Document, _Gain]
+"""A push as the scene file has it, and its closed form."""
+
+
+def _strike(draw: Draw, block: _Block) -> _Push:
+    """Return an impulse at a point."""
+    impulse = block.mass * draw.number(50, 120) * block.direction
+    push = {"impulse": impulse.tolist(), "at": block.point(), "start": block.start}
+    arm = block.arm
+    twist = float(arm[0] * impulse[1] - arm[1] * impulse[0])
+    return push, _Gain(impulse / block.mass, twist / block.moment)
+
+
+def _shove(draw: Draw, block: _Block) -> _Push:
+    """Return a force through the centre."""
+    acceleration = draw.number(200, 400) * block.direction
+    push = {
+        "force": (block.mass * acceleration).tolist(),
+        "start": block.start,
+        "duration": block.duration,
+    }
+    return push, _Gain(acceleration * block.duration, 0.0)
+
+
+def _twist(draw: Draw, block: _Block) -> _Push:
+    """Return a torque."""
+    acceleration = draw.sign() * draw.number(10, 30)
+    push = {
+        "torque": block.moment * acceleration,
+        "start": block.start,
+        "duration": block.duration,
+    }
+    return push, _Gain(np.zeros(2), acceleration * block.duration)
+
+
+@dataclass(frozen=True)
+class _Ride:
+    """A force at a point of a body, with which its point moves; the spin depends on the motion."""
+
+    force: Array
+    """(2,) g·px/s²."""
+    arm: Array
+    """(2,) px at t = 0."""
+    moment: float
+    """g·px²."""
+
+    def spin(self, track: Track) -> float:
+        """Return the last spin (rad/s) of a motion by the work done: I w²/2 = F x (displacement of the point)."""
+        c = cos(track.angle[-1])
+        s = sin(track.angle[-1])
+        rotation = np.array([[c, -s], [s, c]])
+        work = float(self.force @ (rotation @ self.arm - self.arm))
+        speed = sqrt(max(2 * work / self.moment, 0.0))
+        return float(np.sign(track.spin[-1])) * speed
+
+
+_PUSHES = {"struck": _strike, "pushed": _shove, "turned": _twist}
 
 
 def _pushes(draw: Draw) -> list[Case]:
-    """Deviation of each gained velocity and spin over itself, at the end.
-
-    The arm of a force that rides on a body turns with it while the force's direction stays, so its spin follows from
-    the work done: I w²/2 = F x (displacement of the point against the middle).
-    """
+    """Return the case of an impulse, a force, a torque and a force that moves with its point."""
     objects: dict[str, Any] = {}
     forces: list[dict[str, Any]] = []
-    gained: dict[str, tuple[Array, float]] = {}
-    duration = 0.6
-    for k, name in enumerate(("struck", "pushed", "turned", "ridden")):
-        at = np.array([160 + 240 * (k % 2), 130 + 240 * (k // 2)])
-        mass, size, turn = (
-            draw.mass(),
-            (draw.number(40, 70), draw.number(20, 40)),
-            draw.number(0, 180, 0),
-        )
-        moment = mass * (size[0] ** 2 + size[1] ** 2) / 12
-        start, lasts = (
-            draw.number(0.05, 0.2, 3),
-            draw.number(0.2, 0.35, 3),
-        )  # off the engine's steps
-        objects[name] = box(at, size, turn, mass=mass)
-        arm = (
-            draw.number(0.3, 0.5)
-            * size[0]
-            * np.array([cos(radians(turn)), sin(radians(turn))])
-        )
-        angle = radians(turn + draw.sign() * draw.number(50, 90, 0))
-        toward = np.array([cos(angle), sin(angle)])
-        if name == "struck":
-            impulse = mass * draw.number(50, 120) * toward
-            push = {
-                "impulse": impulse.tolist(),
-                "at": (arm + at).tolist(),
-                "start": start,
-            }
-            gained[name] = (
-                impulse / mass,
-                float(arm[0] * impulse[1] - arm[1] * impulse[0]) / moment,
-            )
-        elif name == "turned":
-            turning = draw.sign() * draw.number(10, 30)
-            push = {"torque": moment * turning, "start": start, "duration": lasts}
-            gained[name] = (np.zeros(2), turning * lasts)
-        elif name == "pushed":
-            pushing = draw.number(200, 400) * toward
-            push = {
-                "force": (mass * pushing).tolist(),
-                "start": start,
-                "duration": lasts,
-            }
-            gained[name] = (pushing * lasts, 0.0)
-        else:
-            riding = mass * draw.number(60, 120) * toward
-            push = {"force": riding.tolist(), "at": (arm + at).tolist()}
-            gained[name] = (riding / mass * duration, 0.0)
+    gains: dict[str, _Gain] = {}
+    for k, (name, push_block) in enumerate(_PUSHES.items()):
+        block = _Block.random(draw, k)
+        objects[name] = box(block.center, block.size, block.tilt, mass=block.mass)
+        push, gains[name] = push_block(draw, block)
         forces.append({"object": name, **push})
+    name = "ridden"
+    block = _Block.random(draw, len(_PUSHES))
+    objects[name] = box(block.center, block.size, block.tilt, mass=block.mass)
+    force = block.mass * draw.number(60, 120) * block.direction
+    forces.append({"object": name, "force": force.tolist(), "at": block.point()})
+    gains[name] = _Gain(force / block.mass * DURATION, 0.0)
+    ride = _Ride(force, block.arm, block.moment)
+    document = scene((560, 500), DURATION, objects, world=FLOATING, forces=forces)
+    return [Case(document, partial(_push_error, gains, ride))]
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, (velocity, spin) in gained.items():
-            track = run.track(name)
-            if name == "ridden":
-                c, s = cos(track.angle[-1]), sin(track.angle[-1])
-                work = float(riding @ (np.array([[c, -s], [s, c]]) @ arm - arm))
-                spin = float(np.sign(track.spin[-1])) * sqrt(
-                    max(2 * work / moment, 0.0)
-                )
-            if velocity.any():
-                errors.append(
-                    np.hypot(*(track.velocity[-1] - velocity)) / np.hypot(*velocity)
-                )
-            errors.append(
-                abs(track.spin[-1] / spin - 1) if spin else abs(track.spin[-1])
-            )
-        return {"velocity": worst(errors)}
 
-    return [
-        Case(
-            scene((560, 500), duration, objects, world=FLOATING, forces=forces), measure
-        )
-    ]
+def _push_error(gains: Mapping[str, _Gain], ride: _Ride, run: Run) -> Errors:
+    """Return the largest deviation of a velocity or spin over itself, at the end."""
+    errors = []
+    for name, gain in gains.items():
+        track = run.track(name)
+        spin = ride.spin(track) if name == "ridden" else gain.spin
+        if gain.velocity.any():
+            deviation = np.hypot(*(track.velocity[-1] - gain.velocity))
+            errors.append(deviation / np.hypot(*gain.velocity))
+        if spin:
+            errors.append(abs(track.spin[-1] / spin - 1))
+        else:
+            errors.append(abs(track.spin[-1]))
+    return {"velocity": worst(errors)}
+
+
+NEWTON_STEPS = 60
+"""More than any eccentricity of the draws requires."""
 
 
 def kepler(axis: float, eccentricity: float, strength: float, times: Array) -> Array:
-    """(T, 2) px from the centre, along the first place's direction and the first velocity's; it begins at the farthest.
+    """Return places (T, 2) px from the centre, along the first place's direction and the first velocity's.
 
-    `axis` is the half long axis, px; `strength` px³/s². Newton's method on Kepler's equation M = E - e sin E.
+    The motion begins at the farthest place. `axis` is the half long axis, px; `strength` px³/s². Newton's method
+    solves Kepler's equation M = E - e sin E.
     """
     mean = pi + times * sqrt(strength / axis**3)
     anomaly = mean.copy()
-    for _ in range(60):
+    for _ in range(NEWTON_STEPS):
         slope = 1 - eccentricity * np.cos(anomaly)
         anomaly -= (anomaly - eccentricity * np.sin(anomaly) - mean) / slope
-    short = axis * sqrt(1 - eccentricity**2)
-    return -np.stack(
-        [axis * (np.cos(anomaly) - eccentricity), short * np.sin(anomaly)], axis=1
-    )
+    short_axis = axis * sqrt(1 - eccentricity**2)
+    x = axis * (np.cos(anomaly) - eccentricity)
+    return -np.stack([x, short_axis * np.sin(anomaly)], axis=1)
+
+
+CENTER = np.array([260.0, 260.0])
+"""px: the attractor."""
+
+
+@dataclass(frozen=True)
+class _Orbit:
+    """An ellipse about the attractor."""
+
+    axis: float
+    """px: half the long axis."""
+    eccentricity: float
+    frame: Array
+    """(2, 2): unit vectors of the first place and of the first velocity."""
+    strength: float
+    """px³/s²."""
+
+    def places(self, times: Array) -> Array:
+        """Return the places (T, 2) px at these times (s)."""
+        places = kepler(self.axis, self.eccentricity, self.strength, times)
+        return CENTER + places @ self.frame
 
 
 def _orbits(draw: Draw) -> list[Case]:
-    """Distance from Kepler's place at any time over the orbit's half axis; largest change of energy over the first."""
-    middle = np.array([260.0, 260.0])
+    """Return the case of a circle and an ellipse about an attractor."""
     strength = round(4 * pi**2 * 150**3 / draw.number(1.6, 2.4) ** 2, -4)
-    orbits = {
+    ellipses = {
         "circling": (draw.number(195, 215, 1), 0.0),
         "falling": (draw.number(90, 110, 1), draw.number(0.3, 0.5, 3)),
     }
-    objects, starts = {}, {}
-    for name, (axis, eccentricity) in orbits.items():
-        turned, side = draw.angle(), draw.sign()
-        far = axis * (1 + eccentricity)
-        speed = side * sqrt(strength * (2 / far - 1 / axis))
-        out, along = (
-            np.array([cos(turned), sin(turned)]),
-            np.array([-sin(turned), cos(turned)]),
-        )
+    objects, orbits = {}, {}
+    for name, (axis, eccentricity) in ellipses.items():
+        angle = draw.angle()
+        side = draw.sign()
+        farthest = axis * (1 + eccentricity)
+        speed = side * sqrt(strength * (2 / farthest - 1 / axis))
+        outward = np.array([cos(angle), sin(angle)])
+        sideways = np.array([-sin(angle), cos(angle)])
         objects[name] = circle(
-            middle + far * out,
+            CENTER + farthest * outward,
             draw.number(6, 12),
             mass=draw.mass(),
-            velocity=(speed * along).tolist(),
+            velocity=(speed * sideways).tolist(),
         )
-        starts[name] = (out, side * along)
+        frame = np.array([outward, side * sideways])
+        orbits[name] = _Orbit(axis, eccentricity, frame, strength)
+    period = 2 * pi * sqrt(orbits["circling"].axis ** 3 / strength)
+    fields = {"sun": {"attractor": CENTER.tolist(), "strength": strength}}
+    document = scene((520, 520), 1.1 * period, objects, world=FLOATING, fields=fields)
+    return [Case(document, partial(_orbit_errors, orbits))]
 
-    def measure(run: Run) -> Errors:
-        off, changes = [], []
-        for name, (axis, eccentricity) in orbits.items():
-            track = run.track(name)
-            exact = middle + kepler(
-                axis, eccentricity, strength, track.times
-            ) @ np.array(starts[name])
-            off.append(np.hypot(*(track.at - exact).T).max() / axis)
-            energy = track.speed**2 / 2 - strength / np.hypot(*(track.at - middle).T)
-            changes.append(np.abs(energy / energy[0] - 1).max())
-        return {"place": worst(off), "energy": worst(changes)}
 
-    duration = 1.1 * 2 * pi * sqrt(orbits["circling"][0] ** 3 / strength)
-    fields = {"sun": {"attractor": middle.tolist(), "strength": strength}}
-    return [
-        Case(
-            scene((520, 520), duration, objects, world=FLOATING, fields=fields), measure
-        )
-    ]
+def _orbit_errors(orbits: Mapping[str, _Orbit], run: Run) -> Errors:
+    """Return the distance from Kepler's place at any time over the half axis, and the relative change of energy."""
+    distances, changes = [], []
+    for name, orbit in orbits.items():
+        track = run.track(name)
+        deviation = track.positions - orbit.places(track.times)
+        distances.append(np.hypot(*deviation.T).max() / orbit.axis)
+        radius = np.hypot(*(track.positions - CENTER).T)
+        energy = track.speed**2 / 2 - orbit.strength / radius
+        changes.append(np.abs(energy / energy[0] - 1).max())
+    return {"place": worst(distances), "energy": worst(changes)}
 
 
 ROWS = (

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from math import cos, degrees, sin, sqrt
+from typing import Any
 
 import numpy as np
 
 from physgen.evaluate.physics.scorecard import (
+    Array,
     Case,
     Document,
     Draw,
@@ -17,215 +22,359 @@ from physgen.evaluate.physics.scorecard import (
     Unit,
     worst,
 )
-from physgen.evaluate.physics.staging import INERTIA, Point, circle, scene, segment
+from physgen.evaluate.physics.staging import (
+    FLOATING,
+    INERTIA,
+    Point,
+    circle,
+    scene,
+    segment,
+)
 
-FLOATING = {"gravity": [0, 0]}
+ORIGIN = (0.0, 0.0)
+SOLIDS = ("disc", "sphere", "hoop")
 
 
-def toward(at: Point, angle: float, along: float, across: float = 0.0) -> Point:
-    """px: so far along a direction (rad) from `at`, and so far to its side (+x turned towards +y by 90 degrees)."""
+def place_along(
+    start: Point, angle: float, distance: float, offset: float = 0.0
+) -> Point:
+    """Return the point at a distance (px) from `start` along a direction (rad), and at an offset to its side.
+
+    The side is the direction turned by 90 degrees from +x towards +y.
+    """
     c, s = cos(angle), sin(angle)
-    return at[0] + along * c - across * s, at[1] + along * s + across * c
+    x, y = start
+    return x + distance * c - offset * s, y + distance * s + offset * c
+
+
+def vector(angle: float, length: float) -> Point:
+    """Return the vector of a direction (rad) and a length."""
+    return place_along(ORIGIN, angle, length)
+
+
+def _four_centers(distance: float) -> list[Point]:
+    """Return the centers (px) of four fields, two beside two."""
+    first = distance / 2
+    places = (first, first + distance)
+    return [(x, y) for y in places for x in places]
+
+
+@dataclass(frozen=True)
+class _Collision:
+    """A light ball that meets one of three times its mass at rest."""
+
+    angle: float
+    """rad: its direction."""
+    speed: float
+    """px/s."""
+    elasticity: float
+
+    def velocities(self) -> dict[str, Point]:
+        """Return the velocities after the collision, px/s."""
+        light = (1 - 3 * self.elasticity) / 4
+        heavy = (1 + self.elasticity) / 4
+        return {
+            "light": vector(self.angle, light * self.speed),
+            "heavy": vector(self.angle, heavy * self.speed),
+        }
 
 
 def _head_on(draw: Draw) -> list[Case]:
-    """Deviation of both velocities, over the first speed; four pairs in any direction."""
-    objects, pairs = {}, {}
-    for k, e in enumerate((0.0, 0.3, draw.number(0.4, 0.9), 1.0)):
-        angle, speed, mass = (
-            draw.angle(),
-            draw.number(150, 300, 0),
-            draw.number(20, 200, 0),
-        )
-        middle = (130.0 + 260 * (k % 2), 130.0 + 260 * (k // 2))
-        surface = {"friction": draw.number(0, 0.6), "elasticity": e}
+    """Return the case of four pairs that meet head-on, in any direction."""
+    objects, collisions = {}, []
+    elasticities = (0.0, 0.3, draw.number(0.4, 0.9), 1.0)
+    for k, center in enumerate(_four_centers(260.0)):
+        angle = draw.angle()
+        speed = draw.number(150, 300, 0)
+        mass = draw.number(20, 200, 0)
+        collision = _Collision(angle, speed, elasticities[k])
+        surface = {
+            "friction": draw.number(0, 0.6),
+            "elasticity": collision.elasticity,
+        }
         objects[f"light-{k}"] = circle(
-            toward(middle, angle, -85), draw.number(8, 18), mass=mass,
-            velocity=list(toward((0, 0), angle, speed)), **surface,
-        )  # fmt: skip
-        objects[f"heavy-{k}"] = circle(
-            middle, draw.number(12, 28), mass=3 * mass, **surface
+            place_along(center, angle, -85),
+            draw.number(8, 18),
+            mass=mass,
+            velocity=list(vector(angle, speed)),
+            **surface,
         )
-        pairs[k] = (angle, speed, e)
+        objects[f"heavy-{k}"] = circle(
+            center, draw.number(12, 28), mass=3 * mass, **surface
+        )
+        collisions.append(collision)
+    document = scene((520, 520), 0.8, objects, world=FLOATING)
+    return [Case(document, partial(_head_on_error, collisions))]
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for k, (angle, speed, e) in pairs.items():
-            for name, part in (
-                (f"light-{k}", (1 - 3 * e) / 4),
-                (f"heavy-{k}", (1 + e) / 4),
-            ):
-                exact = toward((0, 0), angle, part * speed)
-                errors.append(np.hypot(*(run.track(name).velocity[-1] - exact)) / speed)
-        return {"velocity": worst(errors)}
 
-    return [Case(scene((520, 520), 0.8, objects, world=FLOATING), measure)]
+def _head_on_error(collisions: Sequence[_Collision], run: Run) -> Errors:
+    """Return the largest deviation of a velocity, over the first speed."""
+    errors = []
+    for k, collision in enumerate(collisions):
+        for name, expected in collision.velocities().items():
+            deviation = run.track(f"{name}-{k}").velocity[-1] - expected
+            errors.append(np.hypot(*deviation) / collision.speed)
+    return {"velocity": worst(errors)}
 
 
 GAPS = {"touching": 0.0, "apart": 1e-6, "pressed": -1e-6, "overlapping": -0.5}
 DIRECTIONS = (0.0, 90.0, 37.0)
 """degrees; the last two draws take one at random, and 0 again."""
+CUE_DISTANCE = 40
+"""px from the struck row to the ball that strikes it, beyond its place in the row."""
 
 
 def _row_of_balls(draw: Draw) -> list[Case]:
-    """Deviation of every ball's velocity, over the first speed; a lane for each gap.
+    """Return the case of rows of balls in four lanes, one a gap.
 
     Three draws send a ball into a row of five at rest; in two, the first of the five itself has the speed at t = 0.
     """
-    struck = draw.index < len(DIRECTIONS)
-    turned = (
-        DIRECTIONS[draw.index]
-        if struck
-        else (float(draw.count(0, 359)), 0.0)[draw.index - 3]
-    )
-    # along an axis, whole px and no rounding of the direction: a gap of 0 is 0 to the last bit
-    c, s = (round(float(f(np.radians(turned))), 15) for f in (np.cos, np.sin))
-    speed, radius, mass = draw.number(200, 350, 0), draw.number(12, 16, 0), draw.mass()
+    has_cue = draw.index < len(DIRECTIONS)
+    if has_cue:
+        angle = DIRECTIONS[draw.index]
+    else:
+        angle = (float(draw.count(0, 359)), 0.0)[draw.index - len(DIRECTIONS)]
+    # along an axis, whole px and a rounded direction: a gap of 0 is 0 to the last bit
+    c = round(float(np.cos(np.radians(angle))), 15)
+    s = round(float(np.sin(np.radians(angle))), 15)
+    speed = draw.number(200, 350, 0)
+    radius = draw.number(12, 16, 0)
+    ball = {
+        "solid": "sphere",
+        "mass": draw.mass(),
+        "friction": 0.0,
+        "elasticity": 1.0,
+    }
+    velocity = [speed * c, speed * s]
     objects: dict[str, Document] = {}
     for j, (lane, gap) in enumerate(GAPS.items()):
-        aside = (j - 1.5) * 70
-        for k in range(-1 if struck else 0, 5):
-            along = -100 + k * (2 * radius + gap) - (40 if k < 0 else 0)
-            at = (260 + along * c - aside * s, 260 + along * s + aside * c)
-            moving = (
-                {"velocity": [speed * c, speed * s]}
-                if k == (-1 if struck else 0)
-                else {}
-            )
-            name = f"{lane}-cue" if k < 0 else f"{lane}-{k + 1}"
-            objects[name] = circle(
-                at,
-                radius,
-                solid="sphere",
-                mass=mass,
-                friction=0.0,
-                elasticity=1.0,
-                **moving,
-            )
+        offset = (j - 1.5) * 70
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name in objects:
-            exact = np.array([c, s]) * (speed if name.endswith("-5") else 0)
-            errors.append(np.hypot(*(run.track(name).velocity[-1] - exact)) / speed)
-        return {"velocity": worst(errors)}
+        def place(distance: float, offset: float = offset) -> Point:
+            x = 260 + distance * c - offset * s
+            return x, 260 + distance * s + offset * c
 
-    return [Case(scene((520, 520), 0.5, objects, world=FLOATING), measure)]
+        names = [f"{lane}-{k}" for k in range(1, 6)]
+        if has_cue:
+            distance = -100 - (2 * radius + gap) - CUE_DISTANCE
+            cue = circle(place(distance), radius, **ball, velocity=velocity)
+            objects[f"{lane}-cue"] = cue
+        for k, name in enumerate(names):
+            center = place(-100 + k * (2 * radius + gap))
+            objects[name] = circle(center, radius, **ball)
+        if not has_cue:
+            objects[names[0]]["velocity"] = velocity
+    document = scene((520, 520), 0.5, objects, world=FLOATING)
+    measure = partial(_row_error, tuple(objects), np.array([c, s]), speed)
+    return [Case(document, measure)]
+
+
+def _row_error(
+    names: Sequence[str], direction: Array, speed: float, run: Run
+) -> Errors:
+    """Return the largest deviation of a ball's velocity, over the first speed: the last ball takes all of it."""
+    errors = []
+    for name in names:
+        expected = direction * (speed if name.endswith("-5") else 0)
+        deviation = run.track(name).velocity[-1] - expected
+        errors.append(np.hypot(*deviation) / speed)
+    return {"velocity": worst(errors)}
 
 
 def _oblique(draw: Draw) -> list[Case]:
-    """Degrees that the two paths differ from a right angle, and the struck ball's from the line of centres."""
-    objects, hits = {}, {}
-    for k in range(4):
-        angle, speed, radius = (
-            draw.angle(),
-            draw.number(250, 400, 0),
-            draw.number(10, 20),
-        )
-        aside = draw.sign() * 2 * radius * draw.number(0.15, 0.85)
-        middle = (150.0 + 300 * (k % 2), 150.0 + 300 * (k // 2))
+    """Return the case of four pairs of equal balls that hit each other off-centre."""
+    objects, center_lines = {}, []
+    for k, center in enumerate(_four_centers(300.0)):
+        angle = draw.angle()
+        speed = draw.number(250, 400, 0)
+        radius = draw.number(10, 20)
+        offset = draw.sign() * 2 * radius * draw.number(0.15, 0.85)
         ball = {"mass": draw.mass(), "friction": 0.0, "elasticity": 1.0}
-        objects[f"cue-{k}"] = circle(
-            toward(middle, angle, -90, aside),
-            radius,
-            velocity=list(toward((0, 0), angle, speed)),
-            **ball,
-        )
-        objects[f"struck-{k}"] = circle(middle, radius, **ball)
-        hits[k] = toward((0, 0), angle, sqrt(4 * radius**2 - aside**2), -aside)
+        start = place_along(center, angle, -90, offset)
+        velocity = list(vector(angle, speed))
+        objects[f"cue-{k}"] = circle(start, radius, velocity=velocity, **ball)
+        objects[f"struck-{k}"] = circle(center, radius, **ball)
+        distance = sqrt(4 * radius**2 - offset**2)
+        center_lines.append(place_along(ORIGIN, angle, distance, -offset))
+    document = scene((600, 600), 0.5, objects, world=FLOATING)
+    return [Case(document, partial(_oblique_errors, center_lines))]
 
-    def between(a: Point, b: Point) -> float:
-        return degrees(np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
 
-    def measure(run: Run) -> Errors:
-        right, line = [], []
-        for k, centres in hits.items():
-            cue, struck = (
-                tuple(run.track(f"{name}-{k}").velocity[-1])
-                for name in ("cue", "struck")
-            )
-            right.append(abs(abs(between(cue, struck)) - 90))
-            line.append(abs(between(struck, centres)))
-        return {"paths": worst(right), "line of centres": worst(line)}
+def _oblique_errors(center_lines: Sequence[Point], run: Run) -> Errors:
+    """Return the degrees between the paths and a right angle, and between the struck ball's and the line of centres."""
+    right_angles, lines = [], []
+    for k, center_line in enumerate(center_lines):
+        cue_velocity = run.track(f"cue-{k}").velocity[-1]
+        struck_velocity = run.track(f"struck-{k}").velocity[-1]
+        right_angles.append(abs(abs(_angle(cue_velocity, struck_velocity)) - 90))
+        lines.append(abs(_angle(struck_velocity, center_line)))
+    return {"paths": worst(right_angles), "line of centres": worst(lines)}
 
-    return [Case(scene((600, 600), 0.5, objects, world=FLOATING), measure)]
+
+def _angle(first: Any, second: Any) -> float:
+    """Return the angle from one vector to another, degrees."""
+    cross = first[0] * second[1] - first[1] * second[0]
+    dot = first[0] * second[0] + first[1] * second[1]
+    return degrees(np.arctan2(cross, dot))
+
+
+@dataclass(frozen=True)
+class _RoundBody:
+    """A round body that another one or a wall touches."""
+
+    mass: float
+    """g."""
+    radius: float
+    """px."""
+    solid: str
+
+    @classmethod
+    def random(cls, draw: Draw) -> _RoundBody:
+        """Return a body of a draw."""
+        mass = draw.mass()
+        radius = draw.number(12, 24)
+        return cls(mass, radius, SOLIDS[draw.count(0, 2)])
+
+    @property
+    def inertia(self) -> float:
+        """Return k of I = k m r²."""
+        return INERTIA[self.solid]
+
+    def keys(self) -> Document:
+        """Return mass and solid as the scene file has them."""
+        return {"solid": self.solid, "mass": self.mass}
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Change of a body's motion by friction in a hit."""
+
+    name: str
+    speed: float
+    """px/s along the surface."""
+    spin: float
+    """rad/s."""
+
+
+@dataclass(frozen=True)
+class _Hit:
+    """Impulses of a hit with friction, at a sliding speed that friction stops or does not stop."""
+
+    body: _RoundBody
+    partner: _RoundBody | None
+    """None: a wall."""
+    friction: float
+    elasticity: float
+    speed: float
+    """px/s towards the partner."""
+
+    def tangential_mass(self) -> float:
+        """Return the impulse that changes the sliding speed by 1 px/s, g."""
+        m = self.body.mass
+        k = self.body.inertia
+        if self.partner is None:
+            return m / (1 + 1 / k)
+        m2 = self.partner.mass
+        k2 = self.partner.inertia
+        return 1 / (1 / m + 1 / m2 + 1 / (k * m) + 1 / (k2 * m2))
+
+    def friction_limit(self) -> float:
+        """Return the largest impulse of friction, g·px/s."""
+        m = self.body.mass
+        reduced_mass = m
+        if self.partner is not None:
+            reduced_mass = m * self.partner.mass / (m + self.partner.mass)
+        return self.friction * (1 + self.elasticity) * reduced_mass * self.speed
+
+    def friction_impulse(self, spin: float) -> float:
+        """Return the impulse of friction (g·px/s) at a spin (degrees/s)."""
+        sliding_speed = np.radians(spin) * self.body.radius
+        stop_impulse = abs(sliding_speed) * self.tangential_mass()
+        return float(-np.sign(sliding_speed) * min(self.friction_limit(), stop_impulse))
 
 
 def _spin_transfer(draw: Draw) -> list[Case]:
-    """Deviation of the changes of spin and of speed along the surface, over the change itself.
+    """Return the case of a ball against a wall, and two spinning balls head-on.
 
-    A ball against a wall, and two spinning balls head-on; once with u, the sliding speed at the contact, too high for
-    friction to stop it, once low enough.
+    The sliding speed u at the contact is once too high for friction to stop it, once low enough.
     """
     objects: dict[str, Document] = {}
-    exact: dict[str, list[tuple[str, float, float]]] = {"sliding": [], "sticking": []}
-    walls = {}
-    for j, kind in enumerate(exact):
-        part = draw.number(1.5, 3) if kind == "sliding" else draw.number(0.2, 0.8)
-        for against_wall in (True, False):
-            mu, e, speed = (
-                draw.number(0.1, 0.4, 3),
-                draw.number(0.3, 1.0),
-                draw.number(150, 300, 0),
-            )
-            surface = {"friction": mu, "elasticity": e}
-            m, r, solid = (
-                draw.mass(),
-                draw.number(12, 24),
-                ("disc", "sphere", "hoop")[draw.count(0, 2)],
-            )
-            k = INERTIA[solid]
-            name, y = f"{kind}-{'ball' if against_wall else 'first'}", 100.0 + 200 * j
-            if against_wall:
-                reduced, tangential = m, m / (1 + 1 / k)
-                other = ""
-            else:
-                m2, r2, solid2 = (
-                    draw.mass(),
-                    draw.number(12, 24),
-                    ("disc", "sphere", "hoop")[draw.count(0, 2)],
-                )
-                k2 = INERTIA[solid2]
-                reduced = m * m2 / (m + m2)
-                tangential = 1 / (1 / m + 1 / m2 + 1 / (k * m) + 1 / (k2 * m2))
-                other = f"{kind}-second"
-            limit = mu * (1 + e) * reduced * speed
-            spin = draw.sign() * round(degrees(part * limit / tangential / r), 1)
-            slip = np.radians(spin) * r
-            push = -np.sign(slip) * min(limit, abs(slip) * tangential)
-            x = 110 if against_wall else 410
-            objects[name] = circle(
-                (x - 70, y),
-                r,
-                solid=solid,
-                mass=m,
-                velocity=[speed, 0],
-                spin=spin,
-                **surface,
-            )
-            exact[kind].append((name, push / m, push / (k * m * r)))
-            if against_wall:
-                walls[f"{kind}-wall"] = segment(
-                    (x + 50, y - 90), (x + 50, y + 90), **surface
-                )
-            else:
-                objects[other] = circle((x, y), r2, solid=solid2, mass=m2, **surface)
-                exact[kind].append((other, -push / m2, push / (k2 * m2 * r2)))
+    walls: dict[str, Document] = {}
+    changes: dict[str, list[_Change]] = {}
+    for kind, y in (("sliding", 100.0), ("sticking", 300.0)):
+        limits = (1.5, 3) if kind == "sliding" else (0.2, 0.8)
+        part = draw.number(*limits)
+        changes[kind] = []
+        for has_partner in (False, True):
+            hit = _draw_hit(draw, has_partner)
+            body = hit.body
+            slip = part * hit.friction_limit() / hit.tangential_mass()
+            spin = draw.sign() * round(degrees(slip / body.radius), 1)
+            changes[kind] += _stage_hit(kind, y, hit, spin, objects, walls)
+    document = scene((640, 400), 0.9, objects, walls, world=FLOATING)
+    return [Case(document, partial(_transfer_errors, changes))]
 
-    def measure(run: Run) -> Errors:
-        errors: dict[str, float] = {}
-        for kind, changes in exact.items():
-            found = []
-            for name, along, turn in changes:
-                track = run.track(name)
-                found.append(
-                    abs((track.velocities[-1, 1] - track.velocities[0, 1]) / along - 1)
-                )
-                found.append(abs((track.spin[-1] - track.spin[0]) / turn - 1))
-            errors[kind] = worst(found)
-        return errors
 
-    return [Case(scene((640, 400), 0.9, objects, walls, world=FLOATING), measure)]
+def _draw_hit(draw: Draw, has_partner: bool) -> _Hit:
+    friction = draw.number(0.1, 0.4, 3)
+    elasticity = draw.number(0.3, 1.0)
+    speed = draw.number(150, 300, 0)
+    body = _RoundBody.random(draw)
+    partner = _RoundBody.random(draw) if has_partner else None
+    return _Hit(body, partner, friction, elasticity, speed)
+
+
+def _stage_hit(
+    kind: str,
+    y: float,
+    hit: _Hit,
+    spin: float,
+    objects: dict[str, Document],
+    walls: dict[str, Document],
+) -> list[_Change]:
+    """Add the bodies of a hit at the height `y` (px), and return their changes of motion; spin in degrees/s."""
+    body, partner = hit.body, hit.partner
+    surface = {"friction": hit.friction, "elasticity": hit.elasticity}
+    impulse = hit.friction_impulse(spin)
+    x = 110 if partner is None else 410
+    name = f"{kind}-ball" if partner is None else f"{kind}-first"
+    objects[name] = circle(
+        (x - 70, y),
+        body.radius,
+        **body.keys(),
+        velocity=[hit.speed, 0],
+        spin=spin,
+        **surface,
+    )
+    changes = [_change(name, body, impulse, impulse)]
+    if partner is None:
+        wall = segment((x + 50, y - 90), (x + 50, y + 90), **surface)
+        walls[f"{kind}-wall"] = wall
+        return changes
+    name = f"{kind}-second"
+    objects[name] = circle((x, y), partner.radius, **partner.keys(), **surface)
+    return [*changes, _change(name, partner, -impulse, impulse)]
+
+
+def _change(name: str, body: _RoundBody, push: float, twist: float) -> _Change:
+    """Return the change by an impulse at the edge: `push` moves the body and `twist` turns it, g·px/s."""
+    moment = body.inertia * body.mass * body.radius
+    return _Change(name, push / body.mass, twist / moment)
+
+
+def _transfer_errors(changes: Mapping[str, Sequence[_Change]], run: Run) -> Errors:
+    """Return the largest error of a change of spin or of speed along the surface, for either kind of hit."""
+    errors: dict[str, float] = {}
+    for kind, kind_changes in changes.items():
+        deviations = []
+        for change in kind_changes:
+            track = run.track(change.name)
+            speed_change = track.velocities[-1, 1] - track.velocities[0, 1]
+            deviations.append(abs(speed_change / change.speed - 1))
+            spin_change = track.spin[-1] - track.spin[0]
+            deviations.append(abs(spin_change / change.spin - 1))
+        errors[kind] = worst(deviations)
+    return errors
 
 
 ROWS = (

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from math import cos, exp, pi, radians, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.evaluate.physics.elliptic import complete, runge_kutta
-from physgen.evaluate.physics.events import crossings
+from physgen.evaluate.physics.elliptic import integrate_ellipse, runge_kutta
+from physgen.evaluate.physics.events import find_crossings
 from physgen.evaluate.physics.scorecard import (
+    Array,
     Case,
     Document,
     Draw,
@@ -17,280 +20,455 @@ from physgen.evaluate.physics.scorecard import (
     Measure,
     Row,
     Run,
+    Track,
     Unit,
     worst,
 )
-from physgen.evaluate.physics.staging import GRAVITY, INERTIA, box, circle, scene
+from physgen.evaluate.physics.staging import (
+    FLOATING,
+    GRAVITY,
+    INERTIA,
+    Point,
+    box,
+    circle,
+    scene,
+)
 
-Array = NDArray[np.float64]
+PASSES = 3
+"""Passes of a pendulum through its lowest point that count."""
 
-FLOATING = {"gravity": [0, 0]}
+
+@dataclass(frozen=True)
+class _Swing:
+    """A pendulum that is released at rest."""
+
+    period: float
+    """s."""
+    angle: float
+    """rad at which it is released."""
 
 
 def _pendulum(draw: Draw) -> list[Case]:
-    """Deviation of the times of the first three passes through the lowest point, over the period."""
+    """Return the case of a ball and a rod, each on a pin."""
     objects: dict[str, Document] = {}
-    joints, periods = {}, {}
-    for k, name in enumerate(("bob", "rod")):
-        swing, side = draw.number((20, 80)[k], (80, 130)[k], 1), draw.sign()
+    joints, swings = {}, {}
+    for k, (name, lowest, highest) in enumerate((("bob", 20, 80), ("rod", 80, 130))):
+        degrees = draw.number(lowest, highest, 1)
+        side = draw.sign()
         pivot = np.array([130.0 + 310 * k, 190.0])
-        arm, mass = draw.number(50, 90, 1), draw.mass()
-        out = np.array([side * sin(radians(swing)), cos(radians(swing))])
-        at = pivot + arm * out
+        arm = draw.number(50, 90, 1)
+        mass = draw.mass()
+        direction = np.array([side * sin(radians(degrees)), cos(radians(degrees))])
+        center = pivot + arm * direction
         if name == "bob":
             radius = draw.number(14, 26)
-            objects[name] = circle(at, radius, mass=mass)
+            objects[name] = circle(center, radius, mass=mass)
             moment = mass * radius**2 / 2
         else:
-            size = (draw.number(10, 20), round(2 * arm + 10, 1))
-            objects[name] = box(at, size, -side * swing, mass=mass)
-            moment = mass * (size[0] ** 2 + size[1] ** 2) / 12
+            width = draw.number(10, 20)
+            height = round(2 * arm + 10, 1)
+            objects[name] = box(center, (width, height), -side * degrees, mass=mass)
+            moment = mass * (width**2 + height**2) / 12
         joints[f"{name}-pin"] = {"objects": [name], "pivot": pivot.tolist()}
-        full = (
-            4
-            * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm))
-            * complete(sin(radians(swing / 2)))[0]
-        )
-        periods[name] = (full, side * radians(swing))
+        small_period = 4 * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm))
+        period = small_period * integrate_ellipse(sin(radians(degrees / 2)))[0]
+        swings[name] = _Swing(period, side * radians(degrees))
+    duration = 1.3 * max(swing.period for swing in swings.values())
+    document = scene((640, 390), duration, objects, joints=joints)
+    return [Case(document, partial(_period_error, swings))]
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, (period, swing) in periods.items():
-            track = run.track(name)
-            passes = crossings(
-                track.times, track.angle - swing, track.spin
-            )  # hanging is turned back by the swing
-            exact = (np.arange(3) + 0.5) * period / 2
-            if len(passes) < 3:
-                return {"period": 1.0}
-            errors.append(np.abs(passes[:3] - exact).max() / period)
-        return {"period": worst(errors)}
 
-    duration = 1.3 * max(period for period, _ in periods.values())
-    return [Case(scene((640, 390), duration, objects, joints=joints), measure)]
+def _period_error(swings: Mapping[str, _Swing], run: Run) -> Errors:
+    """Return the largest error of the time of a pass through the lowest point, over the period."""
+    errors = []
+    for name, swing in swings.items():
+        track = run.track(name)
+        # a pendulum that hangs down has turned back by its swing
+        angle = track.angle - swing.angle
+        passes = find_crossings(track.times, angle, track.spin)
+        if len(passes) < PASSES:
+            return {"period": 1.0}
+        expected = (np.arange(PASSES) + 0.5) * swing.period / 2
+        errors.append(np.abs(passes[:PASSES] - expected).max() / swing.period)
+    return {"period": worst(errors)}
+
+
+ANCHOR_X = 60.0
+"""px: the fixed ends of springs."""
+
+
+@dataclass(frozen=True)
+class _Spring:
+    """A swing on a spring."""
+
+    length: float
+    """px at rest."""
+    decay: float
+    """d = c/(2 m), 1/s."""
+    omega: float
+    """w = sqrt(k/m - d²), rad/s."""
 
 
 def _springs(draw: Draw) -> list[Case]:
-    """Frequency and amplitude at the end over their closed forms.
+    """Return the case of three lanes of springs; in the lowest, two bodies swing against each other.
 
-    With x the stretch, d = c/(2 m) and w² = k/m - d², the pair x and (x' + d x)/w goes round a circle that shrinks as
-    e to the -d t: its angle is the phase and its radius the amplitude, at any time. The lowest of three lanes has a
-    body at either end, which swing against each other with m = m1 m2/(m1 + m2).
+    Their reduced mass m1 m2/(m1 + m2) is the mass of the closed form.
     """
-    objects, joints, exact = {}, {}, {}
-    for k, (lane, part) in enumerate(
-        {"free": 0.0, "damped": draw.number(0.03, 0.1, 3), "pair": 0.0}.items()
-    ):
-        y, mass, rest = 80.0 + 110 * k, draw.mass(), draw.number(120, 160, 0)
-        stretch, frequency = draw.sign() * draw.number(20, 50, 0), draw.number(1.5, 3)
-        other = draw.mass() if lane == "pair" else 0.0
-        reduced = mass * other / (mass + other) if other else mass
-        stiffness = round(reduced * (2 * pi * frequency) ** 2, 2)
-        damping = round(2 * part * sqrt(stiffness * reduced), 3)
-        anchor, at = [60.0, y], [60.0 + rest + stretch, y]
-        objects[lane] = circle(at, draw.number(12, 22), mass=mass)
-        if other:
-            objects["partner"] = box(anchor, (30, 30), mass=other)
+    objects = {}
+    joints = {}
+    springs = {}
+    lanes = {"free": 0.0, "damped": draw.number(0.03, 0.1, 3), "pair": 0.0}
+    for k, (lane, damping_part) in enumerate(lanes.items()):
+        y = 80.0 + 110 * k
+        mass = draw.mass()
+        length = draw.number(120, 160, 0)
+        stretch = draw.sign() * draw.number(20, 50, 0)
+        frequency = draw.number(1.5, 3)
+        anchor = [ANCHOR_X, y]
+        center = [ANCHOR_X + length + stretch, y]
+        names, swinging_mass = [lane], mass
+        if lane == "pair":
+            partner_mass = draw.mass()
+            swinging_mass = mass * partner_mass / (mass + partner_mass)
+            names.append("partner")
+        stiffness = round(swinging_mass * (2 * pi * frequency) ** 2, 2)
+        damping = round(2 * damping_part * sqrt(stiffness * swinging_mass), 3)
+        objects[lane] = circle(center, draw.number(12, 22), mass=mass)
+        if lane == "pair":
+            objects["partner"] = box(anchor, (30, 30), mass=partner_mass)
         joints[f"{lane}-spring"] = {
-            "objects": [lane, "partner"] if other else [lane],
-            "spring": [at, anchor], "stiffness": stiffness, "damping": damping, "length": rest,
-        }  # fmt: skip
-        decay = damping / (2 * reduced)
-        exact[lane] = (rest, decay, sqrt(stiffness / reduced - decay**2))
+            "objects": names,
+            "spring": [center, anchor],
+            "stiffness": stiffness,
+            "damping": damping,
+            "length": length,
+        }
+        decay = damping / (2 * swinging_mass)
+        omega = sqrt(stiffness / swinging_mass - decay**2)
+        springs[lane] = _Spring(length, decay, omega)
+    document = scene((360, 380), 2.0, objects, world=FLOATING, joints=joints)
+    return [Case(document, partial(_spring_errors, springs))]
 
-    def measure(run: Run) -> Errors:
-        frequencies, amplitudes = [], []
-        for lane, (rest, decay, omega) in exact.items():
-            track = run.track(lane)
-            x, rate = track.x - 60 - rest, track.velocities[:, 0]
-            if lane == "pair":
-                partner = run.track("partner")
-                x, rate = x + 60 - partner.x, rate - partner.velocities[:, 0]
-            aside = (rate + decay * x) / omega
-            time = track.times[-1]
-            phase = np.unwrap(np.arctan2(-aside, x))
-            size = np.hypot(x, aside)
-            frequencies.append(abs((phase[-1] - phase[0]) / (omega * time) - 1))
-            amplitudes.append(abs(size[-1] / size[0] * exp(decay * time) - 1))
-        return {"frequency": worst(frequencies), "amplitude": worst(amplitudes)}
 
-    return [
-        Case(scene((360, 380), 2.0, objects, world=FLOATING, joints=joints), measure)
-    ]
+def _spring_errors(springs: Mapping[str, _Spring], run: Run) -> Errors:
+    """Return the errors of frequency and amplitude at the end.
+
+    With x the stretch, the pair x and (x' + d x)/w goes round a circle that shrinks as e to the -d t: its angle is
+    the phase and its radius the amplitude, at any time.
+    """
+    frequencies, amplitudes = [], []
+    for lane, spring in springs.items():
+        track = run.track(lane)
+        x = track.x - ANCHOR_X - spring.length
+        rate = track.velocities[:, 0]
+        if lane == "pair":
+            partner = run.track("partner")
+            x = x + ANCHOR_X - partner.x
+            rate = rate - partner.velocities[:, 0]
+        y = (rate + spring.decay * x) / spring.omega
+        time = track.times[-1]
+        phase = np.unwrap(np.arctan2(-y, x))
+        frequencies.append(abs((phase[-1] - phase[0]) / (spring.omega * time) - 1))
+        amplitude = np.hypot(x, y)
+        remainder = amplitude[-1] / amplitude[0] * exp(spring.decay * time)
+        amplitudes.append(abs(remainder - 1))
+    return {"frequency": worst(frequencies), "amplitude": worst(amplitudes)}
+
+
+SEESAW_TIME = 0.4
+"""s after which angle and spin are compared."""
+
+
+@dataclass(frozen=True)
+class _Weight:
+    """A box on one arm of a see-saw."""
+
+    arm: float
+    """px from the pin, to the left or right."""
+    height: float
+    """px of its centre above the pin."""
+    side: float
+    """px."""
+    mass: float
+    """g."""
+
+    def moment(self) -> float:
+        """Return the moment of inertia about the pin, g·px²."""
+        return self.mass * (self.arm**2 + self.height**2 + self.side**2 / 6)
+
+
+@dataclass(frozen=True)
+class _Tilt:
+    """Equation of a see-saw's angle: a'' = torque cos a + tilting sin a."""
+
+    torque: float
+    """1/s²: g (m2 d2 - m1 d1)/J."""
+    tilting: float
+    """1/s²: g (m1 h1 + m2 h2)/J."""
+
+    def rate(self, state: Array) -> Array:
+        """Return the rates of angle and spin."""
+        angle, spin = state
+        return np.array([spin, self.torque * cos(angle) + self.tilting * sin(angle)])
 
 
 def _seesaw(draw: Draw) -> list[Case]:
-    """Angle and spin after 0.5 s against the motion of one rigid body; 1 where the balance tips to the wrong side.
+    """Return the case of three see-saws: one far from balance, two with moments of 0.99 and 1.01.
 
-    Moment x angular acceleration = torque: (J) a'' = g (m2 d2 - m1 d1) cos a + g (m1 h1 + m2 h2) sin a, for weights at
-    d to the left and right of the pin and h above it, J with all parallel axes. Three see-saws: one far from balance,
-    two with moments of 0.99 and 1.01.
+    Moment x angular acceleration = torque: J a'' = g (m2 d2 - m1 d1) cos a + g (m1 h1 + m2 h2) sin a, for weights at
+    d to the left and right of the pin and h above it, J with all parallel axes.
     """
     objects: dict[str, Document] = {}
-    joints, exact = {}, {}
+    joints, tilts = {}, {}
     surface = {"friction": 0.9, "elasticity": 0.0}
     for k, name in enumerate(("light", "heavy", "far")):
-        part = (0.99, 1.01, draw.number(1.1, 1.25))[k]
+        # drawn for each see-saw, so that all have the same number of draws
+        parts = (0.99, 1.01, draw.number(1.1, 1.25))
         pin = np.array([180.0 + 320 * k, 150.0])
-        plank, own = (draw.number(220, 260, 0), draw.number(8, 14, 0)), draw.mass()
-        left, first, second = (
-            draw.number(60, 90, 1),
-            draw.number(22, 34, 0),
-            draw.number(22, 34, 0),
-        )
-        mass = draw.number(60, 200, 0)
-        right, other = draw.number(60, 90, 1), 0.0
-        other = part * mass * left / right
-        heights = plank[1] / 2 + first / 2, plank[1] / 2 + second / 2
-        objects[f"{name}-plank"] = box(pin, plank, mass=own, **surface)
-        objects[f"{name}-left"] = box(
-            (pin[0] - left, pin[1] - heights[0]), (first, first), mass=mass, **surface
-        )
-        objects[f"{name}-right"] = box(
-            (pin[0] + right, pin[1] - heights[1]),
-            (second, second),
-            mass=other,
-            **surface,
-        )
+        plank = (draw.number(220, 260, 0), draw.number(8, 14, 0))
+        plank_mass = draw.mass()
+        left, right = _draw_weights(draw, plank[1], parts[k])
+        objects[f"{name}-plank"] = box(pin, plank, mass=plank_mass, **surface)
+        for label, weight, x in (
+            ("left", left, pin[0] - left.arm),
+            ("right", right, pin[0] + right.arm),
+        ):
+            center = (x, pin[1] - weight.height)
+            size = (weight.side, weight.side)
+            body = box(center, size, mass=weight.mass, **surface)
+            objects[f"{name}-{label}"] = body
         joints[f"{name}-pin"] = {"objects": [f"{name}-plank"], "pivot": pin.tolist()}
-        moment = (
-            own * (plank[0] ** 2 + plank[1] ** 2) / 12
-            + mass * (left**2 + heights[0] ** 2 + first**2 / 6)
-            + other * (right**2 + heights[1] ** 2 + second**2 / 6)
-        )
-        torque = GRAVITY * (other * right - mass * left)
-        tilting = GRAVITY * (mass * heights[0] + other * heights[1])
-        exact[name] = (torque / moment, tilting / moment)
+        plank_moment = plank_mass * (plank[0] ** 2 + plank[1] ** 2) / 12
+        moment = plank_moment + left.moment() + right.moment()
+        tilts[name] = _tilt(left, right, moment)
+    document = scene((1000, 300), 1.0, objects, joints=joints)
+    return [Case(document, partial(_seesaw_errors, tilts["far"]))]
 
-    time = 0.4
 
-    def measure(run: Run) -> Errors:
-        ends = {name: run.track(f"{name}-plank") for name in exact}
-        a, b = exact["far"]
+def _draw_weights(draw: Draw, thickness: float, part: float) -> tuple[_Weight, _Weight]:
+    """Return the weights at the left and right of a plank; the right one has `part` times the left one's torque."""
+    left_arm = draw.number(60, 90, 1)
+    left_side = draw.number(22, 34, 0)
+    right_side = draw.number(22, 34, 0)
+    left_mass = draw.number(60, 200, 0)
+    right_arm = draw.number(60, 90, 1)
+    right_mass = part * left_mass * left_arm / right_arm
+    return (
+        _Weight(left_arm, thickness / 2 + left_side / 2, left_side, left_mass),
+        _Weight(right_arm, thickness / 2 + right_side / 2, right_side, right_mass),
+    )
 
-        def rate(state: Array) -> Array:
-            return np.array([state[1], a * cos(state[0]) + b * sin(state[0])])
 
-        angle, spin = runge_kutta(rate, np.zeros(2), time, 400)[-1]
-        end = ends["far"].sample(time)
-        turned = (
-            abs(ends["far"].angle[end] / angle - 1),
-            abs(ends["far"].spin[end] / spin - 1),
-        )
-        tipped = ends["light"].angle[-1] < 0 < ends["heavy"].angle[-1]
-        return {"acceleration": worst(turned), "balance": float(not tipped)}
+def _tilt(left: _Weight, right: _Weight, moment: float) -> _Tilt:
+    torque = GRAVITY * (right.mass * right.arm - left.mass * left.arm)
+    tilting = GRAVITY * (left.mass * left.height + right.mass * right.height)
+    return _Tilt(torque / moment, tilting / moment)
 
-    return [Case(scene((1000, 300), 1.0, objects, joints=joints), measure)]
+
+def _seesaw_errors(tilt: _Tilt, run: Run) -> Errors:
+    """Return the error of angle and spin against one rigid body, and whether a balance tips to the wrong side."""
+    angle, spin = runge_kutta(tilt.rate, np.zeros(2), SEESAW_TIME, 400)[-1]
+    track = run.track("far-plank")
+    end = track.sample(SEESAW_TIME)
+    deviations = (abs(track.angle[end] / angle - 1), abs(track.spin[end] / spin - 1))
+    light = run.track("light-plank")
+    heavy = run.track("heavy-plank")
+    tips_rightly = light.angle[-1] < 0 < heavy.angle[-1]
+    return {"acceleration": worst(deviations), "balance": float(not tips_rightly)}
+
+
+@dataclass(frozen=True)
+class _Ramp:
+    """A spin that grows evenly up to the motor's speed."""
+
+    speed: float
+    """rad/s."""
+    time: float
+    """s until the speed is reached."""
+
+
+MOTOR_SOLIDS = ("disc", "hoop", "sphere")
 
 
 def _motor(draw: Draw) -> list[Case]:
-    """Largest deviation of the spin at any time, over the speed that the motor is set to.
+    """Return the case of two motors: one wheel is on the world, the other on a base that turns too.
 
-    One wheel is on the world, of the other pair both turn: the motor's moment acts on each, with 1/I = 1/I1 + 1/I2.
+    The second motor's moment acts on wheel and base, with 1/I = 1/I1 + 1/I2.
     """
-    objects, joints, exact = {}, {}, {}
+    objects = {}
+    joints = {}
+    ramps = {}
     for k, name in enumerate(("wheel", "fan")):
-        at, radius, mass = [110.0 + 200 * k, 110.0], draw.number(30, 55), draw.mass()
-        solid = ("disc", "hoop", "sphere")[draw.count(0, 2)]
-        inverse = 1 / (INERTIA[solid] * mass * radius**2)
-        objects[name] = circle(at, radius, solid=solid, mass=mass)
-        partner = []
+        center = [110.0 + 200 * k, 110.0]
+        radius = draw.number(30, 55)
+        mass = draw.mass()
+        solid = MOTOR_SOLIDS[draw.count(0, 2)]
+        objects[name] = circle(center, radius, solid=solid, mass=mass)
+        inverse_moment = 1 / (INERTIA[solid] * mass * radius**2)
+        names = [name]
         if name == "fan":
-            size, other = (draw.number(30, 60), draw.number(90, 140)), draw.mass()
-            objects["base"] = box(at, size, mass=other)
-            inverse += 12 / (other * (size[0] ** 2 + size[1] ** 2))
-            partner = ["base"]
-        speed, time = draw.sign() * draw.number(300, 900, 0), draw.number(0.4, 0.8, 3)
-        limit = radians(abs(speed)) / time / inverse
+            width = draw.number(30, 60)
+            height = draw.number(90, 140)
+            base_mass = draw.mass()
+            objects["base"] = box(center, (width, height), mass=base_mass)
+            inverse_moment += 12 / (base_mass * (width**2 + height**2))
+            names.append("base")
+        speed = draw.sign() * draw.number(300, 900, 0)
+        time = draw.number(0.4, 0.8, 3)
         joints[f"{name}-motor"] = {
-            "objects": [name, *partner],
-            "motor": at,
+            "objects": names,
+            "motor": center,
             "speed": speed,
-            "limit": limit,
+            "limit": radians(abs(speed)) / time / inverse_moment,
         }
-        exact[name] = (radians(speed), time)
+        ramps[name] = _Ramp(radians(speed), time)
+    document = scene((420, 220), 1.0, objects, world=FLOATING, joints=joints)
+    return [Case(document, partial(_ramp_error, ramps))]
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, (speed, time) in exact.items():
-            track = run.track(name)
-            spin = track.spin - (run.track("base").spin if name == "fan" else 0.0)
-            errors.append(
-                np.abs(spin / speed - np.minimum(track.times / time, 1)).max()
-            )
-        return {"spin": worst(errors)}
 
-    return [
-        Case(scene((420, 220), 1.0, objects, world=FLOATING, joints=joints), measure)
-    ]
+def _ramp_error(ramps: Mapping[str, _Ramp], run: Run) -> Errors:
+    """Return the largest deviation of the spin at any time, over the speed of the motor."""
+    errors = []
+    for name, ramp in ramps.items():
+        track = run.track(name)
+        spin = track.spin
+        if name == "fan":
+            spin = spin - run.track("base").spin
+        expected = np.minimum(track.times / ramp.time, 1)
+        errors.append(np.abs(spin / ramp.speed - expected).max())
+    return {"spin": worst(errors)}
+
+
+WELD_X, SEAM_Y = 260.0, 180.0
+"""px: the flush side of the welded boxes, and the seam between them."""
+BALL_DISTANCE = 120
+"""px from the ball's centre to the flush side at t = 0."""
+
+
+@dataclass(frozen=True)
+class _Welded:
+    """Two boxes that are welded above each other, with one flush side."""
+
+    sizes: tuple[Point, Point]
+    """px."""
+    masses: tuple[float, float]
+    """g."""
+    side: int
+    """1: the flush side is at the left, -1: at the right."""
+
+    @property
+    def mass(self) -> float:
+        """Return the mass of both, g."""
+        return sum(self.masses)
+
+    def centers(self) -> tuple[Array, Array]:
+        """Return the centres of the boxes, (2,) px each."""
+        (upper_width, upper_height), (lower_width, lower_height) = self.sizes
+        upper_x = WELD_X + self.side * upper_width / 2
+        lower_x = WELD_X + self.side * lower_width / 2
+        upper = np.array([upper_x, SEAM_Y - upper_height / 2])
+        return upper, np.array([lower_x, SEAM_Y + lower_height / 2])
+
+    def center(self) -> Array:
+        """Return the common centre of mass, (2,) px."""
+        upper, lower = self.centers()
+        mass_moment: Array = self.masses[0] * upper + self.masses[1] * lower
+        return mass_moment / self.mass
+
+    def moment(self) -> float:
+        """Return the moment of inertia about the common centre by the parallel-axis theorem, g·px²."""
+        moment = 0.0
+        bodies = zip(self.masses, self.sizes, self.centers(), strict=True)
+        for mass, (width, height), center in bodies:
+            arm = center - self.center()
+            own_moment = (width * width + height * height) / 12
+            moment += mass * (own_moment + float(arm @ arm))
+        return moment
+
+    def seam_center(self) -> list[float]:
+        """Return the middle of the surface that both boxes share, px."""
+        width = min(self.sizes[0][0], self.sizes[1][0])
+        return [WELD_X + self.side * width / 2, SEAM_Y]
+
+
+@dataclass(frozen=True)
+class _WeldHit:
+    """Motion of the welded boxes after the hit."""
+
+    time: float
+    """s: after the hit, and before the boxes can swing into the ball again."""
+    velocity: float
+    """px/s of the common centre, to the right."""
+    spin: float
+    """rad/s."""
 
 
 def _weld(draw: Draw) -> list[Case]:
-    """Deviation of both bodies' spins and of their common middle's velocity, over what one rigid body gets.
+    """Return the case of a ball that hits the flush side of two welded boxes off-centre, without friction.
 
-    A ball at v hits the flush side of two welded boxes b beside their middle, without friction: the impulse is
-    (1 + e) v/(1/m + 1/M + b²/I) with I about the common middle, by the parallel-axis theorem.
+    A ball of mass m at v hits boxes of M at b beside their centre: the impulse is (1 + e) v/(1/m + 1/M + b²/I).
     """
-    e, speed, m, radius = (
-        draw.number(0.2, 1.0),
-        draw.number(150, 300, 0),
-        draw.mass(),
-        draw.number(10, 18),
+    elasticity = draw.number(0.2, 1.0)
+    speed = draw.number(150, 300, 0)
+    ball_mass = draw.mass()
+    radius = draw.number(10, 18)
+    surface = {"friction": 0.0, "elasticity": elasticity}
+    upper_size = (draw.number(24, 60, 0), draw.number(50, 80, 0))
+    lower_size = (draw.number(24, 60, 0), draw.number(50, 80, 0))
+    masses = (draw.mass(), draw.mass())
+    side = draw.sign()
+    welded = _Welded((upper_size, lower_size), masses, side)
+    if draw.sign() > 0:
+        y = SEAM_Y - draw.number(0.4, 0.9) * upper_size[1]
+    else:
+        y = SEAM_Y + draw.number(0.4, 0.9) * lower_size[1]
+    ball = circle(
+        (WELD_X - side * BALL_DISTANCE, y),
+        radius,
+        mass=ball_mass,
+        velocity=[side * speed, 0],
+        **surface,
     )
-    surface = {"friction": 0.0, "elasticity": e}
-    sizes = [(draw.number(24, 60, 0), draw.number(50, 80, 0)) for _ in range(2)]
-    masses = [draw.mass(), draw.mass()]
-    side, x, seam = draw.sign(), 260.0, 180.0
-    middles = [
-        np.array([x + side * sizes[0][0] / 2, seam - sizes[0][1] / 2]),
-        np.array([x + side * sizes[1][0] / 2, seam + sizes[1][1] / 2]),
-    ]
-    total = sum(masses)
-    common = (masses[0] * middles[0] + masses[1] * middles[1]) / total
-    moment = sum(
-        mass * ((w * w + h * h) / 12 + float((at - common) @ (at - common)))
-        for mass, (w, h), at in zip(masses, sizes, middles, strict=True)
-    )
-    y = (
-        seam - draw.number(0.4, 0.9) * sizes[0][1]
-        if draw.sign() > 0
-        else seam + draw.number(0.4, 0.9) * sizes[1][1]
-    )
+    upper, lower = welded.centers()
     objects: dict[str, Document] = {
-        "ball": circle(
-            (x - side * 120, y), radius, mass=m, velocity=[side * speed, 0], **surface
+        "ball": ball,
+        "upper": box(upper, upper_size, mass=masses[0], **surface),
+        "lower": box(lower, lower_size, mass=masses[1], **surface),
+    }
+    weld = {"objects": ["upper", "lower"], "weld": welded.seam_center()}
+    joints = {"weld": weld}
+    offset = y - welded.center()[1]
+    moment = welded.moment()
+    softness = 1 / ball_mass + 1 / welded.mass + offset**2 / moment
+    impulse = side * (1 + elasticity) * speed / softness
+    hit = _WeldHit(
+        time=(BALL_DISTANCE - radius) / speed + 0.1,
+        velocity=impulse / welded.mass,
+        spin=-offset * impulse / moment,
+    )
+    document = scene((520, 360), 1.1, objects, world=FLOATING, joints=joints)
+    return [Case(document, partial(_weld_errors, welded, hit))]
+
+
+def _weld_errors(welded: _Welded, hit: _WeldHit, run: Run) -> Errors:
+    """Return the errors of both spins, and of the velocity of the common centre, over one rigid body's."""
+    upper = run.track("upper")
+    lower = run.track("lower")
+    sample = upper.sample(hit.time)
+    first, second = welded.masses
+    momentum = first * upper.velocity[sample] + second * lower.velocity[sample]
+    expected = np.array([hit.velocity, 0.0])
+    deviation = momentum / welded.mass - expected
+    return {
+        "spin": worst(
+            [_spin_error(track, sample, hit.spin) for track in (upper, lower)]
         ),
-        "upper": box(middles[0], sizes[0], mass=masses[0], **surface),
-        "lower": box(middles[1], sizes[1], mass=masses[1], **surface),
+        "velocity": float(np.hypot(*deviation) / np.hypot(*expected)),
     }
-    joints = {
-        "weld": {
-            "objects": ["upper", "lower"],
-            "weld": [x + side * min(sizes[0][0], sizes[1][0]) / 2, seam],
-        }
-    }
-    aside = y - common[1]
-    impulse = side * (1 + e) * speed / (1 / m + 1 / total + aside**2 / moment)
-    velocity, spin = np.array([impulse / total, 0.0]), -aside * impulse / moment
 
-    def measure(run: Run) -> Errors:
-        upper, lower = run.track("upper"), run.track("lower")
-        after = upper.sample(
-            (120 - radius) / speed + 0.1
-        )  # before the boxes can swing into the ball again
-        moved = (
-            masses[0] * upper.velocity[after] + masses[1] * lower.velocity[after]
-        ) / total
-        return {
-            "spin": worst(
-                [abs(track.spin[after] / spin - 1) for track in (upper, lower)]
-            ),
-            "velocity": float(np.hypot(*(moved - velocity)) / np.hypot(*velocity)),
-        }
 
-    return [
-        Case(scene((520, 360), 1.1, objects, world=FLOATING, joints=joints), measure)
-    ]
+def _spin_error(track: Track, sample: int, spin: float) -> float:
+    return float(abs(track.spin[sample] / spin - 1))
 
 
 ROWS = (

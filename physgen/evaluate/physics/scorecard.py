@@ -43,6 +43,10 @@ STEPS = (240, 480, 960, 1920)
 """1/s: engine steps at which the first draw shows convergence."""
 DEFAULT_STEPS = 960
 """1/s: engine steps of a scene that sets none."""
+TIME_TOLERANCE = 1e-9
+"""s by which the times of samples may be rounded."""
+SEED = 20241
+"""Of all draws."""
 
 
 class Unit(Enum):
@@ -89,29 +93,33 @@ class Track:
         return self.poses[:, 2]
 
     @property
-    def at(self) -> Array:
+    def positions(self) -> Array:
+        """Return the positions, (T, 2) px."""
         return self.poses[:, :2]
 
     @property
-    def moved(self) -> Array:
-        """(T, 2) px since t = 0."""
+    def displacements(self) -> Array:
+        """Return the displacements since t = 0, (T, 2) px."""
         return self.poses[:, :2] - self.poses[0, :2]
 
     @property
     def velocity(self) -> Array:
+        """Return the velocities, (T, 2) px/s."""
         return self.velocities[:, :2]
 
     @property
     def speed(self) -> Array:
+        """Return the speeds, (T,) px/s."""
         return np.asarray(np.hypot(*self.velocity.T))
 
     @property
     def spin(self) -> Array:
+        """Return the angular velocities, (T,) rad/s."""
         return self.velocities[:, 2]
 
     def sample(self, time: float) -> int:
-        """Index of the last sample that is not after `time` (s)."""
-        return int(np.searchsorted(self.times, time + 1e-9, side="right")) - 1
+        """Return the index of the last sample that is not after `time` (s)."""
+        return int(np.searchsorted(self.times, time + TIME_TOLERANCE, side="right")) - 1
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,7 @@ class Run:
     trajectory: Trajectory
 
     def track(self, name: str) -> Track:
-        """Motion of one object."""
+        """Return the motion of one object."""
         k = self.trajectory.names.index(name)
         return Track(
             self.trajectory.times,
@@ -131,20 +139,24 @@ class Run:
         )
 
     def body(self, name: str) -> Body:
-        """Mass, moment and shape of one object."""
+        """Return mass, moment and shape of one object."""
         return next(body for body in self.world.bodies if body.name == name)
 
-    def impulse(self, on: str, of: str, begin: float, end: float) -> Array:
-        """(2,) g·px/s that `of` gave `on` after the sample at `begin` up to the one at `end` (s)."""
-        contacts, times = self.trajectory.contacts, self.trajectory.times
-        a, b = contacts.surfaces.index(on), contacts.surfaces.index(of)
-        rows, given = contacts.impulse_rows, contacts.impulses
-        inside = (times[rows[:, 0]] > begin + 1e-9) & (times[rows[:, 0]] < end + 1e-9)
-        first = inside & (rows[:, 1] == a) & (rows[:, 2] == b)
-        second = inside & (rows[:, 1] == b) & (rows[:, 2] == a)
-        return np.asarray(
-            given[first].sum(axis=0) - given[second].sum(axis=0), np.float64
-        )
+    def impulse(self, receiver: str, giver: str, begin: float, end: float) -> Array:
+        """Return the impulse (2,) g·px/s of one surface on another, after the sample at `begin` (s) up to `end` (s)."""
+        contacts = self.trajectory.contacts
+        first = contacts.surfaces.index(receiver)
+        second = contacts.surfaces.index(giver)
+        samples, surfaces, partners = contacts.impulse_rows.T
+        times = self.trajectory.times[samples]
+        is_after = times > begin + TIME_TOLERANCE
+        is_before = times < end + TIME_TOLERANCE
+        is_inside = is_after & is_before
+        is_forward = is_inside & (surfaces == first) & (partners == second)
+        is_backward = is_inside & (surfaces == second) & (partners == first)
+        forward = contacts.impulses[is_forward].sum(axis=0)
+        backward = contacts.impulses[is_backward].sum(axis=0)
+        return np.asarray(forward - backward, np.float64)
 
 
 @dataclass(frozen=True)
@@ -153,7 +165,7 @@ class Case:
 
     scene: Document
     measure: Callable[..., Errors]
-    """Takes one `Run` for each entry of `variants`."""
+    """Takes one `Run` for each entry of `variants`, and returns the errors."""
     label: str = ""
     """Distinguishes the cases of one draw; part of the file's name."""
     variants: tuple[str | None, ...] = (None,)
@@ -179,21 +191,20 @@ class Row:
     cases: Callable[[Draw], Sequence[Case]]
 
     def draw(self, index: int) -> Sequence[Case]:
-        """Cases of one random draw, the same on every call."""
+        """Return the cases of one random draw, the same on every call."""
         return self.cases(Draw(self.number, index))
 
 
 def choose(rows: Sequence[Row], numbers: Sequence[int]) -> tuple[Row, ...]:
-    """The rows with those numbers, all for none. Raises InputError for a number that no row has."""
-    known = {row.number: row for row in rows}
+    """Return the rows with those numbers, all for none. Raise InputError for a number that no row has."""
+    if not numbers:
+        return tuple(rows)
+    known_numbers = [row.number for row in rows]
     for number in numbers:
-        if number not in known:
-            raise InputError.of(
-                "--rows", str(number), "is no row", f"choose from 1 to {max(known)}"
-            )
-    return tuple(
-        row for number, row in known.items() if not numbers or number in numbers
-    )
+        if number not in known_numbers:
+            fix = f"choose from 1 to {max(known_numbers)}"
+            raise InputError.of("--rows", str(number), "is no row", fix)
+    return tuple(row for row in rows if row.number in numbers)
 
 
 class Draw:
@@ -204,28 +215,31 @@ class Draw:
 
     def __init__(self, row: int, index: int) -> None:
         self.index = index % DRAWS
-        self._rng = np.random.default_rng((20241, row, index))
+        self._rng = np.random.default_rng((SEED, row, index))
 
     def number(self, low: float, high: float, digits: int = 2) -> float:
+        """Return an even random number, rounded to digits."""
         return round(float(self._rng.uniform(low, high)), digits)
 
     def count(self, low: int, high: int) -> int:
+        """Return a random whole number from `low` to `high`."""
         return int(self._rng.integers(low, high + 1))
 
     def sign(self) -> int:
+        """Return 1 or -1."""
         return 1 if self._rng.random() < 0.5 else -1
 
     def angle(self) -> float:
-        """rad; a whole number of degrees."""
+        """Return an angle of any whole number of degrees, rad."""
         return float(np.radians(int(self._rng.integers(0, 360))))
 
     def mass(self) -> float:
-        """20 to 500 g."""
+        """Return a mass of 20 to 500 g."""
         return self.number(20, 500, 0)
 
 
 def worst(errors: Sequence[float]) -> float:
-    """The largest; NaN where any is NaN."""
+    """Return the largest error; NaN if any is NaN."""
     return float(np.max(errors))
 
 
@@ -233,18 +247,20 @@ def worst(errors: Sequence[float]) -> float:
 
 
 def scene_file(row: Row, case: Case, index: int) -> str:
-    """Name of a case's file: `03-bounce.yaml`, `16-pyramid-lifted-draw-5.yaml`; the first draw has no number."""
-    parts = (
-        f"{row.number:02d}",
-        row.name,
-        case.label,
-        f"draw-{index + 1}" if index else "",
-    )
-    return "-".join(part for part in parts if part) + ".yaml"
+    """Return the name of a case's file.
+
+    Examples are `03-bounce.yaml` and `16-pyramid-lifted-draw-5.yaml`; the first draw has no number.
+    """
+    parts = [f"{row.number:02d}", row.name]
+    if case.label:
+        parts.append(case.label)
+    if index:
+        parts.append(f"draw-{index + 1}")
+    return "-".join(parts) + ".yaml"
 
 
 def scene_of(row: Row, case: Case) -> str:
-    """Text of the case's scene file, with the closed form and the bar above it."""
+    """Return the text of the case's scene file, with the closed form and the bar above it."""
     bars = ", ".join(f"{measure.name} {bar_text(measure)}" for measure in row.measures)
     title = f"{row.title} ({case.label})" if case.label else row.title
     header = f"Row {row.number} of the physics scorecard: {title}\n{row.closed_form}\nbar: {bars}"
@@ -252,33 +268,32 @@ def scene_of(row: Row, case: Case) -> str:
 
 
 def write_scenes(row: Row, index: int, folder: Path) -> None:
-    """Scene files of one draw."""
+    """Write the scene files of one draw."""
     for case in row.draw(index):
-        write_atomic(
-            folder / scene_file(row, case, index), scene_of(row, case).encode()
-        )
+        path = folder / scene_file(row, case, index)
+        write_atomic(path, scene_of(row, case).encode())
 
 
 @dataclass(frozen=True)
-class Worst:
+class LargestError:
     """The largest error of one measure over some cases."""
 
     error: float
-    """Infinite where a scene could not be run."""
-    where: str
+    """Infinite if a scene could not be run."""
+    place: str
     """`draw 3`, `draw 5, lifted`."""
 
     @property
     def size(self) -> float:
-        """For comparison: NaN counts as the largest."""
+        """Return the error for comparison: NaN counts as the largest."""
         return self.error if isfinite(self.error) else inf
 
 
 @dataclass(frozen=True)
-class Done:
+class DrawResult:
     """Result of one draw."""
 
-    errors: Mapping[str, Worst]
+    errors: Mapping[str, LargestError]
     """By measure, of those that any case takes."""
     problems: tuple[str, ...]
     """Why a case could not be run."""
@@ -290,44 +305,61 @@ def run_draw(
     folder: Path,
     steps: float | None = None,
     simulate: Simulate = pipeline.simulate,
-) -> Done:
-    """One draw of a row, from its files in `folder`; `steps` a second override the scene's."""
+) -> DrawResult:
+    """Return the result of one draw, from its files in `folder`; `steps` a second override the scene's."""
     overrides = [] if steps is None else [f"world.steps_per_second={steps}"]
-    found: dict[str, Worst] = {}
+    largest: dict[str, LargestError] = {}
     problems: list[str] = []
     for case in row.draw(index):
-        file = folder / scene_file(row, case, index)
-        where = ", ".join(part for part in (f"draw {index + 1}", case.label) if part)
+        path = folder / scene_file(row, case, index)
         try:
-            runs = []
-            for variant in case.variants:
-                scene = pipeline.load(file, overrides, variant)
-                world = pipeline.compile(scene, None).world
-                runs.append(Run(world, simulate(world, case.rate)))
+            runs = _run_variants(case, path, overrides, simulate)
             errors = case.measure(*runs)
         except InputError as error:
-            problems += [
-                str(problem).replace(f"{folder}/", "") for problem in error.problems
-            ]
+            for problem in error.problems:
+                problems.append(str(problem).replace(f"{folder}/", ""))
             errors = {measure.name: inf for measure in row.measures}
+        place = f"draw {index + 1}"
+        if case.label:
+            place = f"{place}, {case.label}"
         for name, value in errors.items():
-            larger = Worst(float(value), where)
-            found[name] = max(found.get(name, larger), larger, key=lambda one: one.size)
-    return Done(found, tuple(problems))
+            candidate = LargestError(float(value), place)
+            if name not in largest or candidate.size > largest[name].size:
+                largest[name] = candidate
+    return DrawResult(largest, tuple(problems))
+
+
+def _run_variants(
+    case: Case, path: Path, overrides: Sequence[str], simulate: Simulate
+) -> list[Run]:
+    """Return one run for each variant of a case."""
+    runs = []
+    for variant in case.variants:
+        scene = pipeline.load(path, overrides, variant)
+        world = pipeline.compile(scene, None).world
+        runs.append(Run(world, simulate(world, case.rate)))
+    return runs
 
 
 class _Job(NamedTuple):
+    """One draw of one row, for a process of its own."""
+
     row: int
     draw: int
     steps: int | None
+    """1/s; None: those of the scene."""
     folder: Path
 
 
-def _run(job: _Job) -> Done:
+def _run_job(job: _Job) -> DrawResult:
     # the package, which imports this module, has the rows: functions are not sent to processes
     rows = sys.modules["physgen.evaluate.physics"].ROWS
     row = next(row for row in rows if row.number == job.row)
     return run_draw(row, job.draw, job.folder, job.steps)
+
+
+_Results = dict[tuple[int, int | None], DrawResult]
+"""Of one row, by draw and steps a second (None: the default)."""
 
 
 def evaluate(
@@ -338,12 +370,13 @@ def evaluate(
     keep: Path | None = None,
     progress: pipeline.Progress = pipeline.silent,
 ) -> list[dict[str, Any]]:
-    """One record a row, as JSON has it; the same for any number of workers.
+    """Return one record a row, in the form of the JSON; the same for any number of workers.
 
     `steps` are those of the convergence columns, none to leave them out. With `keep`, scene files stay there.
     """
     if keep is not None and keep.exists() and not keep.is_dir():
         raise InputError.of(str(keep), "", "is a file", "name a folder with -o")
+    results: dict[int, _Results] = {row.number: {} for row in rows}
     with tempfile.TemporaryDirectory(prefix="physgen-") as scratch:
         folder = keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
@@ -351,39 +384,42 @@ def evaluate(
         for row in rows:
             for index in range(draws):
                 write_scenes(row, index, folder)
-                jobs.append(_Job(row.number, index, None, folder))
-            jobs += [
-                _Job(row.number, 0, rate, folder)
-                for rate in steps
-                if rate != DEFAULT_STEPS
-            ]
-        done: dict[int, dict[tuple[int, int | None], Done]] = {
-            row.number: {} for row in rows
-        }
-        for count, (job, found) in enumerate(
-            zip(jobs, _run_all(jobs, workers), strict=True), 1
-        ):
-            done[job.row][job.draw, job.steps] = found
+            jobs += _jobs_of_row(row, draws, steps, folder)
+        outcomes = zip(jobs, _run_jobs(jobs, workers), strict=True)
+        for count, (job, result) in enumerate(outcomes, 1):
+            results[job.row][job.draw, job.steps] = result
             progress("evaluate", count, len(jobs))
-    return [record(row, draws, steps, done[row.number]) for row in rows]
+    return [record(row, draws, steps, results[row.number]) for row in rows]
 
 
-def _run_all(jobs: Sequence[_Job], workers: int) -> Iterator[Done]:
+def _jobs_of_row(
+    row: Row, draws: int, steps: Sequence[int], folder: Path
+) -> list[_Job]:
+    """Return the jobs of all draws, and of the first draw with other steps."""
+    jobs = [_Job(row.number, index, None, folder) for index in range(draws)]
+    for rate in steps:
+        if rate != DEFAULT_STEPS:
+            jobs.append(_Job(row.number, 0, rate, folder))
+    return jobs
+
+
+def _run_jobs(jobs: Sequence[_Job], workers: int) -> Iterator[DrawResult]:
+    """Yield the results in the order of the jobs."""
     if workers <= 1 or len(jobs) <= 1:
-        yield from map(_run, jobs)
+        yield from map(_run_job, jobs)
         return
-    with ProcessPoolExecutor(
-        min(workers, len(jobs)), get_context("spawn"), _ignore_interrupts
-    ) as pool:
+    processes = min(workers, len(jobs))
+    context = get_context("spawn")
+    with ProcessPoolExecutor(processes, context, _ignore_interrupts) as pool:
         try:
-            yield from pool.map(_run, jobs)
+            yield from pool.map(_run_job, jobs)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
 def _ignore_interrupts() -> None:
-    """Workers leave Ctrl-C to the process that started them."""
+    """Leave Ctrl-C to the process that started this worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -394,41 +430,21 @@ def record(
     row: Row,
     draws: int,
     steps: Sequence[int],
-    done: Mapping[tuple[int, int | None], Done],
+    results: Mapping[tuple[int, int | None], DrawResult],
 ) -> dict[str, Any]:
-    """A row's line as JSON, from results by draw and steps a second (None: the default)."""
-    measures = []
-    for measure in row.measures:
-        taken = [
-            one
-            for k in range(draws)
-            if (one := done[k, None].errors.get(measure.name)) is not None
-        ]
-        largest = max(
-            taken, key=lambda one: one.size, default=Worst(nan, "never measured")
-        )
-        first = {
-            rate: done[0, None if rate == DEFAULT_STEPS else rate].errors
-            for rate in steps
-        }
-        measures.append(
-            {
-                "name": measure.name,
-                "unit": measure.unit.value,
-                "bar": measure.bar,
-                "error": _rounded(largest.error),
-                "worst": largest.where,
-                "passed": largest.error <= measure.bar,  # NaN passes no bar
-                "convergence": {
-                    str(rate): _rounded(errors[measure.name].error)
-                    for rate, errors in first.items()
-                    if measure.name in errors
-                },
-            }
-        )
-    problems = dict.fromkeys(
-        problem for k in range(draws) for problem in done[k, None].problems
-    )
+    """Return a row's record for JSON, from results by draw and steps a second (None: the default)."""
+    draw_results = [results[index, None] for index in range(draws)]
+    first_results = {}
+    for rate in steps:
+        key = None if rate == DEFAULT_STEPS else rate
+        first_results[rate] = results[0, key]
+    measures = [
+        _record_measure(measure, draw_results, first_results)
+        for measure in row.measures
+    ]
+    problems: list[str] = []
+    for result in draw_results:
+        problems += result.problems
     return {
         "row": row.number,
         "name": row.name,
@@ -439,25 +455,51 @@ def record(
         "scenes": [scene_file(row, case, 0) for case in row.draw(0)],
         "passed": all(measure["passed"] for measure in measures),
         "measures": measures,
-        "problems": list(problems),
+        "problems": list(dict.fromkeys(problems)),
     }
 
 
-def _rounded(error: float) -> float | None:
+def _record_measure(
+    measure: Measure,
+    draw_results: Sequence[DrawResult],
+    first_results: Mapping[int, DrawResult],
+) -> dict[str, Any]:
+    """Return the record of one measure, from all draws and from the first draw by steps a second."""
+    largest = LargestError(nan, "never measured")
+    for result in draw_results:
+        error = result.errors.get(measure.name)
+        if error is None:
+            continue
+        if largest.place == "never measured" or error.size > largest.size:
+            largest = error
+    convergence = {}
+    for rate, result in first_results.items():
+        if measure.name in result.errors:
+            convergence[str(rate)] = _round_error(result.errors[measure.name].error)
+    return {
+        "name": measure.name,
+        "unit": measure.unit.value,
+        "bar": measure.bar,
+        "error": _round_error(largest.error),
+        "worst": largest.place,
+        "passed": largest.error <= measure.bar,  # NaN passes no bar
+        "convergence": convergence,
+    }
+
+
+def _round_error(error: float) -> float | None:
     return float(f"{error:.3g}") if isfinite(error) else None
 
 
 def bar_text(measure: Measure) -> str:
-    """A bar with its unit."""
-    return (
-        "as stated"
-        if measure.unit is Unit.SWITCH
-        else quantity(measure.bar, measure.unit.value)
-    )
+    """Return a bar with its unit."""
+    if measure.unit is Unit.SWITCH:
+        return "as stated"
+    return quantity(measure.bar, measure.unit.value)
 
 
 def quantity(value: float | None, unit: str) -> str:
-    """An error or a bar with its unit: percent, pixels, degrees, or whether it is as required.
+    """Return an error or a bar with its unit: percent, pixels, degrees, or whether it is as required.
 
     >>> quantity(0.00123, "part"), quantity(3e-12, "part"), quantity(0.5, "px"), quantity(1.0, "switch")
     ('0.12 %', '< 1e-6 %', '0.5 px', 'no')
@@ -466,49 +508,63 @@ def quantity(value: float | None, unit: str) -> str:
         return "none"
     if unit == "switch":
         return "no" if value else "yes"
-    number, sign = (value * 100, "%") if unit == "part" else (value, unit)
+    number, sign = value, unit
+    if unit == "part":
+        number, sign = value * 100, "%"
     if number and abs(number) < 1e-6:
         return f"< 1e-6 {sign}"
-    return f"{number:.2g} {sign}" if abs(number) < 100 else f"{number:.0f} {sign}"
+    if abs(number) < 100:
+        return f"{number:.2g} {sign}"
+    return f"{number:.0f} {sign}"
 
 
 def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
-    """A table with one line for each measure of each row."""
-    rates = sorted(
-        {
-            rate
-            for row in rows
-            for one in row["measures"]
-            for rate in one["convergence"]
-        },
-        key=float,
-    )
-    lines = []
+    """Return a table with one line for each measure of each row."""
+    rates = _convergence_rates(rows)
+    lines: list[tuple[str, ...]] = []
+    problems = []
     for row in rows:
-        for k, one in enumerate(row["measures"]):
-            unit = one["unit"]
-            bar = "as stated" if unit == "switch" else quantity(one["bar"], unit)
-            first = (str(row["row"]), row["title"]) if k == 0 else ("", "")
-            label = f"{one['name']}: {bar}" if len(row["measures"]) > 1 else bar
-            steps = (quantity(one["convergence"].get(rate), unit) for rate in rates)
-            verdict = "pass" if one["passed"] else "FAIL"
-            lines.append((*first, label, quantity(one["error"], unit), verdict, *steps))
-    heads = (
-        "row",
-        "closed form",
-        "bar",
-        "worst error",
-        "verdict",
-        *(f"at {rate}/s" for rate in rates),
-    )
-    problems = tuple(
-        f"row {row['row']}: {problem}" for row in rows for problem in row["problems"]
-    )
-    passed = sum(row["passed"] for row in rows)
-    count = f"{passed} of {len(rows)}"
-    section = Section("Closed forms", problems, (Table(heads, tuple(lines)),))
-    pass_bar = Bar("rows that pass", count, f"{len(rows)}", passed == len(rows))
-    title = "Motion against closed forms"
+        lines += _lines_of_row(row, rates)
+        problems += [f"row {row['row']}: {problem}" for problem in row["problems"]]
+    heads = ("row", "closed form", "bar", "worst error", "verdict")
+    step_heads = (f"at {rate}/s" for rate in rates)
+    table = Table((*heads, *step_heads), tuple(lines))
+    section = Section("Closed forms", tuple(problems), (table,))
+    passes = sum(row["passed"] for row in rows)
+    count = f"{passes} of {len(rows)}"
     return Findings(
-        "physics", title, (f"{count} rows pass.",), (section,), rows, (pass_bar,)
+        measure="physics",
+        title="Motion against closed forms",
+        sentences=(f"{count} rows pass.",),
+        sections=(section,),
+        rows=rows,
+        bars=(Bar("rows that pass", count, f"{len(rows)}", passes == len(rows)),),
     )
+
+
+def _convergence_rates(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the steps a second at which any measure was taken, the smallest first."""
+    rates: set[str] = set()
+    for row in rows:
+        for measure in row["measures"]:
+            rates.update(measure["convergence"])
+    return sorted(rates, key=float)
+
+
+def _lines_of_row(
+    row: Mapping[str, Any], rates: Sequence[str]
+) -> list[tuple[str, ...]]:
+    """Return the lines of the table for one row; only the first has its number and title."""
+    lines = []
+    number_and_title = (str(row["row"]), row["title"])
+    for measure in row["measures"]:
+        unit = measure["unit"]
+        bar = "as stated" if unit == "switch" else quantity(measure["bar"], unit)
+        if len(row["measures"]) > 1:
+            bar = f"{measure['name']}: {bar}"
+        error = quantity(measure["error"], unit)
+        verdict = "pass" if measure["passed"] else "FAIL"
+        steps = (quantity(measure["convergence"].get(rate), unit) for rate in rates)
+        lines.append((*number_and_title, bar, error, verdict, *steps))
+        number_and_title = ("", "")
+    return lines

@@ -13,43 +13,47 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.physics.elliptic import complete, runge_kutta
+from physgen.evaluate.physics.elliptic import integrate_ellipse, runge_kutta
 
 Array = NDArray[np.float64]
 
+SPIN_ONLY, SLIDE_ONLY = 1e-6, 1e6
+"""Ratios below and above which the limits of F and T are exact to a float's last digits."""
+NO_SPIN = 1e-12
+"""Surface speed over sliding speed below which the ratio is set to its inverse."""
+REST = 1e-5
+"""Part of the first motion at which the disc counts as at rest."""
+STEP_PART = 0.01
+"""Of the time that is left to rest: the length of a step."""
 
-def coupling(epsilon: float) -> tuple[float, float]:
-    """F and T of one ratio, between 0 and infinity.
 
-    >>> [tuple(round(f, 6) for f in coupling(e)) for e in (0.0, 1.0, 1e9)]
+def couple(epsilon: float) -> tuple[float, float]:
+    """Return F and T of one ratio between 0 and infinity.
+
+    >>> [tuple(round(f, 6) for f in couple(e)) for e in (0.0, 1.0, 1e9)]
     [(0.0, 0.666667), (0.848826, 0.282942), (1.0, 0.0)]
     """
-    if epsilon < 1e-6:
+    if epsilon < SPIN_ONLY:
         return epsilon, 2 / 3
-    if epsilon > 1e6:
+    if epsilon > SLIDE_ONLY:
         return 1.0, 1 / (4 * epsilon)
-    squared = epsilon * epsilon
+    square = epsilon * epsilon
     if epsilon == 1:
         return 8 / (3 * pi), 8 / (9 * pi)
     if epsilon < 1:
-        first, second = complete(epsilon)
-        return (
-            4 / (3 * pi * epsilon) * ((squared + 1) * second + (squared - 1) * first),
-            4 / (9 * pi) * ((4 - 2 * squared) * second + (squared - 1) * first),
-        )
-    first, second = complete(1 / epsilon)
-    return (
-        4 / (3 * pi) * ((squared + 1) * second - (squared - 1) * first),
-        4
-        / (9 * pi)
-        * epsilon
-        * ((4 - 2 * squared) * second + (2 * squared - 5 + 3 / squared) * first),
-    )
+        first_kind, second_kind = integrate_ellipse(epsilon)
+        force = (square + 1) * second_kind + (square - 1) * first_kind
+        moment = (4 - 2 * square) * second_kind + (square - 1) * first_kind
+        return 4 / (3 * pi * epsilon) * force, 4 / (9 * pi) * moment
+    first_kind, second_kind = integrate_ellipse(1 / epsilon)
+    force = (square + 1) * second_kind - (square - 1) * first_kind
+    moment = (4 - 2 * square) * second_kind + (2 * square - 5 + 3 / square) * first_kind
+    return 4 / (3 * pi) * force, 4 / (9 * pi) * epsilon * moment
 
 
 @dataclass(frozen=True)
 class Stop:
-    """How a disc comes to rest."""
+    """The motion of a disc that comes to rest."""
 
     times: Array
     """(K,) s, 0 to the end."""
@@ -57,38 +61,42 @@ class Stop:
     """(K,) px/s."""
     spins: Array
     """(K,) rad/s."""
-    way: float
+    distance: float
     """px."""
-    turned: float
+    rotation: float
     """rad."""
 
 
 def stop(speed: float, spin: float, radius: float, mu: float, gravity: float) -> Stop:
-    """From `speed` (px/s) and `spin` (rad/s) to rest, with I = m R²/2; exact to about 1e-5.
+    """Return the motion from `speed` (px/s) and `spin` (rad/s) to rest, with I = m R²/2; exact to about 1e-5.
 
-    Steps shrink with what is left of the motion: both vanish at once, with epsilon tending to 0.653.
+    Steps shrink with the motion that is left: speed and spin vanish at once, with epsilon tending to 0.653.
     """
 
     def rate(state: Array) -> Array:
-        v, u = max(state[0], 0.0), max(state[1], 0.0)  # u = R w
-        force, moment = coupling(v / u if u > 1e-12 * v else 1e12)
-        return np.array([-mu * gravity * force, -2 * mu * gravity * moment, v, u])
+        sliding, surface = max(state[0], 0.0), max(state[1], 0.0)  # v and R w
+        ratio = 1 / NO_SPIN
+        if surface > NO_SPIN * sliding:
+            ratio = sliding / surface
+        force, moment = couple(ratio)
+        slowing = -mu * gravity * force
+        return np.array([slowing, -2 * mu * gravity * moment, sliding, surface])
 
     state = np.array([speed, abs(spin) * radius, 0.0, 0.0])
-    start = left = float(np.hypot(state[0], state[1]))
+    first_motion = motion = float(np.hypot(state[0], state[1]))
     times, states = [0.0], [state]
-    while left > 1e-5 * start:
-        step = 0.01 * left / (mu * gravity)
+    while motion > REST * first_motion:
+        step = STEP_PART * motion / (mu * gravity)
         state = runge_kutta(rate, state, step, 1)[-1]
-        left = float(np.hypot(state[0], state[1]))
+        motion = float(np.hypot(state[0], state[1]))
         times.append(times[-1] + step)
         states.append(state)
-    speeds, surface, ways, turns = np.transpose(states)
+    speeds, surface_speeds, distances, turns = np.transpose(states)
     sign = 1 if spin >= 0 else -1
     return Stop(
-        np.array(times),
-        speeds,
-        sign * surface / radius,
-        float(ways[-1]),
-        sign * float(turns[-1]) / radius,
+        times=np.array(times),
+        speeds=speeds,
+        spins=sign * surface_speeds / radius,
+        distance=float(distances[-1]),
+        rotation=sign * float(turns[-1]) / radius,
     )

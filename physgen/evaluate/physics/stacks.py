@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, sin, sqrt
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from math import asin, atan2, cos, degrees, inf, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.evaluate.physics.events import crossings
+from physgen.evaluate.physics.events import find_crossings
 from physgen.evaluate.physics.scorecard import (
+    Array,
     Case,
+    Document,
     Draw,
     Errors,
     Measure,
@@ -18,166 +22,244 @@ from physgen.evaluate.physics.scorecard import (
     Unit,
     worst,
 )
-from physgen.evaluate.physics.staging import GRAVITY, box, scene, segment
+from physgen.evaluate.physics.staging import GRAVITY, Point, box, scene, segment
 
-Array = NDArray[np.float64]
-
-TAKEN = {
+REMOVALS = {
     "left-corner": (("box-1-1", "box-1-2"), "box-2-1"),
     "right-corner": (("box-1-5", "box-1-6"), "box-2-5"),
     "left-under-top": (("box-5-1",), "box-6-1"),
     "right-under-top": (("box-5-2",), "box-6-1"),
     "lifted": ((), "box-6-1"),
 }
-"""A draw each: what is taken away from the pyramid, and what must fall then. The last lifts the top by 5 px instead."""
+"""A draw each: boxes that are removed from the pyramid, and the box that must fall. The last lifts the top instead."""
+LEVELS = 6
+LIFT = 5.0
+"""px by which the top is lifted; a box that loses its support falls farther."""
+HALF_PIXEL = 0.5
+"""px."""
 
 
 def _pyramid(draw: Draw) -> list[Case]:
-    """Largest displacement of any box in 5 s; and 1 where the box that lost its support does not fall."""
+    """Return the cases of a pyramid at rest, and of one in which a box loses its support."""
     size = (draw.number(30, 44, 0), draw.number(18, 32, 0))
-    apart = size[0] + draw.number(4, 8, 0)
+    distance = size[0] + draw.number(4, 8, 0)
     surface = {"friction": draw.number(0.4, 0.8), "elasticity": draw.number(0, 0.4)}
     objects = {}
-    for level in range(1, 7):
-        for k in range(1, 8 - level):
-            at = (220 + (k - (8 - level) / 2) * apart, 260 - (level - 0.5) * size[1])
-            objects[f"box-{level}-{k}"] = box(
-                at, size, mass=draw.number(60, 180, 0), **surface
-            )
+    for level in range(1, LEVELS + 1):
+        boxes = LEVELS + 1 - level
+        y = 260 - (level - 0.5) * size[1]
+        for k in range(1, boxes + 1):
+            center = (220 + (k - (boxes + 1) / 2) * distance, y)
+            mass = draw.number(60, 180, 0)
+            objects[f"box-{level}-{k}"] = box(center, size, mass=mass, **surface)
     floor = {"floor": segment((0, 260), (440, 260), **surface)}
-
-    def still(run: Run) -> Errors:
-        return {
-            "at rest": worst(
-                [np.hypot(*run.track(name).moved.T).max() for name in objects]
-            )
-        }
-
-    label, (taken, falls) = list(TAKEN.items())[draw.index]
-    changed = {name: object for name, object in objects.items() if name not in taken}
-    if not taken:
-        x, y = changed[falls]["shape"]["box"]["center"]
-        changed[falls] = {
-            **changed[falls],
-            "shape": {"box": {"center": [x, y - 5.0], "size": list(size)}},
-        }
-
-    def fallen(run: Run) -> Errors:
-        way = float(run.track(falls).moved[-1, 1])
-        return {"falls": float(not (way > 5 if taken else abs(way - 5) < 0.5))}
-
+    pyramid = scene((440, 280), 5.0, objects, floor)
+    label, (removals, falling_box) = list(REMOVALS.items())[draw.index]
+    changed_objects = {
+        name: body for name, body in objects.items() if name not in removals
+    }
+    if not removals:
+        changed_objects[falling_box] = _lift(changed_objects[falling_box])
+    changed_pyramid = scene((440, 280), 1.0, changed_objects, floor)
+    is_lifted = not removals
     return [
-        Case(scene((440, 280), 5.0, objects, floor), still, rate=60),
-        Case(scene((440, 280), 1.0, changed, floor), fallen, label, rate=60),
+        Case(pyramid, partial(_rest_error, tuple(objects)), rate=60),
+        Case(
+            changed_pyramid,
+            partial(_fall_error, falling_box, is_lifted),
+            label,
+            rate=60,
+        ),
     ]
 
 
+def _lift(object: Document) -> Document:
+    """Return a box that is LIFT higher."""
+    shape = object["shape"]["box"]
+    x, y = shape["center"]
+    lifted_shape = {"center": [x, y - LIFT], "size": shape["size"]}
+    return {**object, "shape": {"box": lifted_shape}}
+
+
+def _rest_error(names: Sequence[str], run: Run) -> Errors:
+    """Return the largest displacement of a box, px."""
+    displacements = []
+    for name in names:
+        displacements.append(np.hypot(*run.track(name).displacements.T).max())
+    return {"at rest": worst(displacements)}
+
+
+def _fall_error(name: str, is_lifted: bool, run: Run) -> Errors:
+    """Return 1 unless a box falls, a lifted one by LIFT."""
+    fall = float(run.track(name).displacements[-1, 1])
+    has_fallen = fall > LIFT
+    if is_lifted:
+        has_fallen = abs(fall - LIFT) < HALF_PIXEL
+    return {"falls": float(not has_fallen)}
+
+
+DOMINOES = 10
+FALL_ANGLE = 3
+"""degrees by which a domino has turned as the wave reaches it."""
+FIRST_TIMED, LAST_TIMED = 4, 8
+"""Dominoes between which the wave's speed is taken."""
+
+
 def _dominoes(draw: Draw) -> list[Case]:
-    """Speed of the wave under 4 g over that under g, against 2.
+    """Return the case of a domino wave under g and 4 g.
 
-    A domino starts as it has turned by 3 degrees; the wave's speed is taken between the fourth and the eighth of ten.
-    The first one leans beyond its balance and falls from rest, so that gravity alone sets the time.
+    The first domino leans beyond its balance and falls from rest, so that gravity alone sets the time.
     """
-    height, thick = draw.number(56, 80, 0), draw.number(5, 7, 0)
-    apart = round(height * draw.number(0.45, 0.6))
+    size = _draw_domino(draw)
+    thickness, height = size
+    distance = round(height * draw.number(0.45, 0.6))
     surface = {"friction": draw.number(0.3, 0.5), "elasticity": draw.number(0, 0.2)}
-    mass, ground = draw.number(10, 60, 0), 160.0
-    lean = (
-        atan2(thick, height) + asin((apart - thick) / height)
-    ) / 2  # between balance and touching the second
+    mass = draw.number(10, 60, 0)
+    floor_y = 160.0
+    # between balance and touching the second
+    lean = (atan2(thickness, height) + asin((distance - thickness) / height)) / 2
     objects = {}
-    for k in range(1, 11):
-        x = 40.0 + k * apart
-        at = (x, ground - height / 2)
-        if k == 1:  # stands on its lower right corner, where it would stand upright too
-            at = (
-                x + thick / 2 - thick / 2 * cos(lean) + height / 2 * sin(lean),
-                ground - thick / 2 * sin(lean) - height / 2 * cos(lean),
-            )
-        turned = float(np.degrees(lean)) if k == 1 else 0.0
-        objects[f"domino-{k}"] = box(at, (thick, height), turned, mass=mass, **surface)
-
-    def time(run: Run, k: int) -> float:
-        track = run.track(f"domino-{k}")
-        passed = crossings(track.times, track.angle - np.radians(3), track.spin)
-        return float(passed[0]) if len(passed) else np.inf
-
-    def measure(plain: Run, heavy: Run) -> Errors:
-        lasted = [time(run, 8) - time(run, 4) for run in (plain, heavy)]
-        return {"ratio": abs(lasted[0] / lasted[1] / 2 - 1)}
-
+    for k in range(1, DOMINOES + 1):
+        corner_x = 40.0 + k * distance + thickness / 2
+        center = (40.0 + k * distance, floor_y - height / 2)
+        tilt = 0.0
+        if k == 1:
+            center = _leaning_center((corner_x, floor_y), size, lean)
+            tilt = degrees(lean)
+        objects[f"domino-{k}"] = box(center, size, tilt, mass=mass, **surface)
     # the wave runs at over 0.8 sqrt(g L)
-    duration = 0.5 + 13 * apart / sqrt(GRAVITY * height)
-    width = 100 + 11 * int(apart)
-    text = scene(
-        (width, 200), duration, objects, {"floor": segment((0, ground), (width, ground), **surface)},
-        world={"gravity": [0, GRAVITY]}, variants={"four-g": {"world.gravity": [0, 4 * GRAVITY]}},
-    )  # fmt: skip
-    return [Case(text, measure, variants=(None, "four-g"), rate=480)]
+    duration = 0.5 + 13 * distance / sqrt(GRAVITY * height)
+    width = 100 + 11 * int(distance)
+    document = scene(
+        (width, 200),
+        duration,
+        objects,
+        {"floor": segment((0, floor_y), (width, floor_y), **surface)},
+        world={"gravity": [0, GRAVITY]},
+        variants={"four-g": {"world.gravity": [0, 4 * GRAVITY]}},
+    )
+    return [Case(document, _wave_error, variants=(None, "four-g"), rate=480)]
+
+
+def _draw_domino(draw: Draw) -> Point:
+    """Return thickness and height of a domino, px."""
+    height = draw.number(56, 80, 0)
+    return draw.number(5, 7, 0), height
+
+
+def _leaning_center(corner: Point, size: Point, lean: float) -> Point:
+    """Return the centre (px) of a domino that stands on its lower right corner and leans by an angle (rad)."""
+    half_thickness = size[0] / 2
+    half_height = size[1] / 2
+    x = corner[0] - half_thickness * cos(lean) + half_height * sin(lean)
+    y = corner[1] - half_thickness * sin(lean) - half_height * cos(lean)
+    return x, y
+
+
+def _wave_error(plain: Run, heavy: Run) -> Errors:
+    """Return the error of the wave's speed under 4 g over that under g, against 2."""
+    ratio = _wave_time(plain) / _wave_time(heavy)
+    return {"ratio": abs(ratio / 2 - 1)}
+
+
+def _wave_time(run: Run) -> float:
+    """Return the time of the wave between two dominoes, s."""
+    return _start_of_fall(run, LAST_TIMED) - _start_of_fall(run, FIRST_TIMED)
+
+
+def _start_of_fall(run: Run, k: int) -> float:
+    """Return the time (s) at which a domino has turned by FALL_ANGLE, infinite if it never has."""
+    track = run.track(f"domino-{k}")
+    angle = track.angle - np.radians(FALL_ANGLE)
+    passes = find_crossings(track.times, angle, track.spin)
+    return float(passes[0]) if len(passes) else inf
 
 
 def _weights(draw: Draw) -> list[Case]:
-    """Mean force between a box and the one below over the weight above, from contact impulses in the second half."""
-    count, size = 4, (draw.number(60, 90, 0), draw.number(24, 36, 0))
+    """Return the case of a stack of four boxes."""
+    size = (draw.number(60, 90, 0), draw.number(24, 36, 0))
     surface = {"friction": draw.number(0.3, 0.8), "elasticity": draw.number(0, 0.4)}
-    masses = [draw.mass() for _ in range(count)]
-    objects = {
-        f"box-{k}": box((130, 200 - (k - 0.5) * size[1]), size, mass=mass, **surface)
-        for k, mass in enumerate(masses, 1)
-    }
-
-    def measure(run: Run) -> Errors:
-        errors = []
-        for k in range(1, count + 1):
-            below = "floor" if k == 1 else f"box-{k - 1}"
-            force = -run.impulse(f"box-{k}", below, 0.5, 1.0)[1] / 0.5
-            errors.append(abs(force / (sum(masses[k - 1 :]) * GRAVITY) - 1))
-        return {"force": worst(errors)}
-
+    masses = [draw.mass() for _ in range(4)]
+    objects = {}
+    for k, mass in enumerate(masses, 1):
+        center = (130, 200 - (k - 0.5) * size[1])
+        objects[f"box-{k}"] = box(center, size, mass=mass, **surface)
     floor = {"floor": segment((0, 200), (260, 200), **surface)}
-    return [Case(scene((260, 230), 1.0, objects, floor), measure)]
+    document = scene((260, 230), 1.0, objects, floor)
+    return [Case(document, partial(_weight_error, masses))]
 
 
-def _falling_over(draw: Draw) -> list[Case]:
-    """Deviation of the spin, over the last one that counts; displacement of the middle aside, over the height."""
+def _weight_error(masses: Sequence[float], run: Run) -> Errors:
+    """Return the largest error of the mean force below a box, from contact impulses in the second half."""
+    errors = []
+    for k in range(1, len(masses) + 1):
+        support = "floor" if k == 1 else f"box-{k - 1}"
+        force = -run.impulse(f"box-{k}", support, 0.5, 1.0)[1] / 0.5
+        weight = sum(masses[k - 1 :]) * GRAVITY
+        errors.append(abs(force / weight - 1))
+    return {"force": worst(errors)}
+
+
+LAST_ANGLE = np.radians(80)
+"""rad up to which the fall of a plank counts."""
+SHORT_FALL = 1.0
+"""rad: a plank whose fall ends before has not fallen over."""
+
+
+@dataclass(frozen=True)
+class _Plank:
+    """A plank that glides on its lower corner as it falls over; angles against the upright, rad."""
+
+    half_size: Point
+    """px: half its thickness and half its length."""
+    lean: float
+    """rad at t = 0."""
+    side: int
+    """1: to the right, -1: to the left."""
+
+    def height(self, angle: Array | float) -> Array:
+        """Return the height of the centre above the floor, px."""
+        thickness, length = self.half_size
+        return np.asarray(length * np.cos(angle) + thickness * np.sin(angle))
+
+    def lever(self, angle: Array) -> Array:
+        """Return the horizontal distance from the corner to the centre, px: the height's derivative without sign."""
+        thickness, length = self.half_size
+        return np.asarray(thickness * np.cos(angle) - length * np.sin(angle))
+
+
+def _falling_plank(draw: Draw) -> list[Case]:
+    """Return the case of a plank that leans beyond its balance."""
     size = (draw.number(10, 24), draw.number(80, 130))
-    lean, side = (
-        draw.number(5, 20) + float(np.degrees(atan2(size[0], size[1]))),
-        draw.sign(),
-    )
-    mass, half = draw.mass(), np.array(size) / 2
+    lean = draw.number(5, 20) + degrees(atan2(size[0], size[1]))
+    side = draw.sign()
+    plank = _Plank((size[0] / 2, size[1] / 2), np.radians(lean), side)
+    smooth = {"friction": 0.0, "elasticity": 0.0}
+    center = (180, 160 - float(plank.height(plank.lean)))
+    body = box(center, size, side * lean, mass=draw.mass(), **smooth)
+    floor = {"floor": segment((0, 160), (360, 160), **smooth)}
+    document = scene((360, 190), 0.9, {"plank": body}, floor)
+    return [Case(document, partial(_plank_error, plank), rate=480)]
 
-    def height(angle: Array) -> Array:
-        return np.asarray(half[1] * np.cos(angle) + half[0] * np.sin(angle))
 
-    start = np.radians(lean)
-    objects = {
-        "plank": box(
-            (180, 160 - float(height(start))),
-            size,
-            side * lean,
-            mass=mass,
-            friction=0.0,
-            elasticity=0.0,
-        )
-    }
-
-    def measure(run: Run) -> Errors:
-        track, body = run.track("plank"), run.body("plank")
-        angle = start + side * track.angle
-        falling = angle < np.radians(80)
-        falling &= np.arange(len(angle)) < (
-            np.argmin(falling) or len(angle)
-        )  # up to the first time
-        lever = half[0] * np.cos(angle) - half[1] * np.sin(angle)
-        drop = np.maximum(height(np.array(start)) - height(angle), 0)
-        exact = np.sqrt(2 * GRAVITY * drop / (body.moment / body.mass + lever**2))
-        off = np.abs(side * track.spin - exact)[falling].max() / exact[falling][-1]
-        aside = np.abs(track.moved[falling, 0]).max() / size[1]
-        return {"spin": worst([off, aside, float(angle[falling][-1] < 1.0)])}
-
-    floor = {"floor": segment((0, 160), (360, 160), friction=0.0, elasticity=0.0)}
-    return [Case(scene((360, 190), 0.9, objects, floor), measure, rate=480)]
+def _plank_error(plank: _Plank, run: Run) -> Errors:
+    """Return the largest error of the spin over its last value, and of the way aside over the length."""
+    track = run.track("plank")
+    body = run.body("plank")
+    angle = plank.lean + plank.side * track.angle
+    # only the samples up to the first one that is beyond the last angle
+    is_beyond = ~(angle < LAST_ANGLE)
+    end = int(np.argmax(is_beyond)) or len(angle)
+    angle = angle[:end]
+    spin = plank.side * track.spin[:end]
+    fall = np.maximum(plank.height(plank.lean) - plank.height(angle), 0)
+    inertia = body.moment / body.mass + plank.lever(angle) ** 2
+    expected = np.sqrt(2 * GRAVITY * fall / inertia)
+    spin_error = np.abs(spin - expected).max() / expected[-1]
+    length = 2 * plank.half_size[1]
+    drift = np.abs(track.displacements[:end, 0]).max() / length
+    is_short = float(angle[-1] < SHORT_FALL)
+    return {"spin": worst([spin_error, drift, is_short])}
 
 
 ROWS = (
@@ -201,7 +283,7 @@ ROWS = (
         "planks of 10 to 24 x 80 to 130 px, 5 to 20 degrees beyond balance, to either side",
         "Deviation of the spin up to 80 degrees, over its last value; displacement aside over the length. Energy of a "
         "body that glides on its corner; smooth motion, so 0.3 %.",
-        (Measure("spin", 3e-3),), _falling_over,
+        (Measure("spin", 3e-3),), _falling_plank,
     ),
     Row(
         40, "weights", "forces inside a stack at rest", "each level carries the weight above it",

@@ -13,17 +13,23 @@ from numpy.typing import NDArray
 from physgen.evaluate.physics.scorecard import Document
 
 Point = tuple[float, float]
-At = Sequence[float] | NDArray[np.float64]
+Position = Sequence[float] | NDArray[np.float64]
 """x px, y px."""
 
 GRAVITY = 980.0
 """px/s²: 9.8 m/s² at the default of 100 px a meter."""
 
-SHOWN = 2.0
-"""s of video, at least."""
+MIN_VIDEO_TIME = 2.0
+"""s of video: a shorter motion is too fast to watch."""
+FRAME_RATE = 30
+"""1/s: frames of such a video."""
+DECIMALS = 9
+"""Of numbers in scene files: short enough to read, and finer than any gap that a row draws."""
 
 INERTIA = {"disc": 1 / 2, "sphere": 2 / 5, "hoop": 1.0}
 """k of I = k m r²."""
+FLOATING = {"gravity": [0, 0]}
+"""The world of bodies that nothing pulls down."""
 
 
 def scene(
@@ -32,63 +38,66 @@ def scene(
     objects: Mapping[str, Document],
     boundaries: Mapping[str, Document] | None = None,
     world: Mapping[str, Any] | None = None,
-    **more: Any,
+    **sections: Any,
 ) -> Document:
-    """A whole scene; `duration` s is rounded up to a tenth. `world` and `more` hold further keys.
+    """Return a whole scene; `world` and `sections` have further keys.
 
-    What is shorter than two seconds is shown in two seconds. Numbers keep nine decimals: what a reader can stand, and
-    less than any gap that a row draws.
+    The duration (s) is rounded up to a tenth. A motion of less than MIN_VIDEO_TIME is slowed down to it.
     """
-    lasts = whole(duration)
-    if lasts < SHOWN:
-        more["render"] = {"fps": 30, "frames": round(SHOWN * 30)}
+    duration = round_up(duration)
+    if duration < MIN_VIDEO_TIME:
+        frames = round(MIN_VIDEO_TIME * FRAME_RATE)
+        sections["render"] = {"fps": FRAME_RATE, "frames": frames}
     document = {
         "physgen": 1,
         "size": list(size),
-        "world": {**(world or {}), "duration": lasts},
+        "world": {**(world or {}), "duration": duration},
         "objects": dict(objects),
-        **({"boundaries": dict(boundaries)} if boundaries else {}),
-        **more,
     }
-    return {key: _rounded(value) for key, value in document.items()}
+    if boundaries:
+        document["boundaries"] = dict(boundaries)
+    document.update(sections)
+    return {key: _round_numbers(value) for key, value in document.items()}
 
 
-def _rounded(value: Any) -> Any:
+def _round_numbers(value: Any) -> Any:
+    """Return a value of a scene file with all its numbers rounded to DECIMALS."""
     if isinstance(value, Mapping):
-        return {key: _rounded(part) for key, part in value.items()}
+        return {key: _round_numbers(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_rounded(part) for part in value]
-    return round(float(value), 9) if isinstance(value, float) else value
+        return [_round_numbers(part) for part in value]
+    if isinstance(value, float):
+        return round(float(value), DECIMALS)
+    return value
 
 
-def whole(duration: float) -> float:
-    """s, rounded up to a tenth."""
+def round_up(duration: float) -> float:
+    """Return a duration (s) rounded up to a tenth."""
     return round(-(-duration * 10 // 1) / 10, 1)
 
 
-def circle(center: At, radius: float, **keys: Any) -> Document:
-    """An object with a circle for a shape."""
-    return {"shape": {"circle": {"center": points(center), "radius": radius}}, **keys}
+def circle(center: Position, radius: float, **keys: Any) -> Document:
+    """Return an object whose shape is a circle."""
+    shape = {"center": list_floats(center), "radius": radius}
+    return {"shape": {"circle": shape}, **keys}
 
 
-def box(center: At, size: Point, angle: float = 0.0, **keys: Any) -> Document:
-    """An object with a rectangle for a shape; `angle` in degrees."""
-    shape = {
-        "center": points(center),
-        "size": list(size),
-        **({"angle": angle} if angle else {}),
-    }
+def box(center: Position, size: Point, angle: float = 0.0, **keys: Any) -> Document:
+    """Return an object whose shape is a rectangle; `angle` in degrees."""
+    shape: Document = {"center": list_floats(center), "size": list(size)}
+    if angle:
+        shape["angle"] = angle
     return {"shape": {"box": shape}, **keys}
 
 
-def segment(a: At, b: At, **keys: Any) -> Document:
-    """A boundary from a to b."""
-    return {"segment": [points(a), points(b)], **keys}
+def segment(begin: Position, end: Position, **keys: Any) -> Document:
+    """Return a straight boundary."""
+    return {"segment": [list_floats(begin), list_floats(end)], **keys}
 
 
-def points(at: At) -> list[float]:
-    """A point as the file holds it: floats of Python."""
-    return [float(value) for value in at]
+def list_floats(position: Position) -> list[float]:
+    """Return a point as the file has it: floats of Python."""
+    return [float(value) for value in position]
 
 
 @dataclass(frozen=True)
@@ -100,31 +109,31 @@ class Slope:
     """Of its angle against the horizontal."""
     side: int
     length: float
-    """px along it."""
+    """px from end to end."""
 
     @property
     def angle(self) -> float:
-        """rad against the horizontal, positive."""
+        """Return the angle against the horizontal, rad, positive."""
         return atan(self.tangent)
 
     @property
-    def turned(self) -> float:
-        """degrees by which a box that lies on it is turned."""
+    def box_angle(self) -> float:
+        """Return the degrees by which a box that lies on the slope is turned."""
         return self.side * degrees(self.angle)
 
     @property
-    def down(self) -> Point:
-        """Unit vector down the slope."""
+    def direction(self) -> Point:
+        """Return the unit vector down the slope."""
         return self.side * cos(self.angle), sin(self.angle)
 
-    def point(self, along: float, above: float = 0.0) -> Point:
-        """px: so far down from the upper end, so far above the surface."""
-        (dx, dy), (x, y) = self.down, self.top
+    def point(self, distance: float, height: float = 0.0) -> Point:
+        """Return the point (px) at a distance from the upper end and a height above the surface."""
+        (dx, dy), (x, y) = self.direction, self.top
         return (
-            x + along * dx + above * dy * self.side,
-            y + along * dy - above * dx * self.side,
+            x + distance * dx + height * dy * self.side,
+            y + distance * dy - height * dx * self.side,
         )
 
     def wall(self, **keys: Any) -> Document:
-        """The boundary itself."""
+        """Return the slope as a boundary."""
         return segment(self.point(0), self.point(self.length), **keys)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from math import cos, degrees, inf, log, radians, sin, sqrt
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.evaluate.physics.scorecard import (
+    Array,
     Case,
+    Document,
     Draw,
     Errors,
     Measure,
@@ -21,286 +24,367 @@ from physgen.evaluate.physics.scorecard import (
 from physgen.evaluate.physics.sliding_disc import Stop, stop
 from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene
 
-Array = NDArray[np.float64]
-
 STILL = 1e-3
-"""Part of its first speed that a object at rest has at most."""
+"""Part of its first speed that an object at rest has at most."""
 
 
-def _table(mu: float) -> dict[str, Any]:
+def _table(mu: float) -> Document:
+    """Return the world of a table with a coefficient of friction."""
     return {"view": "top", "table": {"friction": mu}}
 
 
+AXIS_Y = 300.0
+"""px: the axis of symmetry of the rack."""
+RACK_ROWS = 5
+BROKEN_CORNERS = ("ball-5-1", "ball-5-5")
+"""Balls that a break moves by more than their radius."""
+UNBROKEN = 1000.0
+"""px: the error of a rack that is not hit."""
+
+
 def _break(draw: Draw) -> list[Case]:
-    """Largest distance at any time between a ball and the mirror image of its partner across the axis."""
+    """Return the case of a cue ball that hits a rack of 15 on its axis."""
     overlap = 0.0 if draw.index in (0, 3) else 0.5
-    rolling = draw.index % 2 == 0
+    has_friction = draw.index % 2 == 0
     radius = draw.number(12, 16, 0)
+    mass = draw.number(100, 200, 0)
+    elasticity = 0.95
+    if draw.index:
+        elasticity = draw.number(0.9, 0.98)
     ball = {
-        "solid": "sphere", "mass": draw.number(100, 200, 0), "friction": 0.06,
-        "elasticity": draw.number(0.9, 0.98) if draw.index else 0.95,
-    }  # fmt: skip
-    apart, axis = 2 * radius - overlap, 300.0
-    objects = {
-        "cue": circle(
-            (120, axis), radius, velocity=[draw.number(800, 1400, 0), 0], **ball
-        )
+        "solid": "sphere",
+        "mass": mass,
+        "friction": 0.06,
+        "elasticity": elasticity,
     }
-    mirrored = [("cue", "cue")]
-    for i in range(5):
+    velocity = [draw.number(800, 1400, 0), 0]
+    objects = {"cue": circle((120, AXIS_Y), radius, velocity=velocity, **ball)}
+    mirror_pairs = [("cue", "cue")]
+    distance = 2 * radius - overlap
+    for i in range(RACK_ROWS):
         for j in range(i + 1):
-            at = (360 + i * apart * sqrt(0.75), axis + (j - i / 2) * apart)
-            objects[f"ball-{i + 1}-{j + 1}"] = circle(at, radius, **ball)
-            mirrored.append((f"ball-{i + 1}-{j + 1}", f"ball-{i + 1}-{i - j + 1}"))
+            x = 360 + i * distance * sqrt(0.75)
+            center = (x, AXIS_Y + (j - i / 2) * distance)
+            name = f"ball-{i + 1}-{j + 1}"
+            objects[name] = circle(center, radius, **ball)
+            mirror_pairs.append((name, f"ball-{i + 1}-{i - j + 1}"))
+    world = _table(0.2 if has_friction else 0.0)
+    document = scene((1000, 600), 1.0, objects, world=world)
+    return [Case(document, partial(_mirror_error, mirror_pairs, radius))]
 
-    def measure(run: Run) -> Errors:
-        off = 0.0
-        for name, partner in mirrored:
-            a, b = run.track(name).at, run.track(partner).at
-            off = max(
-                off,
-                float(np.hypot(a[:, 0] - b[:, 0], a[:, 1] + b[:, 1] - 2 * axis).max()),
-            )
-        broken = all(
-            np.hypot(*run.track(name).moved[-1]) > radius
-            for name in ("ball-5-1", "ball-5-5")
-        )
-        return {"mirror": off if broken else 1000.0}
 
-    return [
-        Case(
-            scene((1000, 600), 1.0, objects, world=_table(0.2 if rolling else 0.0)),
-            measure,
-        )
-    ]
+def _mirror_error(
+    mirror_pairs: Sequence[tuple[str, str]], radius: float, run: Run
+) -> Errors:
+    """Return the largest distance at any time between a ball and the mirror image of its partner."""
+    for name in BROKEN_CORNERS:
+        if np.hypot(*run.track(name).displacements[-1]) <= radius:
+            return {"mirror": UNBROKEN}
+    error = 0.0
+    for name, partner in mirror_pairs:
+        track = run.track(name)
+        mirror_track = run.track(partner)
+        dx = track.x - mirror_track.x
+        dy = track.y + mirror_track.y - 2 * AXIS_Y
+        error = max(error, float(np.hypot(dx, dy).max()))
+    return {"mirror": error}
 
 
 def _puck(draw: Draw) -> list[Case]:
-    """Distance of the end from where the closed form puts it, over the distance."""
+    """Return the case of a disc and a plate that slide without spin."""
     mu = draw.number(0.2, 0.5, 3)
-    objects, ends = {}, {}
+    objects, displacements = {}, {}
     for k, name in enumerate(("disc", "plate")):
-        angle, speed = (
-            radians(draw.number(-70, 70, 0) + 180 * k),
-            draw.number(150, 320, 0),
-        )
+        angle = radians(draw.number(-70, 70, 0) + 180 * k)
+        speed = draw.number(150, 320, 0)
         velocity = [speed * cos(angle), speed * sin(angle)]
         keys = {"mass": draw.mass(), "friction": mu, "velocity": velocity}
-        at, size = (320 + 60 - 120 * k, 270), draw.number(12, 28)
-        objects[name] = (
-            circle(at, size, **keys)
-            if k == 0
-            else box(at, (2 * size, size), draw.number(0, 90, 0), **keys)
-        )
-        ends[name] = np.array(velocity) * speed / (2 * mu * GRAVITY)
-
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, end in ends.items():
-            track = run.track(name)
-            off = np.hypot(*(track.moved[-1] - end)) / np.hypot(*end)
-            errors.append(1.0 if track.speed[-1] > STILL * track.speed[0] else off)
-        return {"distance": worst(errors)}
-
+        center = (320 + 60 - 120 * k, 270)
+        size = draw.number(12, 28)
+        if name == "disc":
+            objects[name] = circle(center, size, **keys)
+        else:
+            tilt = draw.number(0, 90, 0)
+            objects[name] = box(center, (2 * size, size), tilt, **keys)
+        displacements[name] = np.array(velocity) * speed / (2 * mu * GRAVITY)
     duration = 320 / (mu * GRAVITY) + 0.1
-    return [Case(scene((640, 540), duration, objects, world=_table(mu)), measure)]
+    document = scene((640, 540), duration, objects, world=_table(mu))
+    return [Case(document, partial(_puck_error, displacements))]
+
+
+def _puck_error(displacements: Mapping[str, Array], run: Run) -> Errors:
+    """Return the largest distance of an end from its closed form, over the way; a body that moves counts as 100 %."""
+    errors = []
+    for name, expected in displacements.items():
+        track = run.track(name)
+        if track.speed[-1] > STILL * track.speed[0]:
+            errors.append(1.0)
+        else:
+            deviation = np.hypot(*(track.displacements[-1] - expected))
+            errors.append(deviation / np.hypot(*expected))
+    return {"distance": worst(errors)}
 
 
 def mean_distance(width: float, height: float) -> float:
-    """px: of a rectangle's points from its middle. Times mu m g it is friction's moment, as 2/3 R is for a disc."""
+    """Return the mean distance (px) of a rectangle's points from its centre.
+
+    Times mu m g it is friction's moment, as 2/3 R is for a disc.
+    """
     diagonal = sqrt(width**2 + height**2)
-    along = width**2 / (2 * height) * log((height + diagonal) / width)
-    across = height**2 / (2 * width) * log((width + diagonal) / height)
-    return (diagonal + along + across) / 6
+    horizontal = width**2 / (2 * height) * log((height + diagonal) / width)
+    vertical = height**2 / (2 * width) * log((width + diagonal) / height)
+    return (diagonal + horizontal + vertical) / 6
+
+
+@dataclass(frozen=True)
+class _SpinDown:
+    """A spin that friction stops."""
+
+    spin: float
+    """rad/s at t = 0."""
+    deceleration: float
+    """rad/s²."""
 
 
 def _spinning(draw: Draw) -> list[Case]:
-    """Angle turned to rest over its closed form; spin after half the time, its deviation over the first."""
+    """Return the case of a disc and a plate that spin in place."""
     mu = draw.number(0.1, 0.3, 3)
-    radius, width, height = (
-        draw.number(16, 32),
-        draw.number(30, 60),
-        draw.number(30, 60),
-    )
-    objects, exact = {}, {}
-    slowing = {
+    radius = draw.number(16, 32)
+    width = draw.number(30, 60)
+    height = draw.number(30, 60)
+    arm = mean_distance(width, height)
+    decelerations = {
         "disc": 4 * mu * GRAVITY / (3 * radius),
-        "plate": 12
-        * mu
-        * GRAVITY
-        * mean_distance(width, height)
-        / (width**2 + height**2),
+        "plate": 12 * mu * GRAVITY * arm / (width**2 + height**2),
     }
-    for k, (name, deceleration) in enumerate(slowing.items()):
+    objects, spin_downs = {}, {}
+    for k, (name, deceleration) in enumerate(decelerations.items()):
         spin = draw.sign() * round(degrees(deceleration * draw.number(0.6, 1.0)), 0)
         keys = {"mass": draw.mass(), "friction": mu, "spin": spin}
-        at = (100 + 140 * k, 90)
-        objects[name] = (
-            circle(at, radius, **keys) if k == 0 else box(at, (width, height), **keys)
-        )
-        exact[name] = (radians(spin), deceleration)
-
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, (spin, deceleration) in exact.items():
-            track = run.track(name)
-            half = track.sample(abs(spin) / deceleration / 2)
-            slower = abs(spin) - deceleration * track.times[half]
-            errors.append(abs(abs(track.spin[half]) - slower) / abs(spin))
-            errors.append(
-                abs(track.angle[-1] * 2 * deceleration / (spin * abs(spin)) - 1)
-            )
-            errors.append(1.0 if abs(track.spin[-1]) > STILL * abs(spin) else 0.0)
-        return {"spin": worst(errors)}
-
-    return [Case(scene((340, 180), 1.1, objects, world=_table(mu)), measure)]
-
-
-FARKAS = (300.0, 15.0, 20.0, 0.25)
-"""Speed px/s, spin rad/s, radius px and friction of the first disc of the first draw: slides 234 px."""
-
-
-def _coupled(draw: Draw) -> list[Case]:
-    """Distance, angle and times to rest over their closed forms; speed and spin at any time, over the first ones."""
-    objects, exact = {}, {}
-    mu = FARKAS[3] if draw.index == 0 else draw.number(0.15, 0.4, 3)
-    for k, name in enumerate(("first", "second")):
-        if draw.index == 0 and k == 0:
-            speed, spin, radius, angle = *FARKAS[:3], 0.0
+        center = (100 + 140 * k, 90)
+        if name == "disc":
+            objects[name] = circle(center, radius, **keys)
         else:
-            speed, radius = draw.number(120, 300, 0), draw.number(15, 30)
-            angle, spin = (
-                radians(draw.number(-60, 60, 0)),
-                speed / radius / draw.number(0.3, 3),
-            )
-        turn = draw.sign() * round(degrees(spin), 6)
+            objects[name] = box(center, (width, height), **keys)
+        spin_downs[name] = _SpinDown(radians(spin), deceleration)
+    document = scene((340, 180), 1.1, objects, world=_table(mu))
+    return [Case(document, partial(_spin_down_error, spin_downs))]
+
+
+def _spin_down_error(spin_downs: Mapping[str, _SpinDown], run: Run) -> Errors:
+    """Return the largest error of the angle to rest, and of the spin after half the time over the first."""
+    errors = []
+    for name, motion in spin_downs.items():
+        spin, deceleration = motion.spin, motion.deceleration
+        track = run.track(name)
+        half_time = track.sample(abs(spin) / deceleration / 2)
+        expected = abs(spin) - deceleration * track.times[half_time]
+        errors.append(abs(abs(track.spin[half_time]) - expected) / abs(spin))
+        rotation = track.angle[-1] * 2 * deceleration
+        errors.append(abs(rotation / (spin * abs(spin)) - 1))
+        is_moving = abs(track.spin[-1]) > STILL * abs(spin)
+        errors.append(float(is_moving))
+    return {"spin": worst(errors)}
+
+
+@dataclass(frozen=True)
+class _Puck:
+    """A disc that slides and spins."""
+
+    speed: float
+    """px/s."""
+    spin: float
+    """rad/s."""
+    radius: float
+    """px."""
+    angle: float = 0.0
+    """rad: its direction."""
+
+    @classmethod
+    def random(cls, draw: Draw) -> _Puck:
+        """Return a disc whose sliding speed and surface speed have a ratio of 0.3 to 3."""
+        speed = draw.number(120, 300, 0)
+        radius = draw.number(15, 30)
+        angle = radians(draw.number(-60, 60, 0))
+        return cls(speed, speed / radius / draw.number(0.3, 3), radius, angle)
+
+
+FARKAS = _Puck(speed=300.0, spin=15.0, radius=20.0)
+FARKAS_FRICTION = 0.25
+"""The first disc of the first draw: it slides 234 px."""
+
+
+@dataclass(frozen=True)
+class _CoupledStop:
+    """A closed form of a disc, and its direction."""
+
+    angle: float
+    """rad."""
+    motion: Stop
+
+
+def _coupled_discs(draw: Draw) -> list[Case]:
+    """Return the case of two discs that slide and spin."""
+    is_first = draw.index == 0
+    mu = FARKAS_FRICTION if is_first else draw.number(0.15, 0.4, 3)
+    objects, stops = {}, {}
+    for k, name in enumerate(("first", "second")):
+        puck = FARKAS if is_first and k == 0 else _Puck.random(draw)
+        spin = draw.sign() * round(degrees(puck.spin), 6)
+        velocity = [puck.speed * cos(puck.angle), puck.speed * sin(puck.angle)]
         objects[name] = circle(
-            (80, 160 + 240 * k), radius, mass=draw.mass(), friction=mu,
-            velocity=[speed * cos(angle), speed * sin(angle)], spin=turn,
-        )  # fmt: skip
-        exact[name] = (angle, stop(speed, radians(turn), radius, mu, GRAVITY))
-
-    def measure(run: Run) -> Errors:
-        errors: list[float] = []
-        for name, (angle, end) in exact.items():
-            track = run.track(name)
-            errors.append(
-                np.hypot(*(track.moved[-1] / end.way - (cos(angle), sin(angle))))
-            )
-            errors.append(abs(track.angle[-1] / end.turned - 1))
-            for motion, exactly in (
-                (track.speed, end.speeds),
-                (np.abs(track.spin), np.abs(end.spins)),
-            ):
-                errors.append(
-                    _rest(track.times, motion) / end.times[-1] - 1
-                )  # they stop together
-                at_times = np.interp(track.times, end.times, exactly, right=0)
-                errors.append(np.abs(motion - at_times).max() / motion[0])
-        return {"motion": worst(np.abs(errors).tolist())}
-
-    ends: list[Stop] = [end for _, end in exact.values()]
-    duration = max(end.times[-1] for end in ends) + 0.1
-    return [
-        Case(scene((560, 540), duration, objects, world=_table(mu)), measure, rate=480)
-    ]
+            (80, 160 + 240 * k),
+            puck.radius,
+            mass=draw.mass(),
+            friction=mu,
+            velocity=velocity,
+            spin=spin,
+        )
+        motion = stop(puck.speed, radians(spin), puck.radius, mu, GRAVITY)
+        stops[name] = _CoupledStop(puck.angle, motion)
+    duration = max(end.motion.times[-1] for end in stops.values()) + 0.1
+    document = scene((560, 540), duration, objects, world=_table(mu))
+    return [Case(document, partial(_coupled_error, stops), rate=480)]
 
 
-def _rest(times: Array, motion: Array) -> float:
-    """s at which a motion ends: it falls evenly at last, so the last two samples that have some of it tell."""
+def _coupled_error(stops: Mapping[str, _CoupledStop], run: Run) -> Errors:
+    """Return the largest error of distance, angle and times to rest, and of speed and spin over their first values."""
+    errors: list[float] = []
+    for name, end in stops.items():
+        track = run.track(name)
+        motion = end.motion
+        direction = (cos(end.angle), sin(end.angle))
+        deviation = track.displacements[-1] / motion.distance - direction
+        errors.append(np.hypot(*deviation))
+        errors.append(abs(track.angle[-1] / motion.rotation - 1))
+        speeds = motion.speeds
+        spins = np.abs(motion.spins)
+        errors += _decay_errors(track.times, track.speed, motion.times, speeds)
+        errors += _decay_errors(track.times, np.abs(track.spin), motion.times, spins)
+    return {"motion": worst(np.abs(errors).tolist())}
+
+
+def _decay_errors(
+    times: Array, values: Array, exact_times: Array, exact_values: Array
+) -> list[float]:
+    """Return the error of the time to rest, which speed and spin share, and of all values over the first."""
+    time_error = _rest_time(times, values) / exact_times[-1] - 1
+    expected = np.interp(times, exact_times, exact_values, right=0)
+    return [time_error, np.abs(values - expected).max() / values[0]]
+
+
+def _rest_time(times: Array, motion: Array) -> float:
+    """Return the time (s) at which a motion ends: it falls evenly at last, so its last two samples give the time."""
     last = int(np.flatnonzero(motion > STILL * motion[0])[-1])
     fall = (motion[last - 1] - motion[last]) / (times[last] - times[last - 1])
-    return float(times[last] + motion[last] / fall) if fall > 0 else inf
+    if fall > 0:
+        return float(times[last] + motion[last] / fall)
+    return inf
 
 
-def _struck(draw: Draw) -> list[Case]:
-    """Deviation of the last velocity over the first speed of the ball that is struck."""
+def _struck_shots(draw: Draw) -> list[Case]:
+    """Return the cases of balls that are struck, and of a follow shot."""
     return [_struck_balls(draw), _follow_shot(draw)]
 
 
+@dataclass(frozen=True)
+class _Strike:
+    """The roll of a struck ball, in parts of its speed, and its lane."""
+
+    along: float
+    """Along its way."""
+    across: float
+    """To its side."""
+    lane: int
+
+
+STRIKES = {
+    "back-spin": _Strike(along=-1.0, across=0.0, lane=-1),
+    "top-spin": _Strike(along=1.8, across=0.0, lane=0),
+    "masse": _Strike(along=0.0, across=1.0, lane=1),
+}
+
+
 def _struck_balls(draw: Draw) -> Case:
-    """Back spin, top spin, and a roll across the way, which bends it; three lanes of one direction."""
-    mu, turned = draw.number(0.15, 0.3, 3), draw.angle()
-    lanes = {
-        "back-spin": (-1.0, 0.0, -1),
-        "top-spin": (1.8, 0.0, 0),
-        "masse": (0.0, 1.0, 1),
-    }
-    objects, exact, longest = {}, {}, 0.0
-    for name, (along, across, lane) in lanes.items():
-        angle, speed, radius = (
-            turned + radians(draw.number(-8, 8, 0)),
-            draw.number(100, 250, 0),
-            draw.number(12, 24),
-        )
+    """Return the case of back spin, top spin, and a roll across the way, which bends it, in three lanes."""
+    mu = draw.number(0.15, 0.3, 3)
+    lane_angle = draw.angle()
+    c, s = cos(lane_angle), sin(lane_angle)
+    objects, last_velocities, longest = {}, {}, 0.0
+    for name, strike in STRIKES.items():
+        angle = lane_angle + radians(draw.number(-8, 8, 0))
+        speed = draw.number(100, 250, 0)
+        radius = draw.number(12, 24)
         part = draw.number(0.4, 1.0)
         velocity = speed * np.array([cos(angle), sin(angle)])
-        natural = part * along * velocity + part * across * velocity[::-1] * (
-            -1,
-            1,
-        )  # what its roll would go with
-        at = (
-            300 - 90 * cos(turned) - 110 * lane * sin(turned),
-            300 - 90 * sin(turned) + 110 * lane * cos(turned),
-        )
+        sideways = velocity[::-1] * (-1, 1)
+        # the velocity at which the ball's spin would be a roll without slip
+        roll_velocity = part * strike.along * velocity + part * strike.across * sideways
+        roll_x = degrees(roll_velocity[1] / radius)
+        roll_y = degrees(-roll_velocity[0] / radius)
+        lane = 110 * strike.lane
         objects[name] = circle(
-            at, radius, solid="sphere", mass=draw.mass(), friction=mu, velocity=velocity.tolist(),
-            roll=[round(degrees(natural[1] / radius), 9), round(degrees(-natural[0] / radius), 9)],
-        )  # fmt: skip
-        exact[name] = (5 * velocity + 2 * natural) / 7
-        longest = max(
-            longest, 2 * float(np.hypot(*(velocity - natural))) / (7 * mu * GRAVITY)
+            (300 - 90 * c - lane * s, 300 - 90 * s + lane * c),
+            radius,
+            solid="sphere",
+            mass=draw.mass(),
+            friction=mu,
+            velocity=velocity.tolist(),
+            roll=[round(roll_x, 9), round(roll_y, 9)],
         )
+        last_velocities[name] = (5 * velocity + 2 * roll_velocity) / 7
+        slip = float(np.hypot(*(velocity - roll_velocity)))
+        longest = max(longest, 2 * slip / (7 * mu * GRAVITY))
+    document = scene((600, 600), longest + 0.1, objects, world=_table(mu))
+    return Case(document, partial(_roll_error, last_velocities), "struck")
 
-    def measure(run: Run) -> Errors:
-        tracks = {name: run.track(name) for name in exact}
-        return {
-            "roll": worst(
-                [
-                    np.hypot(*(t.velocity[-1] - exact[name])) / t.speed[0]
-                    for name, t in tracks.items()
-                ]
-            )
-        }
 
-    return Case(
-        scene((600, 600), longest + 0.1, objects, world=_table(mu)), measure, "struck"
-    )
+def _roll_error(last_velocities: Mapping[str, Array], run: Run) -> Errors:
+    """Return the largest deviation of the last velocity, over the first speed."""
+    errors = []
+    for name, expected in last_velocities.items():
+        track = run.track(name)
+        deviation = np.hypot(*(track.velocity[-1] - expected))
+        errors.append(deviation / track.speed[0])
+    return {"roll": worst(errors)}
 
 
 def _follow_shot(draw: Draw) -> Case:
-    """A rolling cue ball meets another head-on.
+    """Return the case of a rolling cue ball that meets another head-on.
 
     A pair's coefficient is a geometric mean, so a table of 10 and balls of mu²/10 give mu on the table and next to
     nothing between the balls, which would spoil the closed form by mu²/10.
     """
     mu = draw.number(0.15, 0.3, 3)
-    angle, speed, radius = (
-        radians(draw.number(-25, 25, 0)),
-        draw.number(200, 320, 0),
-        draw.number(12, 20),
-    )
+    angle = radians(draw.number(-25, 25, 0))
+    speed = draw.number(200, 320, 0)
+    radius = draw.number(12, 20)
     ball = {
         "solid": "sphere",
         "mass": draw.mass(),
         "friction": mu**2 / 10,
         "elasticity": 1.0,
     }
-    way = np.array([cos(angle), sin(angle)])
+    direction = np.array([cos(angle), sin(angle)])
+    velocity = speed * direction
+    cue_center = (60, 180)
+    ball_center = direction * (2 * radius + 40) + cue_center
     objects = {
-        "cue": circle((60, 180), radius, velocity=(speed * way).tolist(), **ball),
-        "object-ball": circle(way * (2 * radius + 40) + (60, 180), radius, **ball),
+        "cue": circle(cue_center, radius, velocity=velocity.tolist(), **ball),
+        "object-ball": circle(ball_center, radius, **ball),
     }
-
-    def measure(run: Run) -> Errors:
-        ends = (("cue", 2 / 7), ("object-ball", 5 / 7))
-        off = [run.track(name).velocity[-1] - part * speed * way for name, part in ends]
-        return {"follow shot": worst(np.hypot(*np.transpose(off)) / speed)}
-
     duration = 40 / speed + 2 * speed / (7 * mu * GRAVITY) + 0.1
-    return Case(
-        scene((460, 360), duration, objects, world=_table(10.0)), measure, "follow"
-    )
+    document = scene((460, 360), duration, objects, world=_table(10.0))
+    return Case(document, partial(_follow_error, speed, direction), "follow")
+
+
+def _follow_error(speed: float, direction: Array, run: Run) -> Errors:
+    """Return the largest deviation of a velocity from 2/7 and 5/7 of the cue ball's, over its first speed."""
+    errors = []
+    for name, part in (("cue", 2 / 7), ("object-ball", 5 / 7)):
+        deviation = run.track(name).velocity[-1] - part * speed * direction
+        errors.append(np.hypot(*deviation) / speed)
+    return {"follow shot": worst(errors)}
 
 
 ROWS = (
@@ -330,13 +414,13 @@ ROWS = (
         "R = 20, mu = 0.25 slides 234 px",
         "Distance, angle and both times to rest over their closed forms; speed and spin at any time, over the first "
         "ones.",
-        (Measure("motion", 2e-2),), _coupled,
+        (Measure("motion", 2e-2),), _coupled_discs,
     ),
     Row(
         21, "struck-ball", "from above: sphere struck with v0 and spin w0; follow shot", "rolls at (5 v0 + 2 R w0)/7; "
         "cue ends at 2/7 v, object ball at 5/7 v",
         "back spin, top spin and a roll across, any direction, 100 to 320 px/s, 12 to 24 px, mu 0.15 to 0.3",
         "Deviation of the last velocity over the struck ball's first speed.",
-        (Measure("roll", 1e-2), Measure("follow shot", 1e-2)), _struck,
+        (Measure("roll", 1e-2), Measure("follow shot", 1e-2)), _struck_shots,
     ),
 )  # fmt: skip

@@ -1,12 +1,12 @@
-"""Tracks -> what speaks against each law of motion, one score, and the report.
+"""Judge tracks: evidence against each law of motion, one score, and the report.
 
-A deviation is 0 where nothing is wrong beyond what noise explains, and grows with what is wrong, in parts of what is
-right. Each question finds the deviations of all its instances: of a flight, an impact, a pair, a body.
+A deviation is 0 if noise explains all of it, and grows with the fault, in parts of the right value. Each question
+finds the deviations of all its instances: of a flight, an impact, a pair, a body.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from physgen.evaluate.measure import Bar, Findings, Section, Table, number
-from physgen.evaluate.plausibility.motion import Motion, Segment, Turn, runs
+from physgen.evaluate.plausibility.motion import Impact, Motion, Turn
+from physgen.evaluate.plausibility.segments import Segment, find_runs
 from physgen.evaluate.plausibility.tracks import Array, Tracks
 from physgen.problems import InputError
 from physgen.scene.scene import View
@@ -22,31 +23,36 @@ from physgen.text import counted
 
 EVEN = 0.5
 """Score below which a clip is called wrong."""
-FEWEST = 8
-"""Frames: with fewer, motion cannot be distinguished from noise."""
+MIN_FRAMES = 8
+"""With fewer frames, motion cannot be distinguished from noise."""
+MIN_TRACK = 6
+"""Frames of a track that can jump."""
+SHOWN_EVIDENCE = 20
+"""Instances of a question in the JSON, the worst first."""
 
 
 @dataclass(frozen=True)
 class Tuning:
     """Chosen on the calibration in benchmarks/plausibility."""
 
-    sure: float = 2.5
+    certainty: float = 2.5
     """Standard deviations that noise may account for."""
-    steep: float = 3.0
+    exponent: float = 3.0
     """The score falls to 1/9 at twice the middle."""
     lift: float = 0.5
-    """Of gravity: what is pulled upwards by less may lean on something."""
-    known: float = 1.05
-    guessed: float = 12.0
-    """Factors by which a ratio of masses may be off: where masses are known, and as areas are."""
+    """Of gravity: a body that is pulled upwards by less may lean on something."""
+    mass_factor: float = 1.05
+    """By which a ratio of known masses may be off."""
+    area_factor: float = 12.0
+    """By which a ratio of masses may be off if areas stand for them."""
     spin: float = 0.1
     """Of its energy, at most, that a round body is taken to get out of its spin."""
-    slow: float = 0.3
+    slow_part: float = 0.3
     """Of the speeds that a body has at all: slower impacts are measured by it."""
     jump: float = 6.0
     """Standard deviations of a step: four places, extrapolated."""
-    doubtful: float = 0.4
-    """What a jump counts where the motion around it is not smooth: two impacts in one frame look like a jump."""
+    rough_weight: float = 0.4
+    """Weight of a jump if the motion around it is not smooth: two impacts in one frame look like a jump."""
 
 
 TUNING = Tuning()
@@ -58,338 +64,431 @@ class Evidence:
 
     deviation: float
     frame: int
-    """Where it is worst."""
+    """The worst one."""
     bodies: tuple[int, ...]
     """Indices."""
     text: str
-    """What was found, with its size."""
+    """The instance and its size, in words."""
 
 
 # ---- questions ---------------------------------------------------------------------------------------------------
 
 
-def gravity(motion: Motion) -> list[Evidence]:
-    """Each flight's acceleration against the median of all."""
-    pulled, found = motion.gravity, []
-    if pulled is None:
+def ask_gravity(motion: Motion) -> list[Evidence]:
+    """Compare each flight's acceleration with the median of all."""
+    gravity = motion.gravity
+    if gravity is None:
         return []
-    size = float(np.hypot(*pulled))
+    size = float(np.hypot(*gravity))
+    evidence = []
     for k, flight in motion.flights:
-        own = float(np.hypot(*flight.terms[2]))
-        if flight.terms[2, 1] < 0 and own < TUNING.lift * size:
+        acceleration = float(np.hypot(*flight.acceleration))
+        is_upward = flight.acceleration[1] < 0
+        if is_upward and acceleration < TUNING.lift * size:
             continue
-        sure = TUNING.sure * np.sqrt(2) * _few(flight)
-        apart = float(np.hypot(*(flight.terms[2] - pulled))) - sure * flight.error(
-            flight.middle, 2
-        )
-        way = "is pulled upwards" if flight.terms[2, 1] < 0 else "falls"
+        factor = TUNING.certainty * np.sqrt(2) * _few_frames_factor(flight)
+        error = factor * flight.error(flight.middle, 2)
+        excess = float(np.hypot(*(flight.acceleration - gravity))) - error
+        deviation = 0.0
+        if excess > 0 and not _has_hidden_impact(motion, k, flight, gravity):
+            deviation = excess / size
+        way = "is pulled upwards" if is_upward else "falls"
         frames = f"frames {flight.first} to {flight.last}"
-        text = f"{motion.tracks.names[k]}: {way} at {own:.0f} px/s² over {frames}, all flights at {size:.0f}"
-        deviation = (
-            apart / size
-            if apart > 0 and not _kinked(motion, k, flight, pulled)
-            else 0.0
-        )
-        found.append(Evidence(deviation, (flight.first + flight.last) // 2, (k,), text))
-    return found
+        name = motion.tracks.names[k]
+        text = f"{name}: {way} at {acceleration:.0f} px/s² over {frames}, all flights at {size:.0f}"
+        frame = (flight.first + flight.last) // 2
+        evidence.append(Evidence(deviation, frame, (k,), text))
+    return evidence
 
 
-def _kinked(motion: Motion, body: int, flight: Segment, pulled: Array) -> bool:
-    """Whether a fall as all others' with one small impact in it explains the places as well."""
+def _has_hidden_impact(
+    motion: Motion, body: int, flight: Segment, gravity: Array
+) -> bool:
+    """Return whether a fall like all others with one small impact in it explains the places as well."""
     rows = slice(flight.first, flight.last + 1)
-    path, s = (
-        motion.tracks.places[rows, body],
-        motion.tracks.times[rows] - flight.middle,
-    )
-    left = float(
-        (
-            (path - np.stack([np.ones_like(s), s, s * s / 2], axis=1) @ flight.terms)
-            ** 2
-        ).sum()
-    )
-    off, best = path - np.outer(s * s / 2, pulled), np.inf
-    for at in (s[1:-2] + s[2:-1]) / 2:
-        columns = np.stack([np.ones_like(s), s, np.maximum(s - at, 0.0)], axis=1)
-        best = min(
-            best, float(((off - columns @ (np.linalg.pinv(columns) @ off)) ** 2).sum())
-        )
-    return best <= left + 9 * float(motion.sigma[body]) ** 2
+    path = motion.tracks.places[rows, body]
+    s = motion.tracks.times[rows] - flight.middle
+    ones = np.ones_like(s)
+    parabola = np.stack([ones, s, s * s / 2], axis=1) @ flight.terms
+    flight_error = float(((path - parabola) ** 2).sum())
+    straight_path = path - np.outer(s * s / 2, gravity)
+    best_error = np.inf
+    for time in (s[1:-2] + s[2:-1]) / 2:
+        columns = np.stack([ones, s, np.maximum(s - time, 0.0)], axis=1)
+        fit = columns @ (np.linalg.pinv(columns) @ straight_path)
+        best_error = min(best_error, float(((straight_path - fit) ** 2).sum()))
+    return best_error <= flight_error + 9 * float(motion.sigma[body]) ** 2
 
 
-def _few(segment: Segment) -> float:
-    """Few frames show little of their own noise, too: Student's t grows about so."""
+def _few_frames_factor(segment: Segment) -> float:
+    """Return a factor of errors: few frames show little of their own noise; Student's t grows about so."""
     return 1 + 4 / max(segment.count - 3, 1)
 
 
-def momentum(motion: Motion) -> list[Evidence]:
-    """Each meeting of two that are free, from above or in flight; what is missing over what passes between them."""
-    found = []
+MASS_RATIOS = 121
+"""Ratios of masses that are tried."""
+
+
+def ask_momentum(motion: Motion) -> list[Evidence]:
+    """Return the momentum that is missing, over the momentum that passes, in each impact of two free bodies."""
+    evidence = []
     for impact in motion.impacts:
-        if len(impact.parts) < 2 or not all(
-            _measured(motion, part) for part in impact.parts
-        ):
+        is_measured = all(_is_measured(motion, part) for part in impact.parts)
+        if len(impact.parts) < 2 or not is_measured:
             continue
-        one, other = impact.parts
-        masses = motion.tracks.masses
-        off = TUNING.guessed if masses is None else TUNING.known
-        weights = (
-            np.array([form.reach**2 or 1.0 for form in motion.tracks.forms])
-            if masses is None
-            else masses
-        )
-        ratios = float(weights[other.body] / weights[one.body]) * np.geomspace(
-            1 / off, off, 121
-        )
-        total = np.hypot(*(one.change[:, None] + ratios * other.change[:, None]))
-        error = TUNING.sure * np.hypot(one.error(), ratios * other.error())
-        passed = np.hypot(*one.change) + ratios * np.hypot(*other.change)
-        missing = float(np.min(np.maximum(0.0, total - error) / passed))
-        names = " and ".join(motion.tracks.names[k] for k in impact.bodies)
+        missing = _missing_momentum(motion.tracks, impact)
+        names = _join_names(motion.tracks, impact.bodies)
         changes = " and ".join(f"{np.hypot(*part.change):.0f}" for part in impact.parts)
         text = f"{names}: change by {changes} px/s, {missing:.0%} of the momentum that passes is missing"
-        found.append(Evidence(missing, impact.frame, impact.bodies, text))
-    return found
+        evidence.append(Evidence(missing, impact.frame, impact.bodies, text))
+    return evidence
 
 
-def _measured(motion: Motion, part: Turn) -> bool:
-    """Whether nothing else acts on it, and its velocities are known."""
-    if (
-        not motion.moves(part.body)
-        or part.before is part.after
-        or part.after.first > part.before.last + 1
-    ):
-        return False  # what lies between may have been another impact
-    pulled = motion.gravity
-    if motion.tracks.view is View.TOP or motion.tracks.flat:
-        return True
-    if pulled is None:
+def _missing_momentum(tracks: Tracks, impact: Impact) -> float:
+    """Return the least part of the momentum that is missing, for any ratio of the masses that may be."""
+    first, second = impact.parts
+    factor, masses = TUNING.mass_factor, tracks.masses
+    if masses is None:
+        factor = TUNING.area_factor
+        masses = np.array([outline.reach**2 or 1.0 for outline in tracks.forms])
+    ratio = float(masses[second.body] / masses[first.body])
+    ratios = ratio * np.geomspace(1 / factor, factor, MASS_RATIOS)
+    total = np.hypot(*(first.change[:, None] + ratios * second.change[:, None]))
+    error = TUNING.certainty * np.hypot(first.error(), ratios * second.error())
+    passed = np.hypot(*first.change) + ratios * np.hypot(*second.change)
+    return float(np.min(np.maximum(0.0, total - error) / passed))
+
+
+def _join_names(tracks: Tracks, bodies: Sequence[int]) -> str:
+    return " and ".join(tracks.names[k] for k in bodies)
+
+
+def _is_measured(motion: Motion, part: Turn) -> bool:
+    """Return whether nothing else acts on a body, and its velocities are known."""
+    # frames between the segments may contain another impact
+    is_continuous = part.after.first <= part.before.last + 1
+    is_one_segment = part.before is part.after
+    if not motion.is_movable(part.body) or is_one_segment or not is_continuous:
         return False
-    size = float(np.hypot(*pulled))
-    errors = [
-        (segment.error(part.time, 2), segment.terms[2] - pulled)
-        for segment in (part.before, part.after)
-    ]
+    if motion.tracks.view is View.TOP or motion.tracks.is_weightless:
+        return True
+    gravity = motion.gravity
+    if gravity is None:
+        return False
     return all(
-        error < 0.2 * size and np.hypot(*off) < 0.2 * size + 2 * error
-        for error, off in errors
+        _is_free_fall(segment, part.time, gravity)
+        for segment in (part.before, part.after)
     )
 
 
-def energy(motion: Motion) -> list[Evidence]:
-    """Each impact of round bodies: parting over closing speed along the change of velocity, less what spin gave."""
-    found = []
+def _is_free_fall(segment: Segment, time: float, gravity: Array) -> bool:
+    """Return whether an acceleration is known well, and is that of gravity."""
+    size = float(np.hypot(*gravity))
+    error = segment.error(time, 2)
+    deviation = np.hypot(*(segment.acceleration - gravity))
+    return bool(error < 0.2 * size and deviation < 0.2 * size + 2 * error)
+
+
+class _Gain(NamedTuple):
+    """Speeds before and after an impact, along the change of velocity."""
+
+    deviation: float
+    """Excess of the speed after the impact, over the speed before."""
+    parting: float
+    """px/s."""
+    closing: float
+    """px/s."""
+
+
+NO_GAIN = _Gain(0.0, 0.0, 0.0)
+
+
+def ask_energy(motion: Motion) -> list[Evidence]:
+    """Compare speeds before and after each impact of round bodies, less the energy that spin may give."""
+    evidence = []
     for impact in motion.impacts:
-        if not all(
-            motion.tracks.forms[part.body].round for part in impact.parts if part.shown
-        ):
+        visible_parts = [part for part in impact.parts if part.is_visible]
+        forms = motion.tracks.forms
+        if not all(forms[part.body].is_round for part in visible_parts):
             continue
-        spins = [
-            TUNING.spin * float(part.arrives @ part.arrives) * part.shown
-            for part in impact.parts
-        ]
-        usual = [_usual(motion, part.body) for part in impact.parts]
-        gain = max(
-            _gain(part.arrives, part.leaves, part.error(), spin, own)
-            for part, spin, own in zip(impact.parts, spins, usual, strict=True)
-            if part.shown
-        )
+        gain = max(_own_gain(motion, part) for part in visible_parts)
         if len(impact.parts) == 2:
             # they touched each other, or each something without a track: the kinder reading counts
-            one, other = impact.parts
-            error = float(np.hypot(one.error(), other.error()))
-            arrives, leaves = one.arrives - other.arrives, one.leaves - other.leaves
-            gain = min(gain, _gain(arrives, leaves, error, sum(spins), max(usual)))
-        deviation, parting, closing = gain
-        names = " and ".join(motion.tracks.names[k] for k in impact.bodies)
-        text = f"{names}: parts at {max(parting, 0):.0f} px/s, came at {max(closing, 0):.0f} px/s"
-        found.append(Evidence(deviation, impact.frame, impact.bodies, text))
-    return found
+            gain = min(gain, _relative_gain(motion, impact))
+        names = _join_names(motion.tracks, impact.bodies)
+        parting = max(gain.parting, 0)
+        closing = max(gain.closing, 0)
+        text = f"{names}: parts at {parting:.0f} px/s, came at {closing:.0f} px/s"
+        evidence.append(Evidence(gain.deviation, impact.frame, impact.bodies, text))
+    return evidence
+
+
+def _own_gain(motion: Motion, part: Turn) -> _Gain:
+    """Return the gain of one body against something at rest."""
+    return _gain(
+        part.velocity_before,
+        part.velocity_after,
+        part.error(),
+        _spin_energy(part),
+        _usual_speed(motion, part.body),
+    )
+
+
+def _relative_gain(motion: Motion, impact: Impact) -> _Gain:
+    """Return the gain of two bodies against each other."""
+    first, second = impact.parts
+    usual_speeds = [_usual_speed(motion, part.body) for part in impact.parts]
+    return _gain(
+        first.velocity_before - second.velocity_before,
+        first.velocity_after - second.velocity_after,
+        float(np.hypot(first.error(), second.error())),
+        _spin_energy(first) + _spin_energy(second),
+        max(usual_speeds),
+    )
+
+
+def _spin_energy(part: Turn) -> float:
+    """Return the squared speed that a body's spin may add, px²/s²."""
+    velocity = part.velocity_before
+    return TUNING.spin * float(velocity @ velocity) * part.is_visible
 
 
 def _gain(
-    arrives: Array, leaves: Array, error: float, spin: float, usual: float
-) -> tuple[float, float, float]:
-    """How much faster it parts, over closing; both speeds, px/s. `spin`: px²/s² that it may add."""
-    change = leaves - arrives
+    before: Array, after: Array, error: float, spin_energy: float, usual_speed: float
+) -> _Gain:
+    """Return the gain from the velocities (2,) px/s before and after an impact.
+
+    `error` is that of the change, px/s; `spin_energy` px²/s² may be added; `usual_speed` px/s is that of the body.
+    """
+    change = after - before
     size = float(np.hypot(*change))
     if size == 0:
-        return 0.0, 0.0, 0.0
-    closing, parting = float(-arrives @ change) / size, float(leaves @ change) / size
-    allowed = np.sqrt(max(closing, 0.0) ** 2 + spin)
-    gained = max(0.0, parting - allowed - TUNING.sure * error)
-    return gained / max(closing, TUNING.slow * usual), parting, closing
+        return NO_GAIN
+    closing = float(-before @ change) / size
+    parting = float(after @ change) / size
+    allowed_speed = np.sqrt(max(closing, 0.0) ** 2 + spin_energy)
+    excess = max(0.0, parting - allowed_speed - TUNING.certainty * error)
+    deviation = excess / max(closing, TUNING.slow_part * usual_speed)
+    return _Gain(deviation, parting, closing)
 
 
-def _usual(motion: Motion, body: int) -> float:
-    """px/s that it is fast at times."""
+def _usual_speed(motion: Motion, body: int) -> float:
+    """Return a speed that a body reaches at times, px/s."""
     lengths = np.hypot(*motion.steps[:, body].T)
     return max(float(np.nanquantile(lengths, 0.9)), 1.0) / motion.tracks.step
 
 
-def overlap(motion: Motion) -> list[Evidence]:
-    """Each pair that comes near; depth beyond the one of the first frames, in parts of the thinner's width."""
-    tracks, found = motion.tracks, []
-    paths = [_dense(motion, k) for k in range(len(tracks.names))]
-    for one, other in combinations(range(len(tracks.names)), 2):
-        a, b = tracks.forms[one], tracks.forms[other]
-        gap, thin = motion.gap(one, other), min(a.thin, b.thin)
-        if {one, other} <= tracks.held or thin <= 0 or not np.isfinite(gap).any():
+def ask_overlap(motion: Motion) -> list[Evidence]:
+    """Return the depth of each pair that comes near, beyond that of the first frames, in parts of the smaller width."""
+    tracks = motion.tracks
+    evidence = []
+    paths = [_dense_path(motion, k) for k in range(len(tracks.names))]
+    for pair in combinations(range(len(tracks.names)), 2):
+        first, second = pair
+        outline = tracks.forms[first]
+        other_outline = tracks.forms[second]
+        gap = motion.gap(first, second)
+        width = min(outline.width, other_outline.width)
+        is_guided = set(pair) <= tracks.guided_bodies
+        if is_guided or width <= 0 or not np.isfinite(gap).any():
             continue
-        depth, frame = float(-np.nanmin(gap)), int(np.nanargmin(gap))
-        if a.round and b.round:  # between frames
-            deep = a.reach + b.reach - np.hypot(*(paths[one] - paths[other]).T)
-            if np.nanmax(deep, initial=-np.inf) > depth:
-                depth, frame = float(np.nanmax(deep)), int(np.nanargmax(deep)) // PARTS
-        if depth <= 0 and np.nanmin(gap) > motion.margin(one, other, 0, len(gap) - 1):
+        depth = float(-np.nanmin(gap))
+        frame = int(np.nanargmin(gap))
+        if outline.is_round and other_outline.is_round:
+            distances = np.hypot(*(paths[first] - paths[second]).T)
+            depths = outline.reach + other_outline.reach - distances
+            if np.nanmax(depths, initial=-np.inf) > depth:
+                depth = float(np.nanmax(depths))
+                frame = int(np.nanargmax(depths)) // MOMENTS
+        is_distant = np.nanmin(gap) > motion.margin(first, second, 0, len(gap) - 1)
+        if depth <= 0 and is_distant:
             continue
-        start = max(0.0, -float(gap[np.isfinite(gap)][:2].min()))
-        beyond = max(0.0, depth - 1.2 * start - 3 * motion.shake(one, other) - 1.0)
-        text = f"{tracks.names[one]} and {tracks.names[other]}: {depth:.1f} px deep in each other at frame {frame}"
-        found.append(Evidence(beyond / thin, frame, (one, other), text))
-    return found
+        excess = _excess_depth(motion, pair, gap, depth)
+        names = _join_names(tracks, pair)
+        text = f"{names}: {depth:.1f} px deep in each other at frame {frame}"
+        evidence.append(Evidence(excess / width, frame, pair, text))
+    return evidence
 
 
-PARTS = 4
-"""Moments looked at from frame to frame."""
+def _excess_depth(
+    motion: Motion, pair: tuple[int, int], gap: Array, depth: float
+) -> float:
+    """Return the depth (px) beyond that of the first frames and beyond noise."""
+    first_gaps = gap[np.isfinite(gap)][:2]
+    first_depth = max(0.0, -float(first_gaps.min()))
+    noise = motion.distance_noise(*pair)
+    return max(0.0, depth - 1.2 * first_depth - 3 * noise - 1.0)
 
 
-def _dense(motion: Motion, body: int) -> Array:
-    """(PARTS (T - 1) + 1, 2) px: between frames too; NaN where a segment ends, since what was hit turns there."""
+MOMENTS = 4
+"""Moments that are compared from frame to frame."""
+
+
+def _dense_path(motion: Motion, body: int) -> Array:
+    """Return places between frames, too, (MOMENTS (T - 1) + 1, 2) px.
+
+    They are NaN at the end of a segment, since a body that is hit turns there.
+    """
     path = motion.tracks.places[:, body]
-    frames, ticks = np.arange(len(path)), np.arange(PARTS * (len(path) - 1) + 1) / PARTS
-    dense = np.stack(
-        [np.interp(ticks, frames, path[:, axis]) for axis in (0, 1)], axis=1
-    )
+    frames = np.arange(len(path))
+    ticks = np.arange(MOMENTS * (len(path) - 1) + 1) / MOMENTS
+    axes = [np.interp(ticks, frames, path[:, axis]) for axis in (0, 1)]
+    dense_path = np.stack(axes, axis=1)
     for segment in motion.segments[body]:
-        dense[PARTS * segment.last + 1 : PARTS * (segment.last + 1)] = np.nan
-    return dense
+        dense_path[MOMENTS * segment.last + 1 : MOMENTS * (segment.last + 1)] = np.nan
+    return dense_path
 
 
-def jumps(motion: Motion) -> list[Evidence]:
-    """The worst step of each body."""
-    return [
-        _worst_step(motion, k, first, last)
-        for k in range(len(motion.tracks.names))
-        for first, last in runs(motion.tracks.seen[:, k])
-        if last - first >= 6
-    ]
+def ask_jumps(motion: Motion) -> list[Evidence]:
+    """Return the worst step of each track."""
+    evidence = []
+    for k in range(len(motion.tracks.names)):
+        for first, last in find_runs(motion.tracks.visible[:, k]):
+            if last - first >= MIN_TRACK:
+                evidence.append(_worst_step(motion, k, first, last))
+    return evidence
 
 
 def _worst_step(motion: Motion, body: int, first: int, last: int) -> Evidence:
-    sigma, form = float(motion.sigma[body]), motion.tracks.forms[body]
+    """Return the evidence of a body's worst step in a run of frames."""
+    noise = TUNING.jump * float(motion.sigma[body])
     steps = motion.steps[first : last - 1, body]
-    lengths = np.hypot(*steps.T)
-    fall = (
-        0.0
-        if motion.gravity is None
-        else float(np.hypot(*motion.gravity)) * motion.tracks.step**2 / 2
-    )
-    worst, frame, excess = 0.0, first, 0.0
+    worst, frame, distance = 0.0, first, 0.0
     for k in range(1, len(steps) - 1):
-        off = _beyond(steps, k)
-        if off <= TUNING.jump * sigma:
+        offset = _step_offset(steps, k)
+        if offset <= noise:
             continue
-        usual = float(
-            np.concatenate([lengths[max(k - 3, 0) : k], lengths[k + 2 : k + 5]]).max(
-                initial=0.0
-            )
-        )
-        allowed = TUNING.jump * sigma + _shoved(motion, body, first + k, usual) + fall
-        deviation = max(0.0, off - allowed) / max(
-            usual, 0.3 * form.reach, 10 * sigma, 3.0
-        )
-        if not all(
-            any(s.good and s.first <= at <= s.last for s in motion.segments[body])
-            for at in (first + k, first + k + 1)
-        ):
-            deviation *= TUNING.doubtful
+        deviation = _step_deviation(motion, body, first, k, steps, offset)
         if deviation > worst:
-            worst, frame, excess = deviation, first + k + 1, off
-    text = f"{motion.tracks.names[body]}: is {excess:.1f} px from where it could be at frame {frame}"
+            worst = deviation
+            frame = first + k + 1
+            distance = offset
+    name = motion.tracks.names[body]
+    text = f"{name}: is {distance:.1f} px from where it could be at frame {frame}"
     return Evidence(worst, frame, (body,), text)
 
 
-def _beyond(steps: Array, k: int) -> float:
-    """px by which a step is none that the velocity before, the one after, or a change between the two makes."""
-    before = [steps[k - 1]] + ([2 * steps[k - 1] - steps[k - 2]] if k >= 2 else [])
-    after = [steps[k + 1]] + (
-        [2 * steps[k + 1] - steps[k + 2]] if k + 2 < len(steps) else []
+def _step_deviation(
+    motion: Motion, body: int, first: int, k: int, steps: Array, offset: float
+) -> float:
+    """Return the deviation of step `k` after frame `first`, whose place is `offset` px from where it could be."""
+    sigma = float(motion.sigma[body])
+    outline = motion.tracks.forms[body]
+    lengths = np.hypot(*steps.T)
+    lengths_nearby = np.concatenate(
+        [lengths[max(k - 3, 0) : k], lengths[k + 2 : k + 5]]
     )
-    found = []
-    for a in before:
-        for way in (b - a for b in after):
-            part = np.clip(
-                (steps[k] - a) @ way / max(float(way @ way), 1e-12), 0.0, 1.0
-            )
-            found.append(float(np.hypot(*(steps[k] - a - part * way))))
-    return min(found)
+    usual_length = float(lengths_nearby.max(initial=0.0))
+    fall = 0.0
+    if motion.gravity is not None:
+        fall = float(np.hypot(*motion.gravity)) * motion.tracks.step**2 / 2
+    allowed = TUNING.jump * sigma + _hidden_push(motion, body, first + k, usual_length)
+    allowed += fall
+    scale = max(usual_length, 0.3 * outline.reach, 10 * sigma, 3.0)
+    deviation = max(0.0, offset - allowed) / scale
+    frames = (first + k, first + k + 1)
+    if not all(_is_in_segment(motion, body, frame) for frame in frames):
+        deviation *= TUNING.rough_weight
+    return deviation
 
 
-def _shoved(motion: Motion, body: int, frame: int, usual: float) -> float:
-    """px by which something near, or a push, may have sped it up for less than a frame."""
-    tracks = motion.tracks
+def _is_in_segment(motion: Motion, body: int, frame: int) -> bool:
+    """Return whether a frame belongs to a segment that has a velocity."""
+    return any(
+        segment.has_velocity and segment.first <= frame <= segment.last
+        for segment in motion.segments[body]
+    )
+
+
+def _step_offset(steps: Array, k: int) -> float:
+    """Return the distance (px) of a step from any that the velocities before and after, or a change of them, make."""
+    steps_before = [steps[k - 1]]
+    if k >= 2:
+        steps_before.append(2 * steps[k - 1] - steps[k - 2])
+    steps_after = [steps[k + 1]]
+    if k + 2 < len(steps):
+        steps_after.append(2 * steps[k + 1] - steps[k + 2])
+    offsets = []
+    for before in steps_before:
+        for after in steps_after:
+            change = after - before
+            square = max(float(change @ change), 1e-12)
+            part = np.clip((steps[k] - before) @ change / square, 0.0, 1.0)
+            offsets.append(float(np.hypot(*(steps[k] - before - part * change))))
+    return min(offsets)
+
+
+def _hidden_push(motion: Motion, body: int, frame: int, usual_length: float) -> float:
+    """Return the px by which a body nearby, or a push, may have moved a body faster for less than a frame."""
     fastest = 0.0
-    for other in range(len(tracks.names)):
+    begin = max(frame - 1, 0)
+    for other in range(len(motion.tracks.names)):
         if other == body:
             continue
-        gap = motion.gap(body, other)[max(frame - 1, 0) : frame + 1]
-        nearer = max(0.0, float(gap[0] - gap[-1])) if np.isfinite(gap).all() else np.inf
-        if gap[-1] <= 2.0 + 1.2 * nearer + 3 * motion.shake(body, other):
-            lengths = np.hypot(*motion.steps[max(frame - 1, 0) : frame + 2, other].T)
+        gap = motion.gap(body, other)[begin : frame + 1]
+        approach = np.inf
+        if np.isfinite(gap).all():
+            approach = max(0.0, float(gap[0] - gap[-1]))
+        noise = motion.distance_noise(body, other)
+        if gap[-1] <= 2.0 + 1.2 * approach + 3 * noise:
+            lengths = np.hypot(*motion.steps[begin : frame + 2, other].T)
             fastest = max(fastest, float(np.nanmax(lengths, initial=0.0)))
-    return max(0.0, 2 * fastest - usual) if fastest > 1.0 else 0.0
+    if fastest <= 1.0:
+        return 0.0
+    return max(0.0, 2 * fastest - usual_length)
 
 
 # ---- verdict -----------------------------------------------------------------------------------------------------
 
 
 class Question(NamedTuple):
-    """What must hold, and what finds what speaks against it."""
+    """A law of motion, and the function that finds evidence against it."""
 
     text: str
     middle: float
     """Deviation at which right and wrong are separated: the best of the calibration in benchmarks/plausibility."""
     ask: Callable[[Motion], list[Evidence]]
-    why_not: str
-    """Why nothing could be asked, where so."""
+    obstacle: str
+    """Why a clip has no instance of the question."""
 
 
 QUESTIONS = {
     "gravity": Question(
         "all that flies falls alike",
         0.2,
-        gravity,
+        ask_gravity,
         "nothing flies freely for long enough",
     ),
     "momentum": Question(
         "bodies that meet push each other",
         0.3,
-        momentum,
+        ask_momentum,
         "no two free bodies meet alone",
     ),
     "energy": Question(
         "nothing parts faster than it came",
         0.2,
-        energy,
+        ask_energy,
         "no impact of round bodies is clear",
     ),
     "overlap": Question(
         "nothing goes through another",
         0.1,
-        overlap,
+        ask_overlap,
         "no two outlines come near each other",
     ),
-    "jumps": Question("nothing jumps", 0.5, jumps, "no track goes on for 6 frames"),
+    "jumps": Question("nothing jumps", 0.5, ask_jumps, "no track goes on for 6 frames"),
 }
 
 
 def score(question: str, deviation: float) -> float:
-    """1 for nothing wrong, 0.5 at the middle.
+    """Return 1 for no deviation, 0.5 at the middle.
 
     >>> score("gravity", 0.0), round(score("gravity", QUESTIONS["gravity"].middle), 3)
     (1.0, 0.5)
     """
-    return float(1.0 / (1.0 + (deviation / QUESTIONS[question].middle) ** TUNING.steep))
+    middle = QUESTIONS[question].middle
+    return float(1.0 / (1.0 + (deviation / middle) ** TUNING.exponent))
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,44 +498,58 @@ class Verdict:
     tracks: Tracks
     motion: Motion
     answers: dict[str, list[Evidence]]
-    """The worst first; empty where nothing could be asked."""
+    """The worst first; empty if a clip has no instance of a question."""
 
     def score(self, question: str) -> float | None:
-        """0..1; None where it could not be asked."""
-        found = self.answers.get(question)
-        return score(question, found[0].deviation) if found else None
+        """Return a score from 0 to 1; None for a question without an instance."""
+        evidence = self.answers.get(question)
+        if not evidence:
+            return None
+        return score(question, evidence[0].deviation)
 
     @property
     def overall(self) -> float | None:
-        """The least of what was asked; None where nothing could be."""
-        return min(
-            (s for name in self.answers if (s := self.score(name)) is not None),
-            default=None,
-        )
+        """Return the lowest score; None if no question has an instance."""
+        scores = [self.score(name) for name in self.answers]
+        return min((s for s in scores if s is not None), default=None)
 
     @property
-    def wrong(self) -> bool | None:
-        """Whether it is called wrong; None where nothing could be asked."""
-        return None if self.overall is None else self.overall < EVEN
+    def is_wrong(self) -> bool | None:
+        """Return whether the clip is called wrong; None if no question has an instance."""
+        overall = self.overall
+        return None if overall is None else overall < EVEN
 
     @property
     def word(self) -> str:
-        """As tables have it."""
-        return {True: "wrong", False: "right", None: "not asked"}[self.wrong]
+        """Return the verdict as tables have it."""
+        return {True: "wrong", False: "right", None: "not asked"}[self.is_wrong]
 
     def faults(self) -> list[tuple[str, Evidence]]:
-        """Question and evidence of all that is called wrong, the worst first."""
-        found = [
+        """Return question and evidence of all that is called wrong, the worst first."""
+        scored_evidence = list(self._scored_evidence())
+        scored_evidence.sort(key=lambda item: item[0])
+        return [
             (name, evidence)
-            for name, asked in self.answers.items()
-            for evidence in asked
+            for value, name, evidence in scored_evidence
+            if value < EVEN
         ]
-        found.sort(key=lambda pair: score(pair[0], pair[1].deviation))
-        return [pair for pair in found if score(pair[0], pair[1].deviation) < EVEN]
+
+    def _scored_evidence(self) -> Iterator[tuple[float, str, Evidence]]:
+        for name, answer in self.answers.items():
+            for evidence in answer:
+                yield score(name, evidence.deviation), name, evidence
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        tracks, pulled = self.tracks, self.motion.gravity
+        """Return the verdict for JSON."""
+        tracks = self.tracks
+        gravity = self.motion.gravity
+        overall = self.overall
+        noise = {}
+        for name, sigma in zip(tracks.names, self.motion.sigma, strict=True):
+            noise[name] = round(float(sigma), 4)
+        rounded_gravity = None
+        if gravity is not None:
+            rounded_gravity = [round(float(value), 3) for value in gravity]
         return {
             "clip": tracks.name,
             "source": tracks.source,
@@ -444,112 +557,109 @@ class Verdict:
             "frames": len(tracks.times),
             "fps": round(1 / tracks.step, 6),
             "bodies": len(tracks.names),
-            "noise_px": {
-                n: round(float(s), 4)
-                for n, s in zip(tracks.names, self.motion.sigma, strict=True)
-            },
-            "gravity_px_s2": None
-            if pulled is None
-            else [round(float(g), 3) for g in pulled],
-            "score": None if self.overall is None else round(self.overall, 4),
+            "noise_px": noise,
+            "gravity_px_s2": rounded_gravity,
+            "score": None if overall is None else round(overall, 4),
             "verdict": self.word,
             "questions": {name: self._answer(name) for name in self.answers},
         }
 
     def _answer(self, name: str) -> dict[str, Any]:
-        found = self.answers[name]
-        if not found:
-            return {"asked": 0, "score": None, "why_not": QUESTIONS[name].why_not}
-        evidence = [
-            {
-                "score": round(score(name, e.deviation), 4),
-                "deviation": round(e.deviation, 4),
-                "frame": e.frame,
-                "time_s": round(float(self.tracks.times[e.frame]), 6),
-                "objects": [self.tracks.names[k] for k in e.bodies],
-                "text": e.text,
-            }
-            for e in found[:20]
-        ]
-        worst = {key: evidence[0][key] for key in ("score", "deviation")}
-        return {"asked": len(found), **worst, "evidence": evidence}
+        answer = self.answers[name]
+        if not answer:
+            return {"asked": 0, "score": None, "why_not": QUESTIONS[name].obstacle}
+        records = []
+        for evidence in answer[:SHOWN_EVIDENCE]:
+            records.append(
+                {
+                    "score": round(score(name, evidence.deviation), 4),
+                    "deviation": round(evidence.deviation, 4),
+                    "frame": evidence.frame,
+                    "time_s": round(float(self.tracks.times[evidence.frame]), 6),
+                    "objects": [self.tracks.names[k] for k in evidence.bodies],
+                    "text": evidence.text,
+                }
+            )
+        worst = {key: records[0][key] for key in ("score", "deviation")}
+        return {"asked": len(answer), **worst, "evidence": records}
 
 
-def judge(tracks: Tracks, without: Collection[str] = ()) -> Verdict:
-    """Ask everything but what is left out. Raises InputError for fewer frames than can be judged."""
-    if len(tracks.times) < FEWEST:
-        found, fix = f"{len(tracks.times)} frames", f"give {FEWEST} frames or more"
-        raise InputError.of(tracks.name, found, "are too few to judge motion by", fix)
+def judge(tracks: Tracks, skip: Collection[str] = ()) -> Verdict:
+    """Ask all questions but those to skip. Raise InputError for fewer than MIN_FRAMES frames."""
+    if len(tracks.times) < MIN_FRAMES:
+        value = f"{len(tracks.times)} frames"
+        fix = f"give {MIN_FRAMES} frames or more"
+        raise InputError.of(tracks.name, value, "are too few to judge motion by", fix)
     motion = Motion(tracks)
-    answers = {
-        name: sorted(question.ask(motion), key=lambda e: -e.deviation)
-        for name, question in QUESTIONS.items()
-        if name not in without
-    }
+    answers = {}
+    for name, question in QUESTIONS.items():
+        if name in skip:
+            continue
+        evidence = question.ask(motion)
+        answers[name] = sorted(evidence, key=lambda item: -item.deviation)
     return Verdict(tracks, motion, answers)
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
-ABOUT = (
+SCORE_NOTE = (
     "1: nothing wrong is seen. Below 0.5 a clip is called wrong; its score is that of its worst question. "
     "-: the clip shows nothing that could be asked, which is no success."
 )
 
 
 def findings(verdicts: Sequence[Verdict]) -> Findings:
-    """Of one clip or many."""
-    wrong = [v for v in verdicts if v.wrong]
-    judged = sum(v.wrong is not None for v in verdicts)
-    rows = tuple(
-        (
-            v.tracks.name,
-            v.word,
-            *(number(s) for s in (v.overall, *map(v.score, QUESTIONS))),
-        )
-        for v in verdicts
-    )
-    table = Table(("clip", "verdict", "score", *QUESTIONS), rows)
-    sections = [Section("Scores", (ABOUT,), (table,)), *map(_section, verdicts)]
-    sentences = [f"{len(wrong)} of {counted(judged, 'clip')} called wrong."]
-    if unasked := [v.tracks.name for v in verdicts if v.wrong is None]:
-        sentences.append(
-            f"Nothing could be asked of {', '.join(unasked[:5])}: that is no verdict."
-        )
-    count = f"{len(wrong)} of {judged}" if judged else "nothing could be asked"
-    bar = Bar("clips called wrong", count, "0", not wrong and judged > 0)
-    title, records = (
-        "Is the motion physically possible?",
-        [v.as_dict() for v in verdicts],
-    )
+    """Return the findings of one clip or many."""
+    wrong_clips = sum(verdict.is_wrong is True for verdict in verdicts)
+    judged_clips = sum(verdict.is_wrong is not None for verdict in verdicts)
+    rows = []
+    for verdict in verdicts:
+        scores = (verdict.overall, *map(verdict.score, QUESTIONS))
+        rows.append((verdict.tracks.name, verdict.word, *map(number, scores)))
+    table = Table(("clip", "verdict", "score", *QUESTIONS), tuple(rows))
+    sentences = [f"{wrong_clips} of {counted(judged_clips, 'clip')} called wrong."]
+    names = [verdict.tracks.name for verdict in verdicts if verdict.is_wrong is None]
+    if names:
+        clips = ", ".join(names[:5])
+        sentences.append(f"Nothing could be asked of {clips}: that is no verdict.")
+    count = "nothing could be asked"
+    if judged_clips:
+        count = f"{wrong_clips} of {judged_clips}"
+    has_passed = wrong_clips == 0 and judged_clips > 0
     return Findings(
-        "plausibility",
-        title,
-        tuple(sentences),
-        tuple(sections),
-        records,
-        (bar,),
-        {"even": EVEN},
+        measure="plausibility",
+        title="Is the motion physically possible?",
+        sentences=tuple(sentences),
+        sections=(
+            Section("Scores", (SCORE_NOTE,), (table,)),
+            *map(_section, verdicts),
+        ),
+        rows=[verdict.as_dict() for verdict in verdicts],
+        bars=(Bar("clips called wrong", count, "0", has_passed),),
+        extra={"even": EVEN},
     )
 
 
 def _section(verdict: Verdict) -> Section:
+    """Return the part of the page about one clip."""
     tracks, sigma = verdict.tracks, verdict.motion.sigma
-    about = (
-        f"{tracks.source}; seen from {'above' if tracks.view is View.TOP else 'the side'}; "
-        f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second; {counted(len(tracks.names), 'object')}; "
-        f"noise {sigma.min():.2g} to {sigma.max():.2g} px."
+    view = "above" if tracks.view is View.TOP else "the side"
+    facts = (
+        f"{tracks.source}; seen from {view}",
+        f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second",
+        counted(len(tracks.names), "object"),
+        f"noise {sigma.min():.2g} to {sigma.max():.2g} px.",
     )
     rows = []
-    for name, found in verdict.answers.items():
-        worst = (
-            f"frame {found[0].frame}: {found[0].text}"
-            if found
-            else f"not asked: {QUESTIONS[name].why_not}"
-        )
-        worst = worst if not found or found[0].deviation > 0 else "nothing beyond noise"
-        rows.append(
-            (QUESTIONS[name].text, str(len(found)), number(verdict.score(name)), worst)
-        )
+    for name, answer in verdict.answers.items():
+        question = QUESTIONS[name]
+        if not answer:
+            worst = f"not asked: {question.obstacle}"
+        elif answer[0].deviation > 0:
+            worst = f"frame {answer[0].frame}: {answer[0].text}"
+        else:
+            worst = "nothing beyond noise"
+        value = number(verdict.score(name))
+        rows.append((question.text, str(len(answer)), value, worst))
     table = Table(("what must hold", "asked", "score", "the worst"), tuple(rows))
-    return Section(tracks.name, (about,), (table,))
+    return Section(tracks.name, ("; ".join(facts),), (table,))

@@ -1,14 +1,23 @@
-"""Segments of constant acceleration in each track, the impacts between them, and distances between bodies."""
+"""Flights and impacts in tracks: turns between segments of constant acceleration."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from physgen.evaluate.plausibility.distances import Distances
+from physgen.evaluate.plausibility.segments import TUNING as SEGMENT_TUNING
+from physgen.evaluate.plausibility.segments import (
+    Segment,
+    find_runs,
+    fit_segment,
+    measure_noise,
+    split_segments,
+)
 from physgen.evaluate.plausibility.tracks import Array, Tracks
 from physgen.scene.scene import View
 
@@ -17,192 +26,33 @@ from physgen.scene.scene import View
 class Tuning:
     """Chosen on the calibration in benchmarks/plausibility."""
 
-    price: float = 30.0
-    """Of a segment, in squared noise: six numbers are fitted, and its border is chosen among many."""
-    longest: int = 90
-    """Frames of a segment."""
-    fewest: int = 4
-    """Frames that give a velocity: one more than an acceleration's three numbers."""
-    sure: float = 4.0
+    certainty: float = 4.0
     """Standard deviations of a change of velocity."""
-    smooth: float = 3.0
+    smoothness: float = 3.0
     """Times what accelerations around it make in the same time: a change of velocity beyond it is sudden."""
-    widest: int = 4
+    max_gap: int = 4
     """Frames between two segments, at most, that still are one impact."""
-    parted: int = 12
+    split_frames: int = 12
     """Frames on each side of an impact that did not show, at most, that show how much it can have been."""
-    same: float = 1.0
+    same_time: float = 1.0
     """Frames within which turns of two bodies are one impact."""
-    late: float = 2.5
-    """Frames within which they may have been one, where they are not known well."""
-    missed: float = 0.12
+    late_time: float = 2.5
+    """Frames within which they may have been one, if they are not known well."""
+    path_gap: float = 0.12
     """Of what the change of velocity makes in a frame: by so much paths may miss each other."""
-    resting: float = 0.3
+    rest_part: float = 0.3
     """Of the speed after an impact: what came slower was probably hit by something."""
-    flight: int = 6
+    flight_frames: int = 6
     """Frames of a flight, at least."""
-    shortest: float = 0.18
-    """s of a flight."""
-    plumb: float = 0.17
+    flight_time: float = 0.18
+    """s of a flight, at least."""
+    vertical_sine: float = 0.17
     """Sine of the angle to the vertical within which what falls straight may fly; else it may slide."""
-    sides: int = 64
-    """Of the polygon that stands for a disc beside other shapes."""
 
 
 TUNING = Tuning()
-
-
-def runs(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last + 1 of each run of frames without a gap.
-
-    >>> runs(np.array([True, True, False, True]))
-    [(0, 2), (3, 4)]
-    """
-    edges = np.flatnonzero(
-        np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8))
-    )
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-# ---- noise -------------------------------------------------------------------------------------------------------
-
-
-def noise(tracks: Tracks) -> Array:
-    """(N,) px, standard deviation along each axis, at least `tracks.floor`.
-
-    The median takes no notice of impacts, as long as they are few. A body at rest gives nothing: centroids of pixels
-    shake only as they move. Where nothing is known, the median of the others is taken.
-    """
-    own = np.array([_noise(tracks, k) for k in range(len(tracks.names))])
-    typical = (
-        float(np.median(own[np.isfinite(own)]))
-        if np.isfinite(own).any()
-        else tracks.floor
-    )
-    own = np.where(np.isfinite(own), own, typical)
-    return np.asarray(np.maximum(np.clip(own, typical / 2, None), tracks.floor))
-
-
-def _noise(tracks: Tracks, body: int) -> float:
-    """px, from third differences; NaN where nothing is known."""
-    parts = [np.empty((0, 2))]
-    for first, last in runs(tracks.seen[:, body]):
-        path = tracks.places[first:last, body]
-        moved = np.hypot(*(path[3:] - path[:-3]).T) > 2 * tracks.floor
-        parts.append(np.abs(np.diff(path, 3, axis=0))[moved])
-    values = np.concatenate(parts)
-    to_sigma = 1.4826 / np.sqrt(
-        20
-    )  # median -> standard deviation, of a normal distribution; 1 + 9 + 9 + 1
-    return (
-        to_sigma * float(np.median(values)) if len(values) > TUNING.fewest else np.nan
-    )
-
-
-# ---- segments ----------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """Frames in which a body moved with one acceleration."""
-
-    first: int
-    last: int
-    """Frames, both in it."""
-    middle: float
-    """s."""
-    terms: Array
-    """(3, 2): place px, velocity px/s, acceleration px/s², at the middle."""
-    spread: Array
-    """(3, 3): covariance of the terms, along each axis; infinite where frames are too few."""
-    residual: float = 0.0
-    """Root mean square of what is left, over the noise; 0 where nothing can be."""
-
-    @property
-    def count(self) -> int:
-        """Of its frames."""
-        return self.last - self.first + 1
-
-    @property
-    def good(self) -> bool:
-        """Whether it has a velocity."""
-        return self.count >= TUNING.fewest
-
-    def at(self, time: float, order: int = 0) -> Array:
-        """(2,): place px, velocity px/s or acceleration px/s² (`order` 0, 1, 2)."""
-        return np.asarray(_row(time - self.middle, order) @ self.terms)
-
-    def error(self, time: float, order: int = 0) -> float:
-        """Standard deviation of `at` along each axis."""
-        if not np.isfinite(self.spread).all():
-            return np.inf
-        row = _row(time - self.middle, order)
-        return float(np.sqrt(max(float(row @ self.spread @ row), 0.0)))
-
-
-def _row(s: float, order: int) -> Array:
-    return np.array(([1.0, s, s * s / 2], [0.0, 1.0, s], [0.0, 0.0, 1.0])[order])
-
-
-def segments(path: Array, times: Array, first: int, sigma: float) -> list[Segment]:
-    """Of frames without a gap, `path` (n, 2) px at `times` (n,) s; `first` is the number of their first frame.
-
-    The borders with the least sum of squared errors and prices, by dynamic programming.
-    """
-    n, costs = len(path), _costs((path - path.mean(0)) / sigma)
-    best, back = np.full(n + 1, np.inf), np.zeros(n + 1, np.int64)
-    best[0] = 0.0
-    for end in range(1, n + 1):
-        begins = np.arange(max(0, end - TUNING.longest), end)
-        total = best[begins] + costs[end - begins, begins] + TUNING.price
-        k = int(np.argmin(total))
-        best[end], back[end] = total[k], begins[k]
-    found = []
-    end = n
-    while end > 0:
-        begin = int(back[end])
-        found.append(_fitted(path[begin:end], times[begin:end], first + begin, sigma))
-        end = begin
-    return found[::-1]
-
-
-def _costs(path: Array) -> Array:
-    """[length, first]: squared errors of the best parabola through `length` frames from `first` on."""
-    n = len(path)
-    costs = np.zeros((min(n, TUNING.longest) + 1, n))
-    for length in range(TUNING.fewest, min(n, TUNING.longest) + 1):
-        windows = np.lib.stride_tricks.sliding_window_view(
-            path, length, axis=0
-        )  # (m, 2, length)
-        off = windows - windows[..., :1]
-        left = (off**2).sum(axis=2) - ((off @ _basis(length)) ** 2).sum(axis=2)
-        costs[length, : n - length + 1] = np.maximum(left, 0.0).sum(axis=1)
-    return costs
-
-
-@cache
-def _basis(length: int) -> Array:
-    """(length, 3): orthonormal, spans parabolas."""
-    grid = np.linspace(-1.0, 1.0, length)
-    return np.asarray(
-        np.linalg.qr(np.stack([np.ones(length), grid, grid**2], axis=1))[0]
-    )
-
-
-def _fitted(path: Array, times: Array, first: int, sigma: float) -> Segment:
-    n, middle = len(path), float(times.mean())
-    s, order = times - middle, min(n, 3)
-    columns = np.stack([np.ones(n), s, s * s / 2], axis=1)[:, :order]
-    inverse = np.linalg.pinv(columns)
-    terms, spread, residual = np.zeros((3, 2)), np.full((3, 3), np.inf), 0.0
-    terms[:order] = inverse @ path
-    if n >= TUNING.fewest:
-        residual = (
-            float(np.sqrt(((path - columns @ terms) ** 2).sum() / (2 * (n - 3))))
-            / sigma
-        )
-        spread = inverse @ inverse.T * (sigma * max(1.0, residual)) ** 2
-    return Segment(first, first + n - 1, middle, terms, spread, residual)
+TICKS = 41
+"""Moments at which the paths before and after an impact are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,324 +63,38 @@ class Turn:
     before: Segment
     after: Segment
     time: float
-    """s: when both are nearest to each other."""
-    sudden: bool = False
+    """s: the segments are nearest to each other."""
+    is_sudden: bool = False
     """Far faster than any acceleration before or after, and surely."""
-    shown: bool = True
-    """Whether it turned at all, as far as the tracks show."""
+    is_visible: bool = True
+    """Whether the tracks show that the body turned at all."""
 
     @property
-    def arrives(self) -> Array:
-        """(2,) px/s: just before."""
-        return self.before.at(self.time, 1)
+    def velocity_before(self) -> Array:
+        """Return the velocity just before, (2,) px/s."""
+        return self.before.value(self.time, 1)
 
     @property
-    def leaves(self) -> Array:
-        """(2,) px/s: just after."""
-        return self.after.at(self.time, 1)
+    def velocity_after(self) -> Array:
+        """Return the velocity just after, (2,) px/s."""
+        return self.after.value(self.time, 1)
 
     @property
     def change(self) -> Array:
-        """(2,) px/s; exactly nothing where one segment goes on."""
-        return self.leaves - self.arrives
+        """Return the change of velocity, (2,) px/s; exactly 0 if one segment goes on."""
+        return self.velocity_after - self.velocity_before
 
     @property
     def place(self) -> Array:
-        """(2,) px."""
-        return (self.before.at(self.time) + self.after.at(self.time)) / 2
+        """Return the place between both segments, (2,) px."""
+        return (self.before.value(self.time) + self.after.value(self.time)) / 2
 
     def error(self, order: int = 1) -> float:
-        """Of the change, px/s, or of the place by which both miss each other (`order` 0), px."""
+        """Return the error of the change, px/s, or of the distance between both segments (`order` 0), px."""
+        error_before = self.before.error(self.time, order)
         if self.before is self.after:
-            return self.before.error(self.time, order)
-        return float(
-            np.hypot(
-                self.before.error(self.time, order), self.after.error(self.time, order)
-            )
-        )
-
-
-# ---- motion ------------------------------------------------------------------------------------------------------
-
-
-class Motion:
-    """All that is found in tracks before anything is asked."""
-
-    def __init__(self, tracks: Tracks) -> None:
-        self.tracks = tracks
-        self.sigma = noise(tracks)
-        self.steps = np.asarray(np.diff(tracks.places, axis=0))
-        """(T - 1, N, 2) px from frame to frame."""
-        self._gaps: dict[tuple[int, int], Array] = {}
-
-    @cached_property
-    def segments(self) -> list[list[Segment]]:
-        """Of each body, by time; a gap in its track ends one."""
-        tracks = self.tracks
-        return [
-            [
-                segment
-                for first, last in runs(tracks.seen[:, k])
-                for segment in segments(
-                    tracks.places[first:last, k],
-                    tracks.times[first:last],
-                    first,
-                    float(self.sigma[k]),
-                )
-            ]
-            for k in range(len(tracks.names))
-        ]
-
-    @cached_property
-    def turns(self) -> list[list[Turn]]:
-        """Of each body, between segments that have velocities."""
-        found: list[list[Turn]] = []
-        for body, all_of in enumerate(self.segments):
-            good = [segment for segment in all_of if segment.good]
-            seen = self.tracks.seen[:, body]
-            found.append(
-                [
-                    self._turn(body, before, after)
-                    for before, after in pairwise(good)
-                    if after.first - before.last <= TUNING.widest
-                    and seen[before.last : after.first].all()
-                ]
-            )
-        return found
-
-    def _turn(self, body: int, before: Segment, after: Segment) -> Turn:
-        times, step = self.tracks.times, self.tracks.step
-        ticks = np.linspace(
-            times[before.last] - step / 2, times[after.first] + step / 2, 41
-        )
-        turn = Turn(body, before, after, _nearest(ticks, [(before, after)]))
-        a, b = before.terms[2], after.terms[2]
-        smooth = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2) * step
-        least = max(6 * self.sigma[body], 0.4) / step  # px/s: changes below it are none
-        enough = max(
-            TUNING.sure * turn.error(),
-            TUNING.smooth * smooth * (after.first - before.last),
-            least,
-        )
-        return replace(turn, sudden=bool(np.hypot(*turn.change) > enough))
-
-    def parted(
-        self, body: int, segment: Segment, time: float
-    ) -> tuple[Segment, Segment] | None:
-        """One segment as two that meet at a moment: how much of an impact may not have shown; None for few frames."""
-        tracks = self.tracks
-        frames = np.arange(segment.first, segment.last + 1)
-        frames = frames[
-            np.abs(tracks.times[frames] - time) <= TUNING.parted * tracks.step
-        ]
-        sides = [
-            frames[tracks.times[frames] < time],
-            frames[tracks.times[frames] > time],
-        ]
-        if min(map(len, sides)) < TUNING.fewest:
-            return None
-        before, after = (
-            _fitted(
-                tracks.places[side, body],
-                tracks.times[side],
-                int(side[0]),
-                float(self.sigma[body]),
-            )
-            for side in sides
-        )
-        return before, after
-
-    def turns_near(self, body: int, time: float, frames: float) -> bool:
-        """Whether it turns suddenly within some frames of a moment."""
-        return any(
-            t.sudden and abs(t.time - time) <= frames * self.tracks.step
-            for t in self.turns[body]
-        )
-
-    @cached_property
-    def flights(self) -> list[tuple[int, Segment]]:
-        """Bodies and their segments that are surely flights, seen from the side."""
-        if self.tracks.view is View.TOP or self.tracks.flat:
-            return []
-        return [
-            (k, segment)
-            for k, all_of in enumerate(self.segments)
-            if self.free(k) and not self._guided(k)
-            for segment in all_of
-            if self._flies(k, segment)
-        ]
-
-    @cached_property
-    def gravity(self) -> Array | None:
-        """(2,) px/s²: the median of falls' accelerations, each as heavy as it is long; None where nothing falls."""
-        falls = [segment for _, segment in self.flights if segment.terms[2, 1] > 0]
-        if not falls:
-            return None
-        weighed = np.repeat(
-            [s.terms[2] for s in falls], [s.count for s in falls], axis=0
-        )
-        return np.asarray(np.sort(weighed, axis=0)[(len(weighed) - 1) // 2])
-
-    def _guided(self, body: int) -> bool:
-        """Whether its acceleration changes again and again without an impact, as on a rope: gravity may change once."""
-        smooth = 0
-        for turn in self.turns[body]:
-            a, b = turn.before, turn.after
-            off = float(np.hypot(*(a.terms[2] - b.terms[2])))
-            error = float(np.hypot(a.error(turn.time, 2), b.error(turn.time, 2)))
-            size = max(float(np.hypot(*a.terms[2])), float(np.hypot(*b.terms[2])))
-            fast = (
-                max(np.hypot(*turn.arrives), np.hypot(*turn.leaves)) * self.tracks.step
-                > 0.5
-            )
-            smooth += not turn.sudden and fast and off > max(3 * error, 0.15 * size)
-        return smooth >= 2
-
-    def _flies(self, body: int, segment: Segment) -> bool:
-        """Whether it is curved or plumb, touched by nothing that is known, smooth all along."""
-        tracks = self.tracks
-        first, last = tracks.times[segment.first], tracks.times[segment.last]
-        if segment.count < TUNING.flight or last - first < TUNING.shortest:
-            return False
-        a, error = segment.terms[2], segment.error(first, 2)
-        size = float(np.hypot(*a))
-        enough = size >= 5 * error and size * (last - first) ** 2 / 8 >= max(
-            5 * self.sigma[body], 1.5
-        )
-        if not enough or segment.residual > 2.5:
-            return False
-        vx, vy = segment.at(segment.middle, 1)
-        speed = float(np.hypot(vx, vy))
-        plumb = abs(a[0]) < TUNING.plumb * size + 2 * error
-        curved = speed > 0 and abs(a[0] * vy - a[1] * vx) / speed > max(
-            4 * error, 0.25 * size
-        )
-        return (plumb or curved) and self.alone(body, segment, 1.0)
-
-    def alone(self, body: int, segment: Segment, margin: float) -> bool:
-        """Whether other bodies are farther away, px, in all but its first and last frame."""
-        inner, forms = slice(segment.first + 1, segment.last), self.tracks.forms
-        gaps = [
-            self.gap(body, k)[inner]
-            for k in range(len(forms))
-            if k != body and forms[k].reach > 0
-        ]
-        return all(np.nanmin(gap, initial=np.inf) > margin for gap in gaps)
-
-    @cached_property
-    def impacts(self) -> list[Impact]:
-        """All that concern one or two bodies that are free, measured and not in a crowd; each once."""
-        return _impacts(self)
-
-    def moves(self, body: int) -> bool:
-        """Whether it ever moves: what never does may be nailed down."""
-        path = self.tracks.places[self.tracks.seen[:, body], body]
-        away = (
-            np.hypot(*(path - np.median(path, axis=0)).T) if len(path) else np.zeros(1)
-        )
-        return bool(np.quantile(away, 0.95) > max(2.0, 6 * self.sigma[body]))
-
-    def free(self, body: int) -> bool:
-        """Whether nothing but gravity and contacts acts on it."""
-        return body not in self.tracks.held
-
-    def shake(self, one: int, other: int) -> float:
-        """px of noise of the distance of two bodies."""
-        return float(np.hypot(self.sigma[one], self.sigma[other]))
-
-    # distances
-
-    def gap(self, one: int, other: int) -> Array:
-        """(T,) px between two bodies: negative where they overlap, NaN where one is not seen."""
-        key = (min(one, other), max(one, other))
-        if key not in self._gaps:
-            self._gaps[key] = self._gap(*key)
-        return self._gaps[key]
-
-    def _gap(self, one: int, other: int) -> Array:
-        a, b = self.tracks.forms[one], self.tracks.forms[other]
-        gap = (
-            np.hypot(*(self.tracks.places[:, one] - self.tracks.places[:, other]).T)
-            - a.reach
-            - b.reach
-        )
-        if not (a.round and b.round):
-            close = np.flatnonzero(gap < 0.5 * (a.reach + b.reach))
-            shapes = [[piece[close] for piece in self._shapes[k]] for k in (one, other)]
-            parted = [
-                _separation(mine, others) for mine in shapes[0] for others in shapes[1]
-            ]
-            gap[close] = np.min(parted, axis=0)
-        return np.asarray(gap)
-
-    @cached_property
-    def _shapes(self) -> list[list[Array]]:
-        """Convex pieces (T, K, 2) of each body in the picture; of discs a polygon."""
-        found = []
-        turn = np.linspace(0, 2 * np.pi, TUNING.sides, endpoint=False)
-        circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        for k, form in enumerate(self.tracks.forms):
-            angle = (
-                np.zeros(len(self.tracks.times))
-                if self.tracks.angles is None
-                else self.tracks.angles[:, k]
-            )
-            c, s = np.cos(angle), np.sin(angle)
-            turns = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1)
-            pieces = form.pieces or (form.reach * circle,)
-            place = self.tracks.places[:, k, None]
-            found.append(
-                [np.einsum("tij,kj->tki", turns, piece) + place for piece in pieces]
-            )
-        return found
-
-    def near(self, body: int, first: int, last: int) -> list[int]:
-        """Bodies that may have touched it between two frames, however fast they were."""
-        lo, hi = max(first, 0), min(last, len(self.tracks.times) - 1)
-        return [
-            other
-            for other in range(len(self.tracks.names))
-            if other != body
-            and np.nanmin(self.gap(body, other)[lo : hi + 1], initial=np.inf)
-            <= self.margin(body, other, lo, hi)
-        ]
-
-    def margin(self, one: int, other: int, first: int, last: int) -> float:
-        """px that two bodies may still be apart in every frame and yet touch in between."""
-        rate = np.abs(np.diff(self.gap(one, other)[max(first - 1, 0) : last + 2]))
-        # what hits half-way between two frames is half a step away in both
-        return (
-            1.5
-            + 0.65 * float(np.nanmax(rate, initial=0.0))
-            + 3 * self.shake(one, other)
-        )
-
-
-def _separation(a: Array, b: Array) -> Array:
-    """(T,): of convex pieces (T, K, 2), the widest gap along any side's normal; minus the depth where they overlap."""
-    widest = np.full(len(a), -np.inf)
-    for mine in (a, b):
-        along = np.roll(mine, -1, axis=1) - mine
-        size = np.hypot(along[..., 0], along[..., 1])
-        normal = (
-            np.stack([along[..., 1], -along[..., 0]], axis=1)
-            / np.maximum(size, 1e-12)[:, None]
-        )
-        on_a, on_b = a @ normal, b @ normal  # (T, K, sides)
-        gap = np.maximum(on_b.min(1) - on_a.max(1), on_a.min(1) - on_b.max(1))
-        widest = np.maximum(widest, np.where(size > 1e-9, gap, -np.inf).max(axis=1))
-    return widest
-
-
-def _nearest(ticks: Array, parts: list[tuple[Segment, Segment]]) -> float:
-    """s: the tick at which the segments before and after are nearest to each other."""
-    missed = [
-        sum(float(np.sum((b.at(t) - a.at(t)) ** 2)) for a, b in parts) for t in ticks
-    ]
-    return float(ticks[int(np.argmin(missed))])
-
-
-# ---- impacts -----------------------------------------------------------------------------------------------------
+            return error_before
+        return float(np.hypot(error_before, self.after.error(self.time, order)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -542,99 +106,372 @@ class Impact:
 
     @property
     def bodies(self) -> tuple[int, ...]:
-        """Indices."""
+        """Return the indices of the bodies."""
         return tuple(part.body for part in self.parts)
 
 
-def _impacts(motion: Motion) -> list[Impact]:
-    found: list[Impact] = []
-    step = motion.tracks.step
-    for turn in (
-        turn
-        for turns in motion.turns
-        for turn in turns
-        if turn.sudden and motion.free(turn.body)
-    ):
-        impact = _impact(motion, turn)
-        if impact is None or not _single(impact, step):
-            continue
-        if not any(
-            len(one.parts) == 2
-            and set(one.bodies) == set(impact.bodies)
-            and abs(one.parts[0].time - impact.parts[0].time) <= TUNING.same * step
-            for one in found
-        ):
-            found.append(impact)
-    return found
+class Motion:
+    """Segments, turns, flights and impacts of tracks: all that questions are about."""
+
+    def __init__(self, tracks: Tracks) -> None:
+        self.tracks = tracks
+        self.sigma = measure_noise(tracks)
+        self.steps = np.asarray(np.diff(tracks.places, axis=0))
+        """(T - 1, N, 2) px from frame to frame."""
+        self._distances = Distances(tracks)
+
+    @cached_property
+    def segments(self) -> list[list[Segment]]:
+        """Return the segments of each body, by time; a gap in its track ends one."""
+        return [self._segments_of(k) for k in range(len(self.tracks.names))]
+
+    def _segments_of(self, body: int) -> list[Segment]:
+        tracks = self.tracks
+        sigma = float(self.sigma[body])
+        segments = []
+        for first, last in find_runs(tracks.visible[:, body]):
+            path = tracks.places[first:last, body]
+            times = tracks.times[first:last]
+            segments += split_segments(path, times, first, sigma)
+        return segments
+
+    # turns
+
+    @cached_property
+    def turns(self) -> list[list[Turn]]:
+        """Return the turns of each body, between segments that have velocities."""
+        return [self._turns_of(k) for k in range(len(self.tracks.names))]
+
+    def _turns_of(self, body: int) -> list[Turn]:
+        visible = self.tracks.visible[:, body]
+        segments = [segment for segment in self.segments[body] if segment.has_velocity]
+        turns = []
+        for before, after in pairwise(segments):
+            is_near = after.first - before.last <= TUNING.max_gap
+            if is_near and visible[before.last : after.first].all():
+                turns.append(self._turn(body, before, after))
+        return turns
+
+    def _turn(self, body: int, before: Segment, after: Segment) -> Turn:
+        times = self.tracks.times
+        step = self.tracks.step
+        earliest = times[before.last] - step / 2
+        latest = times[after.first] + step / 2
+        ticks = np.linspace(earliest, latest, TICKS)
+        turn = Turn(body, before, after, _nearest_time(ticks, [(before, after)]))
+        return replace(turn, is_sudden=self._is_sudden(turn))
+
+    def _is_sudden(self, turn: Turn) -> bool:
+        """Return whether a velocity changes by more than noise and smooth accelerations explain."""
+        step = self.tracks.step
+        a = turn.before.acceleration
+        b = turn.after.acceleration
+        acceleration = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2)
+        smooth_change = acceleration * step
+        frames = turn.after.first - turn.before.last
+        limit = max(
+            TUNING.certainty * turn.error(),
+            TUNING.smoothness * smooth_change * frames,
+            # px/s: smaller changes are not visible
+            max(6 * self.sigma[turn.body], 0.4) / step,
+        )
+        return bool(np.hypot(*turn.change) > limit)
+
+    def split(
+        self, body: int, segment: Segment, time: float
+    ) -> tuple[Segment, Segment] | None:
+        """Return one segment as two that meet at a time (s), None for few frames.
+
+        Their difference limits an impact that did not show.
+        """
+        tracks = self.tracks
+        frames = np.arange(segment.first, segment.last + 1)
+        is_near = np.abs(tracks.times[frames] - time) <= (
+            TUNING.split_frames * tracks.step
+        )
+        frames = frames[is_near]
+        before = frames[tracks.times[frames] < time]
+        after = frames[tracks.times[frames] > time]
+        if min(len(before), len(after)) < SEGMENT_TUNING.min_frames:
+            return None
+        return self._fit_frames(body, before), self._fit_frames(body, after)
+
+    def _fit_frames(self, body: int, frames: np.ndarray) -> Segment:
+        path = self.tracks.places[frames, body]
+        times = self.tracks.times[frames]
+        return fit_segment(path, times, int(frames[0]), float(self.sigma[body]))
+
+    def has_sudden_turn(self, body: int, time: float, frames: float) -> bool:
+        """Return whether a body turns suddenly within some frames of a time (s)."""
+        for turn in self.turns[body]:
+            is_near = abs(turn.time - time) <= frames * self.tracks.step
+            if turn.is_sudden and is_near:
+                return True
+        return False
+
+    # flights
+
+    @cached_property
+    def flights(self) -> list[tuple[int, Segment]]:
+        """Return bodies and their segments that are surely flights, seen from the side."""
+        if self.tracks.view is View.TOP or self.tracks.is_weightless:
+            return []
+        flights = []
+        for k, segments in enumerate(self.segments):
+            if not self.is_free(k) or self._is_guided(k):
+                continue
+            for segment in segments:
+                if self._is_flight(k, segment):
+                    flights.append((k, segment))
+        return flights
+
+    @cached_property
+    def gravity(self) -> Array | None:
+        """Return the median acceleration of falls, each as heavy as it is long, (2,) px/s²; None without a fall."""
+        accelerations = []
+        for _, segment in self.flights:
+            if segment.acceleration[1] > 0:
+                accelerations += [segment.acceleration] * segment.count
+        if not accelerations:
+            return None
+        ordered = np.sort(accelerations, axis=0)
+        return np.asarray(ordered[(len(ordered) - 1) // 2])
+
+    def _is_guided(self, body: int) -> bool:
+        """Return whether accelerations change twice without an impact, as on a rope: gravity may change once."""
+        smooth_turns = 0
+        for turn in self.turns[body]:
+            if not turn.is_sudden and self._changes_acceleration(turn):
+                smooth_turns += 1
+        return smooth_turns >= 2
+
+    def _changes_acceleration(self, turn: Turn) -> bool:
+        """Return whether a fast body's acceleration surely changes."""
+        a, b = turn.before, turn.after
+        change = float(np.hypot(*(a.acceleration - b.acceleration)))
+        error = float(np.hypot(a.error(turn.time, 2), b.error(turn.time, 2)))
+        size = max(float(np.hypot(*a.acceleration)), float(np.hypot(*b.acceleration)))
+        speed = max(np.hypot(*turn.velocity_before), np.hypot(*turn.velocity_after))
+        is_fast = speed * self.tracks.step > 0.5
+        return bool(is_fast and change > max(3 * error, 0.15 * size))
+
+    def _is_flight(self, body: int, segment: Segment) -> bool:
+        """Return whether a segment is curved or vertical, smooth all along, and no known body touches its body."""
+        times = self.tracks.times
+        begin = times[segment.first]
+        end = times[segment.last]
+        is_short = end - begin < TUNING.flight_time
+        if segment.count < TUNING.flight_frames or is_short:
+            return False
+        error = segment.error(begin, 2)
+        size = float(np.hypot(*segment.acceleration))
+        sagitta = size * (end - begin) ** 2 / 8
+        has_curve = sagitta >= max(5 * self.sigma[body], 1.5)
+        if size < 5 * error or not has_curve or segment.residual > 2.5:
+            return False
+        return _is_fall(segment, error) and self.is_alone(body, segment, 1.0)
+
+    def is_alone(self, body: int, segment: Segment, margin: float) -> bool:
+        """Return whether other bodies are farther away than a margin (px) in all but the first and last frame."""
+        inner_frames = slice(segment.first + 1, segment.last)
+        for k, outline in enumerate(self.tracks.forms):
+            if k == body or outline.reach <= 0:
+                continue
+            gap = self.gap(body, k)[inner_frames]
+            if np.nanmin(gap, initial=np.inf) <= margin:
+                return False
+        return True
+
+    # bodies
+
+    def is_movable(self, body: int) -> bool:
+        """Return whether a body ever moves: a body that never does may be nailed down."""
+        path = self.tracks.places[self.tracks.visible[:, body], body]
+        if not len(path):
+            return False
+        distances = np.hypot(*(path - np.median(path, axis=0)).T)
+        return bool(np.quantile(distances, 0.95) > max(2.0, 6 * self.sigma[body]))
+
+    def is_free(self, body: int) -> bool:
+        """Return whether nothing but gravity and contacts acts on a body."""
+        return body not in self.tracks.guided_bodies
+
+    # distances
+
+    def distance_noise(self, first: int, second: int) -> float:
+        """Return the noise of the distance of two bodies, px."""
+        return float(np.hypot(self.sigma[first], self.sigma[second]))
+
+    def gap(self, first: int, second: int) -> Array:
+        """Return the gap between two bodies, (T,) px: negative if they overlap, NaN if one is not visible."""
+        return self._distances.gap(first, second)
+
+    def neighbours(self, body: int, first: int, last: int) -> list[int]:
+        """Return the bodies that may have touched a body between two frames, however fast they were."""
+        first = max(first, 0)
+        last = min(last, len(self.tracks.times) - 1)
+        neighbours = []
+        for other in range(len(self.tracks.names)):
+            if other == body:
+                continue
+            gap = self.gap(body, other)[first : last + 1]
+            margin = self.margin(body, other, first, last)
+            if np.nanmin(gap, initial=np.inf) <= margin:
+                neighbours.append(other)
+        return neighbours
+
+    def margin(self, body: int, other: int, first: int, last: int) -> float:
+        """Return the distance (px) that two bodies may have in every frame although they touch in between."""
+        gap = self.gap(body, other)[max(first - 1, 0) : last + 2]
+        # bodies that hit half-way between two frames are half a step away in both
+        rate = float(np.nanmax(np.abs(np.diff(gap)), initial=0.0))
+        return 1.5 + 0.65 * rate + 3 * self.distance_noise(body, other)
+
+    @cached_property
+    def impacts(self) -> list[Impact]:
+        """Return the impacts of one or two bodies that are free, measured and not in a crowd; each once."""
+        impacts: list[Impact] = []
+        for turn in self._sudden_turns():
+            impact = _impact(self, turn)
+            if impact is None or not _is_single(impact, self.tracks.step):
+                continue
+            if not _contains_pair(impacts, impact, self.tracks.step):
+                impacts.append(impact)
+        return impacts
+
+    def _sudden_turns(self) -> Iterator[Turn]:
+        for turns in self.turns:
+            for turn in turns:
+                if turn.is_sudden and self.is_free(turn.body):
+                    yield turn
 
 
-def _single(impact: Impact, step: float) -> bool:
-    """Whether one impact explains it: paths meet at its time; where two come in one frame, they do not."""
+def _is_fall(segment: Segment, error: float) -> bool:
+    """Return whether an acceleration (error in px/s²) is vertical, or not along the velocity."""
+    x, y = segment.acceleration
+    size = float(np.hypot(x, y))
+    if abs(x) < TUNING.vertical_sine * size + 2 * error:
+        return True
+    vx, vy = segment.value(segment.middle, 1)
+    speed = float(np.hypot(vx, vy))
+    if speed <= 0:
+        return False
+    sideways = abs(x * vy - y * vx) / speed
+    return bool(sideways > max(4 * error, 0.25 * size))
+
+
+def _nearest_time(ticks: Array, parts: Sequence[tuple[Segment, Segment]]) -> float:
+    """Return the tick (s) at which the segments before and after are nearest to each other."""
+    distances = []
+    for time in ticks:
+        squares = [
+            float(np.sum((after.value(time) - before.value(time)) ** 2))
+            for before, after in parts
+        ]
+        distances.append(sum(squares))
+    return float(ticks[int(np.argmin(distances))])
+
+
+# ---- impacts -----------------------------------------------------------------------------------------------------
+
+
+def _contains_pair(impacts: Sequence[Impact], impact: Impact, step: float) -> bool:
+    """Return whether an impact of the same two bodies at the same time is known."""
+    time = impact.parts[0].time
+    for known in impacts:
+        has_same_bodies = set(known.bodies) == set(impact.bodies)
+        delay = abs(known.parts[0].time - time)
+        is_pair = len(known.parts) == 2
+        if is_pair and has_same_bodies and delay <= TUNING.same_time * step:
+            return True
+    return False
+
+
+def _is_single(impact: Impact, step: float) -> bool:
+    """Return whether one impact explains the turns: after two impacts in one frame, paths do not meet at its time."""
     change = max(float(np.hypot(*part.change)) for part in impact.parts)
-    return all(
-        np.hypot(*(part.after.at(part.time) - part.before.at(part.time)))
-        <= TUNING.missed * change * step + 3 * part.error(0)
-        for part in impact.parts
-    )
+    for part in impact.parts:
+        gap = np.hypot(*(part.after.value(part.time) - part.before.value(part.time)))
+        if gap > TUNING.path_gap * change * step + 3 * part.error(0):
+            return False
+    return True
 
 
 def _impact(motion: Motion, turn: Turn) -> Impact | None:
-    """None where it is not known which bodies have a part in it, or more than two have."""
-    first, last = turn.before.last, turn.after.first
-    others = []
-    for body in motion.near(turn.body, first, last):
-        other = _partner(motion, body, turn)
-        met = None if other is None else _met(motion, turn, other)
-        if met is None or (not met and motion.turns_near(body, turn.time, TUNING.late)):
+    """Return the impact of a turn; None if the bodies in it are not known, or more than two."""
+    first = turn.before.last
+    last = turn.after.first
+    partners = []
+    for body in motion.neighbours(turn.body, first, last):
+        partner = _partner(motion, body, turn)
+        if partner is None:
             return None
-        if met and other is not None:
-            others.append(other)
-    if not others:
+        has_met = _have_met(motion, turn, partner)
+        if has_met is None:
+            return None
+        if has_met:
+            partners.append(partner)
+        elif motion.has_sudden_turn(body, turn.time, TUNING.late_time):
+            return None
+    if not partners:
         return Impact(first, (turn,))
-    if len(others) > 1 or not motion.free(others[0].body):
+    if len(partners) > 1 or not motion.is_free(partners[0].body):
         return None
-    other = others[0]
-    for body in set(motion.near(other.body, first, last)) - {turn.body}:
-        gap = motion.gap(other.body, body)[first : last + 1]
-        if (
-            motion.turns_near(body, turn.time, TUNING.late)
-            or np.nanmin(gap, initial=np.inf) < 2.0
-        ):
-            return None  # a third has a part in it
-    ticks = turn.time + np.linspace(-motion.tracks.step / 2, motion.tracks.step / 2, 41)
-    time = _nearest(ticks, [(turn.before, turn.after), (other.before, other.after)])
-    return Impact(first, (replace(turn, time=time), replace(other, time=time)))
+    partner = partners[0]
+    if _has_third_body(motion, turn, partner):
+        return None
+    half_step = motion.tracks.step / 2
+    ticks = turn.time + np.linspace(-half_step, half_step, TICKS)
+    parts = [(turn.before, turn.after), (partner.before, partner.after)]
+    time = _nearest_time(ticks, parts)
+    return Impact(first, (replace(turn, time=time), replace(partner, time=time)))
+
+
+def _has_third_body(motion: Motion, turn: Turn, partner: Turn) -> bool:
+    """Return whether another body may have touched the partner at the same time."""
+    first = turn.before.last
+    last = turn.after.first
+    for body in set(motion.neighbours(partner.body, first, last)) - {turn.body}:
+        gap = motion.gap(partner.body, body)[first : last + 1]
+        if motion.has_sudden_turn(body, turn.time, TUNING.late_time):
+            return True
+        if np.nanmin(gap, initial=np.inf) < 2.0:
+            return True
+    return False
 
 
 def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
-    """What it did then; None where that is not known."""
-    for other in motion.turns[body]:
-        if abs(other.time - turn.time) <= TUNING.same * motion.tracks.step:
-            return replace(other, time=turn.time)
+    """Return the turn of another body at the same time; None if it is not known."""
+    for partner in motion.turns[body]:
+        delay = abs(partner.time - turn.time)
+        if delay <= TUNING.same_time * motion.tracks.step:
+            return replace(partner, time=turn.time)
     for segment in motion.segments[body]:
-        if (
-            segment.good
-            and segment.first <= turn.before.last
-            and turn.after.first <= segment.last
-        ):
-            before, after = motion.parted(body, segment, turn.time) or (
-                segment,
-                segment,
-            )
-            return Turn(body, before, after, turn.time, shown=False)
+        begins_before = segment.first <= turn.before.last
+        ends_after = turn.after.first <= segment.last
+        if segment.has_velocity and begins_before and ends_after:
+            sides = motion.split(body, segment, turn.time)
+            before, after = sides or (segment, segment)
+            return Turn(body, before, after, turn.time, is_visible=False)
     return None
 
 
-def _met(motion: Motion, one: Turn, other: Turn) -> bool | None:
-    """Whether they were near enough at the impact to touch; None where that is not known."""
-    reach = motion.tracks.forms[one.body].reach + motion.tracks.forms[other.body].reach
-    close = 1.0 + 3 * motion.shake(one.body, other.body) + 0.05 * reach
-    gap = float(np.hypot(*(one.place - other.place))) - reach
-    if gap <= close:
+def _have_met(motion: Motion, turn: Turn, partner: Turn) -> bool | None:
+    """Return whether two bodies were near enough at the impact to touch; None if that is not known."""
+    forms = motion.tracks.forms
+    reach = forms[turn.body].reach + forms[partner.body].reach
+    noise = motion.distance_noise(turn.body, partner.body)
+    contact_gap = 1.0 + 3 * noise + 0.05 * reach
+    gap = float(np.hypot(*(turn.place - partner.place))) - reach
+    if gap <= contact_gap:
         return True
-    changes = float(np.hypot(*one.change) + np.hypot(*other.change))
-    slack = TUNING.missed / 2 * changes * motion.tracks.step
-    slack += 3 * max(part.before.error(part.time) for part in (one, other))
-    hit = np.hypot(*one.arrives) <= TUNING.resting * np.hypot(*one.leaves)
-    sure = other.after.first - other.before.last <= 1 and not hit
-    return False if sure and gap > close + slack else None
+    changes = float(np.hypot(*turn.change) + np.hypot(*partner.change))
+    slack = TUNING.path_gap / 2 * changes * motion.tracks.step
+    slack += 3 * max(part.before.error(part.time) for part in (turn, partner))
+    speed_before = np.hypot(*turn.velocity_before)
+    speed_after = np.hypot(*turn.velocity_after)
+    was_hit = speed_before <= TUNING.rest_part * speed_after
+    is_continuous = partner.after.first - partner.before.last <= 1
+    if is_continuous and not was_hit and gap > contact_gap + slack:
+        return False
+    return None

@@ -1,6 +1,4 @@
-"""Positions of the objects of a clip over its frames, what is known of them, and their readers: clips and scenes of
-physgen, and CSV tables.
-"""
+"""Tracks of the objects of a clip over its frames, and their readers: clips and scenes of physgen, and CSV tables."""
 
 from __future__ import annotations
 
@@ -20,6 +18,7 @@ from physgen.scene.scene import Motion, Solid, View
 from physgen.text import natural
 
 if TYPE_CHECKING:
+    from physgen.batch.clips import Manifest
     from physgen.compile.world import Body, World
 
 Array = NDArray[np.float64]
@@ -33,34 +32,36 @@ class Limits:
     """1/s, of tracks without a rate."""
     cells: int = 5_000_000
     """Frames times bodies of a table."""
-    exact: float = 0.02
+    pose_noise: float = 0.02
     """px: least noise of the engine's poses."""
-    table: float = 0.05
+    table_noise: float = 0.05
     """px: least noise of measured places."""
 
 
 LIMITS = Limits()
+WIDTH_DIRECTIONS = 36
+"""Directions in which the width of an outline is measured."""
 
 
 @dataclass(frozen=True)
 class Outline:
-    """How a body lies about its tracked place. px."""
+    """The form of a body about its tracked place. px."""
 
     reach: float
     """Distance of its farthest point from the place; 0: a point."""
-    thin: float
+    width: float
     """Its smallest width."""
     pieces: tuple[Array, ...] = ()
     """Convex pieces, each (K, 2) about the place, turned by its angle; none for discs and points."""
 
     @property
-    def round(self) -> bool:
-        """Whether it looks the same however it turns."""
+    def is_round(self) -> bool:
+        """Return whether the outline looks the same at every angle."""
         return not self.pieces
 
 
 def disc(radius: float) -> Outline:
-    """Of 0: a point."""
+    """Return the outline of a disc; of a point for a radius of 0."""
     return Outline(radius, 2 * radius)
 
 
@@ -73,49 +74,46 @@ class Tracks:
     """(T,) s, evenly spaced."""
     names: tuple[str, ...]
     places: Array
-    """(T, N, 2) px, image axes: of the centre of mass or what stands for it; NaN where it is not seen."""
+    """(T, N, 2) px, image axes: of the centre of mass or a point in its place; NaN if it is not visible."""
     angles: Array | None
     """(T, N) rad, a positive one turns +x towards +y; None: not known, nor are pieces."""
     forms: tuple[Outline, ...]
     view: View
-    floor: float
+    noise_floor: float
     """px: noise is never taken to be less."""
     source: str
-    """What was read, in words."""
+    """The kind of the file, in words."""
     masses: Array | None = None
     """(N,) in any unit; None: not known."""
-    held: frozenset[int] = frozenset()
+    guided_bodies: frozenset[int] = frozenset()
     """Moved by a hand, joints, wind, a script or pushes, or struck with spin: only jumps and overlap are asked."""
-    flat: bool = False
+    is_weightless: bool = False
     """Whether gravity is known to be none, as in a scene that says so."""
 
     @property
     def step(self) -> float:
-        """s from frame to frame."""
+        """Return the time from frame to frame, s."""
         return float(self.times[1] - self.times[0])
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
-        """(T, N)."""
+    def visible(self) -> NDArray[np.bool_]:
+        """Return whether each body is visible in each frame, (T, N)."""
         return np.asarray(np.isfinite(self.places).all(axis=2))
 
-    def holding(self, names: Sequence[str]) -> Tracks:
-        """With these bodies held. Raises InputError for names that are not there."""
-        if unknown := set(names) - set(self.names):
-            found, fix = (
-                f'"{", ".join(sorted(unknown))}"',
-                f"it has {', '.join(self.names[:8])}",
-            )
-            raise InputError.of(self.name, found, "is none of its bodies", fix)
-        return replace(
-            self, held=self.held | {self.names.index(name) for name in names}
-        )
+    def hold(self, names: Sequence[str]) -> Tracks:
+        """Return the tracks with these bodies guided. Raise InputError for unknown names."""
+        if unknown_names := set(names) - set(self.names):
+            value = f'"{", ".join(sorted(unknown_names))}"'
+            fix = f"it has {', '.join(self.names[:8])}"
+            raise InputError.of(self.name, value, "is none of its bodies", fix)
+        bodies = {self.names.index(name) for name in names}
+        return replace(self, guided_bodies=self.guided_bodies | bodies)
 
 
 def read(
     path: Path, fps: float | None = None, view: View = View.SIDE
 ) -> Iterator[Tracks]:
-    """Every clip that a path holds; `fps` and `view` of tables. Raises InputError."""
+    """Yield the tracks of every clip in a path; `fps` and `view` are those of tables. Raise InputError."""
     from physgen.batch.clips import clip_folders
 
     ending = path.suffix.lower()
@@ -127,134 +125,134 @@ def read(
     elif scene.is_file() and scene.suffix.lower() in (".yaml", ".yml"):
         yield from_scene(scene)
     else:
-        expected = "is no kind of tracks" if path.exists() else "is not there"
+        fault = "is no kind of tracks" if path.exists() else "is not there"
         fix = "give a clip's folder, a scene file, or a CSV of frame,name,x,y"
-        raise InputError.of(str(path), "", expected, fix)
+        raise InputError.of(str(path), "", fault, fix)
 
 
 # ---- clips and scenes of physgen ---------------------------------------------------------------------------------
 
 
 def from_scene(path: Path, variant: str | None = None) -> Tracks:
-    """A scene file, simulated at its video's frames."""
+    """Return the tracks of a scene file, simulated at its video's frames."""
     from physgen import pipeline
 
     scene = pipeline.load(path, (), variant)
     world = pipeline.compile(scene, pipeline.percepts(scene)).world
     trajectory = pipeline.simulate(world)
     name = path.parent.name if path.name == "scene.yaml" else path.stem
-    return from_world(
-        f"{name}-{variant}" if variant else name,
-        world,
-        trajectory.times,
-        trajectory.poses,
-    )
+    if variant:
+        name = f"{name}-{variant}"
+    return from_world(name, world, trajectory.times, trajectory.poses)
 
 
 def from_clip(folder: Path) -> Tracks:
-    """A folder that `render` made: its `trajectory.npz`, with outlines and pushes where its scene is still there.
+    """Return the tracks of a clip: its `trajectory.npz`, with outlines and pushes if its scene is unchanged.
 
-    Raises InputError where the motion cannot be read.
+    Raise InputError if the motion cannot be read.
     """
-    from physgen import pipeline
     from physgen.batch.clips import read_manifest
 
     manifest = read_manifest(folder)
-    path, name = folder / "trajectory.npz", folder.resolve().name
+    times, names, poses = _read_motion(folder / "trajectory.npz")
+    name = folder.resolve().name
+    world = _world_of_clip(folder, manifest)
+    if world is not None and tuple(body.name for body in world.bodies) == names:
+        return from_world(name, world, times, poses)
+    document = json.loads((folder / "manifest.json").read_text())["document"]
+    return Tracks(
+        name=name,
+        times=times,
+        names=names,
+        places=poses[..., :2],
+        angles=poses[..., 2],
+        forms=(disc(0.0),) * len(names),
+        view=View(str(document.get("world", {}).get("view", "side"))),
+        noise_floor=LIMITS.pose_noise,
+        source="poses without outlines: the scene is missing or has changed",
+    )
+
+
+def _read_motion(path: Path) -> tuple[Array, tuple[str, ...], Array]:
+    """Return times (T,) s, names and poses (T, N, 3) of a trajectory. Raise InputError."""
     try:
         with np.load(path, allow_pickle=False) as file:
             times, names, poses = (file[key] for key in ("times", "names", "poses"))
     except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise InputError.of(
-            str(path), "", f"cannot be read: {error}", "render the clip again"
-        ) from None
-    names = tuple(map(str, names))
+        fault = f"cannot be read: {error}"
+        fix = "render the clip again"
+        raise InputError.of(str(path), "", fault, fix) from None
+    return times, tuple(map(str, names)), poses
+
+
+def _world_of_clip(folder: Path, manifest: Manifest) -> World | None:
+    """Return the world of a clip's scene; None if the scene is not there or has faults now."""
+    from physgen import pipeline
+
     source = Path(folder.resolve(), manifest.source or "")
-    if source.is_file():
-        try:
-            scene = pipeline.load(
-                source, manifest.overrides, manifest.variant, allow_outside=True
-            )
-            world = pipeline.compile(scene, pipeline.percepts(scene)).world
-        except InputError:  # the scene was changed since: its motion alone is judged
-            world = None
-        if world is not None and tuple(body.name for body in world.bodies) == names:
-            return from_world(name, world, times, poses)
-    document = json.loads((folder / "manifest.json").read_text())["document"]
-    view = View(str(document.get("world", {}).get("view", "side")))
-    about = "poses without outlines: the scene is missing or has changed"
-    forms = (disc(0.0),) * len(names)
-    return Tracks(
-        name,
-        times,
-        names,
-        poses[..., :2],
-        poses[..., 2],
-        forms,
-        view,
-        LIMITS.exact,
-        about,
-    )
+    if not source.is_file():
+        return None
+    try:
+        scene = pipeline.load(
+            source, manifest.overrides, manifest.variant, allow_outside=True
+        )
+        return pipeline.compile(scene, pipeline.percepts(scene)).world
+    except InputError:  # the scene was changed since: its motion alone is judged
+        return None
 
 
 def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
-    """`poses` (T, N, 3) as a trajectory has them."""
+    """Return the tracks of a world's bodies; `poses` (T, N, 3) are those of a trajectory."""
     return Tracks(
-        name,
-        times,
-        tuple(body.name for body in world.bodies),
-        poses[..., :2].copy(),
-        poses[..., 2].copy(),
-        tuple(map(_outline, world.bodies)),
-        world.view,
-        LIMITS.exact,
-        "poses of a clip of physgen",
-        np.array([body.mass for body in world.bodies]),
-        _held(world),
-        world.view is View.SIDE and not np.any(world.gravity),
+        name=name,
+        times=times,
+        names=tuple(body.name for body in world.bodies),
+        places=poses[..., :2].copy(),
+        angles=poses[..., 2].copy(),
+        forms=tuple(map(_outline, world.bodies)),
+        view=world.view,
+        noise_floor=LIMITS.pose_noise,
+        source="poses of a clip of physgen",
+        masses=np.array([body.mass for body in world.bodies]),
+        guided_bodies=_guided_bodies(world),
+        is_weightless=world.view is View.SIDE and not np.any(world.gravity),
     )
 
 
 def _outline(body: Body) -> Outline:
     if body.radius is not None:
         return disc(body.radius)
-    angles = np.linspace(0.0, np.pi, 36, endpoint=False)
-    shadows = np.concatenate(body.pieces) @ np.stack([np.cos(angles), np.sin(angles)])
-    return Outline(body.reach, float(np.ptp(shadows, axis=0).min()), body.pieces)
+    angles = np.linspace(0.0, np.pi, WIDTH_DIRECTIONS, endpoint=False)
+    directions = np.stack([np.cos(angles), np.sin(angles)])
+    projections = np.concatenate(body.pieces) @ directions
+    width = float(np.ptp(projections, axis=0).min())
+    return Outline(body.reach, width, body.pieces)
 
 
-def _held(world: World) -> frozenset[int]:
-    held = {
-        k for k, body in enumerate(world.bodies) if body.motion is not Motion.DYNAMIC
-    }
-    held |= {k for one in world.fields for k in one.bodies} | {
-        push.body for push in world.pushes
-    }
-    held |= {
-        k
-        for joint in world.joints
-        for k in (joint.first, joint.second)
-        if k is not None
-    }
-    spun = {
-        k
-        for k, body in enumerate(world.bodies)
-        if world.view is View.TOP and _overspun(body)
-    }
-    return frozenset(held | spun)
+def _guided_bodies(world: World) -> frozenset[int]:
+    """Return the bodies on which more acts than gravity and contacts."""
+    bodies: set[int] = set()
+    for k, body in enumerate(world.bodies):
+        is_scripted = body.motion is not Motion.DYNAMIC
+        has_extra_spin = world.view is View.TOP and _has_extra_spin(body)
+        if is_scripted or has_extra_spin:
+            bodies.add(k)
+    for field in world.fields:
+        bodies.update(field.bodies)
+    for push in world.pushes:
+        bodies.add(push.body)
+    for joint in world.joints:
+        bodies.update(k for k in (joint.first, joint.second) if k is not None)
+    return frozenset(bodies)
 
 
-def _overspun(body: Body) -> bool:
-    """Whether it does not roll at its start: (wx, wy) rolls at (R wy, -R wx), signs as in `Body.roll`."""
+def _has_extra_spin(body: Body) -> bool:
+    """Return whether a ball slips at its start: (wx, wy) rolls at (R wy, -R wx), signs as in `Body.roll`."""
     if body.solid is not Solid.SPHERE or body.radius is None or not np.any(body.roll):
         return False
-    rolling = body.radius * np.array([-body.roll[1], body.roll[0]])
-    return not np.allclose(
-        rolling,
-        body.velocity,
-        rtol=0,
-        atol=1e-6 * np.abs(body.velocity).max(initial=1.0),
-    )
+    roll_velocity = body.radius * np.array([-body.roll[1], body.roll[0]])
+    tolerance = 1e-6 * np.abs(body.velocity).max(initial=1.0)
+    return not np.allclose(roll_velocity, body.velocity, rtol=0, atol=tolerance)
 
 
 # ---- tables ------------------------------------------------------------------------------------------------------
@@ -265,96 +263,105 @@ RANGES = {
     "y": (-1e6, 1e6),
     "radius": (1e-3, 1e6),
 }
-"""Columns beside `name`, with what they may hold: frames, px."""
+"""Columns beside `name`, with their lowest and highest values: frames, px."""
+REQUIRED_COLUMNS = ("frame", "x", "y")
 
 
 def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
-    """Raises InputError for columns that are missing and cells that are no numbers, with their lines."""
-    lines = _lines(path)
-    rows = [_row(path, number, line) for number, line in enumerate(lines, 2)]
+    """Return the tracks of a table.
+
+    Raise InputError for missing columns and for cells that are not numbers, with their lines.
+    """
+    lines = _read_lines(path)
+    rows = [_parse_row(path, number, line) for number, line in enumerate(lines, 2)]
     owners = [line.get("name") or "body" for line in lines]
-    names = sorted(set(owners), key=natural)
+    names = tuple(sorted(set(owners), key=natural))
     first = min(row["frame"] for row in rows)
     count = int(max(row["frame"] for row in rows) - first) + 1
     if count == 1 or count * len(names) > LIMITS.cells:
-        found, expected = (
-            f"{count:,} frames of {len(names):,} bodies",
-            "are no motion, or too many",
-        )
-        raise InputError.of(
-            str(path),
-            found,
-            expected,
-            f"give 2 frames or more, up to {LIMITS.cells:,} cells",
-        )
+        value = f"{count:,} frames of {len(names):,} bodies"
+        fault = "are no motion, or too many"
+        fix = f"give 2 frames or more, up to {LIMITS.cells:,} cells"
+        raise InputError.of(str(path), value, fault, fix)
     places = np.full((count, len(names), 2), np.nan)
     radii: list[list[float]] = [[] for _ in names]
     for owner, row in zip(owners, rows, strict=True):
-        frame, k = int(row["frame"] - first), names.index(owner)
+        frame = int(row["frame"] - first)
+        k = names.index(owner)
         if np.isfinite(places[frame, k, 0]):
+            fault = f"is twice in frame {row['frame']:g}"
             fix = "give each body a name of its own"
-            raise InputError.of(
-                str(path), f'"{owner}"', f"is twice in frame {row['frame']:g}", fix
-            )
+            raise InputError.of(str(path), f'"{owner}"', fault, fix)
         places[frame, k] = row["x"], row["y"]
-        radii[k] += [row["radius"]] if "radius" in row else []
-    forms = tuple(disc(float(np.median(own or [0.0]))) for own in radii)
-    source = "a table" + ("" if fps else f", {LIMITS.fps:g} frames a second assumed")
-    times = np.arange(count, dtype=np.float64) / (fps or LIMITS.fps)
+        if "radius" in row:
+            radii[k].append(row["radius"])
+    source = "a table"
+    if not fps:
+        source += f", {LIMITS.fps:g} frames a second assumed"
     return Tracks(
-        path.stem, times, tuple(names), places, None, forms, view, LIMITS.table, source
+        name=path.stem,
+        times=np.arange(count, dtype=np.float64) / (fps or LIMITS.fps),
+        names=names,
+        places=places,
+        angles=None,
+        forms=tuple(map(_disc_of, radii)),
+        view=view,
+        noise_floor=LIMITS.table_noise,
+        source=source,
     )
 
 
-def _lines(path: Path) -> list[dict[str, str]]:
-    """By column. Raises InputError for a file that is no table of tracks."""
+def _disc_of(radii: Sequence[float]) -> Outline:
+    """Return a disc of the median radius; a point if no radius is known."""
+    return disc(float(np.median(radii or [0.0])))
+
+
+def _read_lines(path: Path) -> list[dict[str, str]]:
+    """Return the lines of a table by column. Raise InputError for a file that is not a table of tracks."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
-            heads = reader.fieldnames = [
-                head.strip().lower() for head in reader.fieldnames or ()
-            ]
+            columns = [head.strip().lower() for head in reader.fieldnames or ()]
+            reader.fieldnames = columns
             lines = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
+        fault = f"cannot be read as CSV: {error}"
         fix = "save it as UTF-8 with commas"
-        raise InputError.of(
-            str(path), "", f"cannot be read as CSV: {error}", fix
-        ) from None
-    if missing := [column for column in ("frame", "x", "y") if column not in heads]:
-        found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,radius"
-        raise InputError.of(str(path), found, f"lack {', '.join(missing)}", fix)
+        raise InputError.of(str(path), "", fault, fix) from None
+    missing_columns = [name for name in REQUIRED_COLUMNS if name not in columns]
+    if missing_columns:
+        value = f'columns "{", ".join(columns)}"'
+        fault = f"lack {', '.join(missing_columns)}"
+        fix = "begin with frame,name,x,y,radius"
+        raise InputError.of(str(path), value, fault, fix)
     if not lines:
-        raise InputError.of(
-            str(path), "", "has no tracks", "write a line a frame and body"
-        )
+        fix = "write a line a frame and body"
+        raise InputError.of(str(path), "", "has no tracks", fix)
     return lines
 
 
-def _row(path: Path, number: int, line: dict[str, str]) -> dict[str, float]:
-    """Numbers by column; a radius may be missing. Raises InputError for what is no number, or no whole frame."""
-    found = {}
+def _parse_row(path: Path, number: int, line: dict[str, str]) -> dict[str, float]:
+    """Return the numbers of a line by column; a radius may be missing. Raise InputError for a wrong number."""
+    values = {}
     for column, (low, high) in RANGES.items():
         cell = (line.get(column) or "").strip()
         if not cell and column == "radius":
             continue
-        try:
-            found[column] = float(cell)
-        except ValueError:
-            found[column] = np.nan
-        whole = column != "frame" or found[column] % 1 == 0
-        if not (low <= found[column] <= high and whole):
+        value = _parse_number(cell)
+        is_whole = column != "frame" or value % 1 == 0
+        if not low <= value <= high or not is_whole:
             kind = "whole number" if column == "frame" else "number"
-            expected = f"is no {kind} from {low:g} to {high:g}"
+            fault = f"is no {kind} from {low:g} to {high:g}"
+            fix = "write px, and count frames"
             place = Place(str(path), number, 1)
-            raise InputError(
-                [
-                    Problem(
-                        place,
-                        column,
-                        f'"{cell[:40]}"',
-                        expected,
-                        "write px, and count frames",
-                    )
-                ]
-            )
-    return found
+            raise InputError([Problem(place, column, f'"{cell[:40]}"', fault, fix)])
+        values[column] = value
+    return values
+
+
+def _parse_number(cell: str) -> float:
+    """Return a number, NaN for other text."""
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, bounds
 from physgen.maps import F32
+from physgen.messages import Message
 from physgen.perceive.backends.boundary_support import (
     ELASTICITY,
     FRICTION,
@@ -54,7 +55,6 @@ from physgen.perceive.support.ground_contact import Foot, Line
 from physgen.perceive.support.supports import depth_inside, free_parts
 from physgen.perceive.support.view_classifier import view_chances
 from physgen.perceive.support.viewpoint import guess_view
-from physgen.problems import InputError
 from physgen.scene.scene import View
 
 
@@ -280,10 +280,7 @@ def normalised_depth(depth: F32 | None) -> F32:
             if depth is None
             else "depth that is the same everywhere, or not finite"
         )
-        expected = "is nothing that boundary=depth-normals can work on"
-        raise InputError.of(
-            "--backend", found, expected, "add --backend depth=marigold"
-        )
+        raise Message.NO_DEPTH_FOR_BOUNDARY.error("--backend", found)
     low, high = np.percentile(depth[::3, ::3], (0.5, 99.5))
     if high - low <= 1e-6 * max(abs(low), abs(high)):
         low, high = depth.min(), depth.max()

@@ -11,9 +11,9 @@ import torch
 from transformers import DepthAnythingForDepthEstimation, DPTImageProcessorPil
 
 from physgen.maps import F32
+from physgen.messages import Message
 from physgen.perceive.backends.models import ModelBackend, weight_ids
 from physgen.perceive.roles import Rgb
-from physgen.problems import InputError
 from physgen.registry import Options, Setup, read_options
 
 NAME = "depth-anything"
@@ -74,12 +74,7 @@ class DepthAnything(ModelBackend):
         raw = prediction[0].float().cpu().numpy()
         if not np.isfinite(raw).all():
             dtype = str(self._dtype).removeprefix("torch.")
-            raise InputError.of(
-                "physgen.toml",
-                dtype,
-                "gives no finite depth",
-                'write dtype = "float32"',
-            )
+            raise Message.DEPTH_NOT_FINITE.error("physgen.toml", dtype)
         depth = raw if self._options["unit"] == "m" else invert_depth(raw)
         size = rgb.shape[1], rgb.shape[0]
         return np.asarray(

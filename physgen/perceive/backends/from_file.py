@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.messages import Message
 from physgen.perceive import roles
 from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
 from physgen.photometry import decode
@@ -111,16 +112,9 @@ def inpaint(setup: Setup) -> roles.Inpaint:
 def _path(setup: Setup, role: str) -> Path:
     path = Path(setup.weights).expanduser()
     if not setup.weights:
-        raise InputError.of(
-            "--backend", f'"{role}=file"', "names no file", f"write {role}=file:PATH"
-        )
+        raise Message.MAP_FILE_MISSING.error("--backend", f'"{role}=file"', role=role)
     if not path.is_file():
-        raise InputError.of(
-            "--backend",
-            f'"{role}=file:{path}"',
-            "is not there",
-            "name a file, .npy or a picture",
-        )
+        raise Message.MAP_FILE_LOST.error("--backend", f'"{role}=file:{path}"')
     return path
 
 
@@ -145,16 +139,15 @@ def _raw(path: Path, what: str) -> Map:
             if _array(path)
             else ("picture", "as PNG or .npy")
         )
-        raise InputError.of(str(path), "", f"is no {kind}", f"save {what} {how}")
+        raise Message.MAP_FILE_UNREADABLE.error(
+            str(path), kind=kind, content=what, form=how
+        )
     return read[..., [2, 1, 0]] if read.ndim == 3 else read
 
 
 def _refused(raw: Map, path: Path, what: str, shape: str) -> InputError:
-    return InputError.of(
-        str(path),
-        f"{raw.shape} {raw.dtype}",
-        f"is no map of {what}",
-        f"save {shape} finite numbers",
+    return Message.NOT_A_MAP.error(
+        str(path), f"{raw.shape} {raw.dtype}", shape=shape, content=what
     )
 
 
@@ -191,9 +184,8 @@ def _fit(values: Map, rgb: Rgb, path: Path) -> Map:
     if (tall, wide) == (height, width):
         return values
     if abs(wide * height / (tall * width) - 1) > ASPECT_TOLERANCE:
-        expected = f"has other proportions than the photo's {width} x {height} px"
-        raise InputError.of(
-            str(path), f"{wide} x {tall} px", expected, "save it in the photo's size"
+        raise Message.PROPORTIONS_DIFFER.error(
+            str(path), f"{wide} x {tall} px", width=width, height=height
         )
     how = cv2.INTER_AREA if wide > width else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(values, (width, height), interpolation=how))

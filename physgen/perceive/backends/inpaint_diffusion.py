@@ -14,6 +14,7 @@ from diffusers import AutoPipelineForInpainting
 from numpy.typing import NDArray
 from PIL import Image
 
+from physgen.messages import Message
 from physgen.perceive.backends.models import ModelBackend, load_pipeline, weight_ids
 from physgen.perceive.inpaint.painting import (
     inpaint_windows,
@@ -22,7 +23,6 @@ from physgen.perceive.inpaint.painting import (
     resize_window,
 )
 from physgen.perceive.roles import Rgb
-from physgen.problems import InputError
 from physgen.registry import Options, Setup, read_options
 
 Mask = NDArray[np.bool_]
@@ -97,19 +97,11 @@ class Diffusion(ModelBackend):
             )
         if any(getattr(found, "nsfw_content_detected", None) or ()):
             seed = f"diffusion.seed: {self._options['seed']}"
-            fix = "choose another seed or prompt, or inpaint=fill"
-            raise InputError.of(
-                "physgen.toml", seed, "is withheld by the weights' safety checker", fix
-            )
+            raise Message.FILL_WITHHELD.error("physgen.toml", seed)
         picture = np.asarray(found.images[0], np.float32)
         if not np.isfinite(picture).all():
             dtype = str(self._dtype).removeprefix("torch.")
-            raise InputError.of(
-                "physgen.toml",
-                dtype,
-                "paints no finite colours",
-                'write dtype = "float32"',
-            )
+            raise Message.COLOURS_NOT_FINITE.error("physgen.toml", dtype)
         return resize_picture(
             np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8),
             (rgb.shape[0], rgb.shape[1]),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from physgen.messages import Message
 from physgen.perceive.backends.models import ModelBackend, weight_ids
 from physgen.perceive.inpaint.painting import (
     Mask,
@@ -41,7 +42,7 @@ class Lama(ModelBackend):
         options = read_options(setup, NAME, OPTIONS)
         (weights,) = weight_ids("inpaint", NAME, setup)
         if not Path(weights).expanduser().is_file():
-            raise InputError.of("--backend", f'"{weights}"', "is not a file", GET)
+            raise Message.LAMA_NOT_A_FILE.error("--backend", f'"{weights}"')
         super().__init__(setup, weights, "LaMa", options)
 
     def _number_type(self, setup: Setup) -> torch.dtype:
@@ -73,7 +74,9 @@ class Lama(ModelBackend):
         return resize_picture(levels, size)
 
     def _refusal(self, fault: str) -> InputError:
-        return InputError.of("--backend", f'"{self._weights}"', fault, GET)
+        return Message.LAMA_UNREADABLE.error(
+            "--backend", f'"{self._weights}"', reason=fault
+        )
 
 
 lama = Lama

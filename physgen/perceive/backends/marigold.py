@@ -15,11 +15,11 @@ import numpy as np
 import torch
 
 from physgen.maps import F32
+from physgen.messages import Message
 from physgen.perceive.backends.from_file import facing, parted
 from physgen.perceive.backends.models import ModelBackend, load_pipeline, weight_ids
 from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
 from physgen.photometry import decode, luminance
-from physgen.problems import InputError
 from physgen.registry import Options, Setup, read_options
 
 OPTIONS: Options = {
@@ -63,16 +63,15 @@ class _Marigold(ModelBackend):
             is_a = {name: role for role, name in PIPELINES.items()}.get(
                 type(pipe).__name__
             )
-            fix = (
-                f"write {is_a}=marigold:{self._weights}"
-                if is_a
-                else f"name a {PIPELINES[self.role]}"
-            )
-            raise InputError.of(
+            fix = f"name a {PIPELINES[self.role]}"
+            if is_a:
+                fix = f"write {is_a}=marigold:{self._weights}"
+            raise Message.WRONG_PIPELINE.error(
                 "--backend",
                 f'"{self._weights}"',
-                f"is a {type(pipe).__name__}: not for {self.role}",
-                fix,
+                name=type(pipe).__name__,
+                role=self.role,
+                fix=fix,
             )
         if self._options["steps"] is None:
             self._options["steps"] = pipe.default_denoising_steps
@@ -96,11 +95,8 @@ class _Marigold(ModelBackend):
             ).prediction
         if not np.isfinite(found).all():
             dtype = str(self._dtype).removeprefix("torch.")
-            raise InputError.of(
-                "physgen.toml",
-                dtype,
-                f"leaves no finite {self.role} on {self._device}",
-                'write dtype = "float32"',
+            raise Message.PREDICTION_NOT_FINITE.error(
+                "physgen.toml", dtype, role=self.role, device=self._device
             )
         return np.asarray(found, np.float32), small
 
@@ -150,11 +146,10 @@ class Intrinsic(_Marigold):
             for name, one in zip(names, found, strict=False)
         }
         if "albedo" not in maps:
-            raise InputError.of(
+            raise Message.NO_ALBEDO.error(
                 "--backend",
                 f'"{self._weights}"',
-                f"gives {', '.join(names) or 'nothing with a name'}, no albedo",
-                "choose prs-eth/marigold-iid-lighting-v1-1",
+                outputs=", ".join(names) or "nothing with a name",
             )
         if "shading" in maps:
             shading = lit(

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import torch
 
+from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.registry import Setup, describe_error, find, in_hub_cache
 
@@ -59,12 +60,12 @@ def weight_ids(
         else [setup.weights]
     )
     if len(named) > len(defaults):
-        fix = f"write at most {len(defaults)}, with a comma between"
-        raise InputError.of(
+        raise Message.TOO_MANY_WEIGHTS.error(
             flag.name,
             f'"{setup.weights}"',
-            f"names {len(named)} weights for {name}",
-            fix,
+            name=name,
+            count=len(named),
+            most=len(defaults),
         )
     named += [""] * (len(defaults) - len(named))
     return tuple(one or default for one, default in zip(named, defaults, strict=True))
@@ -88,14 +89,11 @@ def device_of(setup: Setup) -> str:
         number.isdigit() or not number
     )
     if name != "auto" and not here:
-        fault = (
-            f"is not here: torch {torch.__version__} finds none"
-            if kind in count
-            else "is no device"
-        )
-        raise InputError.of(
-            "physgen.toml", f'device "{name}"', fault, f"choose auto or {best}"
-        )
+        found = f'device "{name}"'
+        if kind not in count:
+            raise Message.NOT_A_DEVICE.error("physgen.toml", found, best=best)
+        missing, version = Message.DEVICE_MISSING, torch.__version__
+        raise missing.error("physgen.toml", found, version=version, best=best)
     return best if name == "auto" else name
 
 
@@ -125,15 +123,13 @@ def load_weights(
     local = path.exists()
     get = f"run hf download {weights}, or write {flag.form}"
 
-    def problem(expected: str, fix: str = get) -> InputError:
-        return InputError.of(flag.name, f'"{weights}"', expected, fix)
+    def error(message: Message, **values: object) -> InputError:
+        return message.error(flag.name, f'"{weights}"', model=what, **values)
 
     if not local and not HUB_ID.fullmatch(weights):
-        fix = f"write {flag.form}, or OWNER/NAME as the hub has it"
-        raise problem(f"is not there: the weights of {what}", fix)
-    absent = f"holds the weights of {what} and is not on this machine"
+        raise error(Message.WEIGHTS_NOT_A_FILE, form=flag.form)
     if not local and _hub_is_offline() and not in_hub_cache(weights):
-        raise problem(f"{absent}, nor can the hub be asked")
+        raise error(Message.WEIGHTS_OFFLINE, fix=get)
     if (local or in_hub_cache(weights)) and importlib.util.find_spec("transformers"):
         from transformers.utils import logging
 
@@ -144,16 +140,14 @@ def load_weights(
         raise
     except (
         Exception
-    ) as error:  # libraries raise errors of every type for files that are no model
-        cause = describe_error(error)
-        if is_out_of_memory(error):
-            fix = 'choose a smaller model, or write dtype = "bfloat16" or device = "cpu" in physgen.toml'
-            raise problem(f"does not fit into the memory: {cause}", fix) from error
-        if not local and isinstance(error, OSError):
-            raise problem(f"{absent} ({cause})") from error
-        raise problem(
-            f"does not load as {what} ({cause})", "fetch it again" if local else get
-        ) from error
+    ) as error_:  # libraries raise errors of every type for files that are no model
+        cause = describe_error(error_)
+        if is_out_of_memory(error_):
+            raise error(Message.WEIGHTS_TOO_LARGE, cause=cause) from error_
+        if not local and isinstance(error_, OSError):
+            raise error(Message.WEIGHTS_ABSENT, cause=cause, fix=get) from error_
+        fix = "fetch it again" if local else get
+        raise error(Message.WEIGHTS_BROKEN, cause=cause, fix=fix) from error_
 
 
 def is_out_of_memory(error: BaseException) -> bool:

@@ -260,9 +260,11 @@ def better_mask(own: Mask, again: Mask) -> Mask:
 
 def round_radius(mask: Mask) -> float:
     """Return the radius (px) of a round mask (H, W), 0 of any other."""
-    points = np.argwhere(mask)[:, ::-1].astype(np.float32)
-    if not len(points):
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    if not width:
         return 0.0
+    rows, columns = np.nonzero(mask[y : y + height, x : x + width])
+    points = np.stack([columns + x, rows + y], axis=1).astype(np.float32)
     _, around = cv2.minEnclosingCircle(points)
     is_round = len(points) > LEARNED.round * np.pi * around**2
     return float(np.sqrt(len(points) / np.pi)) if is_round else 0.0
@@ -274,10 +276,10 @@ def left_to_right(objects: Segments) -> Segments:
     Those without a pixel are left out.
     """
     labels = objects.labels
-    count = np.bincount(labels.ravel(), minlength=len(objects.confidence) + 1)
-    x = np.bincount(
-        labels.ravel(), np.indices(labels.shape)[1].ravel(), len(count)
-    ) / np.maximum(count, 1)
+    rows, columns = np.nonzero(labels)
+    present = labels[rows, columns]
+    count = np.bincount(present, minlength=len(objects.confidence) + 1)
+    x = np.bincount(present, columns, len(count)) / np.maximum(count, 1)
     order = 1 + np.argsort(x[1:], kind="stable")
     order = order[count[order] > 0]
     ids = np.zeros(len(count), np.uint16)

@@ -32,8 +32,8 @@ from physgen.files import cache_folder, write_atomic
 from physgen.geometry import raster
 from physgen.geometry.polygon import Disc
 from physgen.geometry.scale import box_sides
+from physgen.messages import Message
 from physgen.perceive.roles import Category, Labels, Matter, Name, PhotoObject, Rgb
-from physgen.problems import InputError
 from physgen.registry import Options, Setup, read_options
 from physgen.scene.scene import Solid
 
@@ -190,15 +190,11 @@ class _Role:
         self._timeout = options["timeout"]
         parts, name = urlsplit(self._url), f"{self.role}=vlm"
         if not self._url or not self._model:
-            fix = f"set {URL} and {MODEL} (its key in {KEY}), or write url and model below [vlm] in physgen.toml"
-            raise InputError.of(
-                "--backend", name, "lacks a server or a model to ask", fix
+            raise Message.NO_SERVER.error(
+                "--backend", name, url=URL, model=MODEL, key=KEY
             )
         if parts.scheme not in ("http", "https") or not parts.hostname:
-            fix = "write e.g. http://localhost:8000/v1"
-            raise InputError.of(
-                "--backend", name, f"is given a {URL} that is no address", fix
-            )
+            raise Message.SERVER_NOT_ADDRESS.error("--backend", name, url=URL)
         self._where = f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
         self._sampling = SAMPLING
         self._usage: list[dict[str, int]] = []
@@ -311,8 +307,9 @@ class _Role:
         """One message: the failure, the server and model, and the fix; never the key."""
         about = f"{self._where} (model {self._model}), asked for {self.role} of {query.about},"
         what = what.replace(self._key, "***") if self._key else what
-        fix = f"check {URL} (mostly with /v1), {MODEL} (one that takes pictures), {KEY} and [vlm] timeout"
-        raise InputError.of("--backend", about, what, fix) from None
+        failed = Message.SERVER_FAILED
+        values = {"failure": what, "url": URL, "model": MODEL, "key": KEY}
+        raise failed.error("--backend", about, **values) from None
 
     def _cache_file(self, query: Query) -> Path:
         """The file of an answer below `$XDG_CACHE_HOME/physgen/vlm`, named by all that the answer depends on."""

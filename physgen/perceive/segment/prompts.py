@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.messages import Message
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
     Category,
@@ -22,7 +23,7 @@ from physgen.perceive.roles import (
 )
 from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
 from physgen.perceive.segment.point_choice import is_meant, object_at_point
-from physgen.problems import InputError, Place, Problem
+from physgen.problems import InputError, Place, Problem, RefusedError
 from physgen.registry import Backends
 
 Box = tuple[float, float, float, float]
@@ -82,12 +83,12 @@ class PromptFrame:
         ]
 
     def problem(
-        self, order: int, kind: str, numbers: Sequence[float], expected: str, fix: str
+        self, order: int, kind: str, numbers: Sequence[float], refusal: RefusedError
     ) -> Problem:
         """Return a problem at the place where a prompt is written, in its numbers."""
         place, path = self.places.get(order, (Place(_flag(kind, numbers)), ""))
         found = "" if order not in self.places else f"[{_written(numbers)}]"
-        return Problem(place, path, found, expected, fix)
+        return refusal.problem(place, path, found)
 
 
 def check_prompts(
@@ -104,13 +105,13 @@ def check_prompts(
         if order not in frame.places:
             fault = _share_fault(box, frame) or fault
         if fault is not None:
-            problems.append(frame.problem(order, "box", box, *fault))
+            problems.append(frame.problem(order, "box", box, fault))
     for order, point in enumerate(points, len(boxes)):
         fault = _point_fault(point, frame)
         if order not in frame.places:
             fault = _share_fault(point, frame) or fault
         if fault is not None:
-            problems.append(frame.problem(order, "point", point, *fault))
+            problems.append(frame.problem(order, "point", point, fault))
     if problems:
         raise InputError(problems)
 
@@ -118,9 +119,7 @@ def check_prompts(
 BOX_FORM, POINT_FORM = "write x,y,WIDTH,HEIGHT in px", "write x,y in px"
 
 
-def _share_fault(
-    numbers: Sequence[float], frame: PromptFrame
-) -> tuple[str, str] | None:
+def _share_fault(numbers: Sequence[float], frame: PromptFrame) -> RefusedError | None:
     """Return what is wrong with parts of the photo's sides; None if numbers are px."""
     is_share = all(0 <= number <= 1 for number in numbers)
     if not is_share or all(number in (0, 1) for number in numbers):
@@ -128,26 +127,29 @@ def _share_fault(
     sides = (frame.width, frame.height, frame.width, frame.height)
     likely = [number * side for number, side in zip(numbers, sides, strict=False)]
     form = BOX_FORM if len(numbers) == len(sides) else POINT_FORM
-    return "is less than a pixel", f"{form}; did you mean {_whole(likely)}?"
+    fix = f"{form}; did you mean {_whole(likely)}?"
+    return Message.PROMPT_IN_SHARES.refusal(fix=fix)
 
 
-def _box_fault(box: Box, frame: PromptFrame) -> tuple[str, str] | None:
+def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
     """Return what is wrong with a box and its fix; None if nothing is wrong."""
     form, least = BOX_FORM, RULE.least / min(frame.scale, 1.0)
     x, y, width, height = box
     if width < 0 or height < 0:
         likely = (min(x, x + width), min(y, y + height), abs(width), abs(height))
-        return "has a negative side", f"{form}; did you mean {_whole(likely)}?"
+        fix = f"{form}; did you mean {_whole(likely)}?"
+        return Message.BOX_NEGATIVE.refusal(fix=fix)
     if min(width, height) < least:
-        return f"is under {least:.3g} px wide or high", form
+        return Message.BOX_TOO_SMALL.refusal(least=least, fix=form)
     if not (_reaches_out(box, frame) or _is_off(box, frame)):
         return None
-    photo = f"the {frame.width:g} x {frame.height:g} photo"
+    size = {"width": frame.width, "height": frame.height}
     likely_box = next(_likely_boxes(box, frame), None)
     fix = form if likely_box is None else f"{form}; did you mean {_whole(likely_box)}?"
     if _is_off(box, frame):
-        return f"is off {photo}", fix
-    return f"reaches {_excess(box, frame):g} px beyond {photo}", fix
+        return Message.PROMPT_OFF_PHOTO.refusal(fix=fix, **size)
+    excess = _excess(box, frame)
+    return Message.BOX_BEYOND_PHOTO.refusal(excess=excess, fix=fix, **size)
 
 
 def _likely_boxes(box: Box, frame: PromptFrame) -> Iterator[Box]:
@@ -181,7 +183,7 @@ def _is_off(box: Box, frame: PromptFrame) -> bool:
     return is_beside or y >= frame.height or y + height <= 0
 
 
-def _point_fault(point: Point, frame: PromptFrame) -> tuple[str, str] | None:
+def _point_fault(point: Point, frame: PromptFrame) -> RefusedError | None:
     """Return what is wrong with a point and its fix; None if nothing is wrong."""
     form = POINT_FORM
     if _is_inside(point, frame):
@@ -189,7 +191,8 @@ def _point_fault(point: Point, frame: PromptFrame) -> tuple[str, str] | None:
     swapped = (point[1], point[0])
     if _is_inside(swapped, frame):
         form += f"; did you mean {_whole(swapped)}?"
-    return f"is off the {frame.width:g} x {frame.height:g} photo", form
+    size = {"width": frame.width, "height": frame.height}
+    return Message.PROMPT_OFF_PHOTO.refusal(fix=form, **size)
 
 
 def _is_inside(point: Point, frame: PromptFrame) -> bool:
@@ -275,15 +278,15 @@ def from_prompts(
     found = cache(lambda: segment(rgb))
     answers = segment.answers(rgb, boxes, points)
 
-    def report(order: int, expected: str, fix: str) -> None:
+    def report(order: int, refusal: RefusedError) -> None:
         kind, numbers = written[order]
-        problems.append(frame.problem(order, kind, numbers, expected, fix))
+        problems.append(frame.problem(order, kind, numbers, refusal))
 
     for k, box in enumerate(boxes):
         try:
             masks.append(answers.get(k) or segment_box(rgb, box))
         except InputError as error:
-            report(k, error.problems[0].expected, error.problems[0].fix)
+            report(k, error.problems[0].refusal())
     for k, point in enumerate(points, len(boxes)):
         try:
             masks.append(
@@ -293,7 +296,7 @@ def from_prompts(
                 )
             )
         except InputError as error:
-            report(k, error.problems[0].expected, error.problems[0].fix)
+            report(k, error.problems[0].refusal())
     if problems:
         raise InputError(problems)
     labels = np.zeros(rgb.shape[:2], np.uint16)
@@ -306,7 +309,7 @@ def from_prompts(
     for k in range(1, len(places) + 1):
         least = max(RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT)
         if np.count_nonzero(labels == k) < least:
-            report(k - 1, "shows what another box or point shows", "leave one out")
+            report(k - 1, Message.PROMPT_REPEATED.refusal())
     if problems:
         raise InputError(problems)
     if segment.is_smallest_meant:  # the scene keeps what was chosen, not how
@@ -328,8 +331,7 @@ def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
     """
     found = mask_in_box(rgb, _corners(rgb, box))
     if not 0 < found.mask.mean() < RULE.whole:
-        fix = "draw it closer around an object, or give the object's mask: --masks FILE"
-        raise InputError.of(_flag("box", box), "", "shows no object", fix)
+        raise Message.BOX_EMPTY.error(_flag("box", box))
     return found
 
 
@@ -368,13 +370,10 @@ def segment_point(
     looks, is_contested = around()
     found += [PromptedMask(look.mask, sureness) for look, sureness in looks]
     if not found:
-        expected, fix = (
-            "shows no object that ends somewhere",
-            "draw a box around it: --box x,y,w,h",
+        nothing = (
+            Message.PROMPT_REPEATED if is_contested else Message.POINT_SHOWS_NOTHING
         )
-        if is_contested:
-            expected, fix = "shows what another box or point shows", "leave one out"
-        raise InputError.of(_flag("point", point), "", expected, fix)
+        raise nothing.error(_flag("point", point))
     return max(found, key=lambda one: one.confidence)
 
 
@@ -465,15 +464,9 @@ def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
     x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
     if x1 - x0 < 4 or y1 - y0 < 4:
-        outside = (
-            "is off"
-            if min(box[2:]) >= 4 and (x1 <= x0 or y1 <= y0)
-            else "leaves under 4 px of"
-        )
-        expected = f"{outside} the {width} x {height} photo"
-        raise InputError.of(
-            _flag("box", box), "", expected, "write x,y,width,height in px"
-        )
+        is_outside = min(box[2:]) >= 4 and (x1 <= x0 or y1 <= y0)
+        wrong = Message.BOX_OFF_PHOTO if is_outside else Message.BOX_TOO_LITTLE
+        raise wrong.error(_flag("box", box), width=width, height=height)
     return x0, y0, x1, y1
 
 
@@ -482,10 +475,7 @@ def _pixel(rgb: Rgb, point: Point) -> tuple[int, int]:
     height, width = rgb.shape[:2]
     x, y = round(point[0]), round(point[1])
     if not (0 <= x < width and 0 <= y < height):
-        raise InputError.of(
-            _flag("point", point),
-            "",
-            f"is off the {width} x {height} photo",
-            "write x,y in px",
+        raise Message.POINT_OFF_PHOTO.error(
+            _flag("point", point), width=width, height=height
         )
     return x, y

@@ -7,6 +7,7 @@ shadows is that fill in the light that is left around it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -18,7 +19,7 @@ from physgen.perceive.inpaint.poisson import (
     harmonic_fill,
     with_rim,
 )
-from physgen.perceive.roles import Inpaint, Mask, Rgb, Shadows
+from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb, Shadows
 from physgen.perceive.shadow.reduced import reduce_photo
 from physgen.perceive.shadow.shadow_removal import plan_refill
 from physgen.perceive.working_size import enlarge, reduce_known
@@ -30,6 +31,8 @@ LIGHT_ERROR = 0.01
 """-log of light by which the extended shadows may be off."""
 GRAIN = 5.0
 """px: standard deviation of the blur against texture, before fills are compared."""
+SCENERY_REACH = 0.015
+"""Share of the longer side between an object and what it may stand on or before."""
 DARKEST = 2e-3
 """Linear light that is added before ratios: black has none."""
 
@@ -79,6 +82,20 @@ def fill_backgrounds(
     if shadows.faint:
         return _fill_shaded(around, lifted, inpaint)
     return _fill_clean(around, lifted, inpaint)
+
+
+def find_scenery(labels: Labels, fixed: Sequence[int]) -> list[int]:
+    """Return the ids of `fixed` objects that are near others in the label map (H, W).
+
+    What is far from all others, as a cup beyond a pot, is no part of what they hide.
+    """
+    is_loose = (labels > 0) & ~np.isin(labels, list(fixed))
+    if not is_loose.any():
+        return list(fixed)
+    away = cv2.distanceTransform((~is_loose).view(np.uint8), cv2.DIST_L2, 5)
+    is_near = away <= SCENERY_REACH * max(labels.shape)
+    present = set(np.unique(labels[is_near]).tolist())
+    return [i for i in fixed if i in present]
 
 
 def fill_before_scenery(

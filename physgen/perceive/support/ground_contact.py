@@ -29,6 +29,7 @@ from physgen.geometry.polygon import (
     polygon_moments,
 )
 from physgen.geometry.simplify import crossings
+from physgen.materials import kind
 from physgen.perceive.roles import Labels, PhotoObject
 from physgen.perceive.support.equilibrium import contacts
 
@@ -570,7 +571,7 @@ class _BaseLimits:
     high: float = 0.45
     """Height of the lower outline above the ground: higher ones stand on something."""
     round: float = 0.85
-    """Share of its smallest circle from which an object may roll, and gets no base."""
+    """Share of its smallest circle from which fruit may roll, and gets no base."""
 
 
 BASE = _BaseLimits()
@@ -579,7 +580,9 @@ BASE = _BaseLimits()
 def needs_base(foot: Foot) -> bool:
     """Return whether an object that stands on level ground would tip over its foot."""
     outline = foot.item.outline
-    if isinstance(outline, Disc) or foot.item.cut or _is_nearly_round(outline):
+    if isinstance(outline, Disc) or foot.item.cut:
+        return False
+    if kind(foot.item.label).form == "ball" and _is_nearly_round(outline):
         return False
     x0, _, x1, _ = bounds(outline)
     middle = float(mass_properties(outline).center[0])

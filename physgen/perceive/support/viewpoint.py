@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from physgen.maps import F32
+from physgen.messages import Note
 from physgen.perceive.roles import (
     BoundaryGuess,
     Detections,
@@ -32,7 +33,7 @@ from physgen.perceive.support.equilibrium import contacts
 from physgen.perceive.support.supports import SOURCE
 from physgen.perceive.support.view_classifier import ViewChances, view_chances
 from physgen.scene.scene import View
-from physgen.text import counted
+from physgen.text import counted, percent
 
 LEAST = 30  # px of background from which a part of the photo counts
 SPREAD = 12.0  # CIE 1976 Lab: standard deviation of a background from which its layers count in full
@@ -258,11 +259,11 @@ def judge_suitability(
     fixed = _immovable(rgb)
     own = cv2.resize((found.labels > 0).astype(np.float32), fixed.shape[::-1])
     if by_hand and (own * fixed).sum() > DOUBTS.pointed * own.sum():
-        reasons.append("the marked object looks immovable")
+        reasons.append(Note.MARKED_IMMOVABLE.text())
     if any(found.confidence[i] < RULE.weak for i in found.prompts):
-        reasons.append("the marked object hardly stands out")
+        reasons.append(Note.MARKED_FAINT.text())
     if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
-        reasons.append(f"one object fills {100 * largest:.0f} % of the photo")
+        reasons.append(Note.FILLS_PHOTO.text(share=percent(largest)))
     loose = [t for t in objects if not t.cut]
     unseen = [
         w
@@ -275,11 +276,10 @@ def judge_suitability(
     # at an angle, the ground is seen around what stands on it
     is_ground_visible = boundaries.tilt is not None
     if unheld > DOUBTS.unheld * len(loose) and not is_ground_visible:
-        reasons.append(
-            f"no support is visible beneath {unheld} of {counted(len(loose), 'object')}"
-        )
+        every = counted(len(loose), "object")
+        reasons.append(Note.NO_SUPPORT.text(count=unheld, objects=every))
     if view < DOUBTS.view:
-        reasons.append("the view is uncertain: from the side or from above")
+        reasons.append(Note.VIEW_UNCERTAIN.text())
     return Suitability(tuple(reasons))
 
 
@@ -310,13 +310,13 @@ def _detection_doubts(
     reasons, right = [], sum(found.confidence.get(t.id, 1.0) for t in objects)
     true = right + sum(doubt.confidence for doubt in found.doubtful)
     if 2 * right <= DOUBTS.expected * (len(objects) + true):
-        reasons.append("few sure objects")
+        reasons.append(Note.FEW_SURE_OBJECTS.text())
     unclear = np.zeros(found.labels.shape, np.uint8)
     for doubt in found.doubtful:
         cv2.fillPoly(unclear, [np.rint(doubt.polygon).astype(np.int32)], 1)
     share = float(((unclear > 0) & (found.labels == 0)).mean())
     if share > max(DOUBTS.unclear, sum(area.values())):
-        reasons.append(f"{100 * share:.0f} % of the photo may be objects, too")
+        reasons.append(Note.MAY_BE_OBJECTS.text(share=percent(share)))
     return reasons
 
 
@@ -324,10 +324,10 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
     """Return the doubts about what does not move, and the texture around objects."""
     reasons: list[str] = []
     if view_chances(run_network(rgb).features).unsuitable > DOUBTS.unsuitable:
-        reasons.append("it looks like a photo without loose objects at rest")
+        reasons.append(Note.NO_LOOSE_OBJECTS.text())
     fixed = float(_immovable(rgb).mean())
     if fixed >= DOUBTS.fixed:
-        reasons.append(f"{100 * fixed:.0f} % of the photo looks immovable")
+        reasons.append(Note.IMMOVABLE.text(share=percent(fixed)))
     small = _small_photo(rgb)
     detailed = fine_detail(rgb)
     hue, saturation, value = np.moveaxis(
@@ -341,15 +341,12 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
         cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST)
         == 0
     )
-    for appearance, part, most in (
-        ("is blue like the sky", blue, DOUBTS.sky),
-        ("looks like leaves or grass", green & detailed, DOUBTS.foliage),
-        ("is cluttered", detailed, DOUBTS.detail),
+    for note, part, most in (
+        (Note.LIKE_SKY, blue, DOUBTS.sky),
+        (Note.LIKE_FOLIAGE, green & detailed, DOUBTS.foliage),
+        (Note.CLUTTERED, detailed, DOUBTS.detail),
     ):
         share = np.count_nonzero(part & around) / max(int(around.sum()), 1)
         if share > most:
-            return [
-                *reasons,
-                f"{100 * share:.0f} % of the background {appearance}",
-            ]
+            return [*reasons, note.text(share=percent(share))]
     return reasons

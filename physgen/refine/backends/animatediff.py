@@ -17,8 +17,8 @@ from diffusers import (
 )
 from torch import Tensor
 
+from physgen.messages import Message
 from physgen.perceive.backends.models import as_dtype, load_weights
-from physgen.problems import InputError
 from physgen.refine.backends.sampling import (
     REFINE,
     Kind,
@@ -57,7 +57,7 @@ class AnimateDiff:
             steps_offset=1, set_alpha_to_one=True,
         )  # fmt: skip
 
-    def schedule(self, steps: int, count: int) -> Schedule:
+    def schedule(self, steps: int, count: int, shape: torch.Size) -> Schedule:
         """Return the DDIM schedule."""
         return ddim(self._scheduler, steps, count)
 
@@ -102,9 +102,11 @@ def trained(weights: tuple[str, ...]) -> Trained:
     found, motion = pipeline_index(base, WHAT), part_config(adapter, "", WHAT)
     kind = str(motion.get("_class_name"))
     if kind != "MotionAdapter":
-        fix = f"name a motion adapter first, e.g. {find('refine', 'animatediff').weights[0].id}"
-        raise InputError.of(
-            REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix
+        raise Message.NOT_AN_ADAPTER.error(
+            REFINE.name,
+            f'"{adapter}"',
+            kind=kind,
+            example=find("refine", "animatediff").weights[0].id,
         )
     plain = (
         found.get("unet", ["", ""])[1] == "UNet2DConditionModel"
@@ -112,9 +114,9 @@ def trained(weights: tuple[str, ...]) -> Trained:
     )
     unet = part_config(base, "unet", WHAT) if plain else {}
     if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
-        what = f"is a {found.get('_class_name')} that the adapter does not fit"
-        fix = "name weights of Stable Diffusion 1.5 after the comma"
-        raise InputError.of(REFINE.name, f'"{base}"', what, fix)
+        raise Message.BASE_DOES_NOT_FIT.error(
+            REFINE.name, f'"{base}"', kind=found.get("_class_name")
+        )
     vae, most = part_config(base, "vae", WHAT), motion.get("motion_max_seq_length", 32)
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)

@@ -21,6 +21,7 @@ from diffusers import AutoencoderKL, DiffusionPipeline
 from numpy.typing import NDArray
 from torch import Tensor
 
+from physgen.messages import Message
 from physgen.perceive.backends.models import (
     Flag,
     as_dtype,
@@ -33,7 +34,7 @@ from physgen.perceive.backends.models import (
     run_note,
     weight_ids,
 )
-from physgen.problems import InputError, collect
+from physgen.problems import collect
 from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
 from physgen.refine.latents import frames_held, latent_frames
 from physgen.registry import Options, Setup, hub_folder, read_options
@@ -55,9 +56,8 @@ def pipeline_index(weights: str, what: str) -> dict[str, Any]:
             None,
             *LIBRARIES,
         ):  # a module of its own: a program
-            reason = f"would run {kind[0]} for its {part}"
-            raise InputError.of(
-                REFINE.name, f'"{weights}"', reason, "name weights of plain parts"
+            raise Message.WEIGHTS_RUN_CODE.error(
+                REFINE.name, f'"{weights}"', kind=kind[0], part=part
             )
     return found
 
@@ -94,9 +94,8 @@ def check_pipeline_class(
 ) -> None:
     """Raises InputError where the pipeline `found` is none of those `known`."""
     if found not in known:
-        fix = f"name weights of a {known[0]}, or the backend of these"
-        raise InputError.of(
-            REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix
+        raise Message.WRONG_WEIGHTS.error(
+            REFINE.name, f'"{weights}"', known=known[0], kind=found, purpose=what
         )
 
 
@@ -184,9 +183,12 @@ def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
     return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
 
 
-def euler(scheduler: Any, steps: int, count: int) -> Schedule:
-    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023)."""
-    scheduler.set_timesteps(steps)
+def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
+    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023).
+
+    `settings` are further arguments of the scheduler's `set_timesteps`.
+    """
+    scheduler.set_timesteps(steps, **settings)
     times, sigmas = (
         scheduler.timesteps[-count:],
         scheduler.sigmas[-count - 1 :].numpy().astype(np.float32),
@@ -219,12 +221,12 @@ class Network(Protocol):
 
     pipe: Any
 
-    def schedule(self, steps: int, count: int) -> Schedule:
-        """The last `count` of `steps`."""
+    def schedule(self, steps: int, count: int, shape: torch.Size) -> Schedule:
+        """Return the last `count` of `steps` for windows of latents of this shape, (F', C, h, w)."""
         ...
 
-    def encode_text(self, text: str) -> Tensor:
-        """What the model understands of a text."""
+    def encode_text(self, text: str) -> Any:
+        """What the model understands of a text, as `predict` takes it."""
         ...
 
     def condition(self, frame: Tensor, latents: int) -> Any:
@@ -240,7 +242,7 @@ class Network(Protocol):
         ...
 
     def predict(
-        self, latents: Tensor, time: Tensor, text: Tensor, condition: Any
+        self, latents: Tensor, time: Tensor, text: Any, condition: Any
     ) -> Tensor:
         """What the model says of (F', C, h, w) on the processor at a level of noise."""
         ...
@@ -277,8 +279,8 @@ class Run:
     schedule: Schedule
     frames: Sequence[U8]
     guidance: float
-    text: Tensor
-    negative: Tensor | None
+    text: Any
+    negative: Any
     """What shall not be seen; None: the model is not guided."""
     conditions: dict[int, Any] = field(default_factory=dict)
     """By the first latent frame of a window."""
@@ -317,13 +319,7 @@ class Sampler:
         if window:
             if window > self._trained.most:
                 found, most = f"{self._kind.name}.window: {window}", self._trained.most
-                fix = f"write at most {most}"
-                raise InputError.of(
-                    "physgen.toml",
-                    found,
-                    f"is more than the {most} frames that the model can see",
-                    fix,
-                )
+                raise Message.TOO_MANY_FRAMES.error("physgen.toml", found, most=most)
             grid = replace(grid, window=latent_frames(window, grid))
         return grid
 
@@ -354,10 +350,11 @@ class Sampler:
             text = network.encode_text(prompt.prompt)
             negative = network.encode_text(prompt.negative) if guidance > 1 else None
             network.pipe.maybe_free_model_hooks()  # what reads text leaves the GPU to what reads frames
-            self._run = Run(
-                network.schedule(steps, count), frames, guidance, text, negative
-            )
-            latents = _array(network.encode(_video(frames)))
+            encoded = network.encode(_video(frames))
+            window = encoded[: self.grid.window].shape
+            schedule = network.schedule(steps, count, window)
+            self._run = Run(schedule, frames, guidance, text, negative)
+            latents = _array(encoded)
             network.pipe.maybe_free_model_hooks()  # and that to what denoises
         return latents
 

@@ -76,7 +76,7 @@ class Wan:
         network = self._network(float("inf"))
         self._takes_frame = network.config.in_channels > vae.z_dim
 
-    def schedule(self, steps: int, count: int) -> Schedule:
+    def schedule(self, steps: int, count: int, shape: torch.Size) -> Schedule:
         """Return Euler's steps, shifted."""
         return euler(self._scheduler, steps, count)
 

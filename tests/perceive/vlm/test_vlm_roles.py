@@ -206,7 +206,8 @@ def test_what_is_not_configured_is_told(
     lines = told(Setup(options={"timeout": 0, "timout": 3, "model": 1})).splitlines()
     assert len(lines) == 3
     assert any(
-        '"timout" means nothing here; did you mean timeout?' in line for line in lines
+        '"timout" is not a key of this table; did you mean timeout?' in line
+        for line in lines
     )
     monkeypatch.setenv("PHYSGEN_VLM_URL", "localhost:8000")
     assert "no address; write e.g. http://localhost:8000/v1" in told()

@@ -1,0 +1,60 @@
+"""Shade and fruit that move with their objects without an edge of their own."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from physgen.compile.world import Body
+from physgen.render.shadow_decomposition import BEYOND, EDGE, _owned
+from physgen.render.sprites import Sprite
+from physgen.render.staging import _is_lump
+
+BOXES = [(0, 0, 60, 100), (0, 0, 100, 60), (40, 0, 100, 100), (0, 40, 100, 100)]
+"""x0, y0, x1, y1 px of shade at the left, top, right and bottom of a photo."""
+
+
+SIDE = 100
+
+
+def _shade_around(box) -> np.ndarray:
+    """Return shade of 0.2 in a box of a photo, with a photo's width on each side."""
+    rest = np.full((SIDE, SIDE), 0.2, np.float32)
+    claim = np.ones((box[3] - box[1], box[2] - box[0]), np.float32)
+    (left, top, right, bottom), own = _owned(rest, (box, claim), np.ones_like(rest))
+    canvas = np.zeros((3 * SIDE, 3 * SIDE), np.float32)
+    canvas[top + SIDE : bottom + SIDE, left + SIDE : right + SIDE] = own
+    return canvas
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_shade_at_the_border_fades_beyond_the_photo(turn: int) -> None:
+    """Moved into the picture it shows no edge: no step is larger than the fade's."""
+    turned = np.rot90(_shade_around(BOXES[turn]), turn)  # it reaches the left border
+    row = turned[SIDE + SIDE // 2]
+    assert np.abs(np.diff(row[: SIDE + 50])).max() <= 0.2 / (BEYOND * SIDE) + 1e-6
+    assert row[SIDE : SIDE + 50 - EDGE].min() > 0.15
+    assert row[0] == 0
+
+
+def _sprite(mask) -> Sprite:
+    coverage = mask.astype(np.float32)
+    light = np.repeat(coverage[..., None], 3, axis=2)
+    return Sprite(body=0, corner=(0, 0), light=light, coverage=coverage)
+
+
+def test_a_lump_leaves_its_circle_and_a_thread_does_not_make_one() -> None:
+    rows, columns = np.indices((160, 160))
+    x, y = columns - 80, rows - 80
+    ball = np.hypot(x, y) <= 40
+    thread = ball | ((np.abs(x) <= 4) & (y < 0))
+    lump = np.hypot(x / 50, y / 42) <= 1
+    body = cast(Body, SimpleNamespace(radius=40.0, center=np.array([80.0, 80.0])))
+    assert not _is_lump(_sprite(ball), body)
+    assert not _is_lump(_sprite(thread), body)
+    assert _is_lump(_sprite(lump), body)
+    block = cast(Body, SimpleNamespace(radius=None, center=body.center))
+    assert not _is_lump(_sprite(lump), block)
