@@ -401,6 +401,42 @@ class Message(Enum):
     UNKNOWN_OBJECT = ("is not an object of this scene", "{fix}")
     KEY_NEEDED = ("missing, but {kind} needs it", "{fix}")
     HAS_NO_EFFECT = ("has no effect here: {why}", "remove it")
+    LOOP_OPEN = (
+        "does not end where it began, although it starts again",
+        "end with [{time:g}, {x:g}, {y:g}]",
+    )
+    CURVE_POINTS = (
+        "has {count} points",
+        "write one point, then three for each curve: 4, 7, 10, ...",
+    )
+    ARC_ANGLES = ("{fault}", "write angles at most 360 degrees apart")
+    ONE_WAY_ZERO = (
+        "has no direction",
+        "write e.g. [0, -1]: others pass upwards",
+    )
+    UNKNOWN_GROUP = ("is not a collision_group of this scene", "{fix}")
+    TOO_MANY_GROUPS = ("are more than {most}", "join some of them")
+    STATIC_FRICTION_LOW = (
+        "is less than the friction while it slides, {friction}",
+        "write a larger value, or a smaller friction",
+    )
+    NAMED_TWICE = ("names an object twice", "remove one")
+    TIME_NEGATIVE = ("is below 0", "write {items} with rising times")
+    FINGER_ON_TWO = ("are two, but a finger pulls one", "name one object")
+    GEAR_ON_ONE = (
+        "is one object, but a gear turns two",
+        "name two, each on its own pin",
+    )
+    GEAR_ZERO = (
+        "turns nothing",
+        "write e.g. -2: the first turns twice as fast, the other way",
+    )
+    SAME_ENDS = ("has two points at the same place", "move one")
+    FORCE_WITHOUT_DRIVE = ("missing, but its force needs it", "{fix}")
+    ROPE_SHORT = (
+        "is less than the {least:.6g} px between its points",
+        "lengthen it, or move its ends",
+    )
     VIDEO_TOO_LARGE = (
         "makes a video of {width} x {height}, which {limit}",
         "write at most {most:g}",

@@ -15,7 +15,7 @@ from typing import Any
 from physgen import registry
 from physgen.files import Stamp, file_stamp
 from physgen.messages import Message, one_of
-from physgen.problems import InputError, Limit, Place, RefusedError
+from physgen.problems import InputError, Limit, RefusedError
 from physgen.scene.document import Node, children, items, plain, whole
 from physgen.scene.files import (
     ASSETS,
@@ -489,10 +489,15 @@ class _Rules:
             return
         first, last = items(knots[0]), items(knots[-1])
         if any(_number(first[k]) != _number(last[k]) for k in (1, 2)):
-            x, y = _number(first[1]), _number(first[2])
-            fix = f"end with [{_number(last[0]):g}, {x:g}, {y:g}]"
-            what = "does not end where it began, and it is to begin again"
-            self.add(knots[-1].place, (*path, "path"), "the path", what, fix)
+            problem = Message.LOOP_OPEN.problem(
+                knots[-1].place,
+                (*path, "path"),
+                "the path",
+                time=_number(last[0]),
+                x=_number(first[1]),
+                y=_number(first[2]),
+            )
+            self.report(problem)
 
     def rising(self, knots: list[Node], path: KeyPath) -> None:
         """Times of knots start at 0 and rise; the first wrong one is reported."""
@@ -534,9 +539,9 @@ class _Rules:
             self.arc(children(line), path)
             return
         if given == ["bezier"] and len(items(line)) % 3 != 1:
-            found = f"has {len(items(line))} points"
-            fix = "write one point, then three for each curve: 4, 7, 10, ..."
-            self.add(line.place, (*path, "bezier"), "", found, fix)
+            key: KeyPath = (*path, "bezier")
+            count = len(items(line))
+            self.report(Message.CURVE_POINTS.problem(line.place, key, count=count))
             return
         if given == ["shape"]:
             shapes = children(line)
@@ -569,10 +574,11 @@ class _Rules:
             for key, default in (("from", 0.0), ("to", 360.0))
         )
         if begin == end or abs(end - begin) > 360:
-            what = "has no length" if begin == end else "goes round more than once"
-            fix = "write angles at most 360 degrees apart"
+            fault = "has no length" if begin == end else "goes round more than once"
             place = parts[next(iter(parts))].place
-            self.add(place, (*path, "arc"), "the arc", what, fix)
+            key: KeyPath = (*path, "arc")
+            problem = Message.ARC_ANGLES.problem(place, key, "the arc", fault=fault)
+            self.report(problem)
 
     def groups(self) -> None:
         """Add problems of collision groups that nothing has, and of friction that grows with sliding."""
@@ -590,20 +596,21 @@ class _Rules:
                 self.static_friction(good, path)
                 way = good.get("one_way")
                 if way is not None and not any(_number(one) for one in items(way)):
-                    fix = "write e.g. [0, -1]: others pass upwards"
                     key: KeyPath = (*path, "one_way")
-                    self.add(way.place, key, "[0, 0]", "is no direction", fix)
+                    self.report(Message.ONE_WAY_ZERO.problem(way.place, key, "[0, 0]"))
         for group, where in listings:
             if str(group.value) not in names and group not in self.findings.bad:
-                close = nearest(str(group.value), names)
-                fix = f"write {listed(list(names)[:30])}"
-                fix = f"did you mean {quoted(close)}?" if close else fix
-                what = "is no collision_group of this scene"
-                self.add(group.place, where, shown(group.value), what, fix)
+                fix = one_of(str(group.value), list(names))
+                problem = Message.UNKNOWN_GROUP.problem(
+                    group.place, where, shown(group.value), fix=fix
+                )
+                self.report(problem)
         if len(names) > MOST_GROUPS:
-            what = f"are more than {MOST_GROUPS}"
-            found = f"{len(names)} collision groups"
-            self.add(self.root.place, (), found, what, "join some of them")
+            groups = f"{len(names)} collision groups"
+            problem = Message.TOO_MANY_GROUPS.problem(
+                self.root.place, (), groups, most=MOST_GROUPS
+            )
+            self.report(problem)
 
     def static_friction(self, good: dict[str, Node], path: KeyPath) -> None:
         """Add a problem if what slides has more friction than what does not."""
@@ -614,17 +621,13 @@ class _Rules:
         default = at(f"{path[0]}.*")["properties"]["friction"]["default"]
         least = default if friction is None else _number(friction)
         if _number(node) < least:
-            what = f"is less than the friction of {number(least)} while it slides"
-            fix = "write a larger one, or a smaller friction"
-            self.add(
-                node.place, (*path, "static_friction"), shown(node.value), what, fix
+            problem = Message.STATIC_FRICTION_LOW.problem(
+                node.place,
+                (*path, "static_friction"),
+                shown(node.value),
+                friction=number(least),
             )
-
-    def add(
-        self, place: Place, path: KeyPath, found: str, expected: str, fix: str
-    ) -> None:
-        """Add the problem of one value, by its own sentence and fix."""
-        self.report(RefusedError(expected, fix).problem(place, dotted(path), found))
+            self.report(problem)
 
     # Forces, joints and fields
 
@@ -684,8 +687,8 @@ class _Rules:
             why = "the magnet names its objects"
             self.senseless(parts["objects"], (*path, "objects"), why)
         if len({str(item.value) for item in names}) < len(names):
-            what = "names an object twice"
-            self.add(good["magnet"].place, (*path, "magnet"), "", what, "drop one")
+            place = good["magnet"].place
+            self.report(Message.NAMED_TWICE.problem(place, (*path, "magnet")))
         self.finger(node, path)
 
     def finger(self, node: Node, path: KeyPath) -> None:
@@ -694,33 +697,31 @@ class _Rules:
         before: Any = None
         for index, knot in enumerate(items(good.get("finger"))):
             now: Any = items(knot)[0].value
-            if now < 0 or (before is not None and now <= before):
-                where: KeyPath = (*path, "finger", index, 0)
-                what = "is below 0" if now < 0 else f"is not after {number(before)}"
-                fix = "write knots with rising times"
-                self.add(items(knot)[0].place, where, shown(now), what, fix)
+            where: KeyPath = (*path, "finger", index, 0)
+            time = items(knot)[0]
+            if now < 0:
+                problem = Message.TIME_NEGATIVE.problem(
+                    time.place, where, shown(now), items="knots"
+                )
+                self.report(problem)
+                break
+            if before is not None and now <= before:
+                self.not_rising(time, where, before, "knots")
                 break
             before = now
         if "finger" in parts and len(items(parts.get("objects"))) > 1:
-            place, what = parts["objects"].place, "are two, and a finger pulls one"
-            self.add(place, (*path, "objects"), "", what, "name one object")
+            place = parts["objects"].place
+            self.report(Message.FINGER_ON_TWO.problem(place, (*path, "objects")))
 
     def joint(self, node: Node, path: KeyPath, names: list[Any]) -> None:
         """Add problems of a gear of one object, a rail without length, and a drive that is missing."""
         parts, good = children(node), self.good(node)
         if "gear" in parts and len(names) == 1:
             place = parts["objects"].place
-            fix = "name two, each on a pin of its own"
-            self.add(
-                place,
-                (*path, "objects"),
-                "",
-                "is one object, and a gear turns two",
-                fix,
-            )
+            self.report(Message.GEAR_ON_ONE.problem(place, (*path, "objects")))
         if "gear" in good and good["gear"].value == 0:
-            fix = "write e.g. -2: the first turns twice as fast, the other way"
-            self.add(good["gear"].place, (*path, "gear"), "0", "turns nothing", fix)
+            place = good["gear"].place
+            self.report(Message.GEAR_ZERO.problem(place, (*path, "gear"), "0"))
         for kind in ("slider", "pulley"):
             ends = _points(good[kind]) if kind in good else []
             for one, other in pairwise(ends[:2] if kind == "slider" else ends):
@@ -728,14 +729,14 @@ class _Rules:
                     max(abs(a - b) for a, b in zip(one, other, strict=True))
                     < SAME_POINT
                 ):
-                    what = "has two points at the same place"
-                    self.add(good[kind].place, (*path, kind), "", what, "move one")
+                    place = good[kind].place
+                    self.report(Message.SAME_ENDS.problem(place, (*path, kind)))
                     break
         if "force" in parts and "drive" not in parts and "slider" in parts:
             fix = advice(at("joints.*")["properties"]["drive"])
-            self.add(
-                node.place, (*path, "drive"), "", "missing, and its force needs it", fix
-            )
+            key: KeyPath = (*path, "drive")
+            message = Message.FORCE_WITHOUT_DRIVE
+            self.report(message.problem(node.place, key, fix=fix))
         self.rope(good, path)
 
     def rope(self, good: dict[str, Node], path: KeyPath) -> None:
@@ -748,11 +749,11 @@ class _Rules:
                 for one, other in pairwise(_points(good[kind]))
             )
             if _number(good["length"]) < least - SAME_POINT * least:
-                what = f"is less than the {least:.6g} px between its points"
-                fix = "lengthen it, or move its ends"
-                place = good["length"].place
-                shown_length = shown(good["length"].value)
-                self.add(place, (*path, "length"), shown_length, what, fix)
+                length = good["length"]
+                problem = Message.ROPE_SHORT.problem(
+                    length.place, (*path, "length"), shown(length.value), least=least
+                )
+                self.report(problem)
 
     def is_object(self, node: Node, path: KeyPath) -> None:
         """Adds a problem where a value names no object of the scene."""
