@@ -392,6 +392,17 @@ def test_many_joints_and_fields(tmp_path: Path) -> None:
     assert said(tmp_path) == []
 
 
+def test_more_collision_groups_than_the_engine_has(tmp_path: Path, here) -> None:
+    """Groups are bits of one 32-bit word of the engine."""
+    lines = ["objects:"]
+    for number in range(32):
+        shape = f"{{circle: {{center: [20, {20 + number}], radius: 8}}}}"
+        lines.append(f"  b{number}: {{shape: {shape}, collision_group: g{number}}}")
+    (tmp_path / "scene.yaml").write_text(HEAD + "\n".join(lines))
+    (message,) = here()
+    assert "33 collision groups are more than 32; join some of them" in message
+
+
 def test_overlapping_pairs_are_counted_not_listed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
