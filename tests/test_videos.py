@@ -233,7 +233,7 @@ def test_what_cannot_be_read_is_told_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     assert (
         told(tmp_path / "empty")
-        == f"{tmp_path / 'empty'}: has no pictures; name a folder of one picture a frame"
+        == f"{tmp_path / 'empty'}: has no pictures; name a folder with one picture per frame"
     )
     with wave.open(str(tmp_path / "a.wav"), "wb") as sound:
         sound.setnchannels(1)

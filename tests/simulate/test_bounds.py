@@ -75,7 +75,7 @@ def test_energy_is_balanced_with_bounds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("joint", "words"),
     [
-        ("{objects: [bob], gear: -2}", "is one object, and a gear turns two"),
+        ("{objects: [bob], gear: -2}", "is one object, but a gear turns two"),
         ("{objects: [bob, left], gear: 0}", "turns nothing"),
         ("{objects: [bob], slider: [[1, 2], [1, 2]]}", "two points at the same place"),
         (
@@ -86,7 +86,7 @@ def test_energy_is_balanced_with_bounds(tmp_path: Path) -> None:
             "{objects: [bob], slider: [[1, 2], [8, 2]], force: 5}",
             "its force needs it",
         ),
-        ("{objects: [bob], weld: [1, 2], limits: [-1, 2]}", "belongs to"),
+        ("{objects: [bob], weld: [1, 2], limits: [-1, 2]}", "it, and this is a"),
     ],
 )
 def test_mistakes_in_joints_are_named(tmp_path: Path, joint: str, words: str) -> None:

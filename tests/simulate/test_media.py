@@ -71,9 +71,9 @@ def test_displaced_areas_are_those_of_shapely(tmp_path: Path) -> None:
         ("fields.pull.magnet=[north, north]", "names an object twice"),
         ("fields.pull.magnet=[north, sout]", 'did you mean "south"'),
         ("fields.pool.density=null", "water needs it"),
-        ("joints.finger.objects=[wedge, ball]", "are two, and a finger pulls one"),
+        ("joints.finger.objects=[wedge, ball]", "are two, but a finger pulls one"),
         ("joints.finger.finger=[[0, 1, 2], [0, 3, 4]]", "is not after 0"),
-        ("fields.breath.density=1", "belongs to"),
+        ("fields.breath.density=1", "it, and this is a"),
     ],
 )
 def test_mistakes_in_media_are_named(tmp_path: Path, edit: str, words: str) -> None:

@@ -210,7 +210,7 @@ def test_what_is_not_configured_is_told(
         for line in lines
     )
     monkeypatch.setenv("PHYSGEN_VLM_URL", "localhost:8000")
-    assert "no address; write e.g. http://localhost:8000/v1" in told()
+    assert "not an address; write e.g. http://localhost:8000/v1" in told()
     monkeypatch.delenv("PHYSGEN_VLM_URL")
     assert "set PHYSGEN_VLM_URL and PHYSGEN_VLM_MODEL" in told()
 
