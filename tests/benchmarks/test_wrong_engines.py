@@ -146,7 +146,13 @@ WRONG: dict[int, Simulate] = {
     26: friction(1.02), 27: forgetful, 28: gravity(1.02), 29: scaled("joints", stiffness=1.02, damping=1.2),
     30: friction(1.006), 31: friction(1.006), 32: moment(1.02), 33: gravity(1.006), 34: scaled("joints", limit=1.006),
     35: scaled("fields", drag=1.05), 36: scaled("fields", strength=1.006), 37: moment(1.1), 38: friction(1.006),
-    39: moment(1.02), 40: gravity(1.004),
+    39: moment(1.02), 40: gravity(1.004), 41: gravity(1.006), 42: gravity(1.02), 43: gravity(1.006),
+    44: moment(1.006), 45: scaled("joints", friction=1.01), 46: scaled("joints", breaks=1.06), 47: friction(1.006),
+    48: friction(1.06), 49: elasticity(1.02), 50: gravity(1.01), 51: moment(1.05), 52: gravity(1.006),
+    53: gravity(1.06), 54: bodies(lambda b: replace(b, path=b.path * 1.00001)), 55: pushes(1.002),
+    56: scaled("fields", drag=1.02, linear=1.02), 57: scaled("fields", density=1.01),
+    58: scaled("fields", pull=1.02), 59: scaled("joints", stiffness=1.03),
+    60: bodies(lambda b: replace(b, radius=0.9 * (b.radius or 0.0))), 61: gravity(1.02),
 }  # fmt: skip
 """By row. Surfaces of bodies change, those of walls do not: a coefficient between the two changes as written."""
 
@@ -187,6 +193,15 @@ GROSSLY_WRONG: dict[str, tuple[Simulate, ...]] = {
     "see-saw": (in_another_world(tilted), gravity(1.1)),
     "orbits": (scaled("fields", strength=1.1),),
     "weld": (moment(1.1), elasticity(0.9)),
+    "slider": (asleep,),
+    "rope": (gravity(1.2),),
+    "pins": (asleep,),
+    "conveyor": (friction(1.06), bodies(lambda b: replace(b, mass=1.1 * b.mass))),
+    "stick-slip": (gravity(1.1), friction(1.2)),
+    "bumper": (elasticity(1.1),),
+    "passing": (asleep,),
+    "buoyancy": (scaled("fields", density=1.1),),
+    "loop": (asleep, WRONG[60]),
 }
 
 
