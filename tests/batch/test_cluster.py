@@ -133,7 +133,7 @@ def test_a_store_takes_the_place_of_a_shared_folder(
     assert f"nowhere: has no clip in {url}" in capsys.readouterr().err
     monkeypatch.chdir(tmp_path / "out")
     assert main(["render", f"../{scene}", *shipped]) == 2
-    assert "is outside of the working folder" in capsys.readouterr().err
+    assert "is outside the working folder" in capsys.readouterr().err
 
 
 @pytest.mark.slow
