@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from layout import prose, table
 
 from physgen.evaluate.plausibility.judge import EVEN
@@ -24,7 +26,14 @@ def section(rows: list[dict]) -> list[str]:
     for one in (one for section in found.sections[:2] for one in section.tables):
         lines += ["", *table(one.heads, one.rows)]
     scenes = [row for row in rows if "scene" in row]
-    wrong = sum(row["score"] is not None and row["score"] < EVEN for row in scenes)
+    is_wrong = [row["score"] is not None and row["score"] < EVEN for row in scenes]
+    wrong = sum(is_wrong)
+    names = [
+        Path(row["scene"]).stem
+        for row, fails in zip(scenes, is_wrong, strict=True)
+        if fails
+    ]
+    listing = f" ({', '.join(names)})" if names else ""
     unasked = sum(row["score"] is None for row in scenes)
     studio = _studio([row for row in rows if "studio" in row])
     return [
@@ -32,7 +41,7 @@ def section(rows: list[dict]) -> list[str]:
         "",
         *prose(
             f"Of the {len(scenes)} bundled scenes and variants {len(scenes) - wrong - unasked} are called right,",
-            f"{wrong} wrong. {studio}",
+            f"{wrong} wrong{listing}. {studio}",
         ),
     ]
 
