@@ -594,13 +594,16 @@ class _Rules:
                     place: KeyPath = (*path, "collides_with", index)
                     listings.append((group, place))
                 self.static_friction(good, path)
-                way = good.get("one_way")
-                if way is not None and not any(_number(one) for one in items(way)):
-                    key: KeyPath = (*path, "one_way")
-                    self.report(Message.ONE_WAY_ZERO.problem(way.place, key, "[0, 0]"))
+                self.one_way(good, path)
+        self.group_names(listings, list(names))
+
+    def group_names(
+        self, listings: list[tuple[Node, KeyPath]], names: list[str]
+    ) -> None:
+        """Add problems of groups that nothing has, and of more groups than the engine knows."""
         for group, where in listings:
             if str(group.value) not in names and group not in self.findings.bad:
-                fix = one_of(str(group.value), list(names))
+                fix = one_of(str(group.value), names)
                 problem = Message.UNKNOWN_GROUP.problem(
                     group.place, where, shown(group.value), fix=fix
                 )
@@ -611,6 +614,13 @@ class _Rules:
                 self.root.place, (), groups, most=MOST_GROUPS
             )
             self.report(problem)
+
+    def one_way(self, good: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if a way has no direction."""
+        way = good.get("one_way")
+        if way is not None and not any(_number(one) for one in items(way)):
+            key: KeyPath = (*path, "one_way")
+            self.report(Message.ONE_WAY_ZERO.problem(way.place, key, "[0, 0]"))
 
     def static_friction(self, good: dict[str, Node], path: KeyPath) -> None:
         """Add a problem if what slides has more friction than what does not."""
@@ -722,6 +732,16 @@ class _Rules:
         if "gear" in good and good["gear"].value == 0:
             place = good["gear"].place
             self.report(Message.GEAR_ZERO.problem(place, (*path, "gear"), "0"))
+        self.joint_ends(good, path)
+        if "force" in parts and "drive" not in parts and "slider" in parts:
+            fix = advice(at("joints.*")["properties"]["drive"])
+            key: KeyPath = (*path, "drive")
+            message = Message.FORCE_WITHOUT_DRIVE
+            self.report(message.problem(node.place, key, fix=fix))
+        self.rope(good, path)
+
+    def joint_ends(self, good: dict[str, Node], path: KeyPath) -> None:
+        """Add a problem if a rail or a pulley's rope has no length."""
         for kind in ("slider", "pulley"):
             ends = _points(good[kind]) if kind in good else []
             for one, other in pairwise(ends[:2] if kind == "slider" else ends):
@@ -732,12 +752,6 @@ class _Rules:
                     place = good[kind].place
                     self.report(Message.SAME_ENDS.problem(place, (*path, kind)))
                     break
-        if "force" in parts and "drive" not in parts and "slider" in parts:
-            fix = advice(at("joints.*")["properties"]["drive"])
-            key: KeyPath = (*path, "drive")
-            message = Message.FORCE_WITHOUT_DRIVE
-            self.report(message.problem(node.place, key, fix=fix))
-        self.rope(good, path)
 
     def rope(self, good: dict[str, Node], path: KeyPath) -> None:
         """Add a problem if a rope is shorter than the way between its points."""
