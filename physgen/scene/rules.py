@@ -553,18 +553,15 @@ class _Rules:
             for part, outline, crossing in _outlines(line, {}):
                 self.outline(outline, (*path, *part), crossing)
             return
-        points = _points(line)
-        for index in range(1, len(points)):
-            if (
-                max(
-                    abs(a - b)
-                    for a, b in zip(points[index - 1], points[index], strict=True)
-                )
-                < SAME_POINT
-            ):
-                where: KeyPath = (*path, given[0], index)
+        self.distinct_points(line, (*path, given[0]))
+
+    def distinct_points(self, line: Node, path: KeyPath) -> None:
+        """Add the problem of the first point that repeats the one before it."""
+        for index, (before, point) in enumerate(pairwise(_points(line)), start=1):
+            apart = max(abs(a - b) for a, b in zip(before, point, strict=True))
+            if apart < SAME_POINT:
                 place = items(line)[index].place
-                self.report(Message.POINT_REPEATED.problem(place, where))
+                self.report(Message.POINT_REPEATED.problem(place, (*path, index)))
                 return
 
     def arc(self, parts: dict[str, Node], path: KeyPath) -> None:
