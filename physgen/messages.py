@@ -432,6 +432,10 @@ class Message(Enum):
         "write e.g. -2: the first turns twice as fast, the other way",
     )
     SAME_ENDS = ("has two points at the same place", "move one")
+    OFF_RAIL = (
+        "ends {away:.1f} px before {object}",
+        "move the object onto the rail, or end the rail at [{x:.4g}, {y:.4g}] or later",
+    )
     FORCE_WITHOUT_DRIVE = ("missing, but its force needs it", "{fix}")
     ROPE_SHORT = (
         "is less than the {least:.6g} px between its points",

@@ -137,6 +137,34 @@ def _places(item: model.Joint, body: Body) -> tuple[Array, Array, tuple[Array, .
     return here + part * along, here, (along,)
 
 
+def rail_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
+    """Yield the problems of objects that start beyond an end of their rail."""
+    centers = {body.name: body.center for body in bodies}
+    for item in scene.joints:
+        if item.kind is not JointKind.SLIDER:
+            continue
+        here, there = np.array(item.points, np.float64)
+        along, center = there - here, centers[item.objects[0]]
+        part = float((center - here) @ along / (along @ along))
+        away = max(-part, part - 1) * float(np.hypot(*along))
+        if away > RAIL_END:
+            end = here + part * along
+            path = f"joints.{item.name}.slider"
+            yield Message.OFF_RAIL.problem(
+                scene.place(path),
+                path,
+                "the rail",
+                object=item.objects[0],
+                away=away,
+                x=float(end[0]),
+                y=float(end[1]),
+            )
+
+
+RAIL_END = 1e-3
+"""px beyond the end of a rail that do not count."""
+
+
 def _most(limit: float | None) -> float:
     return inf if limit is None else limit
 
@@ -287,7 +315,10 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
                     scene.place(path), path, "the outline", reason=str(error)
                 )
             )
-    problems = problems or list(mass_problems(scene, bodies))
+    problems = problems or [
+        *mass_problems(scene, bodies),
+        *rail_problems(scene, bodies),
+    ]
     if problems:
         raise InputError(problems)
     joints = joints_of(scene, bodies)

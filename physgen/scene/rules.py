@@ -63,6 +63,7 @@ OWNER = {
     **dict.fromkeys(("speed", "limit"), ("motor",)),
     "limits": ("pivot", "motor"),
     "friction": ("pivot",),
+    "breaks": tuple(kind for kind in KINDS["joints"] if kind != "finger"),
     **dict.fromkeys(("drive", "force"), ("slider",)),
     "drag": ("wind", "air", "water"),
     "linear": ("air", "water"),
@@ -739,7 +740,10 @@ class _Rules:
 
     def joint_ends(self, good: dict[str, Node], path: KeyPath) -> None:
         """Add a problem if a rail or a pulley's rope has no length."""
-        for kind in ("slider", "pulley"):
+        has_length = "length" in good and _number(good["length"]) > 0
+        for kind in ("slider", "pulley", "rope"):
+            if kind == "rope" and has_length:
+                continue
             ends = _points(good[kind]) if kind in good else []
             for one, other in pairwise(ends[:2] if kind == "slider" else ends):
                 if (

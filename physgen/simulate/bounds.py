@@ -167,7 +167,8 @@ def bounds_of(
         rows = [(along, way), ([-v for v in along], length - way)]
         if joint.drive is not None and strength is not None:
             most = joint.force * h * strength
-            found.append(Bound(along, joint.drive, -most, most, True))
+            speed = _speed_in_bounds(joint.drive, way, length - way, h)
+            found.append(Bound(along, speed, -most, most, True))
     elif joint.kind in (JointKind.ROPE, JointKind.PULLEY):
         rows = [_rope(joint, place, spots, size)]
     elif joint.kind in UNIFORM:
@@ -185,6 +186,31 @@ def bounds_of(
         elif room <= TAUT:
             found.append(Bound(row, 0.0, 0.0, inf))
     return found
+
+
+def _speed_in_bounds(speed: float, behind: float, ahead: float, h: float) -> float:
+    """Return the speed of a drive that stops at an end, and does not work against it.
+
+    behind, ahead: px or rad to the ends.
+    """
+    return min(max(speed, -behind / h), ahead / h)
+
+
+def motor_bound(
+    joint: Joint,
+    place: dict[int, int],
+    spots: Places,
+    size: int,
+    h: float,
+    strength: float,
+) -> Bound:
+    """Return the bound of a motor in a step of h seconds, with `strength` times its limit."""
+    speed, most = joint.speed, joint.limit * h * strength
+    if joint.limits is not None:
+        angle = _angle(joint.first, spots) - _angle(joint.second, spots)
+        behind, ahead = angle - joint.limits[0], joint.limits[1] - angle
+        speed = _speed_in_bounds(speed, behind, ahead, h)
+    return Bound(motor_row(joint, place, size), speed, -most, most, True)
 
 
 def _rope(

@@ -19,7 +19,7 @@ from physgen.simulate.bounds import (
     bounds_of,
     guide_rows,
     has_bounds,
-    motor_row,
+    motor_bound,
 )
 from physgen.simulate.contacts import Order
 
@@ -264,9 +264,7 @@ class Assemblies:
             speeds += [-gap / h if strength is not None else 0.0 for gap in off]
             bounds += bounds_of(joint, place, spots, size, h, strength)
             if strength is not None and joint.kind is JointKind.MOTOR:
-                turn = motor_row(joint, place, size)
-                most = joint.limit * h * strength
-                bounds.append(Bound(turn, joint.speed, -most, most, True))
+                bounds.append(motor_bound(joint, place, spots, size, h, strength))
         begun = None if within is None else within[bodies].ravel()
         group = self._bounded[number]
         return group.hold(rows, speeds, bounds, light, before, begun)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 from pymunk.batch import ArbiterFields, BodyFields
 
-from physgen.compile.world import EVERY_GROUP, Body, Joint, Wall, World
+from physgen.compile.world import EVERY_GROUP, Body, Joint, Passage, Wall, World
 from physgen.scene.scene import SPRINGS, JointKind, Motion
 from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
 from physgen.simulate.internal_edges import (
@@ -94,8 +94,12 @@ class Space:
         )
         self._space, self._gravity = space, world.gravity
         bodies = [_add_body(space, body) for body in world.bodies]
-        smooth = _neighbours(world.walls)
-        walls = [_add_wall(space, wall, smooth) for wall in world.walls]
+        by_passage: dict[Passage, list[Wall]] = {}
+        for wall in world.walls:
+            by_passage.setdefault(wall.passage, []).append(wall)
+        # what passes through one wall meets the end of another
+        smooth = {p: _neighbours(alike) for p, alike in by_passage.items()}
+        walls = [_add_wall(space, wall, smooth[wall.passage]) for wall in world.walls]
         self._bodies = bodies
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
@@ -162,7 +166,7 @@ class Space:
             for far, outline in zip(reach, outlines, strict=True)
         ]
         poses = tuple(self._still_poses)
-        self._edges = internal_edges(outlines, _pairs_apart(world.joints), poses)
+        self._edges = internal_edges(outlines, _pairs_apart(world), poses)
         self._partners: dict[int, set[int]] = {}
         """Owners that each owner touched when contacts at internal edges were last looked for."""
         self.hidden: dict[Pair, tuple[float, Distances]] = {}
@@ -438,13 +442,22 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
 
 
-def _pairs_apart(joints: tuple[Joint, ...]) -> frozenset[tuple[int, int]]:
-    """Return pairs of bodies, in both orders, that a joint lets overlap."""
+def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
+    """Return pairs of bodies and walls, in both orders, that a joint or their groups let overlap."""
     pairs = [
         (joint.first, joint.second)
-        for joint in joints
+        for joint in world.joints
         if joint.second is not None and not joint.collide
     ]
+    passages = [body.passage for body in world.bodies]
+    passages += [wall.passage for wall in world.walls]
+    for first, one in enumerate(passages):
+        if one.group == 1 and one.collides_with == EVERY_GROUP:
+            continue
+        for second, other in enumerate(passages):
+            is_met = one.group & other.collides_with and other.group & one.collides_with
+            if not is_met:
+                pairs.append((first, second))
     return frozenset([*pairs, *((second, first) for first, second in pairs)])
 
 
@@ -495,7 +508,7 @@ def _add_wall(
     return body
 
 
-def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]:
+def _neighbours(walls: Sequence[Wall]) -> dict[tuple[float, ...], list[float]]:
     """(near end, far end) of a segment -> far end of the one that carries on from its near end in a straight line.
 
     Told of its neighbours, a segment's end no longer trips what slides over the seam.

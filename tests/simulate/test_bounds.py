@@ -72,6 +72,31 @@ def test_energy_is_balanced_with_bounds(tmp_path: Path) -> None:
     assert apart.max() == pytest.approx(120, abs=0.01)
 
 
+DRIVES = """\
+physgen: 1
+size: [500, 300]
+world: {duration: 1, gravity: [0, 980]}
+objects:
+  cart: {shape: {box: {center: [100, 100], size: [20, 20]}}, mass: 100}
+  arm: {shape: {box: {center: [400, 100], size: [60, 20]}}, mass: 100}
+joints:
+  rail: {objects: [cart], slider: [[100, 100], [200, 100]], drive: 300}
+  hinge: {objects: [arm], motor: [370, 100], speed: 360, limits: [-90, 90]}
+"""
+
+
+def test_drives_without_a_limit_stop_at_their_ends(tmp_path: Path) -> None:
+    """They work m v² at most, and not against what ends their way."""
+    run = simulate(written.world(tmp_path, DRIVES), np.linspace(0.05, 1, 20))
+    cart, arm = run.names.index("cart"), run.names.index("arm")
+    assert run.poses[-1, cart, 0] == pytest.approx(200, abs=1e-6)
+    assert run.poses[-1, arm, 2] == pytest.approx(np.pi / 2, abs=1e-6)
+    energy = run.energy
+    total = energy.kinetic + energy.potential + energy.dissipated - energy.work
+    assert abs(total[-1] - total[0]) < 1e-2 * energy.kinetic.max()
+    assert energy.work[-1] < 2 * 100 * 300**2
+
+
 @pytest.mark.parametrize(
     ("joint", "words"),
     [
@@ -87,6 +112,12 @@ def test_energy_is_balanced_with_bounds(tmp_path: Path) -> None:
             "its force needs it",
         ),
         ("{objects: [bob], weld: [1, 2], limits: [-1, 2]}", "it, and this is a"),
+        ("{objects: [bob], slider: [[130, 100], [200, 100]]}", "30.0 px before bob"),
+        ("{objects: [bob, left], rope: [[5, 5], [5, 5]]}", "two points at the same"),
+        (
+            "{objects: [bob], finger: [[0, 100, 100], [1, 200, 100]], stiffness: 9, breaks: 1}",
+            "breaks: has no effect here",
+        ),
     ],
 )
 def test_mistakes_in_joints_are_named(tmp_path: Path, joint: str, words: str) -> None:

@@ -58,10 +58,34 @@ def test_mirrored_belts_carry_as_far(tmp_path: Path) -> None:
     ("edit", "words"),
     [
         ("objects.ghost.collides_with=[bakc]", 'did you mean "back"'),
-        ("objects.held.static_friction=0.2", "is less than the friction of 0.5"),
-        ("boundaries.shelf.one_way=[0, 0]", "is no direction"),
+        (
+            "objects.held.static_friction=0.2",
+            "is less than the friction while it slides, 0.5",
+        ),
+        ("boundaries.shelf.one_way=[0, 0]", "has no direction"),
     ],
 )
 def test_mistakes_in_contacts_are_named(tmp_path: Path, edit: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         written.world(tmp_path, SCENE, edit)
+
+
+ENDS = """\
+physgen: 1
+size: [400, 300]
+world: {duration: 1, gravity: [0, 0]}
+objects:
+  ball: {shape: {circle: {center: [100, 200], radius: 12}}, velocity: [300, 0]}
+boundaries:
+  wall: {segment: [[250, 200], [400, 200]]}
+"""
+BESIDE = "  beside: {segment: [[0, 200], [250, 200]], collision_group: other, collides_with: [other]}\n"
+
+
+def test_wall_that_is_passed_hides_no_end_of_another(tmp_path: Path) -> None:
+    alone, both = (
+        simulate(written.world(tmp_path, text), np.array([0.0, 1.0])).poses
+        for text in (ENDS, ENDS + BESIDE)
+    )
+    assert alone[-1, 0, 0] < 238
+    np.testing.assert_array_equal(both, alone)
