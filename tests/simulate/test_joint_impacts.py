@@ -165,8 +165,16 @@ def test_jointed_pair_keeps_energy_in_elastic_room(kind):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("first", range(0, 100, 25))
 @pytest.mark.parametrize("kind", [JointKind.PIVOT, JointKind.WELD])
-def test_jointed_pairs_keep_energy_in_elastic_rooms(kind):
-    drifts = {seed: energy_drift(seed, kind, 6.0) for seed in range(100)}
-    drifts |= {seed: energy_drift(seed, kind, 60.0) for seed in range(100, 103)}
+def test_jointed_pairs_keep_energy_in_elastic_rooms(kind, first):
+    seeds = range(first, first + 25)
+    drifts = {seed: energy_drift(seed, kind, 6.0) for seed in seeds}
     assert {seed: drift for seed, drift in drifts.items() if drift >= 0.005} == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 103))
+@pytest.mark.parametrize("kind", [JointKind.PIVOT, JointKind.WELD])
+def test_jointed_pair_keeps_energy_for_a_minute(kind, seed):
+    assert energy_drift(seed, kind, 60.0) < 0.005
