@@ -77,7 +77,7 @@ def test_a_device_that_is_not_here_is_refused():
     with pytest.raises(InputError, match='"tpu" is not a device; choose auto or'):
         models.device_of(Setup(device="tpu"))
     if not torch.cuda.is_available():
-        with pytest.raises(InputError, match='"cuda:1" is not here'):
+        with pytest.raises(InputError, match='device "cuda:1" is missing'):
             models.device_of(Setup(device="cuda:1"))
         assert models.dtype_of(Setup(), "cpu") == torch.float32
 

@@ -99,7 +99,7 @@ ROWS = (
         (Measure("energy", 1e-3), Measure("radius", 5e-3)), _loop,
     ),
     Row(
-        61, "slide", "slide of Bézier curves", "v² = v0² + 2 g h",
+        61, "chute", "slide of Bézier curves", "v² = v0² + 2 g h",
         "slides of 120 to 200 px, pucks of 8 to 14 px at 40 to 120 px/s, to either side",
         "Speed on the flat end over its closed form: 0.3 %.",
         (Measure("speed", 3e-3),), _slide,
