@@ -105,6 +105,12 @@ def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(
     assert np.array_equal(made, clip(count)[0])
 
 
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_one_step_gives_a_picture(variant: str, video: Video):
+    made = refined(video(variant), replace(HOW, steps=1, strength=1.0))
+    assert change(made).max() > 0
+
+
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
     """How far refined latents are from the guidance's, by latent frame: a decoder of random numbers tells little."""

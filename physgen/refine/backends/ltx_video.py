@@ -72,14 +72,18 @@ class LtxVideo:
             config.base_shift,
             config.max_shift,
         )
+        scheduler = self._scheduler
+        if steps == 1:
+            # the only level, 1, cannot be stretched to end at another one
+            scheduler = FlowMatchEulerDiscreteScheduler.from_config(
+                config, shift_terminal=None
+            )
         if self._is_condition:
             sigmas = linear_quadratic_schedule(steps).numpy()
             times = config.num_train_timesteps * sigmas
-            return euler(
-                self._scheduler, steps, count, sigmas=sigmas, timesteps=times, mu=mu
-            )
+            return euler(scheduler, steps, count, sigmas=sigmas, timesteps=times, mu=mu)
         sigmas = np.linspace(1.0, 1 / steps, steps)
-        return euler(self._scheduler, steps, count, sigmas=sigmas, mu=mu)
+        return euler(scheduler, steps, count, sigmas=sigmas, mu=mu)
 
     def encode_text(self, text: str) -> Text:
         """Encode a text by T5."""
