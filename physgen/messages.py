@@ -14,6 +14,7 @@ when a sentence is rewritten.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum, unique
 from string import Formatter
 
@@ -479,6 +480,10 @@ class Message(Enum):
     FORCE_AFTER_END = (
         "begins after the end of the clip at {end:g} s",
         "begin earlier or lengthen the duration",
+    )
+    GEAR_WITHOUT_PIN = (
+        "turns {names} without a pin: only the turning is coupled",
+        "hold each of the two by a pivot",
     )
     MOVES_NO_OBJECT = (
         "has no effect: none of its objects is dynamic",
@@ -1322,9 +1327,8 @@ class Message(Enum):
         **values: object,
     ) -> Problem:
         """Return the warning about a value at its place."""
-        where = path if isinstance(path, str) else dotted(path)
-        refusal = self.refusal(**values)
-        return refusal.problem(place, where, value_text, Severity.WARNING)
+        problem = self.problem(place, path, value_text, **values)
+        return replace(problem, severity=Severity.WARNING)
 
     def error(self, file: str, value_text: str = "", /, **values: object) -> InputError:
         """Return the error of one problem with a whole file or a flag."""

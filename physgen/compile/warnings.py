@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -21,8 +21,17 @@ from physgen.messages import Message
 from physgen.problems import Problem, by_place
 from physgen.scene.files import equal
 from physgen.scene.load import EARTH
-from physgen.scene.scene import Auto, Motion, Scene, Solid, View, collides, held
-from physgen.text import percent, quoted
+from physgen.scene.scene import (
+    Auto,
+    JointKind,
+    Motion,
+    Scene,
+    Solid,
+    View,
+    collides,
+    held,
+)
+from physgen.text import listed, percent, quoted
 
 Mask = NDArray[np.bool_]
 
@@ -164,10 +173,35 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
             where, nothing = f"joints.{joint.name}", Message.MOVES_NO_OBJECT
             yield warning(scene, where, joint.name, nothing)
+    yield from _gears_without_pins(scene, motion)
     for field in scene.fields:
         if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
             where, nothing = f"fields.{field.name}", Message.MOVES_NO_OBJECT
             yield warning(scene, where, field.name, nothing)
+
+
+def _gears_without_pins(
+    scene: Scene, motion: Mapping[str, Motion]
+) -> Iterator[Problem]:
+    """Gears of dynamic objects that nothing holds in place."""
+    pinned = set[str]()
+    for joint in scene.joints:
+        if joint.kind in (JointKind.PIVOT, JointKind.MOTOR, JointKind.WELD):
+            pinned.update(joint.objects)
+    for joint in scene.joints:
+        if joint.kind is not JointKind.GEAR:
+            continue
+        loose = [
+            name
+            for name in joint.objects
+            if name not in pinned and motion[name] is Motion.DYNAMIC
+        ]
+        if loose:
+            names = listed(loose, "and")
+            message = Message.GEAR_WITHOUT_PIN
+            yield warning(
+                scene, f"joints.{joint.name}", joint.name, message, names=names
+            )
 
 
 def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

@@ -32,6 +32,9 @@ TOP = "world: {view: top}\n"
 CLOTH = "world: {view: top, table: {friction: 0.2}}\n"
 
 LINTS = {
+    "joints.g: g turns b without a pin: only the turning is coupled; hold each of the two by a pivot": f"""\
+{TOP}objects: {{a: {{shape: {BALL}}}, b: {{shape: {BOX}}}}}
+joints: {{p: {{objects: [a], pivot: [50, 60]}}, g: {{objects: [a, b], gear: -2}}}}""",
     "objects.b.shape: b overlaps a by 5.0 px at t = 0; ": f"""\
 {TOP}objects:
   a: {{shape: {BALL}}}
