@@ -1046,4 +1046,7 @@ def _size_text(size: tuple[int, int]) -> str:
 
 
 def _a(word: str) -> str:
+    """Return a word with its article; substances have none."""
+    if word in ("air", "water", "wind"):
+        return word
     return f"{'an' if word[0] in 'aeiou' else 'a'} {word}"

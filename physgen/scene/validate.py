@@ -333,7 +333,7 @@ class _Fault:
         elif "array" in kinds:
             what, count = self._count()
             kind = f"a list of {count}"
-            fix = f"write {count}{self._in_unit(what)}{self.hint}"
+            fix = f"write {kind}{self._in_unit(what)}{self.hint}"
             meant = self._meant_list(what)
             fix = f"write {meant}" if meant else fix
         elif "boolean" in kinds:
