@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from physgen.export.video import MAX_RATES, U8, Format
+from physgen.export.video import I16, MAX_RATES, U8, Format
 from physgen.files import file_stamp
 from physgen.messages import Message
 from physgen.pipeline.refining import (
@@ -23,6 +23,7 @@ from physgen.pipeline.refining import (
     guidance_footage,
     refine_footage,
 )
+from physgen.pipeline.sounding import write_sound
 from physgen.pipeline.stages import (
     Aside,
     Film,
@@ -49,7 +50,7 @@ from physgen.text import listed, percent
 if TYPE_CHECKING:
     from physgen.compile.world import World
     from physgen.export.formats import LabelFormat
-    from physgen.export.labels import Moment
+    from physgen.export.labels import Clip, Moment
     from physgen.maps import Percepts
     from physgen.render.stage import Frame
     from physgen.report.perception import Comparison, Perception
@@ -125,6 +126,29 @@ Tap = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
 """Returns the same frames."""
 
 
+def labelled_clip(
+    film: Film, trajectory: Trajectory, record: RunRecord, maps: Percepts | None
+) -> Clip:
+    """Return what labels and sound are made of; `maps` are the photo's, if they are needed."""
+    from physgen.export.labels import Clip, starting_labels
+
+    scene, compiled, shot = film.scene, film.compiled, film.shot(trajectory)
+    labels = None if maps is None else maps.cut_out
+    return Clip(
+        scene.name,
+        scene,
+        compiled.world,
+        trajectory,
+        maps,
+        scene.video_size,
+        scene.render.fps,
+        len(shot.order),
+        shot,
+        record.inputs,
+        photo_ids=starting_labels(compiled.labels, labels, compiled.scenery),
+    )
+
+
 @dataclass(frozen=True)
 class Labels:
     """The formats of labels of one clip."""
@@ -163,24 +187,11 @@ class Labels:
             yield lambda frames: frames
             return
         from physgen.export.formats import open_writers
-        from physgen.export.labels import Clip, MomentQueue, starting_labels
+        from physgen.export.labels import MomentQueue
         from physgen.report.record import StageTime
 
-        shot, scene, compiled = film.shot(trajectory), film.scene, film.compiled
-        labels = None if self.maps is None else self.maps.cut_out
-        clip = Clip(
-            scene.name,
-            scene,
-            compiled.world,
-            trajectory,
-            self.maps,
-            scene.video_size,
-            scene.render.fps,
-            len(shot.order),
-            shot,
-            record.inputs,
-            photo_ids=starting_labels(compiled.labels, labels, compiled.scenery),
-        )
+        shot = film.shot(trajectory)
+        clip = labelled_clip(film, trajectory, record, self.maps)
         queues: list[MomentQueue] = []
         with ExitStack() as held:
             with record.stage("export"):
@@ -600,6 +611,7 @@ class _Run:
             record,
             self.progress,
             self._failures,
+            self._write_sound(trajectory, folder),
         )
         count = len(film.shot(trajectory).order)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
@@ -621,6 +633,7 @@ class _Run:
             record,
             self.progress,
             self._failures,
+            self._write_sound(footage.trajectory, folder),
         )
         outcome = refine_footage(film, footage, refiners, files)
         self.labels.of_frames(
@@ -637,6 +650,13 @@ class _Run:
                 ]
             )
         return outcome.faults, outcome.changed
+
+    def _write_sound(self, trajectory: Trajectory, folder: Path) -> I16 | None:
+        """Write the sound track, if a format of the clip can have one."""
+        if Format.MP4 not in self.options.formats:
+            return None
+        clip = labelled_clip(self.film, trajectory, self.record, None)
+        return write_sound(clip, folder, self.record)
 
     def _truth(self, folder: Path) -> Path:
         return folder / "truth" if self.options.formats else folder
