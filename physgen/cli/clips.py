@@ -169,6 +169,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         draw_seed=options.fan_seed,
         cached=options.cache,
         page=page,
+        sound=getattr(options, "sound", True) and not options.preview,
         export=tuple(options.export),
     )
 

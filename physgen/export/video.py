@@ -11,6 +11,7 @@ from contextlib import AbstractContextManager, contextmanager
 from enum import Enum
 from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
+from functools import partial
 from math import floor
 from pathlib import Path
 from types import TracebackType
@@ -118,11 +119,12 @@ def open_video(
         # PyAV crashes if a disk has no room for the header
         path.write_bytes(bytes(HEADER))
     try:
-        if kind is Format.MP4:
-            opened = _mp4(path, size, rate, sound)
-        else:
-            opened = _opener(kind)(path, size, rate)
-        with opened as write:
+        open_format: Callable[..., AbstractContextManager[Write]] = partial(
+            _mp4, sound=sound
+        )
+        if kind is not Format.MP4:
+            open_format = _opener(kind)
+        with open_format(path, size, rate) as write:
             yield write if rate == source_rate else _resample(write, source_rate, rate)
     except FFmpegError as error:
         if error.errno in NO_ROOM:
@@ -288,7 +290,7 @@ def _mp4(
         context.color_primaries, context.color_trc = 1, 13
         context.flags |= BITEXACT
         border = _padding(size)
-        track = None if sound is None else _SoundWriter(container, sound)
+        track = None if sound is None else _SoundWriter(container, av.AudioFrame, sound)
         frame_count = 0
 
         def write(rgb: U8) -> None:
@@ -312,8 +314,9 @@ def _mp4(
 class _SoundWriter:
     """Encodes samples as AAC beside the frames of an open MP4."""
 
-    def __init__(self, container: Any, sound: I16) -> None:
+    def __init__(self, container: Any, frame_type: Any, sound: I16) -> None:
         self._container = container
+        self._frame_type = frame_type
         self._sound = sound
         self._done = 0
         self._stream: Any = container.add_stream(
@@ -324,13 +327,11 @@ class _SoundWriter:
 
     def write_until(self, time: float) -> None:
         """Encode the samples up to a time (s), so that both streams stay side by side."""
-        import av
-
         end = min(round(time * SOUND_RATE), len(self._sound))
         if end <= self._done:
             return
         part = self._sound[self._done : end].reshape(1, -1)
-        frame = av.AudioFrame.from_ndarray(part, format="s16", layout="stereo")
+        frame = self._frame_type.from_ndarray(part, format="s16", layout="stereo")
         frame.sample_rate = SOUND_RATE
         frame.pts = self._done
         frame.time_base = Fraction(1, SOUND_RATE)

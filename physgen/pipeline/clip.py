@@ -23,7 +23,6 @@ from physgen.pipeline.refining import (
     guidance_footage,
     refine_footage,
 )
-from physgen.pipeline.sounding import write_sound
 from physgen.pipeline.stages import (
     Aside,
     Film,
@@ -44,13 +43,19 @@ from physgen.problems import (
     variant_named,
 )
 from physgen.progress import Progress, silent
+from physgen.report.folders import (
+    atomic_folder,
+    lost_files,
+    output_folder,
+    read_manifest,
+)
 from physgen.scene.scene import ADD_OBJECT, Load, Motion
 from physgen.text import listed, percent
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
     from physgen.export.formats import LabelFormat
-    from physgen.export.labels import Clip, Moment
+    from physgen.export.labels import Moment, MomentQueue
     from physgen.maps import Percepts
     from physgen.render.stage import Frame
     from physgen.report.perception import Comparison, Perception
@@ -89,6 +94,8 @@ class RenderOptions:
     cached: bool = True
     """Whether a complete clip of the same options is kept."""
     page: Page = Page.FULL
+    sound: bool = True
+    """Whether the clip has the sound track that its scene asks for."""
     export: tuple[str, ...] = ()
     """Formats of ground truth: written to `truth/`, or to the clip's folder where there is no video."""
     models: tuple[str, ...] = ()
@@ -126,29 +133,6 @@ Tap = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
 """Returns the same frames."""
 
 
-def labelled_clip(
-    film: Film, trajectory: Trajectory, record: RunRecord, maps: Percepts | None
-) -> Clip:
-    """Return what labels and sound are made of; `maps` are the photo's, if they are needed."""
-    from physgen.export.labels import Clip, starting_labels
-
-    scene, compiled, shot = film.scene, film.compiled, film.shot(trajectory)
-    labels = None if maps is None else maps.cut_out
-    return Clip(
-        scene.name,
-        scene,
-        compiled.world,
-        trajectory,
-        maps,
-        scene.video_size,
-        scene.render.fps,
-        len(shot.order),
-        shot,
-        record.inputs,
-        photo_ids=starting_labels(compiled.labels, labels, compiled.scenery),
-    )
-
-
 @dataclass(frozen=True)
 class Labels:
     """The formats of labels of one clip."""
@@ -170,8 +154,6 @@ class Labels:
 
     def check_kept(self, final: Path) -> None:
         """Raises InputError where the folder holds files of an earlier run that this one would remove."""
-        from physgen.report.folders import lost_files, read_manifest
-
         if lost := lost_files(
             read_manifest(final),
             {"trajectory.npz", *(kind.name for kind in self.kinds)},
@@ -187,7 +169,7 @@ class Labels:
             yield lambda frames: frames
             return
         from physgen.export.formats import open_writers
-        from physgen.export.labels import MomentQueue
+        from physgen.pipeline.labelling import labelled_clip, open_queue
         from physgen.report.record import StageTime
 
         shot = film.shot(trajectory)
@@ -208,7 +190,7 @@ class Labels:
                 for frame in frames:
                     wall, cpu = time.perf_counter(), time.thread_time()
                     if not queues:
-                        queues.append(MomentQueue(clip.world, fine, samples, shot))
+                        queues.append(open_queue(clip, fine, samples))
                     write(queues[0].put(frame))
                     wall, cpu = time.perf_counter() - wall, time.thread_time() - cpu
                     for stage, sign in (
@@ -385,7 +367,6 @@ class _Run:
         progress: Progress,
         warn: Warn,
     ) -> None:
-        from physgen.report.folders import output_folder
         from physgen.report.record import RunRecord, inputs, source_of
 
         self.options, self.progress, self._warn = options, progress, warn
@@ -433,8 +414,6 @@ class _Run:
 
     def made(self, refiners: Refiners) -> Path:
         """The folder, complete. Raises InputError."""
-        from physgen.report.folders import atomic_folder, lost_files, read_manifest
-
         record, film = self.record, self.film
         faults: Sequence[Problem] = ()
         footage = trajectory = None
@@ -623,8 +602,6 @@ class _Run:
         self, footage: Footage, folder: Path, refiners: Refiners
     ) -> tuple[Sequence[Problem], Comparison | None]:
         """Write the clip unrefined and refined, and the labels; returns why it failed, and the changes."""
-        from physgen.report.folders import read_manifest
-
         film, record = self.film, self.record
         files = VideoFiles(
             self.scene,
@@ -653,10 +630,12 @@ class _Run:
 
     def _write_sound(self, trajectory: Trajectory, folder: Path) -> I16 | None:
         """Write the sound track, if a format of the clip can have one."""
-        if Format.MP4 not in self.options.formats:
+        has_track = Format.MP4 in self.options.formats and self.options.sound
+        if not has_track or self.scene.render.sound is None:
             return None
-        clip = labelled_clip(self.film, trajectory, self.record, None)
-        return write_sound(clip, folder, self.record)
+        from physgen.pipeline.sounding import write_sound
+
+        return write_sound(self.film, trajectory, folder, self.record)
 
     def _truth(self, folder: Path) -> Path:
         return folder / "truth" if self.options.formats else folder

@@ -7,26 +7,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.export.video import I16
+from physgen.pipeline.labelling import labelled_clip
 from physgen.scene.scene import Play
 from physgen.sound.track import sound_track
 
 if TYPE_CHECKING:
-    from physgen.export.labels import Clip
+    from physgen.pipeline.stages import Film
     from physgen.report.record import RunRecord
+    from physgen.simulate.trajectory import Trajectory
 
 SOUND_FILE = "sound.wav"
 CAPTIONS_FILE = "sound.vtt"
 
 
-def write_sound(clip: Clip, folder: Path, record: RunRecord) -> I16 | None:
+def write_sound(
+    film: Film, trajectory: Trajectory, folder: Path, record: RunRecord
+) -> I16 | None:
     """Write `sound.wav` and its captions `sound.vtt` into a folder; return the samples (N, 2).
 
     None if the scene asks for no sound, plays backward or is silent.
     """
-    render = clip.scene.render
+    render = film.scene.render
     if render.sound is None or render.play is Play.BACKWARD:
         return None
     with record.stage("sound", time.thread_time):
+        clip = labelled_clip(film, trajectory, record, None)
         sound = sound_track(clip, render.sound)
         if sound is None:
             return None

@@ -16,6 +16,8 @@ from physgen.arrays import F64
 
 BAR_ROOTS = (4.730041, 7.853205, 10.995608, 14.137165)
 """Roots of cosh(x) cos(x) = 1; later ones are (k + 1/2) pi to seven digits."""
+SQUARE_TORSION = 0.92
+"""Speed of torsional waves in a square bar over that of shear waves."""
 PLATE_TERMS = 6
 """Powers of the radius in Rayleigh's and Ritz's method: four digits of each mode."""
 PLATE_DIAMETERS = 6
@@ -86,6 +88,17 @@ def bar_frequencies(
     wave_numbers = np.array(roots) / length
     stiffness = solid.bar_speed * thickness / sqrt(12)
     return np.asarray(wave_numbers**2 * stiffness / (2 * pi))
+
+
+def long_bar_frequencies(solid: Elasticity, length: float, count: int) -> F64:
+    """Return the longitudinal and torsional modes of a free bar: half waves along it.
+
+    Fletcher and Rossing, section 2.18 and 2.20; the torsion of a square section is
+    0.92 of the speed of shear waves.
+    """
+    halves = np.arange(1, count + 1) / (2 * length)
+    torsion = SQUARE_TORSION * solid.shear_speed * halves
+    return np.sort(np.concatenate([solid.bar_speed * halves, torsion]))
 
 
 def disc_frequencies(

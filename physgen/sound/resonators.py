@@ -18,6 +18,7 @@ from physgen.sound.modes import (
     bar_frequencies,
     block_frequencies,
     disc_frequencies,
+    long_bar_frequencies,
     plate_frequencies,
     ring_frequencies,
     sphere_frequencies,
@@ -42,8 +43,6 @@ class ResonatorLimits:
     """Of a body, at most."""
     bar: float = 0.35
     """Second longest side over the longest, up to which a solid is a bar."""
-    plate: float = 0.3
-    """Shortest side over the second longest, up to which a solid is a plate."""
     hollow: float = 0.5
     """Share of its volume that is material, up to which an object is a shell."""
     wall: float = 0.06
@@ -54,8 +53,11 @@ class ResonatorLimits:
     """m: radius of the edges and corners of what is not round; estimate."""
     support_thickness: float = 0.025
     """m of a table top, a shelf or a panel."""
-    support_depth: float = 0.4
-    """m of a support, which the photo does not show."""
+    support_depth: float = 0.6
+    """m of a support, which the photo does not show, and least length."""
+    support_efficiency: float = 0.05
+    """Radiation efficiency of a panel below its critical frequency, where air flows from
+    its hills to its valleys; Fahy, chapter 3."""
     support_loss: float = 0.04
     """Loss factor that the joints of furniture add; Cremer, Heckl and Petersson."""
     content_loss: float = 0.05
@@ -97,6 +99,8 @@ class Resonator:
     """As a contact meets it."""
     loss: float
     """Loss factor of its modes."""
+    efficiency: float = 1.0
+    """Largest radiation efficiency."""
 
     @property
     def radius(self) -> float:
@@ -115,7 +119,7 @@ class Resonator:
         chapter 3); sigma falls with the fourth power below k a = 1.
         """
         size = 2 * pi * self.frequencies / AIR_SPEED * self.radius
-        efficiency = size**4 / (1 + size**4)
+        efficiency = self.efficiency * size**4 / (1 + size**4)
         return np.asarray(
             AIR_DENSITY * AIR_SPEED * np.sqrt(self.area * efficiency / (4 * pi))
         )
@@ -168,12 +172,14 @@ def body_resonator(body: Body, label: Kind, meters: float) -> Resonator:
 def solid_frequencies(solid: Elasticity, width: float, height: float) -> F64:
     """Return the modes of a solid with a box (m) around its outline, as deep as it is thick.
 
-    It is a bar, a plate or a block by its proportions.
+    It is a bar or a block by its proportions.
     """
     long, short = max(width, height), min(width, height)
-    if short <= LIMITS.bar * long:
-        return bar_frequencies(solid, long, short, LIMITS.modes)
-    return block_frequencies(solid, (long, short, short), LIMITS.modes)
+    if short > LIMITS.bar * long:
+        return block_frequencies(solid, (long, short, short), LIMITS.modes)
+    bending = bar_frequencies(solid, long, short, LIMITS.modes)
+    compression = long_bar_frequencies(solid, long, LIMITS.modes)
+    return np.sort(np.concatenate([bending, compression]))[: LIMITS.modes]
 
 
 def _shell_frequencies(
@@ -190,7 +196,7 @@ def support_resonator(wall: Wall, meters: float) -> Resonator:
     """Return the resonator of a support or wall: a plate of its material."""
     width, height = _extent(wall.chains)
     diagonal = float(np.hypot(width, height)) * meters
-    length = max(diagonal, LIMITS.support_depth / 4)
+    length = max(diagonal, LIMITS.support_depth)
     material = support_material(wall.name)
     solid = _elasticity(material)
     thickness = LIMITS.support_thickness
@@ -202,7 +208,14 @@ def support_resonator(wall: Wall, meters: float) -> Resonator:
     surface = Surface(inf, inf, solid.young, solid.poisson)
     loss = material.loss + LIMITS.support_loss
     return Resonator(
-        wall.name, material, frequencies[is_audible], mass, area, surface, loss
+        wall.name,
+        material,
+        frequencies[is_audible],
+        mass,
+        area,
+        surface,
+        loss,
+        LIMITS.support_efficiency,
     )
 
 

@@ -84,7 +84,8 @@ def _add_modes(
     block, and an impact changes it at once.
     """
     omega = 2 * pi * resonator.frequencies
-    exponents = (1j * omega - resonator.decay_rates(is_touched)) / RATE
+    rates = resonator.decay_rates(is_touched)
+    exponents: Complex = ((1j * omega - rates) / RATE).astype(np.complex128)
     waves = np.exp(exponents[:, None] * np.arange(BLOCK))
     per_block = np.exp(exponents * BLOCK)
     block_count = ceil(len(sound) / BLOCK)
@@ -181,13 +182,16 @@ def click(
 def click_of_sphere(radius: float, contact_time: float) -> F64:
     """Return Pa at 1 m for 1 m/s of a sphere (m), at RATE, from the start of its contact (s).
 
-    A step of speed gives rho c (a / r) e^(-ct/a) cos(ct/a) (Kirchhoff 1876); it is
-    convolved with the half-sine of the acceleration.
+    A step of speed gives rho c (a / r) e^(-x) (cos x - sin x) with x = c t / a, the far
+    field of a sphere that is moved (Pierce, Acoustics, section 4.2); it is convolved with
+    the half-sine of the acceleration.
     """
     rate = RATE * OVERSAMPLING
     decay = AIR_SPEED / radius / rate
     steps = np.arange(ceil(CLICK_TAIL / decay) + 1)
-    response = np.exp(-decay * steps) * np.cos(decay * steps)
+    # the mean of e^(-x) (cos x - sin x) over each sample, by its integral e^(-x) sin x
+    phases = decay * np.append(steps, steps[-1] + 1)
+    response = np.diff(np.exp(-phases) * np.sin(phases)) / decay
     pulse_count = max(ceil(contact_time * rate), 1)
     pulse = np.sin((np.arange(pulse_count) + 0.5) / pulse_count * pi)
     pressure = np.convolve(pulse / pulse.sum(), response)
