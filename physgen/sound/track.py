@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from physgen.arrays import F64
 from physgen.compile.world import World
-from physgen.export.events import ClipTimes, Event, EventKind, events
+from physgen.export.events import ClipTimes, Event, collisions
 from physgen.export.labels import Clip
 from physgen.scene.scene import Motion, Play, Solid, SoundLevel, View
 from physgen.simulate.trajectory import Trajectory
@@ -95,20 +95,17 @@ def sound_track(clip: Clip, level: SoundLevel) -> SoundTrack | None:
         return None
     count = round(clip.count / clip.fps * RATE)
     times = ClipTimes(clip)
-    collisions = []
-    for event in events(clip):
-        if event.kind is EventKind.COLLISION:
-            collisions.append(event)
+    impacts = collisions(clip)
     resonators = world_resonators(clip.scene, clip.world)
     strikes = []
-    for event in collisions:
+    for event in impacts:
         strikes += event_strikes(clip, resonators, event, times)
     pressure = ring(resonators, strikes, count) + click(resonators, strikes, count)
     pressure += friction_noise(rubbings(clip, times), count)
     samples = _as_samples(add_room(pressure), level)
     if samples is None:
         return None
-    return SoundTrack(samples, _captions(clip, collisions, times))
+    return SoundTrack(samples, _captions(clip, impacts, times))
 
 
 def _as_samples(pressure: F64, level: SoundLevel) -> I16 | None:
@@ -300,13 +297,13 @@ def _rim(world: World, k: int) -> float:
 
 
 def _captions(
-    clip: Clip, collisions: Sequence[Event], times: ClipTimes
+    clip: Clip, impacts: Sequence[Event], times: ClipTimes
 ) -> tuple[Caption, ...]:
     """Return the loudest impacts in words, by time."""
     names = [*clip.labels]
     names += [wall.name for wall in clip.world.walls]
     captions = []
-    for event in collisions:
+    for event in impacts:
         first, second = (names[k] for k in event.surfaces)
         impulse = _newton_seconds(clip, event)
         text = f"{first} hits {second}"
