@@ -11,7 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from layout import number, prose, table
+from layout import number, table
 
 from physgen.export.labels import Clip
 from physgen.materials import kind
