@@ -411,6 +411,7 @@ class _Run:
         self._mask_ids = None if maps.percepts is None else maps.percepts.labels
         self._perceived: Callable[[], Perception | None]
         self._player: Callable[[], Data | None]
+        self._sound_section: dict[str, Any] | None = None
 
     def made(self, refiners: Refiners) -> Path:
         """The folder, complete. Raises InputError."""
@@ -629,13 +630,18 @@ class _Run:
         return outcome.faults, outcome.changed
 
     def _write_sound(self, trajectory: Trajectory, folder: Path) -> I16 | None:
-        """Write the sound track, if a format of the clip can have one."""
+        """Write the sound track, if a format of the clip can have one; return its samples."""
         has_track = Format.MP4 in self.options.formats and self.options.sound
         if not has_track or self.scene.render.sound is None:
             return None
-        from physgen.pipeline.sounding import write_sound
+        from physgen.pipeline.sounding import sound_section, write_sound
 
-        return write_sound(self.film, trajectory, folder, self.record)
+        track = write_sound(self.film, trajectory, folder, self.record)
+        if track is None:
+            return None
+        if self.paged:
+            self._sound_section = sound_section(track)
+        return track.samples
 
     def _truth(self, folder: Path) -> Path:
         return folder / "truth" if self.options.formats else folder
@@ -670,7 +676,9 @@ class _Run:
             first = next(render(film.stage, trajectory)).rgb
         section = None if draws is None else draws.section(world, first)
         text = scene_text(record.document)
-        parts = PageParts(self._player(), self._perceived(), changed, section)
+        parts = PageParts(
+            self._player(), self._perceived(), changed, section, self._sound_section
+        )
         html = report_page(scene, world, record, first, shown, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 

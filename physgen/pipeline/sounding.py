@@ -6,24 +6,22 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.export.video import I16
 from physgen.pipeline.labelling import labelled_clip
+from physgen.report.listening import CAPTIONS, WAV
+from physgen.report.listening import sound_section as sound_section
 from physgen.scene.scene import Play
-from physgen.sound.track import sound_track
+from physgen.sound.track import SoundTrack, sound_track
 
 if TYPE_CHECKING:
     from physgen.pipeline.stages import Film
     from physgen.report.record import RunRecord
     from physgen.simulate.trajectory import Trajectory
 
-SOUND_FILE = "sound.wav"
-CAPTIONS_FILE = "sound.vtt"
-
 
 def write_sound(
     film: Film, trajectory: Trajectory, folder: Path, record: RunRecord
-) -> I16 | None:
-    """Write `sound.wav` and its captions `sound.vtt` into a folder; return the samples (N, 2).
+) -> SoundTrack | None:
+    """Write `sound.wav` and its captions `sound.vtt` into a folder; return the track.
 
     None if the scene asks for no sound, plays backward or is silent.
     """
@@ -35,6 +33,6 @@ def write_sound(
         sound = sound_track(clip, render.sound)
         if sound is None:
             return None
-        (folder / SOUND_FILE).write_bytes(sound.wav())
-        (folder / CAPTIONS_FILE).write_text(sound.vtt(), "utf-8")
-    return sound.samples
+        (folder / WAV).write_bytes(sound.wav())
+        (folder / CAPTIONS).write_text(sound.vtt(), "utf-8")
+    return sound

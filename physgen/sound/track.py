@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import wave
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -300,8 +301,7 @@ def _captions(
     clip: Clip, impacts: Sequence[Event], times: ClipTimes
 ) -> tuple[Caption, ...]:
     """Return the loudest impacts in words, by time."""
-    names = [*clip.labels]
-    names += [wall.name for wall in clip.world.walls]
+    names = _spoken_names(clip)
     captions = []
     for event in impacts:
         first, second = (names[k] for k in event.surfaces)
@@ -310,3 +310,13 @@ def _captions(
         captions.append(Caption(times.clip_time(event.time), text, impulse))
     captions.sort(key=lambda caption: -caption.impulse)
     return tuple(sorted(captions[:MAX_CUES], key=lambda caption: caption.time))
+
+
+def _spoken_names(clip: Clip) -> list[str]:
+    """Return the names of all surfaces: labels, but names if objects share a label."""
+    counts = Counter(clip.labels)
+    names = []
+    for name, label in zip(clip.names, clip.labels, strict=True):
+        names.append(label if counts[label] == 1 else name)
+    names += [wall.name for wall in clip.world.walls]
+    return names
