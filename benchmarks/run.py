@@ -21,6 +21,7 @@
     python benchmarks/run.py properties controllability runtime    # the paper's measures of that name
     python benchmarks/run.py objects         # what perceive writes under objects:, on real photos and drawings
     python benchmarks/run.py views           # the view of photos that were labelled by hand
+    python benchmarks/run.py sound           # the sound of contacts: closed forms and cost
     python benchmarks/run.py sureness        # stated confidences of masses beside their errors
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -61,6 +62,7 @@ from plausibility.run import plausibility
 from prompts import prompts
 from refine import refining
 from segments import names, segmentation
+from sound import sound
 from sureness import sureness
 from tables import RESULTS, write
 from views import views
@@ -276,6 +278,7 @@ PARTS |= {
     "fid": fid,
     "editor": editor,
     "sureness": sureness,
+    "sound": sound,
     "views": views,
 }
 PARTS |= {

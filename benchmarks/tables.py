@@ -17,6 +17,7 @@ import fid_table
 import fills
 import paper
 import plausibility.table
+import sound
 import sureness
 import views
 from colour_steps import ALLOWED_STEP, FAR, summarise_steps
@@ -649,6 +650,7 @@ SECTIONS = {
     "Background fills": ("fills", fills.table),
     "Mass, friction and elasticity": ("properties", paper.properties_table),
     "Confidence of masses": ("sureness", sureness.tables),
+    "Sound": ("sound", sound.section),
     "Fidelity": ("fidelity", _fidelity),
     "Control": ("controllability", paper.controllability_table),
     "Plausibility": ("plausibility", plausibility.table.section),

@@ -90,6 +90,14 @@ class Material:
     """Of the density."""
     surface: str
     """Source of friction, elasticity and rolling; `estimate` where there is none."""
+    young: float = 5.0
+    """GPa: Young's modulus."""
+    poisson: float = 0.3
+    """Poisson's ratio."""
+    loss: float = 0.04
+    """Loss factor of vibrations: a mode of f Hz decays by exp(-pi f loss t)."""
+    stiffness: str = ""
+    """Source of young, poisson and loss."""
 
 
 @dataclass(frozen=True)
@@ -430,6 +438,10 @@ def _material(name: str) -> Material:
         "walls",
         "source",
         "surface",
+        "young",
+        "poisson",
+        "loss",
+        "stiffness",
     )
     return Material(name, **{key: row[key] for key in keys})
 

@@ -1259,6 +1259,16 @@ class Message(Enum):
         "write --push {name}=right",
     )
     PUSHED_NAME_UNKNOWN = ("is not an object", "{fix}")
+    STORY_WITHOUT_VERB = (
+        "has no verb that is known",
+        "say what happens with one of {verbs}",
+    )
+    STORY_WITHOUT_OBJECT = ("names no object of the scene", "name one of {names}")
+    STORY_WITH_OTHERS = ("cannot be combined with {flag}", "remove one of them")
+    STORY_WITHOUT_ACTOR = (
+        "moves nothing: what moves must be an object",
+        "name an object that is not fixed before the verb",
+    )
     NOT_A_SPEED = ("is not a speed", "write e.g. @2 m/s or @300 px/s")
     NOT_TWO_LENGTHS = ("is not two lengths", "write e.g. 120,80 or 6 cm,4 cm")
     KICK_MISSES = (

@@ -12,7 +12,7 @@ import physgen
 
 PACKAGE = Path(physgen.__file__).parent
 LAYERS = (
-    "core", "geometry", "scene", "compile", "simulate", "perceive", "render", "refine", "export", "report",
+    "core", "geometry", "scene", "compile", "simulate", "perceive", "render", "refine", "export", "sound", "report",
     "pipeline", "batch", "evaluate", "edit", "cli",
 )  # fmt: skip
 """From the bottom up; the flat modules at the root are the core, apart from the entry points."""

@@ -58,7 +58,7 @@ def clip(options: argparse.Namespace) -> int:
         return WRONG_INPUT
     options.scenes, options.output = [str(scene) for scene in scenes], output
     # the scenes contain these pushes already
-    options.push = []
+    options.push, options.story = [], None
     code = render(options)
     return WRONG_INPUT if problems else code
 

@@ -38,7 +38,9 @@ from physgen.problems import (
 
 if TYPE_CHECKING:
     from physgen.batch.run import Done, Job, Refiner
+    from physgen.compile.compile import Compiled
     from physgen.scene.load import Opened
+    from physgen.scene.scene import Scene
 
 
 PREVIEW_FRAMES = 24
@@ -68,8 +70,8 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
 def _motion_edits(
     path: str, variant: str | None, options: argparse.Namespace
 ) -> tuple[str, ...]:
-    """Edits by --push, --drop and --kick; how to keep them is printed. Raises InputError."""
-    if not (options.push or options.drop or options.kick):
+    """Edits by --push, --drop, --kick and --story; how to keep them is printed. Raises InputError."""
+    if not (options.push or options.drop or options.kick or options.story):
         return ()
     from physgen import pipeline
     from physgen.pipeline.pushes import motion_edits
@@ -78,7 +80,10 @@ def _motion_edits(
     scene = _opened(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
         compiled = pipeline.compile(scene, pipeline.percepts(scene))
-    edits = motion_edits(scene, compiled, options.push, options.drop, options.kick)
+    if options.story:
+        edits = _story_edits(path, scene, compiled, options)
+    else:
+        edits = motion_edits(scene, compiled, options.push, options.drop, options.kick)
     kept: dict[str, Any] = {}
     for key, value in edits.items():
         *above, last = key.split(".")
@@ -90,6 +95,24 @@ def _motion_edits(
         f"{path}: to keep this motion, write\n{indent(scene_text(kept), '  ').rstrip()}"
     )
     return tuple(f"{key}={flow_text(value, ())}" for key, value in edits.items())
+
+
+def _story_edits(
+    path: str, scene: Scene, compiled: Compiled, options: argparse.Namespace
+) -> dict[str, Any]:
+    """Return the edits of --story and print the outcome. Raises InputError."""
+    from physgen.pipeline.stages import ended
+    from physgen.pipeline.story import tell_story
+
+    for flag in ("push", "drop", "kick"):
+        if getattr(options, flag):
+            found = f'"{options.story}"'
+            raise Message.STORY_WITH_OTHERS.error("--story", found, flag=f"--{flag}")
+    compiled, _ = ended(scene, compiled)
+    telling = tell_story(scene, compiled, options.story)
+    verdict = "the story happens" if telling.is_fulfilled else "the nearest outcome"
+    print_error(f"{path}: {verdict}: {telling.outcome} ({telling.tried} tried)")
+    return telling.edits
 
 
 def preview_edits(
@@ -169,6 +192,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         draw_seed=options.fan_seed,
         cached=options.cache,
         page=page,
+        sound=getattr(options, "sound", True) and not options.preview,
         export=tuple(options.export),
     )
 

@@ -113,7 +113,7 @@ def perceive_photo(
         return refresh(
             options.refresh, output, allow_outside=options.allow_outside, **settings
         )
-    settings |= {"masks": options.masks, "side": options.side}
+    settings |= {"masks": options.masks, "side": options.side, "story": options.story}
     settings["stdout"] = redirected
     return pipeline.perceive(options.image[0], output, **settings)
 
@@ -196,6 +196,7 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
         try:
             pipeline.perceive(
                 image, output, crew=crew, asked=options.find, side=options.side, still=options.still,
+                story=options.story,
                 view=options.view,
                 progress=step, warn=bar.aside(print_problem), keep=bar.aside(print_backup),
                 inform=bar.aside(lambda text: print_error(text.partition("\n")[0])),
@@ -258,7 +259,13 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
 
 
 def _refuse_push_and_still(options: argparse.Namespace) -> None:
-    """Raise InputError if a push is both given and left out."""
+    """Raise InputError if a push is both given and left out, or a story is no push of a new scene."""
+    others = ["--push"] if options.push else []
+    others += ["--still"] if options.still else []
+    others += ["--refresh"] if options.refresh else []
+    if options.story and others:
+        found = f'"{options.story}"'
+        raise Message.STORY_WITH_OTHERS.error("--story", found, flag=others[0])
     if options.push and options.still:
         found = f'"{options.push[0]}"'
         raise Message.PUSH_AND_STILL.error("--push", found)
@@ -312,6 +319,8 @@ def add_perceive(parser: Parser) -> None:
         "ball-1=up-left@0.5 m/s; may be repeated"
     )
     parser.option("--push", "NAME=DIRECTION[@SPEED]", str, about, [], action="append")
+    about = 'find the push by which a sentence comes true: "the ball hits the bottle"'
+    parser.option("--story", "SENTENCE", str, about)
     add_backends(parser)
 
 

@@ -115,6 +115,8 @@ def add_motion_flags(parser: Parser) -> None:
     parser.option("--drop", "NAME", str, about, [], action="append")
     about = "strike what is at a point of the photo (px, or e.g. 6 cm,4 cm); X,Y@SPEED says how hard. May be repeated"
     parser.option("--kick", "X,Y", str, about, [], action="append")
+    about = 'find the push by which a sentence comes true: "the ball knocks over the bottle"'
+    parser.option("--story", "SENTENCE", str, about)
 
 
 RENDER = Command(

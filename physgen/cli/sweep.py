@@ -192,6 +192,7 @@ def add(parser: Parser) -> None:
         "-o --output", "DIR", str, "folder of the sweep; default: out/<scene>-sweep"
     )
     add_clips(parser)
+    parser.flag("--sound", "write the sound tracks that the scene asks for")
     add_cluster(parser)
     add_ship(parser)
     add_overlays(parser)

@@ -104,19 +104,33 @@ def events(clip: Clip) -> tuple[Event, ...]:
     world, trajectory = clip.world, clip.trajectory
     if not world.bodies or not len(trajectory.times):
         return ()
-    impacts: list[Impact] = []
     if len(trajectory.times) > 1:
         trajectory = _resample(world, trajectory)
-        impacts = find_impacts(world, trajectory, 1 / LIMITS.rate)
     found = [
         *_pushes(world, trajectory),
-        *(_collision(world, trajectory, impact) for impact in impacts),
+        *_collisions(world, trajectory),
         *_motions(world, trajectory),
         *_border_crossings(world, trajectory, clip.shot),
     ]
     kinds = list(EventKind)
     found.sort(key=lambda event: (event.time, kinds.index(event.kind), event.surfaces))
     return tuple(found)
+
+
+def collisions(clip: Clip) -> list[Event]:
+    """Return the events of impacts alone, by time, to the end of the motion."""
+    if not clip.world.bodies or len(clip.trajectory.times) < 2:
+        return []
+    trajectory = _resample(clip.world, clip.trajectory)
+    return sorted(_collisions(clip.world, trajectory), key=lambda event: event.time)
+
+
+def _collisions(world: World, trajectory: Trajectory) -> list[Event]:
+    """Return the events of impacts; none of a single sample."""
+    if len(trajectory.times) < 2:
+        return []
+    impacts = find_impacts(world, trajectory, 1 / LIMITS.rate)
+    return [_collision(world, trajectory, impact) for impact in impacts]
 
 
 def _resample(world: World, trajectory: Trajectory) -> Trajectory:

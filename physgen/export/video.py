@@ -11,6 +11,7 @@ from contextlib import AbstractContextManager, contextmanager
 from enum import Enum
 from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
+from functools import partial
 from math import floor
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +24,12 @@ from physgen.messages import Message
 from physgen.problems import InputError, Problem
 
 U8 = NDArray[np.uint8]
+I16 = NDArray[np.int16]
+
+SOUND_RATE = 48_000
+"""Samples/s of sound tracks."""
+SOUND_BITS = 192_000
+"""bit/s of AAC: no difference is heard."""
 
 X264 = {"crf": "14", "preset": "veryfast", "threads": "1"}
 """At 17 blurred objects had specks. Bytes depend on the number of threads: one serves single clips and batches."""
@@ -86,11 +93,17 @@ WAITING = 4
 
 @contextmanager
 def open_video(
-    folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str = "video"
+    folder: Path,
+    kind: Format,
+    size: tuple[int, int],
+    fps: float,
+    name: str = "video",
+    sound: I16 | None = None,
 ) -> Iterator[Write]:
     """Yield a function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s.
 
-    Above the rate of `MAX_RATES`, frames are left out; the clip's duration stays.
+    Above the rate of `MAX_RATES`, frames are left out; the clip's duration stays. An MP4
+    gets `sound` (N, 2), left and right, `SOUND_RATE` samples/s.
     """
     max_side = MAX_SIDES.get(kind)
     place = f"--format {kind.value}"
@@ -106,7 +119,12 @@ def open_video(
         # PyAV crashes if a disk has no room for the header
         path.write_bytes(bytes(HEADER))
     try:
-        with _opener(kind)(path, size, rate) as write:
+        open_format: Callable[..., AbstractContextManager[Write]] = partial(
+            _mp4, sound=sound
+        )
+        if kind is not Format.MP4:
+            open_format = _opener(kind)
+        with open_format(path, size, rate) as write:
             yield write if rate == source_rate else _resample(write, source_rate, rate)
     except FFmpegError as error:
         if error.errno in NO_ROOM:
@@ -118,9 +136,8 @@ def open_video(
 
 
 def _opener(kind: Format) -> Callable[..., AbstractContextManager[Write]]:
-    """Return the function that opens a file of a format."""
+    """Return the function that opens a file of a format without sound."""
     openers = {
-        Format.MP4: _mp4,
         Format.GIF: _gif,
         Format.WEBP: _webp,
         Format.PNG: _png,
@@ -151,12 +168,18 @@ class FormatWriter:
     """
 
     def __init__(
-        self, folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str
+        self,
+        folder: Path,
+        kind: Format,
+        size: tuple[int, int],
+        fps: float,
+        name: str,
+        sound: I16 | None = None,
     ) -> None:
         self.problems: Sequence[Problem] = ()
         self._format = kind.value
         self._path = folder / kind.file_name(name)
-        self._video = open_video(folder, kind, size, fps, name)
+        self._video = open_video(folder, kind, size, fps, name, sound)
         self._put: Write | None = None
 
     def __enter__(self) -> FormatWriter:
@@ -249,7 +272,9 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
 
 
 @contextmanager
-def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+def _mp4(
+    path: Path, size: tuple[int, int], rate: Fraction, sound: I16 | None
+) -> Iterator[Write]:
     """Yield a writer of H.264, 4:2:0, BT.709; odd sizes are padded by repeating the last column and row."""
     import av
 
@@ -265,17 +290,58 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         context.color_primaries, context.color_trc = 1, 13
         context.flags |= BITEXACT
         border = _padding(size)
+        track = None if sound is None else _SoundWriter(container, av.AudioFrame, sound)
+        frame_count = 0
 
         def write(rgb: U8) -> None:
+            nonlocal frame_count
             if size != (width, height):
                 rgb = np.pad(rgb, border, mode="edge")
             even = np.ascontiguousarray(rgb)
             frame = av.VideoFrame.from_ndarray(even, format="rgb24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
             container.mux(stream.encode(frame))
+            frame_count += 1
+            if track is not None:
+                track.write_until(float(frame_count / rate))
 
         yield write
         container.mux(stream.encode(None))
+        if track is not None:
+            track.close()
+
+
+class _SoundWriter:
+    """Encodes samples as AAC beside the frames of an open MP4."""
+
+    def __init__(self, container: Any, frame_type: Any, sound: I16) -> None:
+        self._container = container
+        self._frame_type = frame_type
+        self._sound = sound
+        self._done = 0
+        self._stream: Any = container.add_stream(
+            "aac", rate=SOUND_RATE, layout="stereo"
+        )
+        self._stream.bit_rate = SOUND_BITS
+        self._stream.codec_context.flags |= BITEXACT
+
+    def write_until(self, time: float) -> None:
+        """Encode the samples up to a time (s), so that both streams stay side by side."""
+        end = min(round(time * SOUND_RATE), len(self._sound))
+        if end <= self._done:
+            return
+        part = self._sound[self._done : end].reshape(1, -1)
+        frame = self._frame_type.from_ndarray(part, format="s16", layout="stereo")
+        frame.sample_rate = SOUND_RATE
+        frame.pts = self._done
+        frame.time_base = Fraction(1, SOUND_RATE)
+        self._container.mux(self._stream.encode(frame))
+        self._done = end
+
+    def close(self) -> None:
+        """Encode what remains."""
+        self.write_until(len(self._sound) / SOUND_RATE)
+        self._container.mux(self._stream.encode(None))
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from physgen.export.video import MAX_RATES, U8, Format
+from physgen.export.video import I16, MAX_RATES, U8, Format
 from physgen.files import file_stamp
 from physgen.messages import Message
 from physgen.pipeline.refining import (
@@ -43,13 +43,19 @@ from physgen.problems import (
     variant_named,
 )
 from physgen.progress import Progress, silent
+from physgen.report.folders import (
+    atomic_folder,
+    lost_files,
+    output_folder,
+    read_manifest,
+)
 from physgen.scene.scene import ADD_OBJECT, Load, Motion
 from physgen.text import listed, percent
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
     from physgen.export.formats import LabelFormat
-    from physgen.export.labels import Moment
+    from physgen.export.labels import Moment, MomentQueue
     from physgen.maps import Percepts
     from physgen.render.stage import Frame
     from physgen.report.perception import Comparison, Perception
@@ -88,6 +94,8 @@ class RenderOptions:
     cached: bool = True
     """Whether a complete clip of the same options is kept."""
     page: Page = Page.FULL
+    sound: bool = True
+    """Whether the clip has the sound track that its scene asks for."""
     export: tuple[str, ...] = ()
     """Formats of ground truth: written to `truth/`, or to the clip's folder where there is no video."""
     models: tuple[str, ...] = ()
@@ -146,8 +154,6 @@ class Labels:
 
     def check_kept(self, final: Path) -> None:
         """Raises InputError where the folder holds files of an earlier run that this one would remove."""
-        from physgen.report.folders import lost_files, read_manifest
-
         if lost := lost_files(
             read_manifest(final),
             {"trajectory.npz", *(kind.name for kind in self.kinds)},
@@ -163,24 +169,11 @@ class Labels:
             yield lambda frames: frames
             return
         from physgen.export.formats import open_writers
-        from physgen.export.labels import Clip, MomentQueue, starting_labels
+        from physgen.pipeline.labelling import labelled_clip, open_queue
         from physgen.report.record import StageTime
 
-        shot, scene, compiled = film.shot(trajectory), film.scene, film.compiled
-        labels = None if self.maps is None else self.maps.cut_out
-        clip = Clip(
-            scene.name,
-            scene,
-            compiled.world,
-            trajectory,
-            self.maps,
-            scene.video_size,
-            scene.render.fps,
-            len(shot.order),
-            shot,
-            record.inputs,
-            photo_ids=starting_labels(compiled.labels, labels, compiled.scenery),
-        )
+        shot = film.shot(trajectory)
+        clip = labelled_clip(film, trajectory, record, self.maps)
         queues: list[MomentQueue] = []
         with ExitStack() as held:
             with record.stage("export"):
@@ -197,7 +190,7 @@ class Labels:
                 for frame in frames:
                     wall, cpu = time.perf_counter(), time.thread_time()
                     if not queues:
-                        queues.append(MomentQueue(clip.world, fine, samples, shot))
+                        queues.append(open_queue(clip, fine, samples))
                     write(queues[0].put(frame))
                     wall, cpu = time.perf_counter() - wall, time.thread_time() - cpu
                     for stage, sign in (
@@ -374,7 +367,6 @@ class _Run:
         progress: Progress,
         warn: Warn,
     ) -> None:
-        from physgen.report.folders import output_folder
         from physgen.report.record import RunRecord, inputs, source_of
 
         self.options, self.progress, self._warn = options, progress, warn
@@ -419,11 +411,10 @@ class _Run:
         self._mask_ids = None if maps.percepts is None else maps.percepts.labels
         self._perceived: Callable[[], Perception | None]
         self._player: Callable[[], Data | None]
+        self._sound_section: dict[str, Any] | None = None
 
     def made(self, refiners: Refiners) -> Path:
         """The folder, complete. Raises InputError."""
-        from physgen.report.folders import atomic_folder, lost_files, read_manifest
-
         record, film = self.record, self.film
         faults: Sequence[Problem] = ()
         footage = trajectory = None
@@ -600,6 +591,7 @@ class _Run:
             record,
             self.progress,
             self._failures,
+            self._write_sound(trajectory, folder),
         )
         count = len(film.shot(trajectory).order)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
@@ -611,8 +603,6 @@ class _Run:
         self, footage: Footage, folder: Path, refiners: Refiners
     ) -> tuple[Sequence[Problem], Comparison | None]:
         """Write the clip unrefined and refined, and the labels; returns why it failed, and the changes."""
-        from physgen.report.folders import read_manifest
-
         film, record = self.film, self.record
         files = VideoFiles(
             self.scene,
@@ -621,6 +611,7 @@ class _Run:
             record,
             self.progress,
             self._failures,
+            self._write_sound(footage.trajectory, folder),
         )
         outcome = refine_footage(film, footage, refiners, files)
         self.labels.of_frames(
@@ -637,6 +628,20 @@ class _Run:
                 ]
             )
         return outcome.faults, outcome.changed
+
+    def _write_sound(self, trajectory: Trajectory, folder: Path) -> I16 | None:
+        """Write the sound track, if a format of the clip can have one; return its samples."""
+        has_track = Format.MP4 in self.options.formats and self.options.sound
+        if not has_track or self.scene.render.sound is None:
+            return None
+        from physgen.pipeline.sounding import sound_section, write_sound
+
+        track = write_sound(self.film, trajectory, folder, self.record)
+        if track is None:
+            return None
+        if self.paged:
+            self._sound_section = sound_section(track)
+        return track.samples
 
     def _truth(self, folder: Path) -> Path:
         return folder / "truth" if self.options.formats else folder
@@ -671,7 +676,9 @@ class _Run:
             first = next(render(film.stage, trajectory)).rgb
         section = None if draws is None else draws.section(world, first)
         text = scene_text(record.document)
-        parts = PageParts(self._player(), self._perceived(), changed, section)
+        parts = PageParts(
+            self._player(), self._perceived(), changed, section, self._sound_section
+        )
         html = report_page(scene, world, record, first, shown, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 

@@ -38,24 +38,55 @@ REST_PX = 1.0
 
 
 def start_motion(
-    perceived: PerceivedScene, still: bool, pushes: Sequence[str] = ()
+    perceived: PerceivedScene,
+    still: bool,
+    pushes: Sequence[str] = (),
+    story: str | None = None,
 ) -> PerceivedScene:
     """Return the scene with falling objects held and one object pushed, unless `still`.
 
-    `pushes` take the place of the push that is chosen. Raises InputError if one of them
-    is wrong.
+    `pushes`, or a `story` in words, take the place of the push that is chosen. Raises
+    InputError if one of them is wrong.
     """
     from physgen.pipeline.verdicts import with_living_named, with_toys_named
 
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
-        if perceived.document["objects"] and not (still or pushes):
+        if perceived.document["objects"] and not (still or pushes or story):
             perceived = _pushed(perceived)
         perceived = with_living_named(perceived)
     perceived = with_toys_named(perceived)
     if pushes:
         perceived = _pushed_by_user(perceived, pushes)
+    if story:
+        perceived = _moved_by_story(perceived, story)
     return perceived
+
+
+def _moved_by_story(perceived: PerceivedScene, story: str) -> PerceivedScene:
+    """Return the scene with the motion that a sentence asks for. Raises InputError."""
+    from physgen.pipeline.stages import compile, ended
+    from physgen.pipeline.story import tell_story
+
+    scene = open_trial(perceived, "motion").scene()
+    compiled, _ = ended(scene, compile(scene, None))
+    telling = tell_story(scene, compiled, story)
+    document = dict(perceived.document)
+    objects = dict(document["objects"])
+    comments = dict(perceived.comments)
+    for key, value in telling.edits.items():
+        if key == "forces":
+            document["forces"] = value
+            comments["forces"] = telling.outcome
+            continue
+        _, name, part = key.split(".")
+        if part == "velocity":
+            per_meter = scene.world.pixels_per_meter
+            value = [meters(one / per_meter) for one in value]
+        objects[name] = objects[name] | {part: value}
+        comments[key] = telling.outcome
+    document["objects"] = objects
+    return replace(perceived, document=document, comments=comments)
 
 
 def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> PerceivedScene:

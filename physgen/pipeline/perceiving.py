@@ -55,6 +55,8 @@ class PerceiveOptions:
     """Whether a scene that is perceived again may read files outside its folder."""
     pushes: Sequence[str] = ()
     """`NAME=DIRECTION[@SPEED]`, in place of the push that perception chooses."""
+    story: str | None = None
+    """What is to happen, in words, in place of that push."""
     view: str | None = None
     """`side` or `top`; None: perception decides."""
 
@@ -210,7 +212,7 @@ def _perceive_photo(
             warn(problem)
         progress("push", 0, 1)
         perceived = replace(perceived, full_size=full_size)
-        return start_motion(perceived, options.still, options.pushes)
+        return start_motion(perceived, options.still, options.pushes, options.story)
 
     moved = run(
         rgb,

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from physgen.export.video import U8, Format, FormatWriter, encode_in_thread
+from physgen.export.video import I16, U8, Format, FormatWriter, encode_in_thread
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress
 from physgen.render.stage import Frame
@@ -27,6 +27,8 @@ class VideoFiles:
     progress: Progress
     failures: list[Problem] = field(default_factory=list)
     """Gets the problems of formats that could not be written while others could."""
+    sound: I16 | None = None
+    """(N, 2) samples of the sound track of MP4."""
 
     def write(
         self,
@@ -53,7 +55,9 @@ class VideoFiles:
                 size = self.scene.video_size
                 writers = [
                     files.enter_context(
-                        FormatWriter(self.folder, kind, size, render.fps, name)
+                        FormatWriter(
+                            self.folder, kind, size, render.fps, name, self.sound
+                        )
                     )
                     for kind in self.formats
                 ]

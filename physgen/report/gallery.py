@@ -26,6 +26,7 @@ from physgen.report.clips import Clip, clips_in
 from physgen.report.films import poster
 from physgen.report.folders import remove_leftovers
 from physgen.report.html import script_json, template
+from physgen.report.listening import PAGE, sounds, write_listening_page
 from physgen.report.sweep_keys import SweptKey, swept_keys
 from physgen.text import counted, natural, rounded, value_text
 
@@ -102,6 +103,7 @@ def write_gallery(
         back_up(index, keep)
     data = text.encode("utf-8")
     write_atomic(index, data)
+    write_listening_page(clips, index, title or "Gallery")
     sweep_files(files, {Path(shot).name for shot in shots})
     return Gallery(
         index, len(clips), sum(bool(clip.problems) for clip in clips), len(data)
@@ -157,6 +159,7 @@ def gallery_page(
         many=LIMITS.many,
         keys=[_filter(key) for key in keys if _is_filter(key)],
         swept=is_sweep,
+        listen=PAGE if any(map(sounds, clips)) else "",
         sentence=_sentence(clips, free_keys if is_sweep else []),
         hero=hero,
         aspect=_aspect(clips),

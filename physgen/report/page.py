@@ -80,6 +80,8 @@ class PageParts:
     """A frame before and after."""
     uncertainty: dict[str, Any] | None = None
     """Variables of `fan.html.j2`."""
+    sound: dict[str, Any] | None = None
+    """Variables of `sound.html.j2`."""
 
 
 def report_page(
@@ -144,6 +146,7 @@ def report_page(
         perception=parts.perception,
         retouched=parts.refinement,
         fan=parts.uncertainty,
+        sound=parts.sound,
         provenance=provenance(record, scene_text, source_text),
         version=__version__,
     )

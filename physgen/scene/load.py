@@ -751,4 +751,12 @@ def _render(item: Mapping[str, Any]) -> parts.Render:
         {"slow": 1, **item},
         overlay=tuple(map(parts.Overlay, dict.fromkeys(item["overlay"]))),
         camera=tuple(_make(parts.CameraView, view) for view in views),
+        sound=_sound_level(item.get("sound", False)),
     )
+
+
+def _sound_level(item: bool | Mapping[str, Any]) -> parts.SoundLevel | None:
+    """Return the level of `sound:`; None if it is false."""
+    if isinstance(item, Mapping):
+        return parts.SoundLevel(item.get("level", "peak"))
+    return parts.SoundLevel.PEAK if item else None

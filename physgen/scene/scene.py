@@ -533,6 +533,15 @@ class Play(Enum):
     THERE_AND_BACK = "there-and-back"
 
 
+class SoundLevel(Enum):
+    """How the loudness of the sound track is set."""
+
+    PEAK = "peak"
+    """The loudest moment reaches -3 dB of full scale."""
+    FIXED = "fixed"
+    """The same pressure gives the same sample in all clips."""
+
+
 @dataclass(frozen=True)
 class CameraView:
     """One view of the camera; one alone holds from the first frame to the last."""
@@ -565,6 +574,8 @@ class Render:
     camera: tuple[CameraView, ...]
     """In the order of their times; empty: all of the photo."""
     supersample: int
+    sound: SoundLevel | None = None
+    """None: silent."""
 
 
 @dataclass(frozen=True)

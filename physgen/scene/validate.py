@@ -240,7 +240,13 @@ def _quick_test(schema: Schema) -> Test:
 
 def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
     """A value of one of several types."""
-    types = {"object": dict, "array": list, "string": str, "integer": int}
+    types = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "integer": int,
+        "boolean": bool,
+    }
     tests = {types[kind]: _quick_test({**schema, "type": kind}) for kind in kinds}
     if "then" in schema:
         tests[str] = _quick_test(schema["then"])

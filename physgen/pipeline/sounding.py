@@ -1,0 +1,38 @@
+"""Compute the sound track of a clip and write it beside the video."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physgen.pipeline.labelling import labelled_clip
+from physgen.report.listening import CAPTIONS, WAV
+from physgen.report.listening import sound_section as sound_section
+from physgen.scene.scene import Play
+from physgen.sound.track import SoundTrack, sound_track
+
+if TYPE_CHECKING:
+    from physgen.pipeline.stages import Film
+    from physgen.report.record import RunRecord
+    from physgen.simulate.trajectory import Trajectory
+
+
+def write_sound(
+    film: Film, trajectory: Trajectory, folder: Path, record: RunRecord
+) -> SoundTrack | None:
+    """Write `sound.wav` and its captions `sound.vtt` into a folder; return the track.
+
+    None if the scene asks for no sound, plays backward or is silent.
+    """
+    render = film.scene.render
+    if render.sound is None or render.play is Play.BACKWARD:
+        return None
+    with record.stage("sound", time.thread_time):
+        clip = labelled_clip(film, trajectory, record, None)
+        sound = sound_track(clip, render.sound)
+        if sound is None:
+            return None
+        (folder / WAV).write_bytes(sound.wav())
+        (folder / CAPTIONS).write_text(sound.vtt(), "utf-8")
+    return sound

@@ -1,0 +1,466 @@
+"""Find the motion that a sentence asks for: pushes are tried until the outcome happens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import cos, degrees, hypot, radians, sin
+from typing import Any
+
+import numpy as np
+
+from physgen.arrays import F64
+from physgen.compile.compile import Compiled, set_velocity
+from physgen.compile.world import Body, Push, World
+from physgen.geometry.scale import push_speed
+from physgen.messages import Message
+from physgen.pipeline.story_words import (
+    Named,
+    Story,
+    Wish,
+    name_words,
+    read_story,
+)
+from physgen.scene.scene import Load, Motion, Object, Scene, View
+from physgen.simulate.engine import Running
+from physgen.simulate.trajectory import Trajectory, new_touches, resting_mask
+from physgen.text import listed, quoted
+
+
+@dataclass(frozen=True)
+class StoryLimits:
+    """The search of a motion and what counts as its outcome."""
+
+    speeds: tuple[float, ...] = (0.12, 0.25, 0.45, 0.7, 1.0, 1.5, 2.2, 3.2)
+    """Of the ordinary speed of a push, from gentle to hard."""
+    elevations: tuple[float, ...] = (0.0, 20.0, 40.0, 60.0)
+    """degrees above the line to the target, for throws."""
+    fallen: float = 60.0
+    """degrees of a turn after which something has fallen over."""
+    spun: float = 90.0
+    """degrees of a turn on the spot."""
+    shift: float = 0.05
+    """Of the picture's longer side, that moves visibly."""
+    drop: float = 0.5
+    """Of its height, by which something ends lower."""
+    rise: float = 0.3
+    """Of its height, by which something is lifted."""
+    spin: float = 540.0
+    """degrees/s of an ordinary spin."""
+    actors: int = 4
+    """Objects of which each is tried, if a sentence means one of many."""
+    most: int = 120
+    """Simulations."""
+    rate: float = 60.0
+    """1/s: samples at which the outcome is judged."""
+    leaving: float = 0.1
+    """Merit that is lost if the actor leaves the picture."""
+    partial: float = 0.99
+    """Share of the outcome from which a story is fulfilled."""
+
+
+LIMITS = StoryLimits()
+
+
+@dataclass(frozen=True)
+class Start:
+    """One way to set an actor in motion."""
+
+    actor: int
+    velocity: tuple[float, float] = (0.0, 0.0)
+    """px/s."""
+    spin: float = 0.0
+    """degrees/s."""
+    lift: float = 0.0
+    """px by which it is raised before."""
+    top_impulse: float = 0.0
+    """g·px/s to the right at its top, as a finger tips it."""
+    is_moved: bool = True
+    """Whether anything is done at all."""
+
+
+@dataclass(frozen=True)
+class Telling:
+    """The motion that was found."""
+
+    edits: dict[str, Any]
+    """Values by dotted key."""
+    is_fulfilled: bool
+    outcome: str
+    """In words."""
+    tried: int
+    """Simulations."""
+
+
+def tell_story(scene: Scene, compiled: Compiled, text: str) -> Telling:
+    """Return the edits whose simulated outcome is what a sentence asks for, or nearest to it.
+
+    Raises InputError if the sentence has no verb or object that is known.
+    """
+    world = compiled.world
+    story = read_story(text, scene_names(scene, world))
+    actors = [k for k in story.actors if world.bodies[k].motion is not Motion.SCRIPTED]
+    if not actors:
+        raise Message.STORY_WITHOUT_ACTOR.error("--story", quoted(text))
+    quiet = _at_rest(scene, world)
+    best, best_merit, tried = None, -1.0, 0
+    for start in _starts(scene, compiled, story, actors):
+        motion = _simulated(scene, quiet, start)
+        share = fulfilment(quiet, story, start, motion)
+        tried += 1
+        merit = share
+        if start.is_moved and _leaves(quiet, start.actor, motion):
+            merit -= LIMITS.leaving
+        if merit > best_merit + 1e-6:
+            best, best_merit, best_share, best_motion = start, merit, share, motion
+        if merit >= LIMITS.partial or tried >= LIMITS.most:
+            break
+    assert best is not None
+    is_fulfilled = best_share >= LIMITS.partial
+    words = outcome_words(scene, quiet, story, best, best_motion)
+    edits = story_edits(scene, compiled, best)
+    return Telling(edits, is_fulfilled, words, tried)
+
+
+def scene_names(scene: Scene, world: World) -> list[Named]:
+    """Return the names of all objects and boundaries, in the order of `World.surfaces`."""
+    things = []
+    for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
+        x, y = body.center.tolist()
+        things.append(name_words(k, item.name, item.label or "", (x, y)))
+    for k, wall in enumerate(world.walls):
+        x, y = np.concatenate(wall.chains).mean(axis=0).tolist()
+        thing = name_words(len(world.bodies) + k, wall.name, "", (x, y))
+        things.append(replace(thing, is_object=False))
+    return things
+
+
+def _at_rest(scene: Scene, world: World) -> World:
+    """Return the world without the scene's own pushes: a story begins at rest."""
+    bodies = []
+    for item, body in zip(scene.objects, world.bodies, strict=True):
+        if body.motion is Motion.DYNAMIC:
+            still = replace(item, velocity=(0.0, 0.0), spin=0.0)
+            body = replace(set_velocity(body, still, scene.world.view), spin=0.0)
+        bodies.append(body)
+    lasting = tuple(push for push in world.pushes if push.load is not Load.IMPULSE)
+    return replace(world, bodies=tuple(bodies), pushes=lasting)
+
+
+def _starts(
+    scene: Scene, compiled: Compiled, story: Story, actors: Sequence[int]
+) -> Iterator[Start]:
+    """Yield the ways to set an actor in motion, the gentlest first."""
+    world = compiled.world
+    ordered = actors[: LIMITS.actors]
+    if story.is_told or story.wish in (Wish.HALT, Wish.DROP):
+        yield Start(ordered[0], is_moved=False)
+    if story.wish is Wish.HALT:
+        return
+    if story.wish is Wish.DROP and not story.targets and scene.world.view is View.SIDE:
+        for actor in ordered:
+            for share in (1.0, 0.5, 2.0):
+                yield Start(actor, lift=share * _height(world.bodies[actor]))
+    ordinary = push_speed(max(scene.size), scene.world.pixels_per_meter)
+    for factor in _speed_factors(story.strength):
+        for actor in ordered:
+            yield from _starts_at(scene, world, story, actor, factor * ordinary)
+
+
+def _speed_factors(strength: float) -> list[float]:
+    """Return the speeds in the order in which they are tried, for gentle and hard stories."""
+    speeds = [speed * strength for speed in LIMITS.speeds]
+    return speeds[3:] + speeds[:3] if strength > 1 else speeds
+
+
+def _starts_at(
+    scene: Scene, world: World, story: Story, actor: int, speed: float
+) -> Iterator[Start]:
+    """Yield the starts of one actor at a speed (px/s)."""
+    body = world.bodies[actor]
+    signs = [story.direction[0]] if story.direction and story.direction[0] else [1, -1]
+    if story.wish is Wish.SPIN:
+        for sign in signs:
+            yield Start(actor, spin=sign * LIMITS.spin * speed / (body.reach * 10))
+            yield Start(actor, spin=sign * degrees(speed / body.reach))
+        return
+    is_upright = scene.world.view is View.SIDE and body.radius is None
+    if story.wish is Wish.TURN and not story.targets and is_upright:
+        for sign in signs:
+            yield Start(actor, top_impulse=sign * body.mass * speed / 2)
+    if story.wish is Wish.TURN and story.targets and is_upright:
+        for sign in _signs_to_targets(world, story, actor):
+            yield Start(actor, top_impulse=sign * body.mass * speed / 2)
+    for way in _directions(scene, world, story, actor):
+        yield Start(actor, velocity=(way[0] * speed, way[1] * speed))
+
+
+def _signs_to_targets(world: World, story: Story, actor: int) -> list[int]:
+    """Return 1, -1 or both: on which side of an actor its targets are."""
+    centers = _target_centers(world, story)
+    offset = centers[:, 0] - world.bodies[actor].center[0]
+    signs = [1 if value > 0 else -1 for value in offset.tolist()]
+    return list(dict.fromkeys(signs))
+
+
+def _directions(
+    scene: Scene, world: World, story: Story, actor: int
+) -> Iterator[tuple[float, float]]:
+    """Yield the unit vectors in which an actor is pushed."""
+    is_side = scene.world.view is View.SIDE
+    if story.direction is not None:
+        x, y = story.direction
+        yield float(x), float(y)
+        for elevation in LIMITS.elevations[1:] if is_side and x else ():
+            yield cos(radians(elevation)) * x, -sin(radians(elevation))
+        if story.wish is not Wish.TOUCH:
+            return
+    if story.wish is Wish.RISE and not story.targets:
+        yield 0.0, -1.0
+        return
+    if story.targets:
+        yield from _towards(world, story, actor, is_side)
+        return
+    count = 2 if is_side else 8
+    for k in range(count):
+        angle = 2 * np.pi * k / count
+        yield float(np.cos(angle)), float(np.sin(angle))
+
+
+def _towards(
+    world: World, story: Story, actor: int, is_side: bool
+) -> Iterator[tuple[float, float]]:
+    """Yield the directions to the nearest targets, and above them for throws."""
+    center = world.bodies[actor].center
+    offsets = _target_centers(world, story) - center
+    order = np.argsort(np.hypot(*offsets.T))
+    for offset in offsets[order][: LIMITS.actors]:
+        x, y = (offset / max(float(np.hypot(*offset)), 1e-9)).tolist()
+        side = 1.0 if x >= 0 else -1.0
+        if is_side:
+            yield side, 0.0
+        yield x, y
+        for elevation in LIMITS.elevations[1:] if is_side else ():
+            yield side * cos(radians(elevation)), -sin(radians(elevation))
+
+
+def _target_centers(world: World, story: Story) -> F64:
+    """Return (K, 2) px: the middle of each target; of a wall its nearest points count as one."""
+    centers = []
+    for k in story.targets:
+        if k < len(world.bodies):
+            centers.append(world.bodies[k].center)
+        else:
+            chains = world.walls[k - len(world.bodies)].chains
+            centers.append(np.concatenate(chains).mean(axis=0))
+    return np.array(centers, np.float64).reshape(-1, 2)
+
+
+def _simulated(scene: Scene, world: World, start: Start) -> Trajectory:
+    """Return the motion after a start, sampled evenly."""
+    count = max(int(world.duration * LIMITS.rate), 2)
+    times = np.linspace(0.0, world.duration, count + 1)
+    running = Running(started_world(scene, world, start), times)
+    running.on(float(times[-1]))
+    return running.trajectory()
+
+
+def started_world(scene: Scene, world: World, start: Start) -> World:
+    """Return a world at rest with one object set in motion."""
+    if not start.is_moved:
+        return world
+    item = scene.objects[start.actor]
+    moved = replace(item, velocity=start.velocity, motion=Motion.DYNAMIC)
+    body = set_velocity(world.bodies[start.actor], moved, scene.world.view)
+    shift = np.array([0.0, -start.lift])
+    body = replace(
+        body,
+        center=body.center + shift,
+        spin=radians(start.spin),
+        motion=Motion.DYNAMIC,
+    )
+    bodies = list(world.bodies)
+    bodies[start.actor] = body
+    pushes = world.pushes
+    if start.top_impulse:
+        pushes = (*pushes, _tipping_push(body, start))
+    return replace(world, bodies=tuple(bodies), pushes=pushes)
+
+
+def _tipping_push(body: Body, start: Start) -> Push:
+    vector = np.array([start.top_impulse, 0.0])
+    return Push(start.actor, Load.IMPULSE, vector, 0.0, _top(body), 0.0, 0.0)
+
+
+def _top(body: Body) -> F64:
+    """Return the highest point of a body above its centre of mass, (2,) px in its frame."""
+    points = np.concatenate(body.rings)
+    return np.array([0.0, float(points[:, 1].min()) * 0.95])
+
+
+def _height(body: Body) -> float:
+    points = np.concatenate(body.rings)
+    return float(np.ptp(points[:, 1]))
+
+
+def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> float:
+    """Return 0 to 1: how far the outcome of a motion is what a story wants."""
+    shares = []
+    subjects = story.targets or (start.actor,)
+    if story.wish is Wish.TOUCH:
+        shares = [_touches(motion, start.actor, k) for k in subjects]
+    elif story.wish is Wish.SHIFT:
+        return _rested(
+            story, start, motion, _shifted(world, story, start.actor, motion)
+        )
+    elif story.wish is Wish.HALT:
+        return 1.0
+    else:
+        bodies = [k for k in subjects if k < len(world.bodies)]
+        shares = [_change(world, story.wish, k, motion) for k in bodies]
+        if story.targets and story.wish is not Wish.DROP:
+            shares = [_caused(motion, start.actor, share) for share in shares]
+    if not shares:
+        return 0.0
+    whole = min(shares) if story.is_all else max(shares)
+    return _rested(story, start, motion, whole)
+
+
+def _rested(story: Story, start: Start, motion: Trajectory, share: float) -> float:
+    """Return a share that is reduced if the actor had to rest and does not."""
+    if not story.must_rest:
+        return share
+    is_resting = bool(resting_mask(motion)[-1, start.actor])
+    return share if is_resting else share / 2
+
+
+def _touches(motion: Trajectory, actor: int, target: int) -> float:
+    """Return 1 if two surfaces touch anew; less by the distance that remains."""
+    pair = {actor, target}
+    is_new = new_touches(motion)
+    pairs = motion.contacts.touch_pairs
+    if any(set(row) == pair for row in pairs[is_new].tolist()):
+        return 1.0
+    if target >= motion.poses.shape[1]:
+        return 0.0
+    if any(set(row) == pair for row in pairs.tolist()):
+        # they lie side by side: the push must reach the other one
+        shift = motion.poses[:, target, :2] - motion.poses[0, target, :2]
+        reach = LIMITS.shift * float(np.abs(motion.poses[0, :, :2]).max())
+        return min(float(np.hypot(*shift.T).max()) / reach, 1.0)
+    offsets = motion.poses[:, target, :2] - motion.poses[:, actor, :2]
+    distances = np.hypot(*offsets.T)
+    return float(0.9 * (1 - distances.min() / max(distances[0], 1e-9)))
+
+
+def _caused(motion: Trajectory, actor: int, share: float) -> float:
+    """Return a share that counts only if the actor has touched something anew."""
+    pairs = motion.contacts.touch_pairs[new_touches(motion)]
+    has_hit = any(actor in row for row in pairs.tolist())
+    return share if has_hit else 0.5 * share
+
+
+def _shifted(world: World, story: Story, actor: int, motion: Trajectory) -> float:
+    """Return how far an actor moves as asked; 1 from a visible shift."""
+    offsets = motion.poses[:, actor, :2] - motion.poses[0, actor, :2]
+    if story.direction is None:
+        distance = float(np.hypot(*offsets.T).max())
+    else:
+        way = np.array(story.direction, np.float64)
+        distance = float((offsets @ way).max())
+    share = distance / (LIMITS.shift * max(world.size) * 1.2)
+    return min(max(share, 0.0), 1.0)
+
+
+def _change(world: World, wish: Wish, k: int, motion: Trajectory) -> float:
+    """Return how far a body turns, falls or rises as asked; 1 when it is fulfilled."""
+    poses = motion.poses[:, k]
+    height = _height(world.bodies[k])
+    if wish is Wish.TURN:
+        value = degrees(float(np.abs(poses[:, 2] - poses[0, 2]).max())) / LIMITS.fallen
+    elif wish is Wish.SPIN:
+        value = degrees(float(np.abs(poses[-1, 2] - poses[0, 2]))) / LIMITS.spun
+    elif wish is Wish.DROP:
+        value = (poses[-1, 1] - poses[0, 1]) / (LIMITS.drop * height)
+    else:
+        value = (poses[0, 1] - poses[:, 1].min()) / (LIMITS.rise * height)
+    return min(max(float(value), 0.0), 1.0)
+
+
+def _leaves(world: World, actor: int, motion: Trajectory) -> bool:
+    """Return whether an actor ends outside the picture."""
+    x, y = motion.poses[-1, actor, :2].tolist()
+    width, height = world.size
+    return not (0 <= x < width and 0 <= y < height)
+
+
+def outcome_words(
+    scene: Scene, world: World, story: Story, start: Start, motion: Trajectory
+) -> str:
+    """Return what happens in a motion, in words."""
+    names = [item.name for item in scene.objects]
+    actor = names[start.actor]
+    sentences = []
+    pairs = motion.contacts.touch_pairs[new_touches(motion)].tolist()
+    hit = sorted(
+        {k for row in pairs if start.actor in row for k in row} - {start.actor}
+    )
+    surfaces = [name for name, _ in world.surfaces]
+    if hit:
+        sentences.append(f"{actor} touches {listed([surfaces[k] for k in hit], 'and')}")
+    turned = []
+    for k, name in enumerate(names):
+        angle = degrees(
+            float(np.abs(motion.poses[:, k, 2] - motion.poses[0, k, 2]).max())
+        )
+        if angle >= LIMITS.fallen and world.bodies[k].radius is None:
+            turned.append(f"{name} turns by {angle:.0f} degrees")
+    sentences += turned
+    offset = motion.poses[-1, start.actor, :2] - motion.poses[0, start.actor, :2]
+    share = hypot(*offset.tolist()) / max(world.size)
+    sentences.append(
+        f"{actor} ends {share:.0%} of the picture from its start".replace("%", " %")
+    )
+    return "; ".join(sentences)
+
+
+def story_edits(scene: Scene, compiled: Compiled, start: Start) -> dict[str, Any]:
+    """Return the edits of a start, by dotted key, with the scene's own pushes removed."""
+    edits: dict[str, Any] = {}
+    for item in scene.objects:
+        if item.motion is Motion.DYNAMIC and any(item.velocity):
+            edits[f"objects.{item.name}.velocity"] = [0, 0]
+        if item.motion is Motion.DYNAMIC and item.spin:
+            edits[f"objects.{item.name}.spin"] = 0
+    forces = [force for force in scene.document["forces"] if "impulse" not in force]
+    if len(forces) < len(scene.document["forces"]):
+        edits["forces"] = forces
+    if not start.is_moved:
+        return edits
+    item, body = scene.objects[start.actor], compiled.world.bodies[start.actor]
+    key = f"objects.{item.name}"
+    if item.motion is not Motion.DYNAMIC:
+        edits[f"{key}.motion"] = "dynamic"
+    if any(start.velocity):
+        edits[f"{key}.velocity"] = [round(part, 1) + 0.0 for part in start.velocity]
+    if start.spin:
+        edits[f"{key}.spin"] = round(start.spin, 1)
+    if start.lift:
+        edits[f"{key}.place"] = _lifted_place(item, body, start.lift)
+    if start.top_impulse:
+        point = body.center + _top(body)
+        push = {
+            "object": item.name,
+            "impulse": [float(f"{start.top_impulse:.4g}"), 0],
+            "at": [round(float(part), 1) for part in point],
+        }
+        edits["forces"] = [*forces, push]
+    return edits
+
+
+def _lifted_place(item: Object, body: Body, lift: float) -> list[float]:
+    """Return the `place` of an object that is raised by `lift` px."""
+    x, y = body.center.tolist()
+    angle = item.place[2] if item.place else 0.0
+    place = [round(x, 2), round(y - lift, 2)]
+    return [*place, angle] if angle else place

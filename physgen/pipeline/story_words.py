@@ -1,0 +1,354 @@
+"""Read a sentence about a scene: who does what to whom, in which direction, how hard."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from physgen.messages import Message
+from physgen.text import listed, quoted
+
+
+class Wish(Enum):
+    """What a sentence wants to happen."""
+
+    TURN = "falls over"
+    """A target turns by `FALLEN` degrees."""
+    TOUCH = "is hit"
+    """The actor touches a target."""
+    SHIFT = "moves"
+    """The actor moves in a direction."""
+    DROP = "falls"
+    """The actor or a target ends lower."""
+    RISE = "rises"
+    """The actor or a target is lifted."""
+    SPIN = "spins"
+    """The actor turns on the spot."""
+    REST = "comes to rest"
+    """The actor rests at the end."""
+    HALT = "stays"
+    """The actor has no velocity at the start."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """An object or a boundary with all words by which a sentence may name it."""
+
+    index: int
+    """In `World.surfaces`."""
+    name: str
+    words: frozenset[str]
+    """Words of its name and label, in the singular."""
+    nouns: frozenset[str]
+    """Words that name it alone: the last of its name and of its label."""
+    x: float
+    """px, of its centre."""
+    y: float
+    is_object: bool = True
+
+
+@dataclass(frozen=True)
+class Mention:
+    """A noun phrase of a sentence."""
+
+    members: tuple[int, ...]
+    """Surfaces that it may mean."""
+    start: int
+    """Index of its first word."""
+    end: int
+    """Index after its last word."""
+    is_all: bool = False
+    """Whether all members are meant, not one of them."""
+
+
+@dataclass(frozen=True)
+class Story:
+    """A sentence that was understood."""
+
+    wish: Wish
+    actors: tuple[int, ...]
+    """Objects of which one is moved, the best first."""
+    targets: tuple[int, ...]
+    """Surfaces to which it happens; empty: to the actor."""
+    is_all: bool
+    """Whether it must happen to all targets."""
+    direction: tuple[int, int] | None
+    """Right and down; None if the sentence has none."""
+    strength: float
+    """Below 1 for gentle, above 1 for hard."""
+    must_rest: bool = False
+    """Whether the actor must rest at the end."""
+    is_told: bool = False
+    """Whether the actor stands before the verb, so that it may move by itself."""
+
+
+VERBS = {
+    "knock": Wish.TURN,
+    "topple": Wish.TURN,
+    "tip": Wish.TURN,
+    "tilt": Wish.TURN,
+    "upset": Wish.TURN,
+    "overturn": Wish.TURN,
+    "hit": Wish.TOUCH,
+    "strike": Wish.TOUCH,
+    "bump": Wish.TOUCH,
+    "break": Wish.TOUCH,
+    "smash": Wish.TOUCH,
+    "crash": Wish.TOUCH,
+    "collide": Wish.TOUCH,
+    "touch": Wish.TOUCH,
+    "meet": Wish.TOUCH,
+    "push": Wish.SHIFT,
+    "slide": Wish.SHIFT,
+    "shove": Wish.SHIFT,
+    "move": Wish.SHIFT,
+    "roll": Wish.SHIFT,
+    "drive": Wish.SHIFT,
+    "throw": Wish.SHIFT,
+    "toss": Wish.SHIFT,
+    "kick": Wish.SHIFT,
+    "flick": Wish.SHIFT,
+    "shoot": Wish.SHIFT,
+    "drop": Wish.DROP,
+    "fall": Wish.DROP,
+    "lift": Wish.RISE,
+    "raise": Wish.RISE,
+    "jump": Wish.RISE,
+    "spin": Wish.SPIN,
+    "rotate": Wish.SPIN,
+    "turn": Wish.SPIN,
+    "stop": Wish.HALT,
+}
+"""Verbs in their base form."""
+AGAINST = ("into", "at", "against", "onto", "until", "towards", "toward", "to", "and")
+"""Words before the target of a motion."""
+WAYS = {
+    "right": (1, 0),
+    "rightwards": (1, 0),
+    "left": (-1, 0),
+    "leftwards": (-1, 0),
+    "up": (0, -1),
+    "upwards": (0, -1),
+    "down": (0, 1),
+    "downwards": (0, 1),
+}
+GENTLE = ("gently", "softly", "slowly", "slightly", "lightly")
+HARD = ("hard", "fast", "quickly", "strongly", "violently", "far")
+STRENGTHS = {**dict.fromkeys(GENTLE, 0.5), **dict.fromkeys(HARD, 2.0)}
+ALL = ("all", "every", "each", "everything")
+OTHERS = ("other", "rest", "rack", "them", "everything")
+"""Words that mean all objects but the actor."""
+PLACES = ("first", "last", "leftmost", "rightmost", "left", "right", "top", "bottom")
+"""Words that choose one of several objects by its place."""
+ARTICLES = ("the", "a", "an", "its", "this", "that", "of")
+PLURALS = {"knives": "knife", "shelves": "shelf", "boxes": "box", "dominoes": "domino"}
+
+
+def singular(word: str) -> str:
+    """Return a word in the singular.
+
+    >>> singular("cans"), singular("glass"), singular("boxes")
+    ('can', 'glass', 'box')
+    """
+    if word in PLURALS:
+        return PLURALS[word]
+    if word.endswith("s") and not word.endswith("ss") and len(word) > 3:
+        return word[:-1]
+    return word
+
+
+def split_words(text: str) -> list[str]:
+    """Return the words of a text in lower case; names keep their hyphens."""
+    return re.findall(r"[a-z0-9]+(?:-[a-z0-9]+)*", text.lower())
+
+
+def name_words(index: int, name: str, label: str, place: tuple[float, float]) -> Named:
+    """Return an object with the words of its name and label."""
+    name_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", name.lower())]
+    label_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", label.lower())]
+    nouns = set()
+    for parts in (name_parts, label_parts):
+        letters = [part for part in parts if not part.isdigit()]
+        nouns.update(letters[-1:])
+    words = frozenset([*name_parts, *label_parts])
+    return Named(index, name.lower(), words, frozenset(nouns), *place)
+
+
+def read_story(text: str, things: Sequence[Named]) -> Story:
+    """Return what a sentence wants. Raises InputError if no object or verb is understood."""
+    words = split_words(text)
+    mentions = find_mentions(words, things)
+    verbs = [(k, verb) for k, word in enumerate(words) if (verb := verb_of(word))]
+    verbs = [
+        (k, v) for k, v in verbs if not any(m.start <= k < m.end for m in mentions)
+    ]
+    if not verbs:
+        raise Message.STORY_WITHOUT_VERB.error(
+            "--story", quoted(text), verbs=listed(VERBS)
+        )
+    objects = {thing.index for thing in things if thing.is_object}
+    if not any(set(mention.members) & objects for mention in mentions):
+        names = listed([thing.name for thing in things if thing.is_object])
+        raise Message.STORY_WITHOUT_OBJECT.error("--story", quoted(text), names=names)
+    return _assemble(words, mentions, verbs, objects)
+
+
+def verb_of(word: str) -> str:
+    """Return the base form of a verb; empty for other words.
+
+    >>> verb_of("knocks"), verb_of("rolling"), verb_of("table")
+    ('knock', 'roll', '')
+    """
+    for ending in ("", "s", "es", "ing", "ed"):
+        base = word.removesuffix(ending) if ending else word
+        for candidate in (base, base + "e", base[:-1]):
+            if candidate in VERBS:
+                return candidate
+    return ""
+
+
+def find_mentions(words: Sequence[str], things: Sequence[Named]) -> list[Mention]:
+    """Return the noun phrases of a sentence that name things, from left to right."""
+    mentions: list[Mention] = []
+    position = 0
+    while position < len(words):
+        mention = _mention_at(words, position, things)
+        if mention is None:
+            position += 1
+        else:
+            mentions.append(mention)
+            position = mention.end
+    return mentions
+
+
+def _mention_at(
+    words: Sequence[str], start: int, things: Sequence[Named]
+) -> Mention | None:
+    """Return the longest noun phrase that begins at a word."""
+    for end in range(min(start + 6, len(words)), start, -1):
+        phrase = [word for word in words[start:end] if word not in ARTICLES]
+        if not phrase or words[start] in ARTICLES or words[end - 1] in ARTICLES:
+            continue
+        members, is_all = _members(phrase, things)
+        if members:
+            return Mention(members, start, end, is_all)
+    return None
+
+
+def _members(
+    phrase: Sequence[str], things: Sequence[Named]
+) -> tuple[tuple[int, ...], bool]:
+    """Return the things that a phrase names, and whether all of them are meant."""
+    for thing in things:
+        is_name = thing.name == "-".join(phrase)
+        has_noun = len(phrase) == 2 and singular(phrase[0]) in thing.words
+        if is_name or (has_noun and thing.name == phrase[1]):
+            return (thing.index,), False
+    is_all = any(word in ALL for word in phrase)
+    places = [word for word in phrase[:-1] if word in PLACES]
+    rest = [singular(word) for word in phrase if word not in (*ALL, *places)]
+    rest = [word for word in rest if word not in ("and", "other", "one")]
+    if not rest:
+        return (), False
+    # a number may follow the noun: domino 5
+    noun = next((word for word in reversed(rest) if not word.isdigit()), "")
+    matches = []
+    for thing in things:
+        is_named = noun in thing.nouns and set(rest) <= thing.words
+        if is_named:
+            matches.append(thing)
+    exact = [thing for thing in matches if "-".join(rest) == thing.name]
+    if exact:
+        matches = exact
+    if places and len(matches) > 1:
+        matches = [_placed(matches, places[0])]
+    return tuple(thing.index for thing in matches), is_all
+
+
+def _placed(things: Sequence[Named], place: str) -> Named:
+    """Return the first, last, top ... of several things."""
+    if place in ("top", "bottom"):
+        ordered = sorted(things, key=lambda thing: thing.y)
+        return ordered[0] if place == "top" else ordered[-1]
+    ordered = sorted(things, key=lambda thing: thing.x)
+    return ordered[0] if place in ("first", "left", "leftmost") else ordered[-1]
+
+
+def _assemble(
+    words: Sequence[str],
+    mentions: Sequence[Mention],
+    verbs: Sequence[tuple[int, str]],
+    objects: set[int],
+) -> Story:
+    """Return the story of the words that were recognised."""
+    place, verb = verbs[0]
+    wish = VERBS[verb]
+    before = [mention for mention in mentions if mention.end <= place]
+    after = [mention for mention in mentions if mention.start > place]
+    free = [k for k, word in enumerate(words) if not _is_within(k, mentions)]
+    direction = _direction([words[k] for k in free])
+    strength = 1.0
+    for k in free:
+        strength *= STRENGTHS.get(words[k], 1.0)
+    actor = before[0] if before else _first_object(after, objects)
+    others = [mention for mention in after if mention is not actor]
+    later = {VERBS[verb] for _, verb in verbs[1:]}
+    is_motion = wish is Wish.SHIFT
+    if is_motion and others and _has_target(words, others[-1], later):
+        wish = Wish.TOUCH
+    elif is_motion and direction == (0, -1):
+        wish = Wish.RISE
+    if wish is Wish.TURN and "off" in words:
+        wish = Wish.DROP
+    has_target = wish in (Wish.TURN, Wish.TOUCH, Wish.RISE, Wish.DROP)
+    targets: list[int] = []
+    is_all = False
+    if has_target and others:
+        targets = [k for k in others[-1].members if k not in actor.members]
+        is_all = others[-1].is_all
+    names_others = any(words[k] in OTHERS for k in free if k > place)
+    if has_target and not targets and names_others:
+        targets = sorted(objects - set(actor.members))
+        is_all = any(word in ALL for word in words)
+    is_vertical = direction is not None and not direction[0]
+    if wish in (Wish.TURN, Wish.TOUCH) and is_vertical:
+        # "knocks down" and "rolls down to" name no direction
+        direction = None
+    return Story(
+        wish,
+        tuple(k for k in actor.members if k in objects),
+        tuple(targets),
+        is_all,
+        direction,
+        strength,
+        must_rest=wish is not Wish.HALT and Wish.HALT in later,
+        is_told=bool(before),
+    )
+
+
+def _is_within(k: int, mentions: Sequence[Mention]) -> bool:
+    return any(mention.start <= k < mention.end for mention in mentions)
+
+
+def _first_object(mentions: Sequence[Mention], objects: set[int]) -> Mention:
+    """Return the first mention of an object; it moves if nothing is named before the verb."""
+    for mention in mentions:
+        if set(mention.members) & objects:
+            return mention
+    return mentions[0]
+
+
+def _has_target(words: Sequence[str], mention: Mention, later: set[Wish]) -> bool:
+    """Return whether a motion ends at a mention: into the egg, and hits the blocks."""
+    preceding = words[max(mention.start - 3, 0) : mention.start]
+    return Wish.TOUCH in later or any(word in AGAINST for word in preceding)
+
+
+def _direction(words: Sequence[str]) -> tuple[int, int] | None:
+    """Return the direction that the words name, right and down; sideways counts first."""
+    ways = [WAYS[word] for word in words if word in WAYS]
+    sideways = [way for way in ways if way[0]]
+    chosen = sideways or ways
+    return chosen[0] if chosen else None

@@ -1,0 +1,129 @@
+"""The sound of clips on pages: a section of the report, and a page of the gallery to listen to."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import cv2
+import numpy as np
+
+from physgen.arrays import U8
+from physgen.files import write_atomic
+from physgen.report.clips import Clip
+from physgen.report.html import template, webp
+from physgen.sound.synthesis import RATE
+from physgen.sound.track import SoundTrack
+
+WAV = "sound.wav"
+CAPTIONS = "sound.vtt"
+PAGE = "listen.html"
+
+
+@dataclass(frozen=True)
+class SpectrogramTuning:
+    """The picture of a sound track."""
+
+    window: int = 1024
+    """Samples of each spectrum: 21 ms."""
+    width: int = 960
+    height: int = 160
+    """px."""
+    top: float = 12_000.0
+    """Hz at the upper border."""
+    depth: float = 75.0
+    """dB from the loudest tone to black."""
+    quality: int = 70
+    """Of WebP."""
+    loudest: int = 12
+    """Impacts in the table."""
+
+
+TUNING = SpectrogramTuning()
+
+
+def sound_section(track: SoundTrack) -> dict[str, Any]:
+    """Return the variables of `sound.html.j2`."""
+    loudest = sorted(track.captions, key=lambda caption: -caption.impulse)
+    rows = sorted(loudest[: TUNING.loudest], key=lambda caption: caption.time)
+    return {
+        "file": WAV,
+        "captions": text_track(track.vtt()),
+        "count": len(track.captions),
+        "seconds": len(track.samples) / RATE,
+        "picture": webp(spectrogram(track), TUNING.quality),
+        "top": round(TUNING.top / 1000),
+        "rows": [
+            {"time": row.time, "text": row.text, "impulse": row.impulse} for row in rows
+        ],
+    }
+
+
+def text_track(vtt: str) -> str:
+    """Return captions as a data URI: browsers read no text tracks beside a page on disk."""
+    data = base64.b64encode(vtt.encode("utf-8")).decode("ascii")
+    return f"data:text/vtt;base64,{data}"
+
+
+def spectrogram(track: SoundTrack) -> U8:
+    """Return (H, W, 3) sRGB: time to the right, frequency upwards, in dB below the loudest tone."""
+    heard = track.samples.astype(np.float32).mean(axis=1)
+    heard = np.pad(heard, (0, TUNING.window))
+    hop = max((len(heard) - TUNING.window) // TUNING.width, 1)
+    parts = np.lib.stride_tricks.sliding_window_view(heard, TUNING.window)[::hop]
+    parts = parts * np.hanning(TUNING.window).astype(np.float32)
+    power = np.abs(np.fft.rfft(parts, axis=1))
+    bins = int(TUNING.top * TUNING.window / RATE)
+    shown = power[:, :bins].T[::-1]
+    level = 20 * np.log10(shown / max(float(shown.max()), 1e-9) + 1e-9)
+    codes = np.clip((level / TUNING.depth + 1) * 255, 0, 255).astype(np.uint8)
+    size = (TUNING.width, TUNING.height)
+    picture = cv2.resize(codes, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.applyColorMap(picture, cv2.COLORMAP_MAGMA)[:, :, ::-1])
+
+
+def sounds(clip: Clip) -> bool:
+    """Return whether a clip was rendered with sound."""
+    return (clip.home / CAPTIONS).is_file()
+
+
+def write_listening_page(clips: Sequence[Clip], index: Path, title: str) -> Path | None:
+    """Write `listen.html` beside a gallery, with all clips that sound; None without such clips."""
+    page = index.with_name(PAGE)
+    rows = []
+    for clip in clips:
+        if not sounds(clip):
+            continue
+        captions = clip.home / CAPTIONS
+        vtt = captions.read_text("utf-8", "replace")
+        video = os.path.relpath(clip.home / "video.mp4", index.parent)
+        rows.append(
+            {
+                "name": clip.name,
+                "video": quote(Path(video).as_posix()),
+                "captions": text_track(vtt),
+                "lines": _caption_lines(vtt),
+            }
+        )
+    if not rows:
+        page.unlink(missing_ok=True)
+        return None
+    html = template("listen.html.j2").render(title=title, clips=rows, home=index.name)
+    write_atomic(page, html.encode("utf-8"))
+    return page
+
+
+def _caption_lines(vtt: str) -> list[tuple[str, str]]:
+    """Return time and text of each cue of a WebVTT file that physgen wrote."""
+    lines = []
+    for cue in vtt.split("\n\n")[1:]:
+        time, _, text = cue.strip().partition("\n")
+        begin = time.partition(" ")[0]
+        if text:
+            lines.append((begin.removeprefix("00:"), text))
+    return lines

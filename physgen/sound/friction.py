@@ -1,0 +1,90 @@
+"""Noise of sliding and rolling, by friction power and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+
+from physgen.arrays import F64
+from physgen.sound.resonators import AIR_DENSITY, AIR_SPEED
+from physgen.sound.synthesis import RATE
+
+
+@dataclass(frozen=True)
+class FrictionTuning:
+    """Loudness and colour of friction noise; estimates, by ear."""
+
+    sliding_efficiency: float = 3e-7
+    """Sound power over friction power."""
+    rolling_efficiency: float = 3e-6
+    """Sound power over the power that rolling resistance takes."""
+    roughness: float = 0.0006
+    """m between the bumps of a surface: speed over it is the middle frequency."""
+    bands: tuple[float, ...] = (350.0, 1400.0, 5600.0)
+    """Hz, middles of the bands of noise."""
+    octaves: float = 1.2
+    """Half width of a band."""
+    seed: int = 7
+
+
+TUNING = FrictionTuning()
+
+
+@dataclass(frozen=True)
+class Rubbing:
+    """Friction of one pair of surfaces over the clip."""
+
+    times: F64
+    """(T,) s of the clip, rising."""
+    power: F64
+    """(T,) W of sound."""
+    speed: F64
+    """(T,) m/s over each other."""
+    place: F64
+    """(T,) 0 (left) to 1."""
+
+
+def friction_noise(rubbings: Sequence[Rubbing], count: int) -> F64:
+    """Return (count, 2) Pa at 1 m. Powers of different pairs add."""
+    sound = np.zeros((count, 2))
+    if not rubbings:
+        return sound
+    moments = np.arange(count) / RATE
+    for band, center in enumerate(TUNING.bands):
+        times, powers = _band_powers(rubbings, center)
+        if not powers.any():
+            continue
+        noise = band_noise(count, center, TUNING.seed + band)
+        for channel in (0, 1):
+            pressure = np.sqrt(powers[:, channel] * AIR_DENSITY * AIR_SPEED / (4 * pi))
+            sound[:, channel] += noise * np.interp(moments, times, pressure)
+    return sound
+
+
+def _band_powers(rubbings: Sequence[Rubbing], center: float) -> tuple[F64, F64]:
+    """Return times (T,) and the power (T, 2) of both channels in the band about `center` Hz."""
+    times = rubbings[0].times
+    powers = np.zeros((len(times), 2))
+    low, high = TUNING.bands[0], TUNING.bands[-1]
+    for rubbing in rubbings:
+        frequency = np.clip(rubbing.speed / TUNING.roughness, low, high)
+        distance = np.log2(frequency / center) / TUNING.octaves
+        share = np.exp(-(distance**2))
+        angle = np.clip(rubbing.place, 0, 1) * pi / 2
+        powers[:, 0] += rubbing.power * share * np.cos(angle) ** 2
+        powers[:, 1] += rubbing.power * share * np.sin(angle) ** 2
+    return times, powers
+
+
+def band_noise(count: int, center: float, seed: int) -> F64:
+    """Return noise (count,) of mean square 1 in a band about `center` Hz."""
+    size = 1 << max(count - 1, 1).bit_length()
+    noise = np.random.default_rng(seed).standard_normal(size)
+    frequencies = np.fft.rfftfreq(size, 1 / RATE)
+    distance = np.log2(np.maximum(frequencies, 1.0) / center) / TUNING.octaves
+    spectrum = np.fft.rfft(noise) * np.exp(-(distance**2))
+    filtered = np.fft.irfft(spectrum, size)[:count]
+    return np.asarray(filtered / sqrt(float((filtered**2).mean())))

@@ -1,0 +1,230 @@
+"""Impacts and friction become pressure at the listener, Pa, stereo."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, exp, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.arrays import F64, Indices
+from physgen.export.video import SOUND_RATE
+from physgen.sound.impact import pulse_spectrum
+from physgen.sound.resonators import AIR_DENSITY, AIR_SPEED, LIMITS, Resonator
+
+Complex = NDArray[np.complex128]
+
+RATE = SOUND_RATE
+"""Samples/s."""
+BLOCK = 256
+"""Samples in which modes ring between two changes of their states."""
+SILENCE = 1e-5
+"""Of the loudest state of a resonator: a quieter one is not continued."""
+OVERSAMPLING = 4
+"""Finer samples of the click of an impact, which lasts few of them."""
+CLICK_TAIL = 6.0
+"""Decay times for which the click of a sphere is computed."""
+DIRECTIVITY = 1 / sqrt(3)
+"""Mean of a dipole's pressure over all directions, relative to its axis."""
+
+
+@dataclass(frozen=True)
+class Strike:
+    """An impulse on one resonator."""
+
+    time: float
+    """s of the clip."""
+    resonator: int
+    """Index."""
+    impulse: float
+    """N·s."""
+    contact_time: float
+    """s."""
+    gains: tuple[float, float]
+    """Of the left and the right channel."""
+    is_touched: bool
+    """Whether the resonator lies on something else."""
+    polarity: float = 1.0
+    """1 or -1: whether the impulse points down or up. Clicks of different impacts at one
+    moment then add by chance, as those of many directions do."""
+
+
+def pan(place: float) -> tuple[float, float]:
+    """Return the gains of left and right with constant power; `place` is 0 (left) to 1.
+
+    >>> pan(0.0), [round(gain, 3) for gain in pan(0.5)]
+    ((1.0, 0.0), [0.707, 0.707])
+    """
+    angle = min(max(place, 0.0), 1.0) * pi / 2
+    return float(np.cos(angle)), float(np.sin(angle)) if place > 0 else 0.0
+
+
+def ring(resonators: Sequence[Resonator], strikes: Sequence[Strike], count: int) -> F64:
+    """Return (count, 2) Pa at 1 m: the decaying modes of all struck resonators."""
+    sound = np.zeros((count, 2))
+    groups: dict[tuple[int, bool], list[Strike]] = {}
+    for strike in strikes:
+        key = (strike.resonator, strike.is_touched)
+        groups.setdefault(key, []).append(strike)
+    for (index, is_touched), members in sorted(groups.items()):
+        resonator = resonators[index]
+        if len(resonator.frequencies):
+            _add_modes(sound, resonator, is_touched, members)
+    return sound
+
+
+def _add_modes(
+    sound: F64, resonator: Resonator, is_touched: bool, strikes: Sequence[Strike]
+) -> None:
+    """Add the modes of one resonator to (count, 2) Pa.
+
+    A mode's state is a complex number that turns and shrinks; it is continued block by
+    block, and an impact changes it at once.
+    """
+    omega = 2 * pi * resonator.frequencies
+    rates = resonator.decay_rates(is_touched)
+    exponents: Complex = ((1j * omega - rates) / RATE).astype(np.complex128)
+    waves = np.exp(exponents[:, None] * np.arange(BLOCK))
+    per_block = np.exp(exponents * BLOCK)
+    block_count = ceil(len(sound) / BLOCK)
+    changes = np.zeros((block_count + 1, len(omega), 2), np.complex128)
+    for strike in strikes:
+        _strike_modes(sound, changes, resonator, exponents, strike)
+    states = _continued(changes[:block_count], per_block)
+    _add_blocks(sound, states, waves)
+
+
+def _strike_modes(
+    sound: F64,
+    changes: Complex,
+    resonator: Resonator,
+    exponents: Complex,
+    strike: Strike,
+) -> None:
+    """Add one strike: the rest of its own block, and the state at the next one."""
+    # half of the pulse is over when the mode has, on the mean, been struck
+    start = (strike.time + strike.contact_time / 2) * RATE
+    first = ceil(start)
+    if first >= len(sound):
+        return
+    velocity = strike.impulse / (resonator.mass * LIMITS.modal_mass)
+    share = pulse_spectrum(resonator.frequencies, strike.contact_time)
+    pressure = velocity * share * resonator.radiation()
+    # a sine: displacement and pressure start at zero
+    state = -1j * pressure * np.exp(exponents * (first - start))
+    gains = np.array(strike.gains)
+    block = first // BLOCK
+    end = min((block + 1) * BLOCK, len(sound))
+    turns = np.exp(exponents[:, None] * np.arange(end - first))
+    sound[first:end] += (state @ turns).real[:, None] * gains
+    remaining = (block + 1) * BLOCK - first
+    changes[block + 1] += (state * np.exp(exponents * remaining))[:, None] * gains
+
+
+def _continued(changes: Complex, per_block: Complex) -> Complex:
+    """Return the states (blocks, M, 2) at the starts of all blocks."""
+    states = np.zeros_like(changes)
+    loudest = np.abs(changes).max(initial=0.0)
+    state = np.zeros(changes.shape[1:], np.complex128)
+    is_struck = np.abs(changes).max(axis=(1, 2), initial=0.0) > 0
+    is_silent = True
+    for block, struck in enumerate(is_struck.tolist()):
+        if is_silent and not struck:
+            continue
+        state = state * per_block[:, None] + changes[block]
+        states[block] = state
+        is_silent = bool(np.abs(state).max() < SILENCE * loudest)
+        if is_silent:
+            state = np.zeros_like(state)
+    return states
+
+
+def _add_blocks(sound: F64, states: Complex, waves: Complex) -> None:
+    """Add the blocks that begin with the states (blocks, M, 2); `waves` is (M, BLOCK)."""
+    active: Indices = np.flatnonzero(np.abs(states).max(axis=(1, 2), initial=0.0) > 0)
+    if not len(active):
+        return
+    chosen = states[active]
+    blocks = np.zeros((len(active), BLOCK, 2))
+    for channel in (0, 1):
+        part = chosen[:, :, channel]
+        blocks[:, :, channel] = part.real @ waves.real - part.imag @ waves.imag
+    for block, samples in zip(active.tolist(), blocks, strict=True):
+        begin = block * BLOCK
+        end = min(begin + BLOCK, len(sound))
+        sound[begin:end] += samples[: end - begin]
+
+
+def click(
+    resonators: Sequence[Resonator], strikes: Sequence[Strike], count: int
+) -> F64:
+    """Return (count, 2) Pa at 1 m: the air that a body displaces when its speed jumps.
+
+    Of a sphere that is accelerated for the contact time (Koss and Alfredson, J. Sound
+    Vib. 27, 59, 1973). Billiard balls are heard by this sound alone.
+    """
+    sound = np.zeros((count, 2))
+    for strike in strikes:
+        resonator = resonators[strike.resonator]
+        if np.isinf(resonator.surface.mass):
+            continue
+        speed = strike.impulse / resonator.surface.mass
+        first = round(strike.time * RATE)
+        pulse = speed * click_of_sphere(resonator.radius, strike.contact_time)
+        pulse = pulse[: max(count - first, 0)]
+        end = first + len(pulse)
+        sound[first:end] += strike.polarity * pulse[:, None] * np.array(strike.gains)
+    return sound
+
+
+def click_of_sphere(radius: float, contact_time: float) -> F64:
+    """Return Pa at 1 m for 1 m/s of a sphere (m), at RATE, from the start of its contact (s).
+
+    A step of speed gives rho c (a / r) e^(-x) (cos x - sin x) with x = c t / a, the far
+    field of a sphere that is moved (Pierce, Acoustics, section 4.2); it is convolved with
+    the half-sine of the acceleration.
+    """
+    rate = RATE * OVERSAMPLING
+    decay = AIR_SPEED / radius / rate
+    steps = np.arange(ceil(CLICK_TAIL / decay) + 1)
+    # the mean of e^(-x) (cos x - sin x) over each sample, by its integral e^(-x) sin x
+    phases = decay * np.append(steps, steps[-1] + 1)
+    response = np.diff(np.exp(-phases) * np.sin(phases)) / decay
+    pulse_count = max(ceil(contact_time * rate), 1)
+    pulse = np.sin((np.arange(pulse_count) + 0.5) / pulse_count * pi)
+    pressure = np.convolve(pulse / pulse.sum(), response)
+    pressure *= AIR_DENSITY * AIR_SPEED * radius * DIRECTIVITY
+    missing = -len(pressure) % OVERSAMPLING
+    padded = np.pad(pressure, (0, missing))
+    return np.asarray(padded.reshape(-1, OVERSAMPLING).mean(axis=1))
+
+
+ROOM_DECAY = 0.35
+"""s in which the sound of the room falls by 60 dB: a furnished room."""
+ROOM_LENGTH = 0.3
+"""s of it that are computed."""
+ROOM_DELAY = 0.008
+"""s until the first reflection: a wall 1.4 m farther than the object."""
+ROOM_LEVEL = 0.16
+"""Energy of the room's sound, the direct one's being 1, at 1 m; estimate."""
+ROOM_SEED = 20260101
+
+
+def add_room(sound: F64) -> F64:
+    """Return (count, 2) with the reverberation of a small room, the same for both channels."""
+    length = int(ROOM_LENGTH * RATE)
+    delay = int(ROOM_DELAY * RATE)
+    noise = np.random.default_rng(ROOM_SEED).standard_normal(length)
+    fall = exp(-3 * np.log(10) / (ROOM_DECAY * RATE))
+    response = noise * fall ** np.arange(length)
+    response *= sqrt(ROOM_LEVEL / float((response**2).sum()))
+    size = 1 << (len(sound) + length + delay - 1).bit_length()
+    spectrum = np.fft.rfft(response, size)
+    reflected = np.fft.irfft(
+        np.fft.rfft(sound, size, axis=0) * spectrum[:, None], size, axis=0
+    )
+    result = sound.copy()
+    result[delay:] += reflected[: len(sound) - delay] if delay else reflected
+    return result

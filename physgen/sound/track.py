@@ -1,0 +1,322 @@
+"""The sound track of a clip: its contacts, synthesised, as stereo samples with captions."""
+
+from __future__ import annotations
+
+import io
+import wave
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.arrays import F64
+from physgen.compile.world import World
+from physgen.export.events import ClipTimes, Event, collisions
+from physgen.export.labels import Clip
+from physgen.scene.scene import Motion, Play, Solid, SoundLevel, View
+from physgen.simulate.trajectory import Trajectory
+from physgen.sound.friction import TUNING as FRICTION
+from physgen.sound.friction import Rubbing, friction_noise
+from physgen.sound.impact import contact_time, pair_mass
+from physgen.sound.resonators import Resonator, world_resonators
+from physgen.sound.synthesis import RATE, Strike, add_room, click, pan, ring
+
+I16 = NDArray[np.int16]
+
+PEAK = 10 ** (-3 / 20)
+"""Of full scale, of the loudest event: -3 dBFS."""
+FULL_SCALE = 6.3
+"""Pa that `level: fixed` writes as full scale: 110 dB at 1 m."""
+FRICTION_RATE = 120.0
+"""1/s: samples of the motion for sliding and rolling."""
+MAX_LOAD = 4.0
+"""Times a body's weight, up to which a contact presses; more is an impact, which sounds by itself."""
+TOUCH_DELAY = 0.03
+TOUCH_LENGTH = 0.08
+"""s after an impact in which a touch begins, and that it lasts, so that it damps the impact's modes."""
+MAX_CUES = 400
+"""Captions of a clip; the loudest ones."""
+CUE_LENGTH = 0.6
+"""s for which a caption stays."""
+
+
+@dataclass(frozen=True)
+class Caption:
+    """One impact in words."""
+
+    time: float
+    """s of the clip."""
+    text: str
+    impulse: float
+    """N·s."""
+
+
+@dataclass(frozen=True)
+class SoundTrack:
+    """The sound of a clip."""
+
+    samples: I16
+    """(N, 2): left and right, RATE samples/s."""
+    captions: tuple[Caption, ...]
+    """By time."""
+
+    def wav(self) -> bytes:
+        """Return the samples as a WAV file, 16 bits, stereo."""
+        buffer = io.BytesIO()
+        with wave.open(buffer, "wb") as file:
+            file.setnchannels(2)
+            file.setsampwidth(2)
+            file.setframerate(RATE)
+            file.writeframes(self.samples.astype("<i2").tobytes())
+        return buffer.getvalue()
+
+    def vtt(self) -> str:
+        """Return the captions as WebVTT."""
+        cues = ["WEBVTT\n"]
+        for caption in self.captions:
+            begin = _timestamp(caption.time)
+            end = _timestamp(caption.time + CUE_LENGTH)
+            cues.append(f"{begin} --> {end}\n{caption.text}\n")
+        return "\n".join(cues)
+
+
+def _timestamp(seconds: float) -> str:
+    milliseconds = round(seconds * 1000)
+    minutes, rest = divmod(milliseconds, 60_000)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours:02d}:{minutes:02d}:{rest // 1000:02d}.{rest % 1000:03d}"
+
+
+def sound_track(clip: Clip, level: SoundLevel) -> SoundTrack | None:
+    """Return the sound of a clip; None if it plays backward, is silent or is one frame."""
+    has_motion = clip.count > 1 and len(clip.world.bodies) > 0
+    if not has_motion or clip.scene.render.play is Play.BACKWARD:
+        return None
+    count = round(clip.count / clip.fps * RATE)
+    times = ClipTimes(clip)
+    impacts = collisions(clip)
+    resonators = world_resonators(clip.scene, clip.world)
+    strikes = []
+    for event in impacts:
+        strikes += event_strikes(clip, resonators, event, times)
+    pressure = ring(resonators, strikes, count) + click(resonators, strikes, count)
+    pressure += friction_noise(rubbings(clip, times), count)
+    samples = _as_samples(add_room(pressure), level)
+    if samples is None:
+        return None
+    return SoundTrack(samples, _captions(clip, impacts, times))
+
+
+def _as_samples(pressure: F64, level: SoundLevel) -> I16 | None:
+    """Return 16-bit samples of Pa; None if all is silent."""
+    peak = float(np.abs(pressure).max(initial=0.0))
+    if peak <= 0:
+        return None
+    scale = PEAK / peak if level is SoundLevel.PEAK else 1 / FULL_SCALE
+    codes = np.round(np.clip(pressure * scale, -1, 1) * np.iinfo(np.int16).max)
+    if not codes.any():
+        return None
+    return codes.astype(np.int16)
+
+
+def event_strikes(
+    clip: Clip, resonators: Sequence[Resonator], event: Event, times: ClipTimes
+) -> list[Strike]:
+    """Return the strikes of both partners of a collision."""
+    world = clip.world
+    sides = [resonators[k].surface for k in event.surfaces]
+    speed = (event.closing or 0.0) / world.pixels_per_meter
+    impulse = _newton_seconds(clip, event)
+    # bodies that others press together do not close in; the impulse tells how hard
+    speed = max(speed, impulse / (2 * pair_mass(sides[0], sides[1])))
+    duration = contact_time(sides[0], sides[1], speed)
+    place = clip.shot.affine(event.time) @ (*event.place, 1.0)
+    polarity = -1.0 if event.vector is not None and event.vector[1] < 0 else 1.0
+    gains = pan(float(place[0]) / clip.size[0])
+    strikes = []
+    for surface in event.surfaces:
+        strike = Strike(
+            time=times.clip_time(event.time),
+            resonator=surface,
+            impulse=impulse,
+            contact_time=duration,
+            gains=gains,
+            is_touched=_is_touched(world, clip.trajectory, surface, event),
+            polarity=polarity,
+        )
+        strikes.append(strike)
+    return strikes
+
+
+def _newton_seconds(clip: Clip, event: Event) -> float:
+    """Return the impulse of a collision, N·s; an assumed scale counts as a known one."""
+    return (event.impulse or 0.0) / 1000 / clip.world.pixels_per_meter
+
+
+def _is_touched(
+    world: World, trajectory: Trajectory, surface: int, event: Event
+) -> bool:
+    """Return whether something other than the impact touches a surface during and after it."""
+    if surface >= len(world.bodies):
+        return False
+    if world.view is View.TOP:
+        return True
+    contacts = trajectory.contacts
+    first, second = contacts.touch_pairs.T
+    begin, end = contacts.touch_times.T
+    is_own = (first == surface) | (second == surface)
+    is_lasting = (begin <= event.time + TOUCH_DELAY) & (
+        end >= event.time + TOUCH_LENGTH
+    )
+    return bool((is_own & is_lasting).any())
+
+
+def rubbings(clip: Clip, times: ClipTimes) -> list[Rubbing]:
+    """Return sliding and rolling of all pairs, with the table's if seen from above."""
+    world = clip.world
+    count = max(int(world.duration * FRICTION_RATE), 2)
+    moments = np.linspace(0.0, world.duration, count + 1)
+    motion = clip.trajectory.sampled(moments)
+    clip_times = np.array([times.clip_time(float(time)) for time in moments])
+    result = _pair_rubbings(clip, motion, clip_times)
+    if world.view is View.TOP and world.press > 0:
+        result += _table_rubbings(clip, motion, clip_times)
+    return result
+
+
+def _places(clip: Clip, motion: Trajectory, body: int) -> F64:
+    """Return (T,) 0 to 1: where a body is between the left and the right border."""
+    centers = motion.poses[:, body, :2]
+    if not clip.shot.moves:
+        scale, _, shift = clip.shot.affine(0.0)[0].tolist()
+        return np.asarray((centers[:, 0] * scale + shift) / clip.size[0])
+    places = []
+    for time, center in zip(motion.times.tolist(), centers.tolist(), strict=True):
+        lens = clip.shot.affine(time)
+        places.append(float(lens[0] @ (*center, 1.0)) / clip.size[0])
+    return np.array(places)
+
+
+def _table_rubbings(clip: Clip, motion: Trajectory, clip_times: F64) -> list[Rubbing]:
+    """Return rolling and sliding of all bodies on the table, in a view from above."""
+    world = clip.world
+    meters = 1 / world.pixels_per_meter
+    result = []
+    for k, body in enumerate(world.bodies):
+        speed = np.hypot(*motion.velocities[:, k, :2].T) * meters
+        if body.motion is not Motion.DYNAMIC or not speed.any():
+            continue
+        load = body.mass / 1000 * world.press * meters
+        if body.solid is Solid.SPHERE:
+            power = FRICTION.rolling_efficiency * body.rolling * load * speed
+        else:
+            friction = body.surface.friction * world.table.friction
+            power = FRICTION.sliding_efficiency * friction * load * speed
+        result.append(Rubbing(clip_times, power, speed, _places(clip, motion, k)))
+    return result
+
+
+def _pair_rubbings(clip: Clip, motion: Trajectory, clip_times: F64) -> list[Rubbing]:
+    """Return sliding and rolling of all pairs that touch."""
+    rows = motion.contacts.impulse_rows
+    if not len(rows):
+        return []
+    count = len(motion.contacts.surfaces)
+    codes = rows[:, 1].astype(np.int64) * count + rows[:, 2]
+    result = []
+    for code in np.unique(codes).tolist():
+        members = np.flatnonzero(codes == code)
+        result.append(_pair_rubbing(clip, motion, clip_times, members))
+    return result
+
+
+def _pair_rubbing(
+    clip: Clip, motion: Trajectory, clip_times: F64, members: NDArray[np.intp]
+) -> Rubbing:
+    """Return the friction of one pair; `members` are its rows of impulses."""
+    world = clip.world
+    meters = 1 / world.pixels_per_meter
+    samples, first, second = motion.contacts.impulse_rows[members].T
+    impulses = motion.contacts.impulses[members]
+    sizes = np.hypot(*impulses.T)
+    normals = impulses / np.maximum(sizes, 1e-300)[:, None]
+    step = motion.times[1] - motion.times[0]
+    pair = (int(first[0]), int(second[0]))
+    load = np.minimum(sizes / step, _max_load(world, pair)) * meters / 1000
+    slip = np.abs(_slip_speeds(world, motion, samples, pair, normals)) * meters
+    center_speed = np.hypot(*motion.velocities[samples, pair[0], :2].T) * meters
+    surfaces = [surface for _, surface in world.surfaces]
+    friction = surfaces[pair[0]].friction * surfaces[pair[1]].friction
+    rolling = world.bodies[pair[0]].rolling
+    sliding_power = FRICTION.sliding_efficiency * friction * load * slip
+    rolling_power = FRICTION.rolling_efficiency * rolling * load * center_speed
+    power, speed = np.zeros(len(motion.times)), np.zeros(len(motion.times))
+    power[samples] = sliding_power + rolling_power
+    speed[samples] = np.maximum(slip, center_speed)
+    return Rubbing(clip_times, power, speed, _places(clip, motion, pair[0]))
+
+
+def _max_load(world: World, pair: tuple[int, int]) -> float:
+    """Return the force (g·px/s²) up to which a contact of two surfaces counts as pressing."""
+    masses = []
+    for k in pair:
+        if k < len(world.bodies) and world.bodies[k].motion is Motion.DYNAMIC:
+            masses.append(world.bodies[k].mass)
+    gravity = max(float(np.hypot(*world.gravity)), world.press)
+    return MAX_LOAD * gravity * min(masses, default=0.0)
+
+
+def _slip_speeds(
+    world: World,
+    motion: Trajectory,
+    samples: NDArray[np.int32],
+    pair: tuple[int, int],
+    normals: F64,
+) -> F64:
+    """Return (K,) px/s of the two surfaces along each other; normals (K, 2) point to the first."""
+    tangents = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+    speeds = np.zeros(len(samples))
+    for k, sign in zip(pair, (1.0, -1.0), strict=True):
+        if k >= len(world.bodies):
+            continue
+        x, y, spin = motion.velocities[samples, k].T
+        along = x * tangents[:, 0] + y * tangents[:, 1]
+        # the rim is on the side of the partner: the second body's is in the normal's direction
+        rim_speed = -sign * spin * _rim(world, k)
+        speeds += sign * (along + rim_speed)
+    return speeds
+
+
+def _rim(world: World, k: int) -> float:
+    """Return the distance (px) from a body's centre to the faces on which it lies."""
+    body = world.bodies[k]
+    if body.radius is not None:
+        return body.radius
+    return min(body.reach, body.size / 2)
+
+
+def _captions(
+    clip: Clip, impacts: Sequence[Event], times: ClipTimes
+) -> tuple[Caption, ...]:
+    """Return the loudest impacts in words, by time."""
+    names = _spoken_names(clip)
+    captions = []
+    for event in impacts:
+        first, second = (names[k] for k in event.surfaces)
+        impulse = _newton_seconds(clip, event)
+        text = f"{first} hits {second}"
+        captions.append(Caption(times.clip_time(event.time), text, impulse))
+    captions.sort(key=lambda caption: -caption.impulse)
+    return tuple(sorted(captions[:MAX_CUES], key=lambda caption: caption.time))
+
+
+def _spoken_names(clip: Clip) -> list[str]:
+    """Return the names of all surfaces: labels, but names if objects share a label."""
+    counts = Counter(clip.labels)
+    names = []
+    for name, label in zip(clip.names, clip.labels, strict=True):
+        names.append(label if counts[label] == 1 else name)
+    names += [wall.name for wall in clip.world.walls]
+    return names
