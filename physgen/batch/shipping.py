@@ -354,9 +354,7 @@ def gather_stored(
     check_apart(out, roots)
     target = Path(Shipper(store).name(out))
     if store.holds(target.as_posix()):
-        fix = "choose another folder with -o, or remove it"
-        found = f"is there already in {store.url}"
-        raise InputError.of(str(out), "", found, fix)
+        raise Message.IN_STORE_ALREADY.error(str(out), url=store.url)
     how = replace(how, root=target, fetched=partial(_fetched, store))
     clips = _found_clips(store, roots)
     with tempfile.TemporaryDirectory(prefix="physgen-") as name:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from physgen.messages import Message
+from physgen.problems import InputError, Place, RefusedError
 from physgen.text import quoted
 
 WRONG_INPUT = 2
@@ -29,6 +30,8 @@ FILE_SUFFIXES = (
 """Endings of files: nobody means a new folder by such a name."""
 LONGEST_NAME = 200
 """Bytes of an output's name: a file system takes 255, and partial and backed-up files have longer names."""
+MOST_NUMBER = 1_000_000
+"""The largest number that a flag takes."""
 LONGEST_MESSAGE = 500
 """Characters of a message about wrong flags, which repeats what was written."""
 
@@ -117,15 +120,18 @@ class Parser(argparse.ArgumentParser):
 
     def unknown(self, text: str) -> str:
         """The message for an argument that was left over."""
+        flags = re.findall(r"--[\w-]+", self.format_help())
         if not text.startswith("-"):
-            return f"{text} is one argument too many"
+            fix = "leave it out"
+            if "--set" in flags and IS_SETTING(text):
+                fix = f"to set the key, write --set {text}"
+            refusal = Message.ARGUMENT_TOO_MANY.refusal(fix=fix)
+            return f"{text} {refusal.expected}; {refusal.fix}"
         flag = text.partition("=")[0]
-        close = get_close_matches(
-            flag, re.findall(r"--[\w-]+", self.format_help()), 1, 0.7
-        )
-        return f"there is no flag {flag}" + (
-            f", did you mean {close[0]}?" if close else ""
-        )
+        similar = get_close_matches(flag, flags, 1, 0.7)
+        fix = f"did you mean {similar[0]}?" if similar else "leave it out"
+        refusal = Message.UNKNOWN_FLAG.refusal(fix=fix)
+        return f"{flag} {refusal.expected}; {refusal.fix}"
 
     def error(self, message: str) -> NoReturn:
         """Print what was wrong, a line each, and a hint; for a word that is none of several, the nearest of them."""
@@ -154,9 +160,7 @@ class Parser(argparse.ArgumentParser):
             name = flag[1].rpartition("/")[2]
             action = self._option_string_actions.get(name)
             return message if action is None else f"{message}: {name} {action.metavar}"
-        is_count = "are required" in message or message.endswith(
-            "one argument too many"
-        )
+        is_count = "are required" in message or "one argument too many" in message
         return f"{message}; {self.epilog}" if is_count and self.epilog else message
 
 
@@ -174,19 +178,21 @@ def _hide_dashes(arguments: Sequence[str] | None) -> Sequence[str] | None:
     return values
 
 
+def wrong_value(text: str, refusal: RefusedError) -> argparse.ArgumentTypeError:
+    """Return the error of a value of a flag, which argparse prints with the flag."""
+    return argparse.ArgumentTypeError(f"{text} {refusal.expected}; {refusal.fix}")
+
+
 def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
     """A reader of the name of a result, which a file system takes."""
 
     def read(text: str) -> Any:
         if not text.strip() or "\0" in text:
-            raise argparse.ArgumentTypeError(
-                "is not a name; write the path of a new file or folder"
-            )
-        long = max(len(os.fsencode(part)) for part in text.split("/"))
-        if long > LONGEST_NAME:
-            raise argparse.ArgumentTypeError(
-                f"has a name of {long} bytes; write at most {LONGEST_NAME}"
-            )
+            raise wrong_value("the output", Message.OUTPUT_NAME_EMPTY.refusal())
+        length = max(len(os.fsencode(part)) for part in text.split("/"))
+        if length > LONGEST_NAME:
+            refusal = Message.OUTPUT_NAME_LONG.refusal(length=length, most=LONGEST_NAME)
+            raise wrong_value("the output", refusal)
         return kind(text)
 
     return read
@@ -215,9 +221,8 @@ def whole(low: int, high: int) -> Callable[[str], int]:
             else low - 1
         )
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(
-                f"{text} is not a whole number from {low} to {high}"
-            )
+            refusal = Message.NOT_WHOLE_NUMBER.refusal(low=low, high=high)
+            raise wrong_value(text, refusal)
         return value
 
     return read
@@ -235,10 +240,8 @@ def positive(text: str) -> float:
         value = float(text)
     except ValueError:
         value = 0.0
-    if not 0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a number above 0 and up to 1000000"
-        )
+    if not 0 < value <= MOST_NUMBER:
+        raise wrong_value(text, Message.NOT_ABOVE_ZERO.refusal(most=MOST_NUMBER))
     return value
 
 
@@ -255,9 +258,8 @@ def among(known: Sequence[str]) -> Callable[[str], list[str]]:
     def read(text: str) -> list[str]:
         wrong = [name for name in names(text) if name not in known]
         if wrong or not names(text):
-            raise argparse.ArgumentTypeError(
-                f"{', '.join(wrong) or text} is not among {', '.join(known)}"
-            )
+            refusal = Message.NOT_AMONG.refusal(names=", ".join(known))
+            raise wrong_value(", ".join(wrong) or text, refusal)
         return names(text)
 
     return read
@@ -269,6 +271,23 @@ BETWEEN_NUMBERS = re.compile(r"\s*[,;]\s*|\s+")
 IS_VALUE_PIECE = re.compile(
     r"[-+=@,]|[-+=@]?[\d.]+(px|cm|mm|m|%)?,?|(px|cm|mm|m)/s"
 ).fullmatch
+
+
+IS_SETTING = re.compile(r"[A-Za-z_]\w*(?:[.\[][^=\s]+)=.*", re.DOTALL).fullmatch
+"""Whether an argument has the form of `--set`: a dotted key, = and a value."""
+
+
+def refuse_settings(files: Sequence[str]) -> None:
+    """Raise InputError for arguments that are KEY=VALUE and not files."""
+    problems = []
+    for text in files:
+        if IS_SETTING(text) and not Path(text).exists():
+            problem = Message.KEY_WITHOUT_SET.problem(
+                Place("SCENE"), "", quoted(text), setting=text
+            )
+            problems.append(problem)
+    if problems:
+        raise InputError(problems)
 
 
 def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:

@@ -23,6 +23,7 @@ from physgen.cli.arguments import (
     draws,
     names,
     seed,
+    wrong_value,
 )
 from physgen.cli.clusters import is_parallel, run_all
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
@@ -428,9 +429,7 @@ def part(text: str) -> slice:
     first, _, step = text.partition("/")
     if first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step):
         return slice(int(first) - 1, None, int(step))
-    raise argparse.ArgumentTypeError(
-        f"{text} is not a part; write e.g. 2/8, the second of 8 machines"
-    )
+    raise wrong_value(text, Message.NOT_A_PART.refusal())
 
 
 def add_clips(parser: Parser) -> None:

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import Parser, names, positive, whole
+from physgen.cli.arguments import Parser, names, positive, whole, wrong_value
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import Bar, print_error, print_problem
 from physgen.messages import Message
@@ -56,17 +56,21 @@ def add_controllability(parser: Parser) -> None:
     about = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
     parser.option("--angles", "N", whole(1, 360), about, 8)
     about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
-    parser.option("--sizes", "LIST", speeds, about, [])
+    parser.option("--sizes", "LIST", read_speeds, about, [])
     add_overlays(parser)
 
 
-def speeds(text: str) -> list[float]:
+FEWEST_SPEEDS, MOST_SPEEDS = 2, 100
+
+
+def read_speeds(text: str) -> list[float]:
     """`50,100,200` -> px/s above 0, each once, in order."""
-    found = sorted({positive(part.strip()) for part in text.split(",")})
-    if not 2 <= len(found) <= 100:
-        fault = f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200"
-        raise argparse.ArgumentTypeError(fault)
-    return found
+    speeds = sorted({positive(part.strip()) for part in text.split(",")})
+    if not FEWEST_SPEEDS <= len(speeds) <= MOST_SPEEDS:
+        raise wrong_value(
+            text, Message.NOT_SPEEDS.refusal(fewest=FEWEST_SPEEDS, most=MOST_SPEEDS)
+        )
+    return speeds
 
 
 def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
@@ -132,7 +136,7 @@ def numbers(text: str) -> list[int]:
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers") from None
+        raise wrong_value(text, Message.NOT_NUMBERS.refusal()) from None
 
 
 def find_physics(options: argparse.Namespace, bar: Bar) -> Findings:

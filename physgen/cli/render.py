@@ -13,6 +13,7 @@ from physgen.cli.arguments import (
     Command,
     Parser,
     is_folder_name,
+    refuse_settings,
     refuse_split_values,
 )
 from physgen.cli.clips import (
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 def render(options: argparse.Namespace) -> int:
     refuse_split_values(options.command_line, options.scenes)
+    refuse_settings(options.scenes)
     check_cluster(options)
     options.output = options.output or ("out/preview" if options.preview else "out")
     video = video_file(options)

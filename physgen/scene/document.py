@@ -405,7 +405,7 @@ _FIXES = (
     ),
     (
         "cannot start any token",
-        "indent with spaces, not tabs; put text that starts with @ or ` in quotes",
+        "put text that starts with @ or ` in quotes",
     ),
     ("flow sequence", "close the ["),
     ("flow mapping", "close the {"),

@@ -34,11 +34,26 @@ def explain_syntax(error: yaml.MarkedYAMLError, text: str) -> SyntaxFault | None
     if mark is None:
         return None
     lines = _BREAK.split(text)
-    rules = (_missing_colon, _wrong_indent, _quote_in_quotes, _open_bracket)
+    rules = (_tab, _missing_colon, _wrong_indent, _quote_in_quotes, _open_bracket)
     for rule in rules:
         fault = rule(error, mark, lines)
         if fault is not None:
             return fault
+    return None
+
+
+def _tab(
+    error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
+) -> SyntaxFault | None:
+    """Find a line that is indented by a tab, which YAML does not allow."""
+    # PyYAML marks the tab itself, or the key behind it
+    for number in (mark.line, mark.line - 1):
+        line = _line(lines, number)
+        indent = line[: _indent(line)]
+        if "\t" in indent:
+            column = indent.index("\t") + 1
+            fix = "indent the lines with spaces"
+            return SyntaxFault(number + 1, column, "a tab indents this line", fix)
     return None
 
 

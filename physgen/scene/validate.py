@@ -28,7 +28,7 @@ from physgen.scene.schema import (
     measure,
     parents,
 )
-from physgen.scene.slips import meant_list, meant_number
+from physgen.scene.slips import has_decimal_comma, meant_list, meant_number
 from physgen.scene.slips import plain as plain_text
 from physgen.text import (
     ALLOWED,
@@ -318,51 +318,67 @@ class _Fault:
             findings.bad.update(self.chain)
 
     def _type(self, findings: Findings) -> None:
+        """Report a value of another type than those of the schema."""
         value, kinds = self.node.value, self.kinds
         if "enum" in self.schema:
             return self._choice(findings)
-        if "object" in kinds and (len(kinds) == 1 or "array" in kinds):
-            kind = "a mapping"
-            spaced = add_space(value) if isinstance(value, str) else None
-            fix = spaced or advice({**self.schema, "type": "object"})
-            if value is None:
-                fix += ", or indent its keys below it"
+        may_be_list = "array" in kinds
+        if "object" in kinds and (len(kinds) == 1 or may_be_list):
+            kind, fix = "a mapping", self._mapping_fix()
         elif len(kinds) > 1 and not ("integer" in kinds and type(value) is float):
             refusal = Message.NO_WAY_FITS.refusal(ways=listed(self._ways()))
             return findings.value(self.node, self.path, refusal)
-        elif "array" in kinds:
-            what, count = self._count()
-            kind = f"a list of {count}"
-            fix = f"write {kind}{self._in_unit(what)}{self.hint}"
-            meant = self._meant_list(what)
-            fix = f"write {meant}" if meant else fix
+        elif may_be_list:
+            kind, fix = self._list_fix()
         elif "boolean" in kinds:
-            words = {
-                "yes": "true",
-                "on": "true",
-                "y": "true",
-                "no": "false",
-                "off": "false",
-                "n": "false",
-            }
-            word = words.get(value.lower()) if isinstance(value, str) else None
+            word = BOOLEAN_WORDS.get(value.lower()) if isinstance(value, str) else None
             kind, fix = "true or false", f"write {word or 'true or false'}"
         elif "string" in kinds:
-            is_scalar = isinstance(value, int | float)
-            kind = "text"
-            fix = (
-                f'write it in quotes: "{shown(value)}"'
-                if is_scalar
-                else f"write text{self.hint}"
-            )
+            kind, fix = "text", self._text_fix()
         else:
-            kind = "a whole number" if "integer" in kinds else "a number"
-            ranged = isinstance(value, float)
-            fix = f"write {measure(self._numeric(), self.unit, ranged=ranged)}{self._units()}{self.hint}"
-            meant = meant_number(value, self.unit) if isinstance(value, str) else None
-            if meant:
-                fix = f"write {meant}"
-                fix += ", without quotes" if meant == value else ""
+            return self._not_a_number(findings)
+        refusal = Message.WRONG_TYPE.refusal(kind=kind, fix=fix)
+        return findings.value(self.node, self.path, refusal)
+
+    def _mapping_fix(self) -> str:
+        """Return the fix of a value in place of a mapping."""
+        value = self.node.value
+        if value is None:
+            mapping = advice({**self.schema, "type": "object"})
+            return f"{mapping}, or indent its keys below it"
+        spaced = add_space(value) if isinstance(value, str) else None
+        return spaced or advice({**self.schema, "type": "object"})
+
+    def _list_fix(self) -> tuple[str, str]:
+        """Return the kind of a list, and the fix of a value in its place."""
+        item_name, count = self._count()
+        kind = f"a list of {count}"
+        meant = self._meant_list(item_name)
+        if meant:
+            return kind, f"write {meant}"
+        return kind, f"write {kind}{self._in_unit(item_name)}{self.hint}"
+
+    def _text_fix(self) -> str:
+        """Return the fix of a value in place of text."""
+        value = self.node.value
+        if isinstance(value, int | float):
+            return f'write it in quotes: "{shown(value)}"'
+        return f"write text{self.hint}"
+
+    def _not_a_number(self, findings: Findings) -> None:
+        """Report a value in place of a number, with the number that it stands for."""
+        value = self.node.value
+        kind = "a whole number" if "integer" in self.kinds else "a number"
+        meant = meant_number(value, self.unit) if isinstance(value, str) else None
+        if meant and has_decimal_comma(str(value)):
+            refusal = Message.DECIMAL_COMMA.refusal(number=meant)
+            return findings.value(self.node, self.path, refusal)
+        if meant:
+            fix = f"write {meant}"
+            fix += ", without quotes" if meant == value else ""
+        else:
+            form = measure(self._numeric(), self.unit, ranged=isinstance(value, float))
+            fix = f"write {form}{self._units()}{self.hint}"
         refusal = Message.WRONG_TYPE.refusal(kind=kind, fix=fix)
         return findings.value(self.node, self.path, refusal)
 
@@ -632,6 +648,15 @@ _ALIASES: dict[str, dict[str, str]] = {
     },
 }
 """Kind of mapping -> names of other engines -> ours."""
+BOOLEAN_WORDS = {
+    "yes": "true",
+    "on": "true",
+    "y": "true",
+    "no": "false",
+    "off": "false",
+    "n": "false",
+}
+"""Words that stand for true and false, which YAML 1.2 reads as text."""
 _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "type": _Fault._type,
     "const": _Fault._choice,
