@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -14,7 +15,9 @@ from shapely.affinity import translate
 from physgen.compile.compile import Compiled
 from physgen.compile.shapes import U16
 from physgen.compile.starts import velocities_that_joints_allow
+from physgen.compile.world import Body
 from physgen.geometry.convex import outline_shape, overlap_depth
+from physgen.geometry.polygon import Outline
 from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
 from physgen.messages import Message
@@ -25,6 +28,7 @@ from physgen.scene.scene import (
     Auto,
     JointKind,
     Motion,
+    Object,
     Scene,
     Solid,
     View,
@@ -117,44 +121,67 @@ def warning(
 
 
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """What a reader would expect to change the clip, and does not."""
+    """Yield warnings of keys that a reader would expect to change the clip, and that do not."""
     motion = {item.name: item.motion for item in scene.objects}
-    above = scene.world.view is View.TOP
-    if scene.world.table_friction > 0 and not above:
-        found = f"{scene.world.table_friction:g}"
-        yield warning(scene, "world.table.friction", found, Message.TABLE_FROM_SIDE)
+    if scene.world.table_friction > 0 and scene.world.view is not View.TOP:
+        friction = f"{scene.world.table_friction:g}"
+        message = Message.TABLE_FROM_SIDE
+        yield warning(scene, "world.table.friction", friction, message)
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
-        path, dynamic = f"objects.{item.name}", item.motion is Motion.DYNAMIC
-        motion_name = item.motion.value
-        sphere = body.radius is not None and body.solid is Solid.SPHERE
-        if not dynamic and (any(item.velocity) or item.spin):
-            key = "velocity" if any(item.velocity) else "spin"
-            not_dynamic = Message.NO_EFFECT_ON_MOTION
-            yield warning(scene, f"{path}.{key}", key, not_dynamic, motion=motion_name)
-        is_round = body.radius is not None or bool(body.wheels)
-        if item.wheels and not body.wheels:
-            path_of_wheels = f"{path}.wheels"
-            if above:
-                message = Message.WHEELS_FROM_ABOVE
-                yield warning(scene, path_of_wheels, "wheels", message)
-            else:
-                message = Message.NO_EFFECT_ON_MOTION
-                yield warning(
-                    scene, path_of_wheels, "wheels", message, motion=motion_name
-                )
-        if item.rolling > 0 and not (dynamic and (sphere if above else is_round)):
-            where, found = f"{path}.rolling", f"{item.rolling:g}"
-            if dynamic:
-                round_bodies = "spheres" if above else "circles"
-                message = Message.ROLLING_HAS_NO_EFFECT
-                yield warning(scene, where, found, message, shapes=round_bodies)
-            else:
-                message = Message.NO_EFFECT_ON_MOTION
-                yield warning(scene, where, found, message, motion=motion_name)
-        if item.roll != "natural" and not (
-            dynamic and sphere and above and scene.world.table_friction > 0
-        ):
-            yield warning(scene, f"{path}.roll", "roll", Message.ROLL_HAS_NO_EFFECT)
+        yield from _object_keys_without_effect(scene, item, body)
+    yield from _forces_without_effect(scene, compiled, motion)
+    for joint in scene.joints:
+        if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
+            path = f"joints.{joint.name}"
+            yield warning(scene, path, joint.name, Message.MOVES_NO_OBJECT)
+    yield from _gears_without_pins(scene, motion)
+    for field in scene.fields:
+        if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
+            path = f"fields.{field.name}"
+            yield warning(scene, path, field.name, Message.MOVES_NO_OBJECT)
+
+
+def _object_keys_without_effect(
+    scene: Scene, item: Object, body: Body
+) -> Iterator[Problem]:
+    """Yield warnings of keys of one object that have no effect on its motion."""
+    path = f"objects.{item.name}"
+    is_dynamic = item.motion is Motion.DYNAMIC
+    is_from_above = scene.world.view is View.TOP
+    is_sphere = body.radius is not None and body.solid is Solid.SPHERE
+    no_effect = partial(
+        warning, message=Message.NO_EFFECT_ON_MOTION, motion=item.motion.value
+    )
+    if not is_dynamic and (any(item.velocity) or item.spin):
+        key = "velocity" if any(item.velocity) else "spin"
+        yield no_effect(scene, f"{path}.{key}", key)
+    if item.wheels and not body.wheels:
+        if is_from_above:
+            message = Message.WHEELS_FROM_ABOVE
+            yield warning(scene, f"{path}.wheels", "wheels", message)
+        else:
+            yield no_effect(scene, f"{path}.wheels", "wheels")
+    rolls = is_sphere if is_from_above else body.radius is not None or bool(body.wheels)
+    if item.rolling > 0 and not is_dynamic:
+        yield no_effect(scene, f"{path}.rolling", f"{item.rolling:g}")
+    elif item.rolling > 0 and not rolls:
+        yield warning(
+            scene,
+            f"{path}.rolling",
+            f"{item.rolling:g}",
+            Message.ROLLING_HAS_NO_EFFECT,
+            shapes="spheres" if is_from_above else "circles",
+        )
+    rolls_on_table = is_sphere and is_from_above and scene.world.table_friction > 0
+    if item.roll != "natural" and not (is_dynamic and rolls_on_table):
+        yield warning(scene, f"{path}.roll", "roll", Message.ROLL_HAS_NO_EFFECT)
+
+
+def _forces_without_effect(
+    scene: Scene, compiled: Compiled, motion: Mapping[str, Motion]
+) -> Iterator[Problem]:
+    """Yield warnings of forces on objects that cannot move, and of forces after the end."""
+    end = compiled.world.duration
     for k, force in enumerate(scene.forces):
         if motion[force.object] is not Motion.DYNAMIC:
             yield warning(
@@ -165,19 +192,10 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 name=force.object,
                 motion=motion[force.object].value,
             )
-        elif force.start >= compiled.world.duration:
-            where, found = f"forces[{k}].start", f"{force.start:g}"
-            late, end = Message.FORCE_AFTER_END, compiled.world.duration
-            yield warning(scene, where, found, late, end=end)
-    for joint in scene.joints:
-        if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
-            where, nothing = f"joints.{joint.name}", Message.MOVES_NO_OBJECT
-            yield warning(scene, where, joint.name, nothing)
-    yield from _gears_without_pins(scene, motion)
-    for field in scene.fields:
-        if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
-            where, nothing = f"fields.{field.name}", Message.MOVES_NO_OBJECT
-            yield warning(scene, where, field.name, nothing)
+        elif force.start >= end:
+            start = f"{force.start:g}"
+            message = Message.FORCE_AFTER_END
+            yield warning(scene, f"forces[{k}].start", start, message, end=end)
 
 
 def _gears_without_pins(
@@ -415,55 +433,64 @@ def _grown(mask: Mask, by: int) -> Mask:
 
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Written shapes that differ from the object's mask."""
-    for k, (item, outline) in enumerate(
-        zip(scene.objects, compiled.shapes.written, strict=True)
-    ):
+    """Yield warnings of written shapes that differ from the object's mask."""
+    shapes = zip(scene.objects, compiled.shapes.written, strict=True)
+    for k, (item, outline) in enumerate(shapes):
         mask = compiled.labels == k + 1
-        area, (x, y, w, h) = (
-            np.count_nonzero(mask),
-            cv2.boundingRect(mask.astype(np.uint8)),
-        )
+        area = np.count_nonzero(mask)
         if outline is None or item.mask is None or not area:
             continue
-        hull = outline_shape(outline).convex_hull.buffer(LIMITS.seen * area**0.5)
-        corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
-        cover, (x0, y0) = coverage_box(outline, (0, 0, mask.shape[1], mask.shape[0]))
-        # a spike without area is a part of the coverage's box and not of the hull
-        drawn = [[x0, y0], [x0 + cover.shape[1], y0 + cover.shape[0]]]
-        around = np.concatenate([corners, drawn, [[x, y], [x + w, y + h]]])
-        left, top = np.maximum(around.min(axis=0) - LIMITS.thin, 0).tolist()
-        right, bottom = (around.max(axis=0) + LIMITS.thin).tolist()
-        here = np.s_[top:bottom, left:right]
-        box = np.s_[
-            y0 - top : y0 - top + cover.shape[0], x0 - left : x0 - left + cover.shape[1]
-        ]
-        mask = mask[here]
-        seen = np.zeros(mask.shape, np.uint8)
-        cv2.fillPoly(seen, [corners - np.array([left, top], np.int32)], 1)
-        shown = (compiled.labels[here] > 0) | compiled.scenery[here] | _filled(mask)
-        if isinstance(item.shape, Auto):
-            # perception lays a flat base under what the photo shows from above
-            shown |= np.logical_or.accumulate(mask, axis=0)
-        bare = (cover >= 0.5) & ~shown[box]
-        thin = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
-        path, fix = f"objects.{item.name}.shape", "correct the outline or the mask"
+        fix = "correct the outline or the mask"
         if scene.document["objects"][item.name].get("shape") != "outline":
             fix = f"write shape: outline, or {fix}"
-        for part, message in (
-            (mask & (seen == 0), Message.SHAPE_MISSES_MASK),
-            (bare, Message.SHAPE_BEYOND_MASK),
-        ):
-            if not part.size:  # a shape beyond the picture
-                continue
-            share = (
-                cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_OPEN, thin).sum()
-                / area
-            )
+        differences = _shape_differences(item, outline, mask, compiled)
+        messages = (Message.SHAPE_MISSES_MASK, Message.SHAPE_BEYOND_MASK)
+        for part, message in zip(differences, messages, strict=True):
+            share = _opened_area(part) / area
             if share > LIMITS.missed:
-                yield warning(
-                    scene, path, "the shape", message, share=percent(share), fix=fix
-                )
+                path = f"objects.{item.name}.shape"
+                values = {"share": percent(share), "fix": fix}
+                yield warning(scene, path, "the shape", message, **values)
+
+
+def _shape_differences(
+    item: Object, outline: Outline, mask: Mask, compiled: Compiled
+) -> tuple[Mask, Mask]:
+    """Return the part of a mask outside of its shape, and the part of the shape where the photo shows other things.
+
+    `mask` is (H, W) bool; the results are cut to the surroundings of mask and shape.
+    """
+    reach = LIMITS.seen * np.count_nonzero(mask) ** 0.5
+    hull = outline_shape(outline).convex_hull.buffer(reach)
+    corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
+    height, width = mask.shape
+    cover, (x0, y0) = coverage_box(outline, (0, 0, width, height))
+    x1, y1 = x0 + cover.shape[1], y0 + cover.shape[0]
+    x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
+    # a spike without area is a part of the coverage's box and not of the hull
+    extent = np.concatenate([corners, [[x0, y0], [x1, y1], [x, y], [x + w, y + h]]])
+    left, top = np.maximum(extent.min(axis=0) - LIMITS.thin, 0).tolist()
+    right, bottom = (extent.max(axis=0) + LIMITS.thin).tolist()
+    window = np.s_[top:bottom, left:right]
+    box = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
+    mask = mask[window]
+    inside_hull = np.zeros(mask.shape, np.uint8)
+    cv2.fillPoly(inside_hull, [corners - np.array([left, top], np.int32)], 1)
+    occupied = compiled.labels[window] > 0
+    occupied |= compiled.scenery[window] | _filled(mask)
+    if isinstance(item.shape, Auto):
+        # perception lays a flat base under what the photo shows from above
+        occupied |= np.logical_or.accumulate(mask, axis=0)
+    return mask & (inside_hull == 0), (cover >= 0.5) & ~occupied[box]
+
+
+def _opened_area(mask: Mask) -> float:
+    """Return the area of a mask without thin parts, px²; 0 for a shape beyond the picture."""
+    if not mask.size:
+        return 0.0
+    kernel = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
+    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return float(opened.sum())
 
 
 def _filled(mask: Mask) -> Mask:

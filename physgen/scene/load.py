@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from math import acos, ceil, cos, pi, radians, sin, sqrt
 from pathlib import Path
@@ -210,66 +210,95 @@ class _Open(float):
 
 
 def in_numbers(root: Node) -> Node:
-    """The tree with numbers in place of texts with units that fit; the schema reports the others.
+    """Return the tree with numbers in place of texts with units that fit.
 
-    One number in place of a vector, with or without a unit, points to the right, and gravity down.
+    The schema reports the other texts. One number in place of a vector, with or without
+    a unit, points to the right, and gravity down.
     """
-    stated = children(root, "world").get("pixels_per_meter")
-    scale = float(at("world.pixels_per_meter")["default"])
-    if stated is not None:
-        value = (
-            quantity(str(stated.value), "px/m", 1.0)
-            if isinstance(stated.value, str)
-            else stated.value
-        )
-        scale = (
-            value
-            if isinstance(value, int | float) and 0 < value <= LARGEST_SCALE
-            else scale
-        )
+    return _NumberTree(_scale(root)).convert(root, expanded(), (), "")
 
-    def changed(node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+
+def _scale(root: Node) -> float:
+    """Return the scale of the file, px/m, the default if it has none that is valid."""
+    default = float(at("world.pixels_per_meter")["default"])
+    node = children(root, "world").get("pixels_per_meter")
+    if node is None:
+        return default
+    value: object = node.value
+    if isinstance(value, str):
+        value = quantity(value, "px/m", 1.0)
+    if isinstance(value, int | float) and 0 < value <= LARGEST_SCALE:
+        return value
+    return default
+
+
+@dataclass(frozen=True)
+class _NumberTree:
+    """Conversion of the texts with units in a tree."""
+
+    scale: float
+    """px/m."""
+
+    def convert(self, node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+        """Return the node in numbers; `part` is the schema of the node."""
         value = node.value
         if isinstance(value, str):
-            if path == ("world", "duration") and value.strip() == "auto":
-                return node.with_value(_Open(LONGEST))
-            number = quantity(value, unit, scale) if unit else None
-            if number is None or part.get("type") not in ("number", "array"):
-                return node
-            if part["type"] == "number":
-                return node.with_value(number, text=value)
-            return _vector(node, number, path[-1], value)
+            return self._text(node, part, path, unit)
         if isinstance(value, int | float):
             is_vector = part.get("type") == "array" and not isinstance(value, bool)
             return _vector(node, value, path[-1]) if is_vector else node
-        if isinstance(value, list) and part.get("items", {}).get("type") == "string":
-            return node  # names
-        keys = (
-            value.items()
-            if isinstance(value, dict)
-            else enumerate(value)
-            if isinstance(value, list)
-            else ()
-        )
-        found: dict[Any, Node] = {}
-        for key, child in keys:
-            if (isinstance(child.value, str | list | dict) or key in ONE_FOR_TWO) and (
-                below := inner(part, key)
-            ) is not None:
-                of_list = unit if isinstance(key, int) else ""
-                new = changed(child, below, (*path, key), below.get("x-unit", of_list))
-                found |= {} if new is child else {key: new}
         if isinstance(value, dict):
-            return node.with_value({**value, **found}) if found else node
-        return (
-            node.with_value(
-                [found.get(n, child) for n, child in enumerate(items(node))]
-            )
-            if found
-            else node
-        )
+            changes = self._children(value.items(), part, path, unit)
+            return node.with_value({**value, **changes}) if changes else node
+        if isinstance(value, list) and not _has_names(part):
+            changes = self._children(enumerate(value), part, path, unit)
+            if changes:
+                children = [changes.get(n, child) for n, child in enumerate(value)]
+                return node.with_value(children)
+        return node
 
-    return changed(root, expanded(), (), "")
+    def _text(self, node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+        """Return the number or vector that a text stands for, else the node itself."""
+        text = str(node.value)
+        if path == ("world", "duration") and text.strip() == "auto":
+            return node.with_value(_Open(LONGEST))
+        number = quantity(text, unit, self.scale) if unit else None
+        if number is None or part.get("type") not in ("number", "array"):
+            return node
+        if part["type"] == "number":
+            return node.with_value(number, text=text)
+        return _vector(node, number, path[-1], text)
+
+    def _children(
+        self,
+        children: Iterable[tuple[Any, Node]],
+        part: Schema,
+        path: KeyPath,
+        unit: str,
+    ) -> dict[Any, Node]:
+        """Return the converted children that differ, by key or index."""
+        changes: dict[Any, Node] = {}
+        for key, child in children:
+            # single numbers need no conversion, apart from those that stand for vectors
+            if key not in ONE_FOR_TWO and not isinstance(
+                child.value, str | list | dict
+            ):
+                continue
+            schema = inner(part, key)
+            if schema is None:
+                continue
+            # the items of a list have the unit of the list
+            inherited_unit = unit if isinstance(key, int) else ""
+            unit_of_child = schema.get("x-unit", inherited_unit)
+            converted = self.convert(child, schema, (*path, key), unit_of_child)
+            if converted is not child:
+                changes[key] = converted
+        return changes
+
+
+def _has_names(part: Schema) -> bool:
+    """Return whether a schema is that of a list of names."""
+    return bool(part.get("items", {}).get("type") == "string")
 
 
 def _vector(node: Node, length: float, key: str | int, text: str | None = None) -> Node:

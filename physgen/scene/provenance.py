@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
@@ -15,6 +15,7 @@ from physgen.geometry.scale import (
     MIN_SCALE_CONFIDENCE,
     PAPER_SCALE,
     WEIGHING,
+    Scale,
     is_assumed,
     photo_object,
     photo_scale,
@@ -239,84 +240,120 @@ def followed(
     outlines: Mapping[str, Outline],
     size: tuple[int, int],
 ) -> tuple[dict[tuple[str, ...], Any], Record]:
-    """Values that follow from labels and a scale that differ from those of the record, by path; and their record.
+    """Return the values that labels and scale decide and the record does not have.
 
-    What perception wrote follows, and what a user set stays: the scale where it is perception's, what the material
-    table gave, for another label what any backend gave, pushes and playback. `written` is the scene's data as it is
-    written, `filled` in numbers with defaults; `outlines` are those that are known, by object.
+    The first result has them by path, the second is their record. What perception wrote
+    follows, and what a user set stays: the scale if it is perception's, the values of
+    the material table, for another label the values of any backend, pushes and
+    playback. `written` is the scene's data as it is written, `filled` in numbers with
+    defaults; `outlines` are those that are known, by object.
     """
     objects, side = filled["objects"], max(size)
-    named = [name for name in outlines if "label" in written["objects"][name]]
-    wrote = {name: record.entry(name, objects[name]) for name in named}
-    wrote = {
-        name: entry
-        for name, entry in wrote.items()
-        if isinstance(entry.get("label"), str)
-    }
-    renamed = [
-        name
-        for name, entry in wrote.items()
-        if objects[name]["label"] != entry["label"]
-    ]
+    entries_by_name = _labelled_entries(written, objects, record, outlines)
+    new_labels = []
+    for name, entry in entries_by_name.items():
+        if objects[name]["label"] != entry["label"]:
+            new_labels.append(name)
     per_meter = filled["world"]["pixels_per_meter"]
     values: dict[tuple[str, ...], Any] = {}
-    if renamed and follows_scale(written, record, side):
-        seen = [
-            photo_object(k, outlines[name], "", size) for k, name in enumerate(wrote)
-        ]
-        kinds = {k: kind(objects[name]["label"]) for k, name in enumerate(wrote)}
-        sure = {
-            k: 1.0 if name in renamed else label_confidence(entry.get("from"))
-            for k, (name, entry) in enumerate(wrote.items())
-        }
-        scale = photo_scale(seen, kinds, sure)
+    if new_labels and follows_scale(written, record, side):
+        scale = _scale_of_labels(objects, entries_by_name, new_labels, outlines, size)
         if scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
             per_meter = values["world", "pixels_per_meter"] = scale.pixels_per_meter
-    stated = "pixels_per_meter" in written.get("world", {})
-    values |= scaled_values(written, record, per_meter, side) if stated else {}
-    rescaled = (
-        stated and record.scale is not None and not equal(record.scale, per_meter)
-    )
-    most, entries = (
-        WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0,
-        dict(record.objects),
-    )
-    for name in wrote if rescaled else renamed:
-        own, entry = objects[name], wrote[name]
-        listed = {"from": written["objects"][name].get("from", entry.get("from")) or {}}
-        new, sources = _table_values(outlines[name], own["label"], per_meter, most)
-        own = {"solid": entry.get("solid"), **own}  # which lies in the assets
-        made_by = (
-            registry.names("physics")
-            if name in renamed
-            else [registry.find("physics").name]
+    names: Iterable[str] = new_labels
+    if "pixels_per_meter" in written.get("world", {}):
+        values |= scaled_values(written, record, per_meter, side)
+        if record.scale is not None and not equal(record.scale, per_meter):
+            names = entries_by_name
+    most = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
+    entries = dict(record.objects)
+    for name in names:
+        item, entry = objects[name], entries_by_name[name]
+        table = _table_values(outlines[name], item["label"], per_meter, most)
+        new_values, new_entry = _entry_of_label(
+            item, written["objects"][name], entry, table, is_new=name in new_labels
         )
-        keys = perceived_keys(listed, made_by) | ({"solid"} - objects[name].keys())
-        keys -= {
-            key
-            for key in keys - {"solid"}
-            if isinstance(written["objects"][name].get(key), str)
-        }
-        new = {
-            key: new[key]
-            for key in keys & entry.keys() & new.keys()
-            if equal(own.get(key), entry[key]) or own.get(key) == new[key]
-        }
-        values |= {("objects", name, key): value for key, value in new.items()}
-        sources = {
-            **entry.get("from", {}),
-            **{key: sources[key] for key in new if key in sources},
-        }
-        id_ = str(own.get("mask"))
-        entries[id_ if id_ in record.objects else name] = {
-            **entry,
-            **new,
-            "from": sources,
-        }
-    by_labels = ("world", "pixels_per_meter") in values
-    return values, replace(
-        record, objects=entries, world={**record.world, "by_labels": by_labels}
-    )
+        for key, value in new_values.items():
+            values["objects", name, key] = value
+        mask_id = str(item.get("mask"))
+        entries[mask_id if mask_id in record.objects else name] = new_entry
+    has_scale_of_labels = ("world", "pixels_per_meter") in values
+    world = {**record.world, "by_labels": has_scale_of_labels}
+    return values, replace(record, objects=entries, world=world)
+
+
+def _labelled_entries(
+    written: Entry,
+    objects: Mapping[str, Any],
+    record: Record,
+    outlines: Mapping[str, Outline],
+) -> dict[str, Entry]:
+    """Return the entries of the record with a label, of objects with a label and an outline."""
+    entries = {}
+    for name in outlines:
+        if "label" not in written["objects"][name]:
+            continue
+        entry = record.entry(name, objects[name])
+        if isinstance(entry.get("label"), str):
+            entries[name] = entry
+    return entries
+
+
+def _scale_of_labels(
+    objects: Mapping[str, Any],
+    entries_by_name: Mapping[str, Entry],
+    new_labels: Sequence[str],
+    outlines: Mapping[str, Outline],
+    size: tuple[int, int],
+) -> Scale | None:
+    """Return the scale of the photo by the labels of its objects; a user's label is sure."""
+    photo_objects, kinds, confidences = [], {}, {}
+    for k, (name, entry) in enumerate(entries_by_name.items()):
+        photo_objects.append(photo_object(k, outlines[name], "", size))
+        kinds[k] = kind(objects[name]["label"])
+        confidences[k] = 1.0
+        if name not in new_labels:
+            confidences[k] = label_confidence(entry.get("from"))
+    return photo_scale(photo_objects, kinds, confidences)
+
+
+def _entry_of_label(
+    item: Mapping[str, Any],
+    written_item: Mapping[str, Any],
+    entry: Entry,
+    table: tuple[dict[str, Any], dict[str, str]],
+    *,
+    is_new: bool,
+) -> tuple[dict[str, Any], Entry]:
+    """Return the values of an object that follow its label, and its entry of the record.
+
+    `table` has the values of the material table and their sources. After `is_new` label,
+    the values of all backends follow, else those of the table.
+    """
+    table_values, table_sources = table
+    backends = [registry.find("physics").name]
+    if is_new:
+        backends = registry.names("physics")
+    sources = {"from": written_item.get("from", entry.get("from")) or {}}
+    keys = perceived_keys(sources, backends) | ({"solid"} - item.keys())
+    # a text with a unit is a user's, although its number may be that of the record
+    keys = {key for key in keys if key == "solid" or not _is_text(written_item, key)}
+    # the solid of an object that does not state it is in the assets
+    item = {"solid": entry.get("solid"), **item}
+    values = {}
+    for key in keys & entry.keys() & table_values.keys():
+        new_value = table_values[key]
+        if equal(item.get(key), entry[key]) or item.get(key) == new_value:
+            values[key] = new_value
+    value_sources = dict(entry.get("from", {}))
+    for key in values:
+        if key in table_sources:
+            value_sources[key] = table_sources[key]
+    return values, {**entry, **values, "from": value_sources}
+
+
+def _is_text(written_item: Mapping[str, Any], key: str) -> bool:
+    return isinstance(written_item.get(key), str)
 
 
 def _table_values(
