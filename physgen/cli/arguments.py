@@ -298,9 +298,9 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
     strays = {
         text for text in files if not Path(text).exists() and IS_VALUE_PIECE(text)
     }
-    for at, flag in enumerate(arguments):
-        pieces = [*arguments[at + 1 : at + 2]]
-        for text in arguments[at + 2 :]:
+    for index, flag in enumerate(arguments):
+        pieces = [*arguments[index + 1 : index + 2]]
+        for text in arguments[index + 2 :]:
             if text not in strays:
                 break
             pieces.append(text)

@@ -34,14 +34,14 @@ def address(text: str) -> str:
 
 def add_cluster(parser: Parser) -> None:
     """Add the flag of a cluster."""
-    about = "run on a Dask cluster: tcp://HOST:8786, a scheduler's FILE.json, or local[:N] for N processes here"
-    parser.option("--cluster", "ADDRESS", address, about)
+    help_text = "run on a Dask cluster: tcp://HOST:8786, a scheduler's FILE.json, or local[:N] for N processes here"
+    parser.option("--cluster", "ADDRESS", address, help_text)
 
 
 def add_ship(parser: Parser) -> None:
     """Add the flag of a store."""
-    about = "with --cluster: scenes and results are in this store in place of a shared folder: s3://BUCKET/NAME"
-    parser.option("--ship", "URL", str, about)
+    help_text = "with --cluster: scenes and results are in this store in place of a shared folder: s3://BUCKET/NAME"
+    parser.option("--ship", "URL", str, help_text)
 
 
 def check_cluster(options: argparse.Namespace) -> None:

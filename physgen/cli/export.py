@@ -54,8 +54,8 @@ NAMES = (
 
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+")
-    about = f"any of {','.join(NAMES)}; see docs/labels.md"
-    parser.option("--format", "LIST", names, about, required=True)
+    help_text = f"any of {','.join(NAMES)}; see docs/labels.md"
+    parser.option("--format", "LIST", names, help_text, required=True)
     parser.option("-o --output", "DIR", str, "default: labels", "labels")
     parser.option("--jobs", "N", count, "scenes at a time; default: 1", 1)
     parser.flag("--no-cache", "simulate again, and overwrite existing labels")

@@ -179,11 +179,11 @@ class Bar:
             self._width = len(text)
 
     def _print_json(self, stage: str, done: int, total: int) -> None:
-        now = time.monotonic()
+        time_now = time.monotonic()
         if (
             stage != self._last[0]
-            or now - self._last[1] >= JSON_INTERVAL
+            or time_now - self._last[1] >= JSON_INTERVAL
             or done >= total
         ):
-            self._last = stage, now
+            self._last = stage, time_now
             print_error(json.dumps({"progress": stage, "done": done, "total": total}))

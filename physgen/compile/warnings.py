@@ -107,9 +107,9 @@ def lint(
         _followed,
         _long,
     )
-    found = [problem for rule in rules for problem in rule(scene, compiled)]
+    problems = [problem for rule in rules for problem in rule(scene, compiled)]
     return by_place(
-        [*found, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)]
+        [*problems, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)]
     )
 
 
@@ -202,17 +202,17 @@ def _gears_without_pins(
     scene: Scene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
     """Gears of dynamic objects that nothing holds in place."""
-    pinned = set[str]()
+    pinned_names = set[str]()
     for joint in scene.joints:
         if joint.kind in (JointKind.PIVOT, JointKind.MOTOR, JointKind.WELD):
-            pinned.update(joint.objects)
+            pinned_names.update(joint.objects)
     for joint in scene.joints:
         if joint.kind is not JointKind.GEAR:
             continue
         loose = [
             name
             for name in joint.objects
-            if name not in pinned and motion[name] is Motion.DYNAMIC
+            if name not in pinned_names and motion[name] is Motion.DYNAMIC
         ]
         if loose:
             names = listed(loose, "and")
@@ -227,19 +227,23 @@ def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     world = compiled.world
     if not world.joints:
         return
-    allowed = velocities_that_joints_allow(world)
+    allowed_velocities = velocities_that_joints_allow(world)
     for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
         if body.motion is not Motion.DYNAMIC or not (any(item.velocity) or item.spin):
             continue
-        change = allowed[k] - (*body.velocity, body.spin)
+        change = allowed_velocities[k] - (*body.velocity, body.spin)
         speed = float(np.hypot(*body.velocity)) + abs(body.spin) * body.reach
-        off = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
-        if off <= LIMITS.excluded * speed:
+        change_size = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
+        if change_size <= LIMITS.excluded * speed:
             continue
-        x, y, spin = allowed[k, 0], allowed[k, 1], np.degrees(allowed[k, 2])
+        x, y, spin = (
+            allowed_velocities[k, 0],
+            allowed_velocities[k, 1],
+            np.degrees(allowed_velocities[k, 2]),
+        )
         key = "velocity" if any(item.velocity) else "spin"
-        path, excluded = f"objects.{item.name}.{key}", Message.JOINTS_EXCLUDE_START
-        yield warning(scene, path, key, excluded, x=x, y=y, spin=spin)
+        path, message = f"objects.{item.name}.{key}", Message.JOINTS_EXCLUDE_START
+        yield warning(scene, path, key, message, x=x, y=y, spin=spin)
 
 
 def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -267,9 +271,9 @@ def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         if body.reach >= LIMITS.visible:
             continue
-        found = f"{item.name} of {2 * body.reach:.2g} px"
+        size_text = f"{item.name} of {2 * body.reach:.2g} px"
         path = f"objects.{item.name}.shape"
-        yield warning(scene, path, found, Message.SHAPE_INVISIBLE)
+        yield warning(scene, path, size_text, Message.SHAPE_INVISIBLE)
 
 
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -277,25 +281,27 @@ def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     record, scale = scene.record, scene.world.pixels_per_meter
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
-        changed = Message.SCALE_CHANGED
+        message = Message.SCALE_CHANGED
         if record.world.get("by_labels"):
-            changed = Message.SCALE_OF_NEW_LABELS
-        where, found = "world.pixels_per_meter", f"{scale:g}"
-        yield warning(scene, where, found, changed, perceived=record.scale)
+            message = Message.SCALE_OF_NEW_LABELS
+        key_path, scale_text = "world.pixels_per_meter", f"{scale:g}"
+        yield warning(scene, key_path, scale_text, message, perceived=record.scale)
     for item in scene.objects:
-        was = record.entry(item.name, scene.document["objects"][item.name])
-        if was.get("label", item.label) != item.label:
-            ours = item.provenance.keys() & was.keys()
-            keys = [key for key in ("mass", "friction", "elasticity") if key in ours]
-            now = [
+        entry = record.entry(item.name, scene.document["objects"][item.name])
+        if entry.get("label", item.label) != item.label:
+            shared_keys = item.provenance.keys() & entry.keys()
+            keys = [
+                key for key in ("mass", "friction", "elasticity") if key in shared_keys
+            ]
+            current_keys = [
                 f"{key} {getattr(item, key):g}"
                 for key in keys
-                if not equal(getattr(item, key), was[key])
+                if not equal(getattr(item, key), entry[key])
             ]
-            if now:
-                where, found = f"objects.{item.name}.label", quoted(item.label)
-                changed, values = Message.LABEL_CHANGED, ", ".join(now)
-                yield warning(scene, where, found, changed, values=values)
+            if current_keys:
+                key_path, scale_text = f"objects.{item.name}.label", quoted(item.label)
+                message, values = Message.LABEL_CHANGED, ", ".join(current_keys)
+                yield warning(scene, key_path, scale_text, message, values=values)
 
 
 def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -323,11 +329,11 @@ def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if sight.center is not None:
             x, y = held(sight.center, scene.size, scene.video_size, sight.zoom)
             if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
-                found = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
+                center_text = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
                 yield warning(
                     scene,
                     f"{path}.center",
-                    found,
+                    center_text,
                     Message.VIEW_AT_BORDER,
                     zoom=sight.zoom,
                     x=x,
@@ -335,8 +341,8 @@ def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 )
         end = compiled.world.duration
         if sight.time > end:
-            where, late = f"{path}.time", Message.VIEW_AFTER_END
-            yield warning(scene, where, f"{sight.time:g}", late, end=end)
+            time_path, message = f"{path}.time", Message.VIEW_AFTER_END
+            yield warning(scene, time_path, f"{sight.time:g}", message, end=end)
 
 
 def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
@@ -348,8 +354,8 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
         return False
     if maps.coverage is None or not scenery.any():
         return True
-    near = _grown(labels > 0, LIMITS.reach)
-    return not (maps.coverage[scenery & ~near] > 0.5).any()
+    reachable = _grown(labels > 0, LIMITS.reach)
+    return not (maps.coverage[scenery & ~reachable] > 0.5).any()
 
 
 def photo_differs(
@@ -370,58 +376,69 @@ def photo_differs(
         maps, compiled.labels, compiled.scenery
     ):  # it is made anew, of the photo
         return
-    bare = ~_grown(
+    background_mask = ~_grown(
         (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0),
         round(LIMITS.near * max(scene.size)),
     )
-    if cv2.norm(maps.rgb, maps.background, cv2.NORM_INF, bare.astype(np.uint8)) == 0:
+    if (
+        cv2.norm(
+            maps.rgb, maps.background, cv2.NORM_INF, background_mask.astype(np.uint8)
+        )
+        == 0
+    ):
         return
-    off = _mean_difference(maps.rgb, maps.background, bare)
-    differs = (np.abs(off) > LIMITS.levels).any(axis=2) & bare
+    photo_difference = _mean_difference(maps.rgb, maps.background, background_mask)
+    differs = (np.abs(photo_difference) > LIMITS.levels).any(axis=2) & background_mask
     if maps.clean is not None:
-        cleaned = _mean_difference(maps.clean, maps.background, bare)
-        differs &= np.abs(cleaned - off).sum(axis=2) >= np.abs(cleaned).sum(axis=2)
+        clean_difference = _mean_difference(
+            maps.clean, maps.background, background_mask
+        )
+        differs &= np.abs(clean_difference - photo_difference).sum(axis=2) >= np.abs(
+            clean_difference
+        ).sum(axis=2)
     _, ids, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
     large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.least  # compression leaves specks
     large[0] = False
     rows, columns = np.nonzero(large[ids])
     if len(rows):
-        where = f"x {columns.min()} to {columns.max()}, y {rows.min()} to {rows.max()}"
-        edited, count = Message.PHOTO_EDITED, len(rows)
+        range_text = (
+            f"x {columns.min()} to {columns.max()}, y {rows.min()} to {rows.max()}"
+        )
+        message, count = Message.PHOTO_EDITED, len(rows)
         name = scene.image.name
-        yield warning(scene, "image", name, edited, count=count, place=where)
+        yield warning(scene, "image", name, message, count=count, place=range_text)
 
 
 def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
     """Doubtful ids that no region has, or an object."""
-    owners, named = (
+    owners, named_ids = (
         {
-            name: one["mask"]
-            for name, one in entries.items()
-            if isinstance(one.get("mask"), int)
+            name: entry["mask"]
+            for name, entry in entries.items()
+            if isinstance(entry.get("mask"), int)
         }
         for entries in (scene.document["objects"], scene.document.get("doubtful", {}))
     )
     owners = {mask: name for name, mask in owners.items()}
-    there = (
+    owners_by_id = (
         set(np.unique(maps.labels).tolist())
-        if named and maps is not None
-        else set(named.values())
+        if named_ids and maps is not None
+        else set(named_ids.values())
     )
-    for name, mask in named.items():
+    for name, mask in named_ids.items():
         if mask in owners:
-            where, owned = f"doubtful.{name}.mask", Message.DOUBTFUL_IS_OBJECT
-            yield warning(scene, where, str(mask), owned, name=owners[mask])
-        elif mask not in there:
-            where = f"doubtful.{name}.mask"
-            yield warning(scene, where, str(mask), Message.DOUBTFUL_ID_MISSING)
+            mask_path, message = f"doubtful.{name}.mask", Message.DOUBTFUL_IS_OBJECT
+            yield warning(scene, mask_path, str(mask), message, name=owners[mask])
+        elif mask not in owners_by_id:
+            mask_path = f"doubtful.{name}.mask"
+            yield warning(scene, mask_path, str(mask), Message.DOUBTFUL_ID_MISSING)
 
 
 def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
     """(H, W, 3) grey levels from the other picture to the one, means over squares of what is `within`."""
-    off = cv2.subtract(one, other, dtype=cv2.CV_16S)
-    off[~within] = 0
-    return np.asarray(cv2.blur(off, (LIMITS.over, LIMITS.over)), np.int16)
+    difference = cv2.subtract(one, other, dtype=cv2.CV_16S)
+    difference[~within] = 0
+    return np.asarray(cv2.blur(difference, (LIMITS.over, LIMITS.over)), np.int16)
 
 
 def _grown(mask: Mask, by: int) -> Mask:
@@ -504,21 +521,25 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     shapes = [outline_shape(outline) for outline in compiled.outlines]
     tree = shapely.STRtree(shapes)
     # a wheel may lie before the car that it is joined to
-    through = {frozenset(joint.objects) for joint in scene.joints if not joint.collide}
-    named = more = 0
+    joined_pairs = {
+        frozenset(joint.objects) for joint in scene.joints if not joint.collide
+    }
+    named_count = left_out = 0
     for i, item in enumerate(scene.objects):
         path = f"objects.{item.name}.shape"
-        near = tree.query(shapes[i])
-        near = np.sort(near[near < i])
-        if named >= LIMITS.pairs:
-            more += len(near)
-            near = near[:0]
-        for j in near.tolist():
+        neighbours = tree.query(shapes[i])
+        neighbours = np.sort(neighbours[neighbours < i])
+        if named_count >= LIMITS.pairs:
+            left_out += len(neighbours)
+            neighbours = neighbours[:0]
+        for j in neighbours.tolist():
             other = scene.objects[j].name
-            if {item.name, other} not in through and collides(item, scene.objects[j]):
+            if {item.name, other} not in joined_pairs and collides(
+                item, scene.objects[j]
+            ):
                 depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
                 if depth > LIMITS.overlap:
-                    named += 1
+                    named_count += 1
                     overlap = Message.OVERLAP_AT_START
                     yield warning(
                         scene, path, item.name, overlap, other=other, depth=depth
@@ -535,12 +556,12 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 default=0.0,
             )
             if depth > LIMITS.overlap:
-                across = Message.ACROSS_BOUNDARY
+                message = Message.ACROSS_BOUNDARY
                 yield warning(
-                    scene, path, item.name, across, depth=depth, name=wall.name
+                    scene, path, item.name, message, depth=depth, name=wall.name
                 )
-    if more:
-        pairs = f"{more:,} more pairs"
+    if left_out:
+        pairs = f"{left_out:,} more pairs"
         yield warning(scene, "objects", pairs, Message.MORE_OVERLAPS)
 
 
@@ -577,10 +598,10 @@ def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
     others = shapely.STRtree([*shapes, *(line for _, line in chains)])
 
     def met(i: int) -> list[str]:
-        lowered = (translate(shapes[i], *(down * part)) for part in PARTS)
-        way = shapely.union_all(list(lowered)).buffer(-TOUCH)
-        found = sorted(int(k) for k in others.query(way, "intersects") if k != i)
-        return list(dict.fromkeys(names[k] for k in found))
+        lowered_shapes = (translate(shapes[i], *(down * part)) for part in PARTS)
+        way = shapely.union_all(list(lowered_shapes)).buffer(-TOUCH)
+        hits = sorted(int(k) for k in others.query(way, "intersects") if k != i)
+        return list(dict.fromkeys(names[k] for k in hits))
 
     return [met(i) for i in range(len(shapes))]
 
@@ -593,11 +614,11 @@ def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         or not compiled.world.gravity.any()
     ):
         return
-    held_by = supports(scene, compiled)
+    supports_by_object = supports(scene, compiled)
     hanging = [
         i
         for group in _joined(scene)
-        if not any(held_by[k] for k in group)
+        if not any(supports_by_object[k] for k in group)
         for i in group
     ]
     for item in (scene.objects[i] for i in sorted(hanging)):
@@ -610,7 +631,7 @@ def _joined(scene: Scene) -> list[set[int]]:
     """The dynamic objects that joints hold together; those that are held to what does not fall are left out."""
     index = {item.name: k for k, item in enumerate(scene.objects)}
     root = list(range(len(scene.objects) + 1))
-    fixed = len(scene.objects)  # the world, and all that stands in it
+    world_index = len(scene.objects)  # the world, and all that stands in it
 
     def find(k: int) -> int:
         while root[k] != k:
@@ -619,12 +640,12 @@ def _joined(scene: Scene) -> list[set[int]]:
 
     for k, item in enumerate(scene.objects):
         if item.motion is not Motion.DYNAMIC:
-            root[k] = fixed
+            root[k] = world_index
     for joint in scene.joints:
         ends = [index[name] for name in joint.objects]
-        root[find(ends[0])] = find(ends[1] if len(ends) == 2 else fixed)
+        root[find(ends[0])] = find(ends[1] if len(ends) == 2 else world_index)
     groups: dict[int, set[int]] = {}
     for k in range(len(scene.objects)):
-        if find(k) != find(fixed):
+        if find(k) != find(world_index):
             groups.setdefault(find(k), set()).add(k)
     return list(groups.values())

@@ -165,26 +165,28 @@ def _limb_width(pieces: tuple[bytes, ...]) -> float:
     owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
     points = shapely.points(corners)
     shapes = shapely.polygons(shapely.linearrings(corners, indices=owner))
-    away = np.where(
+    distances = np.where(
         owner[:, None] > np.arange(len(pairs)),
         shapely.distance(points[:, None], shapes),
         np.inf,
     )
     for k, (width, _) in enumerate(pairs[1:], 1):
         # a union takes long, and is needed only for what may be a limb
-        if away[owner == k].min(axis=1).max() > 0.999 * width:
-            beyond = shapely.distance(points[owner == k], shapely.union_all(shapes[:k]))
-            size = width if beyond.max() > width else size
+        if distances[owner == k].min(axis=1).max() > 0.999 * width:
+            outer_distances = shapely.distance(
+                points[owner == k], shapely.union_all(shapes[:k])
+            )
+            size = width if outer_distances.max() > width else size
     return size
 
 
 def _width(piece: Array) -> float:
     """Least distance of two parallel lines with a convex piece between them; one of them holds an edge."""
-    along = np.roll(piece, -1, axis=0) - piece
-    length = np.hypot(*along.T)
-    along = along[length > 1e-9] / length[length > 1e-9, None]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1) @ piece.T
-    return float((across.max(axis=1) - across.min(axis=1)).min())
+    edges = np.roll(piece, -1, axis=0) - piece
+    length = np.hypot(*edges.T)
+    edges = edges[length > 1e-9] / length[length > 1e-9, None]
+    heights = np.stack([-edges[:, 1], edges[:, 0]], axis=1) @ piece.T
+    return float((heights.max(axis=1) - heights.min(axis=1)).min())
 
 
 @dataclass(frozen=True)
@@ -334,13 +336,13 @@ def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
 
 def surface_of(item: Object | Boundary, combine: Combine) -> Surface:
     """Return the surface of an object or a boundary."""
-    made = surface(item.friction, item.elasticity, combine)
+    pair_surface = surface(item.friction, item.elasticity, combine)
     if item.static_friction is None and item.conveyor is None:
-        return made
+        return pair_surface
     static = None
     if item.static_friction is not None:
         static = surface(item.static_friction, 0.0, combine).friction
-    return replace(made, static_friction=static, conveyor=item.conveyor or 0.0)
+    return replace(pair_surface, static_friction=static, conveyor=item.conveyor or 0.0)
 
 
 def passages(scene: Scene) -> dict[str, Passage]:
@@ -351,15 +353,15 @@ def passages(scene: Scene) -> dict[str, Passage]:
     names = [item.collision_group for item in parts.values()]
     groups = [MAIN_GROUP, *sorted({name for name in names if name} - {MAIN_GROUP})]
     bits = {name: 1 << number for number, name in enumerate(groups)}
-    found: dict[str, Passage] = {}
+    passages_by_name: dict[str, Passage] = {}
     for path, item in parts.items():
         mask = EVERY_GROUP
         if item.collides_with is not None:
             mask = sum({bits[name] for name in item.collides_with if name in bits})
         passage = Passage(bits[item.collision_group or MAIN_GROUP], mask, item.one_way)
         if passage != Passage():
-            found[path] = passage
-    return found
+            passages_by_name[path] = passage
+    return passages_by_name
 
 
 TABLE = "the table"
@@ -415,10 +417,10 @@ def pairings(world: World) -> list[Pairing[list[str]]]:
 
 
 def _names(names: Sequence[str]) -> str:
-    shown = name_ranges(names)
+    name_text = name_ranges(names)
     return (
-        shown
-        if shown.count(",") < 3
+        name_text
+        if name_text.count(",") < 3
         else f"{names[0]}, {names[1]} and {len(names) - 2} more"
     )
 
@@ -464,11 +466,11 @@ def photo_poses(world: World) -> tuple[Pose, ...]:
     """The poses in which the photo shows the bodies; empty where all begin so."""
     if all(body.rest is None for body in world.bodies):
         return ()
-    shown = (
+    poses = (
         np.append(body.center, 0.0) if body.rest is None else body.rest
         for body in world.bodies
     )
-    return tuple(Pose(float(x), float(y), float(angle)) for x, y, angle in shown)
+    return tuple(Pose(float(x), float(y), float(angle)) for x, y, angle in poses)
 
 
 def body_in_photo(body: Body) -> Body:

@@ -197,9 +197,9 @@ def read(
         empty = Message.SCENE_EMPTY if start is SCENE_START else Message.FILE_EMPTY
         raise empty.error(source.name, start=start)
     if not isinstance(root.value, dict):
-        found = "a list" if isinstance(root.value, list) else "one value"
+        kind = "a list" if isinstance(root.value, list) else "one value"
         top = Message.TOP_NOT_MAPPING
-        raise top.error_at(root.place, found=found, start=start)
+        raise top.error_at(root.place, found=kind, start=start)
     return root
 
 
@@ -216,19 +216,19 @@ class _Reader:
         return Place(self.source.name, line, event.start_mark.column + 1 if line else 0)
 
     def tree(self, events: Iterator[Any]) -> Node | None:
-        source, counted = self.source, self.counted
+        source, has_lines = self.source, self.counted
         root: Node | None = None
         stack: list[Node] = []
-        above: Any = None  # the children of stack[-1]
+        parent: Any = None  # the children of stack[-1]
         key: str | None = None  # of a mapping, waits for its value
-        at: tuple[int, int] | None = None  # where the key is
+        key_place: tuple[int, int] | None = None  # where the key is
         documents = nodes = line = column = 0
         most_nodes, most_levels = Limit.VALUES.most, Limit.DEPTH.most
         for event in events:
             kind = type(event)
             if kind is SequenceEndEvent or kind is MappingEndEvent:
                 stack.pop()
-                above = stack[-1].value if stack else None
+                parent = stack[-1].value if stack else None
                 continue
             if (
                 kind is ScalarEvent
@@ -250,12 +250,12 @@ class _Reader:
             nodes += 1
             if nodes > most_nodes:
                 raise Limit.VALUES.error(self._place(event))
-            if counted:
+            if has_lines:
                 mark = event.start_mark
                 line, column = mark.line + 1, mark.column + 1
-            if key is None and type(above) is dict:
-                key = self._key(event, above, stack)
-                at = (line, column)
+            if key is None and type(parent) is dict:
+                key = self._key(event, parent, stack)
+                key_place = (line, column)
                 continue
             if kind is ScalarEvent:
                 value: Scalar = event.value
@@ -263,25 +263,25 @@ class _Reader:
                     try:
                         value = resolve(event.value)
                     except RefusedError as error:
-                        place, where = self._place(event), _path(stack, key)
-                        found = quoted(event.value, "")
-                        self._collect(error.problem(place, where, found))
+                        place, key_path = self._place(event), _path(stack, key)
+                        value_text = quoted(event.value, "")
+                        self._collect(error.problem(place, key_path, value_text))
                 node = Node(value, source, line, column)
             else:
                 node = Node(
                     [] if kind is SequenceStartEvent else {}, source, line, column
                 )
             if key is not None:
-                node.key = at
-                above.setdefault(key, node)
+                node.key = key_place
+                parent.setdefault(key, node)
                 key = None
-            elif above is not None:
-                above.append(node)
+            elif parent is not None:
+                parent.append(node)
             else:
                 root = node
             if kind is not ScalarEvent:
                 stack.append(node)
-                above = node.value
+                parent = node.value
                 if len(stack) > most_levels:
                     raise Limit.DEPTH.error(self._place(event))
         return root
@@ -294,8 +294,8 @@ class _Reader:
         if key in siblings:
             first = siblings[key].key
             line = f", first on line {first[0]}" if first and self.counted else ""
-            place, where = self._place(event), _path(stack, key)
-            self._collect(Message.KEY_TWICE.problem(place, where, first=line))
+            place, key_path = self._place(event), _path(stack, key)
+            self._collect(Message.KEY_TWICE.problem(place, key_path, first=line))
         elif key == "<<" and event.implicit[0]:
             raise self._error(Message.MERGE_KEY, event)
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
@@ -352,14 +352,14 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
         if error.context and error.problem:
             text_ = f"{error.problem} {error.context}"
         before = text.rfind("\n", 0, mark.index) + 1 if mark else 0
-        opened = [m.start() for m in _OPEN.finditer(text, 0, before)]
+        quote_places = [m.start() for m in _OPEN.finditer(text, 0, before)]
         if "quoted scalar" in text_ and error.context_mark:
-            opened = [error.context_mark.index]
-        if opened:
+            quote_places = [error.context_mark.index]
+        if quote_places:
             text_ = "a quoted scalar begins here and does not end in its line"
             line, column = (
-                text.count("\n", 0, opened[-1]) + 1,
-                opened[-1] - text.rfind("\n", 0, opened[-1]),
+                text.count("\n", 0, quote_places[-1]) + 1,
+                quote_places[-1] - text.rfind("\n", 0, quote_places[-1]),
             )
             place = Place(source.name, line, column)
         elif (fault := explain_syntax(error, text)) is not None:
@@ -367,10 +367,10 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             text_, fix = fault.expected, fault.fix
     else:
         position = min(getattr(error, "position", 0), len(text))
-        found = re.search(
+        control_character = re.search(
             r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text
         )
-        position = found.start() if found else position
+        position = control_character.start() if control_character else position
         start = text.rfind("\n", 0, position) + 1
         place = Place(
             source.name, text.count("\n", 0, position) + 1, position - start + 1

@@ -106,16 +106,16 @@ def scene_bytes(path: Path, name: str) -> bytes:
 def read_record(path: Path) -> dict[str, Any]:
     """A `perceived.json`; empty where it cannot be read: it only says whose numbers are whose."""
     try:
-        found = json.loads(scene_bytes(path, RECORD))
+        record = json.loads(scene_bytes(path, RECORD))
     except (InputError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return record if isinstance(record, dict) else {}
 
 
 def recorded(assets: Path | None, key: str) -> dict[str, Any]:
     """One mapping of the record of these assets; empty where there is none."""
-    found = None if assets is None else read_record(assets / RECORD).get(key)
-    return found if isinstance(found, dict) else {}
+    record_value = None if assets is None else read_record(assets / RECORD).get(key)
+    return record_value if isinstance(record_value, dict) else {}
 
 
 def read_bases(
@@ -127,7 +127,7 @@ def read_bases(
     """
     home = root.source.folder.parent
     chain = [root]
-    seen = {os.path.realpath(file)}
+    visited_paths = {os.path.realpath(file)}
     while True:
         top = chain[-1]
         assert isinstance(top.value, dict)
@@ -135,7 +135,12 @@ def read_bases(
         if link is None:
             break
         base = _base(
-            link, home, allow_outside, len(chain), seen, {} if files is None else files
+            link,
+            home,
+            allow_outside,
+            len(chain),
+            visited_paths,
+            {} if files is None else files,
         )
         chain.append(base)
     return chain
@@ -144,8 +149,8 @@ def read_bases(
 def merge_bases(chain: Sequence[Node]) -> Node:
     """Return one tree of files that extend each other, without `extends`."""
     tree = chain[-1]
-    for over in reversed(chain[:-1]):
-        tree = merge(tree, over)
+    for extension in reversed(chain[:-1]):
+        tree = merge(tree, extension)
     assert isinstance(tree.value, dict)
     return tree.with_value(
         {key: child for key, child in tree.value.items() if key != "extends"}
@@ -214,7 +219,7 @@ def similar(
     besides: Collection[str] = (),
 ) -> str:
     """The fix where nothing has a `path`: a similar name there with one of the `ends`, / of a folder, else `fix`."""
-    folder, above = path.parent, os.path.dirname(written.rstrip("/"))
+    folder, parent_folder = path.parent, os.path.dirname(written.rstrip("/"))
     names = sorted((*glob("*", root_dir=folder), *glob("*/", root_dir=folder)))
     names = [
         n
@@ -224,7 +229,7 @@ def similar(
     close = get_close_matches(path.name, names, 1)
     if not close:
         return fix
-    return did_you_mean(os.path.join(above, close[0].rstrip("/")))
+    return did_you_mean(os.path.join(parent_folder, close[0].rstrip("/")))
 
 
 def image_size(path: Path, written: str) -> tuple[int, int]:
@@ -267,9 +272,9 @@ class Record:
     @property
     def scale(self) -> float | None:
         """px/m for which the values are; None where that is unknown."""
-        found = self.world.get("pixels_per_meter")
-        known = isinstance(found, int | float) and 0 < found < inf
-        return float(found) if known else None  # type: ignore[arg-type]
+        value = self.world.get("pixels_per_meter")
+        is_scale = isinstance(value, int | float) and 0 < value < inf
+        return float(value) if is_scale else None  # type: ignore[arg-type]
 
     def entry(self, name: str, own: Mapping[str, Any]) -> Mapping[str, Any]:
         """What was written of an object, whose data is `own` now."""
@@ -297,15 +302,15 @@ UNKNOWN = Record()
 
 def written(path: Path) -> Record:
     """The record at a path; what has another form than it should is left out."""
-    found = read_record(path)
+    record = read_record(path)
     try:
-        entries = found.get("objects") or found.get("values") or {}
+        entries = record.get("objects") or record.get("values") or {}
         objects = {
             key: entry for key, entry in entries.items() if isinstance(entry, dict)
         }
         maps = {
             name: (float(low), float(high))
-            for name, (low, high) in found.get("maps", {}).items()
+            for name, (low, high) in record.get("maps", {}).items()
         }
         maps = {
             name: ends
@@ -314,16 +319,16 @@ def written(path: Path) -> Record:
         }
         world = {
             key: value
-            for key, value in found.get("world", {}).items()
+            for key, value in record.get("world", {}).items()
             if key != "boundaries"
         }
-        walls = found.get("world", {}).get("boundaries")
+        walls = record.get("world", {}).get("boundaries")
         if isinstance(walls, dict) and all(
             isinstance(wall, dict) for wall in walls.values()
         ):
             world["boundaries"] = walls
         return Record(
-            objects, world, maps, frozenset(map(str, found.get("comments", ())))
+            objects, world, maps, frozenset(map(str, record.get("comments", ())))
         )
     except (ValueError, TypeError, AttributeError, OverflowError):
         return Record()

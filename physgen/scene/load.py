@@ -64,12 +64,12 @@ class Opened:
         name = os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
         self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
-        own = (
+        own_problems = (
             read_scene(self.file, name)
             if text is None
             else read(decode(text.encode("utf-8", "surrogatepass"), name), self._source)
         )
-        self._chain = read_bases(own, self.file, allow_outside, self._stamps)
+        self._chain = read_bases(own_problems, self.file, allow_outside, self._stamps)
         self._root = merge_bases(self._chain)
         self._files = Files(allow_outside)
         self.variants = tuple(name for name, _ in variants_of(self._root))
@@ -95,10 +95,10 @@ class Opened:
         """Return where the value at a path is written, or the nearest above it."""
         node = self._root
         for key in path:
-            below = children(node).get(str(key))
-            if below is None:
+            child_nodes = children(node).get(str(key))
+            if child_nodes is None:
                 break
-            node = below
+            node = child_nodes
         return node.place
 
     def stale(self) -> bool:
@@ -111,12 +111,12 @@ class Opened:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         report = Findings()
         edits = _edits(self._root, overrides, variant, self._source)
-        edited = _edited(self._root, edits)
-        ground = _check(in_numbers(edited), report, self._files)
+        edited_root = _edited(self._root, edits)
+        ground = _check(in_numbers(edited_root), report, self._files)
         if report.problems:
             raise InputError(self._at_causes(report, edits))
         scene = scene_from_tree(
-            *_followed(edited, self._root, ground),
+            *_followed(edited_root, self._root, ground),
             scene_name(self.file),
             self._source,
             ground,
@@ -130,11 +130,13 @@ class Opened:
         def check(root: Node) -> dict[Problem, None]:
             return _problems(root, self._files)
 
-        own = [problem for problem in report.problems if problem in self._own.problems]
-        new = [problem for problem in report.problems if problem not in own]
+        own_problems = [
+            problem for problem in report.problems if problem in self._own.problems
+        ]
+        new = [problem for problem in report.problems if problem not in own_problems]
         if len(self._chain) > 1:
-            own = name_extending_keys(own, self._chain, check)
-        return [*own, *name_edits(new, self._root, edits, check)]
+            own_problems = name_extending_keys(own_problems, self._chain, check)
+        return [*own_problems, *name_edits(new, self._root, edits, check)]
 
 
 def load(
@@ -157,11 +159,11 @@ def _edits(
     """Return the edits of a variant and of the overrides; raises InputError with all that are malformed."""
     problems: list[Problem] = []
     edits: list[Edit] = []
-    known = dict(variants_of(root))
-    if variant in known:
-        edits += edits_of_variant(known[variant], variant)
+    variants = dict(variants_of(root))
+    if variant in variants:
+        edits += edits_of_variant(variants[variant], variant)
     elif variant is not None:
-        problems.append(_unknown_variant(variant, list(known)))
+        problems.append(_unknown_variant(variant, list(variants)))
     for text in overrides:
         try:
             edits.append(edit_of_flag(text, source))
@@ -365,8 +367,8 @@ def _problems_of_variant(
 
 def _values(node: Node) -> int:
     """Number of values in a tree."""
-    below = node.value.values() if isinstance(node.value, dict) else items(node)
-    return 1 + sum(map(_values, below))
+    child_nodes = node.value.values() if isinstance(node.value, dict) else items(node)
+    return 1 + sum(map(_values, child_nodes))
 
 
 def scene_name(file: Path) -> str:
@@ -390,17 +392,17 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
 
     data = plain(tree)
     outlines: dict[str, Any] = {}
-    for name, own in data.get("objects", {}).items():
-        stored = (
-            ground.outlines.get(own["mask"])
-            if isinstance(own.get("mask"), int)
+    for name, entry in data.get("objects", {}).items():
+        stored_shapes = (
+            ground.outlines.get(entry["mask"])
+            if isinstance(entry.get("mask"), int)
             else None
         )
         shape = (
-            own["shape"]
-            if isinstance(own.get("shape"), dict)
-            else stored[1]
-            if stored
+            entry["shape"]
+            if isinstance(entry.get("shape"), dict)
+            else stored_shapes[1]
+            if stored_shapes
             else None
         )
         outline = None if shape is None else parts.shape_outline(_shape(shape))
@@ -412,18 +414,18 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
     for path, value in sorted(values.items(), key=lambda one: len(one[0])):
         key = dotted(path)
         node = _at(root, path)
-        written = children(root, *path[:-1]).get(path[-1])
-        if written is not None and (
-            written.source != home
-            or written is not children(file, *path[:-1]).get(path[-1])
+        written_node = children(root, *path[:-1]).get(path[-1])
+        if written_node is not None and (
+            written_node.source != home
+            or written_node is not children(file, *path[:-1]).get(path[-1])
         ):
             continue
-        made = (
+        new_node = (
             [node.with_value(part) for part in value]
             if isinstance(value, list)
             else value
         )
-        root = apply(root, Edit(key, node.with_value(made), ()))
+        root = apply(root, Edit(key, node.with_value(new_node), ()))
     return in_numbers(root) if values else tree, record
 
 
@@ -443,18 +445,22 @@ def scene_from_tree(
 
     Named parts stand in the natural order of their names, so that no number depends on the order of keys in a file.
     """
-    written = plain(root)
-    data = with_defaults(written)
-    for own_name, own in written.get("objects", {}).items():
+    scene_data = plain(root)
+    data = with_defaults(scene_data)
+    for own_name, entry in scene_data.get("objects", {}).items():
         item = data["objects"][own_name]
-        item["from"] = record.sources(own, item, own_name)
-        stored = (
-            ground.outlines.get(own["mask"])
-            if isinstance(own.get("mask"), int)
+        item["from"] = record.sources(entry, item, own_name)
+        stored_shapes = (
+            ground.outlines.get(entry["mask"])
+            if isinstance(entry.get("mask"), int)
             else None
         )
-        if stored is not None and stored[2] is not None and "shape" not in own:
-            item.setdefault("solid", stored[2])
+        if (
+            stored_shapes is not None
+            and stored_shapes[2] is not None
+            and "shape" not in entry
+        ):
+            item.setdefault("solid", stored_shapes[2])
     for key in ("image", "assets"):
         node = children(root).get(key)
         if node is not None and node.source.folder != source.folder:
@@ -550,12 +556,12 @@ def _make(made: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
 @cache
 def _readers(made: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Name of each field, and what converts its value."""
-    found = (
+    readers = (
         (field.name, str(field.type).removesuffix(" | None")) for field in fields(made)
     )
     return tuple(
         (name, _CONVERSIONS.get(text, getattr(parts, text, lambda value: value)))
-        for name, text in found
+        for name, text in readers
     )
 
 
@@ -626,20 +632,20 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
 
 def _outlined(item: parts.Object, ground: Ground) -> parts.Object:
     """The object with the shape that is stored for its mask."""
-    stored = (
+    stored_shape = (
         ground.outlines.get(item.mask.id)
         if isinstance(item.mask, parts.MaskId)
         else None
     )
-    if stored is None or not isinstance(item.shape, parts.Auto):
+    if stored_shape is None or not isinstance(item.shape, parts.Auto):
         return item
-    shape = _shape(stored[1])
+    shape = _shape(stored_shape[1])
     assert not isinstance(shape, parts.Auto)
     assert isinstance(item.mask, parts.MaskId)
-    known = ground.wholes.get(item.mask.id)
-    whole = None if known is None else _shape(known)
-    assert not isinstance(whole, parts.Auto)
-    return replace(item, shape=parts.Auto(shape, stored[0], whole))
+    whole_node = ground.wholes.get(item.mask.id)
+    whole_outline = None if whole_node is None else _shape(whole_node)
+    assert not isinstance(whole_outline, parts.Auto)
+    return replace(item, shape=parts.Auto(shape, stored_shape[0], whole_outline))
 
 
 def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:
@@ -657,8 +663,8 @@ def _boundary(name: str, item: Mapping[str, Any]) -> parts.Boundary:
     elif "bezier" in item:
         points = bezier_points(item["bezier"])
     shape = _shape(item["shape"]) if "shape" in item else None
-    given = {"name": name, "points": points, "shape": shape, "is_smooth": is_smooth}
-    return _make(parts.Boundary, item, **given)
+    values = {"name": name, "points": points, "shape": shape, "is_smooth": is_smooth}
+    return _make(parts.Boundary, item, **values)
 
 
 SAG = 0.002

@@ -53,20 +53,20 @@ def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
     """
     if not isinstance(base.value, dict) or not isinstance(over.value, dict):
         return over
-    merged = dict(base.value)
-    against = rivals(kind_of(path))
+    children_by_key = dict(base.value)
+    rival_keys = rivals(kind_of(path))
     for key in over.value:
-        for rival in against.get(key, ()):
+        for rival in rival_keys.get(key, ()):
             if rival not in over.value:
-                merged.pop(rival, None)
+                children_by_key.pop(rival, None)
     for key, child in over.value.items():
-        if key not in merged:
-            merged[key] = child
+        if key not in children_by_key:
+            children_by_key[key] = child
         elif child.value is None:
-            del merged[key]
+            del children_by_key[key]
         else:
-            merged[key] = merge(merged[key], child, (*path, key))
-    return over.with_value(merged)
+            children_by_key[key] = merge(children_by_key[key], child, (*path, key))
+    return over.with_value(children_by_key)
 
 
 def parse_key(text: str) -> KeyPath | None:
@@ -76,15 +76,15 @@ def parse_key(text: str) -> KeyPath | None:
     ('forces', 0, 'impulse', '[*]')
     """
     parts: list[str | int] = []
-    at = 0
-    while at < len(text):
-        match = _PART.match(text, at)
+    position = 0
+    while position < len(text):
+        match = _PART.match(text, position)
         if not match or len(parts) > 60:
             return None
         parts.append(match[1])
         for index in re.findall(r"\[([^\]]+)\]", match[2]):
             parts.append("[*]" if index == "*" else int(index))
-        at = match.end()
+        position = match.end()
     return tuple(parts) if parts and not text.endswith(".") else None
 
 
@@ -160,17 +160,25 @@ def _set(
                 [edit.value.with_value(item) for item in default]
             )
         return _set_item(node, path, depth, edit, star, at)
-    changed = dict(children(node))
+    new_children = dict(children(node))
     if step == "*":
         if node is None or not isinstance(node.value, dict):
             owner = dotted(at) or "the scene"
             raise edit.error(Message.STAR_MATCHES_NOTHING.refusal(owner=owner))
         for key in children(node):
-            _put(changed, key, path, depth, edit, True, at)
+            _put(new_children, key, path, depth, edit, True, at)
     else:
-        _put(changed, step, path, depth, edit, star, at)
-    where = node if node is not None and isinstance(node.value, dict) else edit.value
-    return Node(changed, where.source, where.line, where.column, where.key)
+        _put(new_children, step, path, depth, edit, star, at)
+    place_node = (
+        node if node is not None and isinstance(node.value, dict) else edit.value
+    )
+    return Node(
+        new_children,
+        place_node.source,
+        place_node.line,
+        place_node.column,
+        place_node.key,
+    )
 
 
 def _put(
@@ -188,8 +196,8 @@ def _put(
         if key in changed:
             del changed[key]
         elif not star:
-            known = nearest(key, changed)
-            fix = did_you_mean(known) if known else "leave it out"
+            similar_key = nearest(key, changed)
+            fix = did_you_mean(similar_key) if similar_key else "leave it out"
             path_text = dotted((*at, key))
             raise edit.error(Message.NOTHING_TO_REMOVE.refusal(path=path_text, fix=fix))
         return
@@ -226,32 +234,34 @@ def _set_item(
 ) -> Node:
     step = path[depth]
     if node is None or not isinstance(node.value, list):
-        whole = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
-        raise edit.error(Message.NOT_A_LIST.refusal(path=dotted(at), whole=whole))
-    changed = list(node.value)
-    if isinstance(step, int) and step >= len(changed):
-        count = counted(len(changed), "item")
+        list_key = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
+        raise edit.error(Message.NOT_A_LIST.refusal(path=dotted(at), whole=list_key))
+    new_items = list(node.value)
+    if isinstance(step, int) and step >= len(new_items):
+        count = counted(len(new_items), "item")
         raise edit.error(Message.INDEX_TOO_LARGE.refusal(path=dotted(at), items=count))
-    for index in range(len(changed)) if step == "[*]" else [int(step)]:
-        changed[index] = _set(changed[index], path, depth + 1, edit, star, (*at, index))
-    return node.with_value(changed)
+    for index in range(len(new_items)) if step == "[*]" else [int(step)]:
+        new_items[index] = _set(
+            new_items[index], path, depth + 1, edit, star, (*at, index)
+        )
+    return node.with_value(new_items)
 
 
 def targets(root: Node, edit: Edit) -> int:
     """Number of places at which an edit sets its value; a place that is made counts as one."""
-    found: list[Node | None] = [root]
+    nodes: list[Node | None] = [root]
     for step in parse_key(edit.key) or ():
         if step in ("*", "[*]"):
-            found = [
+            nodes = [
                 child
-                for node in found
+                for node in nodes
                 for child in (*children(node).values(), *items(node))
             ]
         elif isinstance(step, str):
-            found = [children(node).get(step) for node in found]
+            nodes = [children(node).get(step) for node in nodes]
         else:
-            found = [dict(enumerate(items(node))).get(step) for node in found]
-    return len(found)
+            nodes = [dict(enumerate(items(node))).get(step) for node in nodes]
+    return len(nodes)
 
 
 def variants_of(root: Node) -> Iterator[tuple[str, Node]]:

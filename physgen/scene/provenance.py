@@ -136,8 +136,8 @@ def perceived_keys(was: Entry, only: Collection[str] = ()) -> set[str]:
     sources = was.get("from", {}) if isinstance(was.get("from", {}), Mapping) else {}
     keys = {
         key
-        for key, one in sources.items()
-        if not only or str(one).split(" ")[0] in only
+        for key, source_text in sources.items()
+        if not only or str(source_text).split(" ")[0] in only
     }
     return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
 
@@ -148,16 +148,16 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
     `side` is the photo's longer side, px.
     """
     moving = ("velocity", "spin", "roll", "density")
-    chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get(
-        "world", {}
-    )
-    if chosen or any(
-        key in was
+    has_scaled_values = any(
+        scene.get(key) for key in SCALED_SECTIONS
+    ) or "gravity" in scene.get("world", {})
+    if has_scaled_values or any(
+        key in entry
         and not (
-            _metric(was[key])
-            or equal(was[key], record.entry(name, was).get(key, [0, 0]))
+            _metric(entry[key])
+            or equal(entry[key], record.entry(name, entry).get(key, [0, 0]))
         )
-        for name, was in scene["objects"].items()
+        for name, entry in scene["objects"].items()
         for key in moving
     ):
         return False
@@ -174,23 +174,19 @@ def _metric(value: object) -> bool:
 
 def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
     """Whether a user set the scale, now or before the scene was perceived again."""
-    stated = stated_scale(scene)
+    scale = stated_scale(scene)
     if record.world.get("given"):
         return True
     return not (
-        is_assumed(stated, side)
-        if record.scale is None
-        else equal(stated, record.scale)
+        is_assumed(scale, side) if record.scale is None else equal(scale, record.scale)
     )
 
 
 def stated_scale(scene: Entry) -> float:
     """px/m, of data as it is written."""
-    stated = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
+    scale = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
     return (
-        quantity(stated, "px/m", 1.0) or 0.0
-        if isinstance(stated, str)
-        else float(stated)
+        quantity(scale, "px/m", 1.0) or 0.0 if isinstance(scale, str) else float(scale)
     )
 
 
@@ -204,17 +200,17 @@ def scaled_values(
     old = record.scale
     if old is None or equal(old, pixels_per_meter):
         return {}
-    found: dict[tuple[str, ...], Any] = {}
+    values: dict[tuple[str, ...], Any] = {}
     ratio = sqrt(old / pixels_per_meter)
-    for name, own in scene.get("objects", {}).items():
-        velocity = record.entry(name, own).get("velocity")
-        if isinstance(velocity, list) and equal(own.get("velocity"), velocity):
+    for name, item in scene.get("objects", {}).items():
+        velocity = record.entry(name, item).get("velocity")
+        if isinstance(velocity, list) and equal(item.get("velocity"), velocity):
             speeds = [
                 quantity(part, "m/s", 1.0) if isinstance(part, str) else 0
                 for part in velocity
             ]
             if any(speeds) and None not in speeds:
-                found["objects", name, "velocity"] = [
+                values["objects", name, "velocity"] = [
                     meters(ratio * (part or 0)) for part in speeds
                 ]
     film = scene.get("render", {})
@@ -224,8 +220,8 @@ def scaled_values(
         and equal(before, record.world.get("slow"))
         and slow != before
     ):
-        found["render", "slow"] = slow
-    return found
+        values["render", "slow"] = slow
+    return values
 
 
 def meters(speed: float) -> Any:
@@ -265,11 +261,13 @@ def followed(
         values |= scaled_values(written, record, per_meter, side)
         if record.scale is not None and not equal(record.scale, per_meter):
             names = entries_by_name
-    most = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
+    highest_confidence = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
     entries = dict(record.objects)
     for name in names:
         item, entry = objects[name], entries_by_name[name]
-        table = _table_values(outlines[name], item["label"], per_meter, most)
+        table = _table_values(
+            outlines[name], item["label"], per_meter, highest_confidence
+        )
         new_values, new_entry = _entry_of_label(
             item, written["objects"][name], entry, table, is_new=name in new_labels
         )
@@ -360,19 +358,22 @@ def _table_values(
     outline: Outline, label: str, per_meter: float, most: float
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """What the material table gives an object, and the sources of that; `most` is the most sure that a mass can be."""
-    what = kind(label)
-    mass, confidence, _ = weigh(outline, what, per_meter)
+    object_kind = kind(label)
+    mass, confidence, _ = weigh(outline, object_kind, per_meter)
     material = {
-        key: getattr(what.material, key)
+        key: getattr(object_kind.material, key)
         for key in ("friction", "elasticity", "rolling")
     }
-    solid = {"solid": what.solid or "sphere"} if isinstance(outline, Disc) else {}
-    table, sure = (
+    solid = (
+        {"solid": object_kind.solid or "sphere"} if isinstance(outline, Disc) else {}
+    )
+    table, confidences = (
         registry.find("physics").name,
         table_confidences(min(confidence, most)),
     )
     return {"mass": mass, **material, **solid}, {
-        key: provenance(table, one) for key, one in sure.items()
+        key: provenance(table, confidence_value)
+        for key, confidence_value in confidences.items()
     }
 
 
@@ -386,5 +387,5 @@ def table_confidences(mass: float) -> dict[str, float]:
 def label_confidence(sources: object) -> float:
     """The confidence that a `from` gives the label, 1 where it gives none."""
     text = sources.get("label") if isinstance(sources, Mapping) else None
-    found = source(text).sure if isinstance(text, str) else None
-    return 1.0 if found is None else found
+    confidence = source(text).sure if isinstance(text, str) else None
+    return 1.0 if confidence is None else confidence

@@ -59,12 +59,12 @@ def room(photo: Size, video: Size, zoom: float) -> tuple[Point, Point]:
     """
     large = magnification(photo, video, zoom)
     low, high = [], []
-    for side, seen in zip(photo, video, strict=True):
-        half, middle = seen / (2 * large), (side - 1) / 2
+    for side, visible_length in zip(photo, video, strict=True):
+        half_share, middle = visible_length / (2 * large), (side - 1) / 2
         low.append(
-            min(half - 0.5, middle)
+            min(half_share - 0.5, middle)
         )  # where there is no room, a rounding must not make less
-        high.append(max(side - 0.5 - half, middle))
+        high.append(max(side - 0.5 - half_share, middle))
     return (low[0], low[1]), (high[0], high[1])
 
 
@@ -101,9 +101,9 @@ MAIN_GROUP = "main"
 def collides(first: Object | Boundary, second: Object | Boundary) -> bool:
     """Return whether two parts of a scene collide, by their groups."""
     return all(
-        one.collides_with is None
-        or (other.collision_group or MAIN_GROUP) in one.collides_with
-        for one, other in ((first, second), (second, first))
+        item.collides_with is None
+        or (other.collision_group or MAIN_GROUP) in item.collides_with
+        for item, other in ((first, second), (second, first))
     )
 
 

@@ -17,10 +17,10 @@ Schema = dict[str, Any]
 @cache
 def published() -> Schema:
     """The schema as it is published."""
-    loaded: Schema = json.loads(
+    schema: Schema = json.loads(
         resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8")
     )
-    return loaded
+    return schema
 
 
 @cache
@@ -34,10 +34,10 @@ def expanded() -> Schema:
 
 def expand(root: Schema) -> Schema:
     """A schema without $ref."""
-    written = {key: value for key, value in root.items() if key != "$defs"}
-    whole = _expand(written, root["$defs"])
-    assert isinstance(whole, dict)
-    return whole
+    root_part = {key: value for key, value in root.items() if key != "$defs"}
+    expanded_schema = _expand(root_part, root["$defs"])
+    assert isinstance(expanded_schema, dict)
+    return expanded_schema
 
 
 def _expand(part: Any, defs: Schema) -> Any:
@@ -45,22 +45,24 @@ def _expand(part: Any, defs: Schema) -> Any:
         return [_expand(item, defs) for item in part]
     if not isinstance(part, dict):
         return part
-    own = {key: _expand(value, defs) for key, value in part.items() if key != "$ref"}
+    own_keys = {
+        key: _expand(value, defs) for key, value in part.items() if key != "$ref"
+    }
     if (
         part.get("type") in (["number", "string"], ["array", "number", "string"])
         and "if" not in part
     ):
-        own["type"] = part["type"][
+        own_keys["type"] = part["type"][
             0
         ]  # texts with units are numbers before the schema is asked
-        own.pop("pattern", None)
-        if own["type"] == "array":  # one number has become a vector by then
-            own.pop("minimum", None)
-            own.pop("maximum", None)
+        own_keys.pop("pattern", None)
+        if own_keys["type"] == "array":  # one number has become a vector by then
+            own_keys.pop("minimum", None)
+            own_keys.pop("maximum", None)
     if "$ref" not in part:
-        return own
+        return own_keys
     target = _expand(defs[part["$ref"].removeprefix("#/$defs/")], defs)
-    return {**target, **own}
+    return {**target, **own_keys}
 
 
 def at(path: str) -> Schema:
@@ -105,13 +107,13 @@ def parents() -> Mapping[str, tuple[str, ...]]:
 
 def _index_keys(schema: Schema, path: str, index: dict[str, list[str]]) -> None:
     """Add the keys of a part of the schema at `path`, and those below it."""
-    below = f"{path}." if path else ""
+    prefix = f"{path}." if path else ""
     for key, part in schema.get("properties", {}).items():
         index.setdefault(key, []).append(path)
-        _index_keys(part, f"{below}{key}", index)
+        _index_keys(part, f"{prefix}{key}", index)
     entry = schema.get("additionalProperties")
     if isinstance(entry, dict):
-        _index_keys(entry, f"{below}NAME", index)
+        _index_keys(entry, f"{prefix}NAME", index)
     item = schema.get("items")
     if isinstance(item, dict):
         _index_keys(item, f"{path}[]", index)
@@ -132,26 +134,26 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
     if not isinstance(data, Mapping):
         return data
     properties = schema.get("properties", {})
-    filled: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, part in properties.items():
         if key in data:
-            filled[key] = with_defaults(data[key], part)
+            values[key] = with_defaults(data[key], part)
         elif "default" in part:
-            filled[key] = with_defaults(copy.copy(part["default"]), part)
+            values[key] = with_defaults(copy.copy(part["default"]), part)
     rest = schema.get("additionalProperties")
     for key, value in data.items():
         if key not in properties:
-            filled[key] = (
+            values[key] = (
                 with_defaults(value, rest) if isinstance(rest, dict) else value
             )
-    return filled
+    return values
 
 
 def bounds(schema: Schema) -> tuple[float, float, bool]:
     """Least and greatest value, and whether the least itself is left out."""
     open_ = "exclusiveMinimum" in schema
-    least = schema["exclusiveMinimum"] if open_ else schema["minimum"]
-    return least, schema["maximum"], open_
+    lowest = schema["exclusiveMinimum"] if open_ else schema["minimum"]
+    return lowest, schema["maximum"], open_
 
 
 def limit(value: float) -> str:
@@ -167,20 +169,20 @@ def limit(value: float) -> str:
 
 def measure(schema: Schema, unit: str, ranged: bool) -> str:
     """What to write for a number: `grams above 0`, `a number from 0 to 10`; the unit alone where not `ranged`."""
-    least, greatest, open_ = bounds(schema)
-    what = "a whole number" if schema["type"] == "integer" else "a number"
+    lowest, greatest, open_ = bounds(schema)
+    kind = "a whole number" if schema["type"] == "integer" else "a number"
     if unit:
-        what = UNITS.get(unit, unit)
+        kind = UNITS.get(unit, unit)
         if not ranged:
-            return what
+            return kind
     huge = greatest >= 1e9
     if open_:
-        return f"{what} above {limit(least)}" + (
+        return f"{kind} above {limit(lowest)}" + (
             "" if huge else f", at most {limit(greatest)}"
         )
     if huge:
-        return what if least <= -1e9 else f"{what} of at least {limit(least)}"
-    return f"{what} from {limit(least)} to {limit(greatest)}"
+        return kind if lowest <= -1e9 else f"{kind} of at least {limit(lowest)}"
+    return f"{kind} from {limit(lowest)} to {limit(greatest)}"
 
 
 def advice(schema: Schema) -> str:

@@ -65,8 +65,8 @@ def meant_number(text: str, unit: str) -> str | None:
         return None
     text = plain(text).split("#")[0].rstrip(" ,;.")
     if has_decimal_comma(text):
-        pointed = text.replace(",", ".")
-        return meant_number(pointed, unit) or pointed
+        point_text = text.replace(",", ".")
+        return meant_number(point_text, unit) or point_text
     if _is_number(text):
         return text
     if re.fullmatch(r"[-+]?\d{1,3}(?:[_' ]\d{3})+", text):
@@ -91,10 +91,10 @@ def _meant_quantity(text: str, unit: str) -> str | None:
     if not unit or parts is None:
         return None
     spelt = _WORD.sub(lambda word: _known_unit(word[0]), parts[2].strip())
-    for own in (spelt, f"{spelt}/s" if unit in _PER_SECOND else spelt):
-        meant = f"{parts[1]} {own}"
-        if meant != text and quantity(meant, unit, 100.0) is not None:
-            return meant
+    for unit_name in (spelt, f"{spelt}/s" if unit in _PER_SECOND else spelt):
+        meaning = f"{parts[1]} {unit_name}"
+        if meaning != text and quantity(meaning, unit, 100.0) is not None:
+            return meaning
     return None
 
 

@@ -94,17 +94,17 @@ def _wrong_indent(
     if line[: mark.column].strip() not in ("", "-") or not line.strip():
         return None
     before = _line_before(lines, mark.line)
-    wanted = _indent(_line(lines, before))
+    expected_indent = _indent(_line(lines, before))
     if line.lstrip().startswith("- "):
-        fix = f"take out the -, and indent it by {counted(wanted, 'space')}"
+        fix = f"take out the -, and indent it by {counted(expected_indent, 'space')}"
         return SyntaxFault(
             mark.line + 1, mark.column + 1, "a list item among keys", fix
         )
-    if spaces == wanted:
+    if spaces == expected_indent:
         return None
-    found = f"indented by {counted(spaces, 'space')}, unlike the lines above"
-    fix = f"indent it by {counted(wanted, 'space')}, as line {before + 1} is"
-    return SyntaxFault(mark.line + 1, mark.column + 1, found, fix)
+    reason = f"indented by {counted(spaces, 'space')}, unlike the lines above"
+    fix = f"indent it by {counted(expected_indent, 'space')}, as line {before + 1} is"
+    return SyntaxFault(mark.line + 1, mark.column + 1, reason, fix)
 
 
 def _quote_in_quotes(
