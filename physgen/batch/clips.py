@@ -26,7 +26,7 @@ class FoundClip(NamedTuple):
 
 
 def checked_folders(roots: Sequence[Path]) -> list[Path]:
-    """Folders that exist, none of them within another. Raises InputError."""
+    """Return the folders that exist, none of them within another. Raises InputError."""
     problems = []
     for root in roots:
         if not root.is_dir():

@@ -106,7 +106,7 @@ class BatchSize:
 
     @property
     def items(self) -> int:
-        """Number of items that take about BATCH_SECONDS."""
+        """Return the number of items that take about BATCH_SECONDS."""
         count = int(BATCH_SECONDS / max(self.seconds, BATCH_SECONDS / LARGEST_BATCH))
         return max(1, count)
 

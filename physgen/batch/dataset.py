@@ -74,7 +74,7 @@ class Splits:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the splits."""
+        """Return the names of the splits."""
         return tuple(name for name, _ in self.shares)
 
 
@@ -97,7 +97,7 @@ def read_splits(text: str, seed: int) -> Splits:
 
 
 def key(name: str) -> str:
-    """The end of a path in safe characters, with a hash of the whole that makes it unique.
+    """Return the end of a path in safe characters, with a hash of the whole that makes it unique.
 
     >>> key("sweep/00-1,mass=2.5")
     'sweep_00-1-mass-2-5-261caf6945'
@@ -109,7 +109,7 @@ def key(name: str) -> str:
 def read_sample(
     clip: FoundClip, splits: Splits
 ) -> tuple[dict[str, Path], dict[str, Any]]:
-    """The files of a clip by their names in the data set, with all labels, and its metadata as JSON.
+    """Return the files of a clip by their names in the data set, with all labels, and its metadata as JSON.
 
     Raises InputError where the clip cannot be used.
     """
@@ -183,7 +183,7 @@ def _about(
 
 
 def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
-    """SHA-256 of the photo; without one, of the scene file."""
+    """Return the SHA-256 of the photo; without one, of the scene file."""
     image = document.get("image")
     if image is not None:
         name = PurePosixPath(str(image)).name
@@ -194,7 +194,7 @@ def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
 
 
 def _parameter(text: str) -> tuple[str, Any]:
-    """`KEY=VALUE`, as `--set` takes it."""
+    """Return `KEY=VALUE`, as `--set` takes it."""
     name, _, value = str(text).partition("=")
     try:
         return name, parse_yaml(value).data
@@ -213,7 +213,7 @@ class DatasetSummary:
 
     @property
     def total(self) -> int:
-        """Number of clips."""
+        """Return the number of clips."""
         return self.counts.total()
 
 

@@ -42,7 +42,7 @@ def clip_mark(*options: Any) -> str:
 
 @cache
 def _data_version() -> str:
-    """SHA-256 of the data that comes with the code: schema, templates, tables."""
+    """Return the SHA-256 of the data that comes with the code: schema, templates, tables."""
     import physgen
     from physgen.files import resource
 
@@ -62,7 +62,7 @@ def _data_version() -> str:
 def unchanged_clip(
     folder: Path, mark: str, scene: Path, digest: Callable[[Path], str]
 ) -> Mapping[str, Any] | None:
-    """The manifest of the clip in `folder`; None where it is missing, damaged, or made of other inputs.
+    """Return the manifest of the clip in `folder`; None where it is missing, damaged, or made of other inputs.
 
     `scene` is the file of its scene; `digest` returns a file's SHA-256.
     """
@@ -84,7 +84,7 @@ def unchanged_clip(
 def unchanged_inputs(
     manifest: Mapping[str, Any], mark: str, scene: Path, digest: Callable[[Path], str]
 ) -> bool:
-    """Whether a clip would be made of the same inputs, options and code now.
+    """Return whether a clip would be made of the same inputs, options and code now.
 
     Raises OSError, ValueError, KeyError, TypeError or AttributeError for a damaged manifest or a missing input.
     """
@@ -107,7 +107,7 @@ def unchanged_inputs(
 
 
 def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
-    """The maps and records that exist now: a new one changes the clip, too."""
+    """Return the maps and records that exist now: a new one changes the clip, too."""
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
@@ -125,7 +125,7 @@ def _relative(home: Path, path: Path) -> str:
 
 
 def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:
-    """The warnings of the run that made a clip."""
+    """Return the warnings of the run that made a clip."""
     found = []
     for data in manifest["warnings"]:
         place = Place(str(data["file"]), int(data["line"]), int(data["column"]))

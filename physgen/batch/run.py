@@ -36,7 +36,7 @@ class Refiner:
     config: Path | None = None  # in place of the user's own physgen.toml
 
     def plan(self) -> Plan:
-        """With the configuration files. Raises InputError."""
+        """Return the plan with the configuration files. Raise InputError."""
         plan = load_plan(config=self.config)
         choice = plan.choices.get("refine")
         if not self.setting or (
@@ -46,7 +46,7 @@ class Refiner:
         return load_plan([f"refine={self.setting}"], config=self.config)
 
     def identity(self) -> str:
-        """Changes where clips have to be made again."""
+        """Return a text that changes when clips have to be made again."""
         try:
             plan = self.plan()
             choice = plan.choices.get("refine")
@@ -83,19 +83,19 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Of the clip's folder. Raises InputError where the scene's name cannot be one."""
+        """Return the name of the clip's folder. Raise InputError if the scene's name cannot be one."""
         return self.options.name or pipeline.output_name(
             self.scene, self.options.variant
         )
 
     @property
     def folder(self) -> Path:
-        """The clip's. Raises InputError."""
+        """Return the clip's folder. Raise InputError."""
         return Path(self.out) / self.name
 
     @property
     def mark(self) -> str:
-        """Identifies all options of the clip, the refining model, and the code."""
+        """Return a text that identifies the options of the clip, the refining model and the code."""
         draw_seed = self.options.draw_seed if self.options.draws else 0
         options = replace(
             self.options,
@@ -217,20 +217,20 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
 
 @cache
 def _warm() -> pipeline.Stages:
-    """What this process keeps from one clip for the next."""
+    """Return the stages that this process keeps from one clip for the next."""
     return pipeline.Stages()
 
 
 @cache
 def _refiners(refiner: Refiner) -> pipeline.Refiners:
-    """Models are loaded once per process."""
+    """Return the models for refinement, which a process loads once."""
     return pipeline.Refiners(refiner.plan)
 
 
 def failed(
     job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0
 ) -> Done:
-    """The result of a job that raised `error`."""
+    """Return the result of a job that raised `error`."""
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
     else:
@@ -250,7 +250,7 @@ def failed(
 
 
 def describe_failure(error: Exception) -> tuple[str, str]:
-    """What failed other than the input, and the fix."""
+    """Return the failure of a clip that its input did not cause, and the fix."""
     if isinstance(error, OSError):
         where = f"{final_name(str(error.filename))}: " if error.filename else ""
         return f"failed: {where}{error.strerror or error}", ""

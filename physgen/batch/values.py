@@ -46,12 +46,12 @@ class Value:
 
     @property
     def cell(self) -> Cell:
-        """As a table holds it; lists and mappings become YAML text."""
+        """Return the cell of a table; lists and mappings become YAML text."""
         return self.text if isinstance(self.data, list | dict) else self.data
 
 
 def split(text: str) -> Iterator[tuple[str, bool]]:
-    """Parts between commas that are outside brackets and quotes, and whether each is bare text.
+    """Yield the parts between commas that are outside brackets and quotes, and whether each is bare text.
 
     Raises RefusedError for what is no YAML.
 
@@ -78,7 +78,7 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
 
 
 def read_values(text: str) -> tuple[Value, ...]:
-    """Values and ranges between commas. Raises RefusedError."""
+    """Return the values and ranges between commas. Raises RefusedError."""
     found: list[Value] = []
     for part, bare in split(text):
         if part.startswith("~"):
@@ -112,7 +112,7 @@ def parse_yaml(text: str) -> Value:
 
 
 def number_value(data: int | float) -> Value:
-    """A number with its shortest exact text."""
+    """Return a number with its shortest exact text."""
     return Value(number(data), data)
 
 
@@ -170,7 +170,7 @@ class Distribution:
     values: tuple[Value, ...] = ()  # of a choice; a repeated value is drawn more often
 
     def at(self, share: float) -> Value:
-        """The quantile: the value below which that share of draws lies, 0 < share < 1."""
+        """Return the quantile: the value below which that share of draws lies, 0 < share < 1."""
         if self.name == "choice":
             return self.values[int(share * len(self.values))]
         low, high = self.numbers
@@ -207,7 +207,7 @@ def read_distribution(text: str) -> Distribution:
 
 
 def _fault(found: Distribution, parts: int) -> str:
-    """What is wrong with the numbers of a distribution that was written with so many parts."""
+    """Return the fault of a distribution's numbers, written with so many parts."""
     numbers = found.numbers
     if found.name == "normal":
         if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):

@@ -58,7 +58,7 @@ class MotionDifference:
     """The largest distance of each that differs, px, the largest first; empty where trajectory.npz does not tell."""
 
     def text(self) -> str:
-        """For a person."""
+        """Return the result as a sentence."""
         before, now = self.counts
         counts = (
             f"{counted(before, 'sample')} then, {now} now; " if before != now else ""
@@ -78,7 +78,7 @@ class FrameDifference:
     counts: tuple[int, int]  # how many frames there were, and are
 
     def text(self) -> str:
-        """For a person."""
+        """Return the result as a sentence."""
         before, now = self.counts
         parts = [f"{counted(before, 'frame')} then, {now} now"] if before != now else []
         if self.differ:
@@ -106,7 +106,7 @@ class Verdict:
     problems: tuple[Problem, ...] = ()  # why it could not be rendered
 
     def line(self) -> str:
-        """For a person.
+        """Return the result as a sentence.
 
         >>> Verdict("out/pool", Outcome.EQUAL, 48, 48, 4).line()
         'out/pool: equal: 48 samples, 48 frames, 4 files'
@@ -136,7 +136,7 @@ class Verdict:
         return f"{self.clip}: {self.outcome.value}: {'; '.join([*parts, *self.notes])}"
 
     def as_dict(self) -> dict[str, Any]:
-        """For a program."""
+        """Return the result as data."""
         problems = [problem.as_dict() for problem in self.problems]
         return asdict(replace(self, problems=())) | {
             "outcome": self.outcome.value,
@@ -159,7 +159,7 @@ def verify(
 
 
 def failed(request: VerifyRequest, error: Exception) -> Verdict:
-    """The verdict where the machine or physgen failed, not the scene."""
+    """Return the verdict where the machine or physgen failed, not the scene."""
     failure, fix = describe_failure(error)
     folder, message = str(request.folder), Message.JOB_FAILED
     problem = message.problem(Place(folder), failure=failure, fix=fix)
@@ -208,7 +208,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
 
 
 def _source(manifest: Manifest, folder: Path) -> Path:
-    """The scene file that the manifest names. Raises InputError where it is not there."""
+    """Return the scene file that the manifest names. Raises InputError where it is not there."""
     path = Path(folder.resolve(), manifest.source)
     if not path.is_file():
         raise Message.SOURCE_MOVED.error(str(folder / manifest.source))
@@ -233,7 +233,7 @@ def _damaged_files(
 
 
 def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
-    """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
+    """Return a clip's trajectory.npz, if it holds the `samples` of the manifest."""
     if not path.is_file():
         return None
     try:
@@ -254,7 +254,7 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
 def _motion_difference(
     folder: Path, samples: Sequence[str], now: Trajectory
 ) -> MotionDifference | None:
-    """None for equal motions; `samples` are the hashes of the old one."""
+    """Return the difference of two motions, None for equal ones; `samples` are hashes of the old one."""
     hashes = now.sample_hashes()
     if hashes == list(samples):
         return None
@@ -286,7 +286,7 @@ def _motion_difference(
 def _frame_difference(
     then: Sequence[str], now: Sequence[str]
 ) -> FrameDifference | None:
-    """None for equal frames, by their hashes."""
+    """Return the difference of two lists of frames by their hashes, None for equal ones."""
     if list(then) == list(now):
         return None
     differ = sum(a != b for a, b in zip(then, now, strict=False))
@@ -294,13 +294,13 @@ def _frame_difference(
 
 
 def _first_difference(then: Sequence[str], now: Sequence[str]) -> int:
-    """Index of the first that differs; where none of both does, how many both have."""
+    """Return the index of the first that differs; where none of both does, how many both have."""
     pairs = enumerate(zip(then, now, strict=False))
     return next((k for k, (a, b) in pairs if a != b), min(len(then), len(now)))
 
 
 def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """A sentence for each input file that differs, by hashes."""
+    """Yield a sentence for each input file that differs, by hashes."""
     for name in (*then, *(name for name in now if name not in then)):
         if then.get(name) != now.get(name):
             if name not in then:
@@ -313,13 +313,13 @@ def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[s
 def changed_environment(
     then: Mapping[str, str], now: Mapping[str, str]
 ) -> Iterator[str]:
-    """A sentence for each version or property of the machine that differs, of those that are known of both."""
+    """Yield a sentence for each version or property of the machine that differs, of those that are known of both."""
     for name, value in then.items():
         if name in now and now[name] != value:
             yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
 def few(texts: Sequence[str]) -> str:
-    """The first ones, and the number of the others."""
+    """Return the first ones, and the number of the others."""
     more = len(texts) - MAX_NAMED
     return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -60,7 +60,7 @@ class Parser(argparse.ArgumentParser):
         default: Any = None,
         **more: Any,
     ) -> None:
-        """A flag with a value; `names` are separated by a space."""
+        """Add a flag with a value; `names` are separated by a space."""
         kind = _output(kind) if names.startswith("-o ") else kind
         self.add_argument(
             *names.split(),
@@ -72,7 +72,7 @@ class Parser(argparse.ArgumentParser):
         )
 
     def flag(self, name: str, help: str) -> None:
-        """A flag without a value; `--no-NAME` sets NAME, which is true otherwise, to false."""
+        """Add a flag without a value; `--no-NAME` sets NAME, which is true otherwise, to false."""
         if name.startswith("--no-"):
             self.add_argument(
                 name, dest=name[5:].replace("-", "_"), action="store_false", help=help
@@ -85,7 +85,7 @@ class Parser(argparse.ArgumentParser):
         args: Sequence[str] | None = None,
         namespace: argparse.Namespace | None = None,
     ) -> tuple[argparse.Namespace, list[str]]:
-        """As argparse, which by itself takes all arguments of one kind in one go."""
+        """Parse arguments in any order; argparse takes all arguments of one kind together."""
         if not self.mixed:
             return super().parse_known_args(args, namespace)
         self.mixed = False
@@ -99,7 +99,7 @@ class Parser(argparse.ArgumentParser):
         args: Sequence[str] | None = None,
         namespace: argparse.Namespace | None = None,
     ) -> argparse.Namespace:
-        """As argparse; an unknown flag is reported by its command, with the nearest flag that the command has."""
+        """Parse all arguments; the command reports an unknown flag with its most similar flag."""
         options, unknown = self.parse_known_args(args, namespace)
         command = self.commands.get(getattr(options, "command", ""), self)
         # a measure of `evaluate` is a command with its own flags and example
@@ -119,7 +119,7 @@ class Parser(argparse.ArgumentParser):
             self.wrong.append(str(error))
 
     def unknown(self, text: str) -> str:
-        """The message for an argument that was left over."""
+        """Return the message for an argument that was left over."""
         flags = re.findall(r"--[\w-]+", self.format_help())
         if not text.startswith("-"):
             fix = "leave it out"
@@ -184,7 +184,7 @@ def wrong_value(text: str, refusal: RefusedError) -> argparse.ArgumentTypeError:
 
 
 def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
-    """A reader of the name of a result, which a file system takes."""
+    """Return a reader of the name of a result, which a file system takes."""
 
     def read(text: str) -> Any:
         if not text.strip() or "\0" in text:
@@ -211,7 +211,7 @@ class Command:
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """A reader of whole numbers from `low` to `high`."""
+    """Return a reader of whole numbers from `low` to `high`."""
 
     def read(text: str) -> int:
         digits = text.removeprefix("-")
@@ -235,7 +235,7 @@ seed = whole(0, 10**18)
 
 
 def positive(text: str) -> float:
-    """A number above 0."""
+    """Return a number above 0."""
     try:
         value = float(text)
     except ValueError:
@@ -246,14 +246,14 @@ def positive(text: str) -> float:
 
 
 def names(text: str) -> list[str]:
-    """`a,b` -> names, each once."""
+    """Return the names in `a,b`, each once."""
     return list(
         dict.fromkeys(name for part in text.split(",") if (name := part.strip()))
     )
 
 
 def among(known: Sequence[str]) -> Callable[[str], list[str]]:
-    """A reader of `a,b` where each name is one of `known`."""
+    """Return a reader of `a,b` where each name is one of `known`."""
 
     def read(text: str) -> list[str]:
         wrong = [name for name in names(text) if name not in known]
@@ -362,7 +362,7 @@ def check_folder_name(output: str | Path | None) -> None:
 
 
 def check_scene_name(output: Path | None) -> None:
-    """Refuses an output that would overwrite a photo, or that no command reads as a scene."""
+    """Raise InputError for an output that would overwrite a photo, or that is not a scene's name."""
     if output is not None and (
         output.suffix not in (".yaml", ".yml") or output.is_dir()
     ):

@@ -23,7 +23,7 @@ MEBIBYTE = 2**20
 
 
 def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Lines of text: a role, its backends, and below each what is missing."""
+    """Yield the lines of text: a role, its backends, and below each what is missing."""
     role = None
     for row in rows:
         if row["role"] != role:

@@ -52,7 +52,7 @@ GALLERY_CLIPS = 20_000
 
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
-    """The jobs of `render`: scenes times variants. Raises InputError."""
+    """Yield the jobs of `render`: scenes times variants. Raises InputError."""
     clips = [
         (path, variant)
         for path in options.scenes
@@ -69,7 +69,7 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
 def _motion_edits(
     path: str, variant: str | None, options: argparse.Namespace
 ) -> tuple[str, ...]:
-    """Edits by --push, --drop and --kick; how to keep them is printed. Raises InputError."""
+    """Return the edits by --push, --drop and --kick; how to keep them is printed. Raises InputError."""
     if not (options.push or options.drop or options.kick):
         return ()
     from physgen import pipeline
@@ -96,7 +96,7 @@ def _motion_edits(
 def preview_edits(
     path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
 ) -> tuple[str, ...]:
-    """Edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
+    """Return the edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
     from physgen import pipeline
 
     try:
@@ -132,7 +132,7 @@ def preview_edits(
 
 
 def _opened(path: str, allow_outside: bool) -> Opened:
-    """A file of which many clips are made is read once, until it is written."""
+    """Read a file once for many clips, until it is written."""
     scene_file = _read(path, allow_outside, os.getcwd())
     if not scene_file.stale():
         return scene_file
@@ -148,7 +148,7 @@ def _read(path: str, allow_outside: bool, folder: str) -> Opened:
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
-    """A function of scene, variant, further overrides and name that makes a job. Raises InputError."""
+    """Return a function of scene, variant, further overrides and name that makes a job. Raises InputError."""
     from physgen import pipeline
     from physgen.batch.run import Job
     from physgen.export.video import Format
@@ -192,7 +192,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
 
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
-    """The backend that refines, and what the flags set in every scene."""
+    """Return the backend that refines, and what the flags set in every scene."""
     from physgen import registry
     from physgen.batch.run import Refiner
 
@@ -235,7 +235,7 @@ def other_variants(path: str, options: argparse.Namespace) -> list[Problem]:
 
 
 def check_names(jobs: list[Job]) -> None:
-    """Refuses clips that would overwrite each other."""
+    """Raise InputError for clips that would overwrite each other."""
     from physgen import pipeline
 
     scenes_by_folder: dict[str, str] = {}
@@ -271,7 +271,7 @@ class Tally:
                 )
 
     def new_warnings(self, done: Done) -> Iterator[str]:
-        """Problems of a clip that were not printed for another clip of the scene."""
+        """Yield the problems of a clip that were not printed for another clip of the scene."""
         for problem in done.problems:
             text = str(problem)
             if text not in self._warnings:
@@ -428,7 +428,7 @@ REPORTS = ("full", "none")
 
 
 def part(text: str) -> slice:
-    """`K/N`: every N-th clip, from the K-th on."""
+    """Return the slice of `K/N`: every N-th clip, from the K-th on."""
     first, _, step = text.partition("/")
     if first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step):
         return slice(int(first) - 1, None, int(step))

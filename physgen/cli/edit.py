@@ -89,7 +89,7 @@ def edit(options: argparse.Namespace) -> int:
 
 
 def edit_file(options: argparse.Namespace) -> int:
-    """One edit of objects; all other lines and the comments stay."""
+    """Apply one edit of objects; all other lines and the comments stay."""
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
     from physgen.edit.operations import edited

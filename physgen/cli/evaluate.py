@@ -43,7 +43,7 @@ def check_output(folder: Path | None) -> None:
 
 
 def add_output(parser: Parser) -> None:
-    """The flag `-o`."""
+    """Add the flag `-o`."""
     help_text = "write a page, and the result as JSON, in this folder"
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=help_text)
 
@@ -169,7 +169,7 @@ def run_fid(options: argparse.Namespace) -> int:
 
 
 def _features(file: Path) -> Inception:
-    """Those of Inception's file. Raises InputError."""
+    """Return the features of Inception's file. Raise InputError."""
     try:
         from physgen.evaluate.backends.inception import Inception
 
@@ -182,7 +182,7 @@ def _features(file: Path) -> Inception:
 
 
 def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """By the names of the folders, in the order given. Raises InputError for two of one name."""
+    """Return the methods by folder name, in the given order. Raise InputError for two of one name."""
     paths_by_name = {path.resolve().stem: [path] for path in paths}
     if len(paths_by_name) < len(paths) or REFERENCE in paths_by_name:
         names = ", ".join(path.resolve().stem for path in paths)

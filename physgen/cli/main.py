@@ -49,7 +49,7 @@ UNREAD = 141
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `physgen`."""
+    """Run `physgen`; return the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # the name of a file need not be text
@@ -97,12 +97,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _interrupt(number: int, frame: object) -> None:
-    """SIGTERM ends a command as Ctrl-C does, without incomplete files."""
+    """Stop the command on SIGTERM as on Ctrl-C, without incomplete files."""
     raise KeyboardInterrupt
 
 
 def build_parser() -> Parser:
-    """Every command with its flags and an example."""
+    """Return every command with its flags and an example."""
     parser = Parser(
         prog="physgen",
         description="One photo becomes an editable scene file; the scene file becomes a physically simulated video.",

@@ -64,7 +64,7 @@ FEWEST_SPEEDS, MOST_SPEEDS = 2, 100
 
 
 def read_speeds(text: str) -> list[float]:
-    """`50,100,200` -> px/s above 0, each once, in order."""
+    """Return the speeds in `50,100,200`, px/s above 0, each once, in order."""
     speeds = sorted({positive(part.strip()) for part in text.split(",")})
     if not FEWEST_SPEEDS <= len(speeds) <= MOST_SPEEDS:
         raise wrong_value(
@@ -134,7 +134,7 @@ def add_physics(parser: Parser) -> None:
 
 
 def numbers(text: str) -> list[int]:
-    """`1,5,12` -> numbers."""
+    """Return the numbers in `1,5,12`."""
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:

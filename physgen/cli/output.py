@@ -26,12 +26,12 @@ def print_error(text: str) -> None:
 
 
 def print_line(text: str) -> None:
-    """One line of a result, at once."""
+    """Print one line of a result, at once."""
     print(text, flush=True)
 
 
 def print_problems(problems: Sequence[Problem]) -> None:
-    """One line each to stderr."""
+    """Print one line for each problem to stderr."""
     for problem in problems:
         print_error(str(problem))
 
@@ -42,13 +42,13 @@ def print_problem(problem: Problem) -> None:
 
 
 def print_backup(kept: Path) -> None:
-    """One line to stderr for a file that stood in the way."""
+    """Print a line to stderr for an older file that was kept."""
     name = str(kept).rpartition("~")[0]
     print_error(Note.BACKUP.text(name=name, backup=kept.name))
 
 
 def print_json(data: Any) -> None:
-    """A result as JSON."""
+    """Print a result as JSON."""
     print(json.dumps(data, indent=1, ensure_ascii=False, default=str))
 
 

@@ -207,7 +207,7 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
 
 
 def _names(images: Sequence[Path]) -> list[str]:
-    """Names of the scenes: those of the photos, or of their folders where all photos have the same name."""
+    """Return the names of the scenes: those of the photos, or of their folders where all photos have the same name."""
     stems = [image.stem for image in images]
     folders = [image.resolve().parent.name for image in images]
     return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
@@ -222,7 +222,7 @@ def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
 
 
 def plan_of(options: argparse.Namespace) -> Plan:
-    """The backends that flags and a configuration file choose."""
+    """Return the backends that flags and a configuration file choose."""
     from physgen.registry import CONFIGURATION, load_plan
 
     if options.config is None and Path(CONFIGURATION).is_file():
@@ -350,7 +350,7 @@ def add_photo_flags(parser: Parser) -> None:
 
 
 def add_backends(parser: Parser) -> None:
-    """Flags that choose the backends."""
+    """Add the flags that choose the backends."""
     add_backend_choices(parser)
     parser.option(
         "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"

@@ -68,7 +68,7 @@ def show(options: argparse.Namespace) -> int:
 
 
 def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
-    """What matters of each object, in the order of names."""
+    """Return the main values of each object, in the order of names."""
     from physgen.compile.warnings import supports
     from physgen.scene.provenance import source
 
@@ -143,7 +143,7 @@ def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Proble
 
 
 def _counted(problems: Iterable[Problem]) -> str:
-    """How many there are of each kind."""
+    """Return the counts of each kind as text."""
     kinds = [problem.severity for problem in problems]
     parts = [
         f"{count} {kind.value}{'s' * (count != 1)}"
@@ -192,7 +192,7 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def _trajectory_kind(output: Path | None) -> str:
-    """`npz`, `csv` or `json` by the file's ending; refused before anything is computed or overwritten."""
+    """Return `npz`, `csv` or `json` by the file's ending; refused before anything is computed or overwritten."""
     if output is None:
         return ""
     if output.suffix not in (".npz", ".csv", ".json") or output.is_dir():

@@ -63,7 +63,7 @@ def sweep(options: argparse.Namespace) -> int:
 
 
 def _listed(plan: Sweep, options: argparse.Namespace) -> int:
-    """All clips with their values on stdout; nothing is made."""
+    """Print all clips with their values; nothing is made."""
     import csv
 
     rows = csv.writer(sys.stdout, lineterminator="\n")

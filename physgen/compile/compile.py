@@ -56,7 +56,7 @@ from physgen.scene.scene import (
 
 
 def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
-    """Forces, torques and impulses in the file's order."""
+    """Return the forces, torques and impulses in the file's order."""
     index = _index(bodies)
 
     def push(force: model.Force) -> Push:
@@ -176,7 +176,7 @@ def _in_radians(limits: model.Point | None) -> tuple[float, float] | None:
 
 
 def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
-    """Fields by name. Raises InputError where they would act on more than a step can look at."""
+    """Return the fields by name. Raises InputError where they would act on more than a step can look at."""
     index = _index(bodies)
     dynamic_bodies = tuple(
         k for k, body in enumerate(bodies) if body.motion is Motion.DYNAMIC
@@ -249,13 +249,13 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
 
 
 def mass_path(scene: Scene, name: str) -> str:
-    """Where the mass of an object is written."""
+    """Return the path of the mass of an object."""
     item = next(item for item in scene.objects if item.name == name)
     return f"objects.{name}.{'mass' if item.mass is not None else 'density'}"
 
 
 def _usable(value: float) -> bool:
-    """Whether products of two such numbers, and of what one divided by them is, are floats."""
+    """Return whether products of two such numbers, and of what one divided by them is, are floats."""
     return LEAST < value < 1 / LEAST
 
 
@@ -274,17 +274,17 @@ class Compiled:
 
     @property
     def labels(self) -> U16:
-        """(H, W): id k + 1 is the k-th object; 0 = background."""
+        """Return (H, W): id k + 1 is the k-th object; 0 = background."""
         return self.shapes.labels
 
     @property
     def scenery(self) -> NDArray[np.bool_]:
-        """(H, W): pixels that show a boundary; they stay in the picture."""
+        """Return (H, W): pixels that show a boundary; they stay in the picture."""
         return self.shapes.fits.scenery
 
 
 def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
-    """`labels` is the photo's label map, None for a scene without one. Raises InputError."""
+    """Return the compiled scene; `labels` is the photo's label map, None without one. Raise InputError."""
     check_steps(scene)
     return compile_shapes(scene, shapes_of(scene, labels))
 
@@ -299,7 +299,7 @@ def check_steps(scene: Scene) -> None:
 
 
 def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
-    """The world of a scene with these `shapes`. Raises InputError."""
+    """Return the world of a scene with these `shapes`. Raises InputError."""
     shown = snapped_to_boundaries(
         scene, shapes.outlines, [it is None for it in shapes.written]
     )
@@ -456,7 +456,7 @@ def set_velocity(body: Body, item: Object, view: View) -> Body:
 
 
 def _roll(item: Object, radius: float | None, view: View) -> Array:
-    """rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
+    """Return rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
     if (
         view is not View.TOP
         or item.solid is not Solid.SPHERE

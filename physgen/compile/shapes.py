@@ -43,7 +43,7 @@ PixelMask = NDArray[np.bool_]
 def object_labels(
     scene: Scene, labels: U16 | None, written: list[Outline | None]
 ) -> U16:
-    """(H, W) ids by object: from masks.png, an outline or, with none of these, the written shape.
+    """Return (H, W) ids by object: from masks.png, an outline or, with none of these, the written shape.
 
     `written` holds the outline of every explicit shape, None where it is fitted. Nearer layers win shared pixels.
     """
@@ -78,7 +78,7 @@ def object_labels(
 def mask_pixels(
     mask: Mask | None, size: tuple[int, int], labels: U16 | None
 ) -> NDArray[np.bool_] | None:
-    """(H, W): what a mask covers; None where there is none, or an id without a map to be found in."""
+    """Return (H, W): what a mask covers; None where there is none, or an id without a map to be found in."""
     match mask:
         case MaskId(id=identity):
             return None if labels is None else np.asarray(labels == identity)
@@ -89,7 +89,7 @@ def mask_pixels(
 
 
 def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(H, W): pixels whose centre lies inside, by the even-odd rule."""
+    """Return (H, W): pixels whose centre lies inside, by the even-odd rule."""
     canvas = np.zeros((size[1], size[0]), np.uint8)
     corners = np.rint(np.asarray(points) * 16).astype(np.int32)
     cv2.fillPoly(canvas, [corners], 1, lineType=cv2.LINE_8, shift=4)
@@ -99,7 +99,7 @@ def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
 def _mask_problem(
     scene: Scene, path: str, item: Object | Boundary, mask: PixelMask | None
 ) -> Problem:
-    """The mask at `path` has no pixel; None: it is an id, and the scene has no photo."""
+    """Return the problem of a mask without a pixel; None for an id in a scene without a photo."""
     mask_text = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
     message = Message.ID_WITHOUT_PHOTO if mask is None else Message.MASK_OF_NO_PIXEL
     return message.problem(scene.place(path), path, mask_text)
@@ -126,7 +126,7 @@ class Fitted:
 def fit_masks(
     scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]
 ) -> Fitted:
-    """Outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
+    """Return the outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
 
     A boundary shares its lines with what its mask touches. One whose mask lies across another's is fitted alone, as if
     nothing stood before it: a hole in the shape of the object in front would be a trap around it.
@@ -189,7 +189,7 @@ def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | N
 
 
 def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
-    """The boundaries as chains; `regions` are those of masks, by index."""
+    """Return the boundaries as chains; `regions` are those of masks, by index."""
     passing = passages(scene)
 
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
@@ -230,7 +230,7 @@ class Shapes:
 
     @property
     def drawn(self) -> tuple[Outline, ...]:
-        """Outlines with their hidden parts, photo frame, for drawing."""
+        """Return the outlines with their hidden parts, photo frame, for drawing."""
         wholes = self.wholes or (None,) * len(self.written)
         return tuple(
             outline if whole_outline is None else whole_outline
@@ -247,7 +247,7 @@ class Shapes:
 
 
 def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
-    """`labels` (H, W) is the photo's label map, None for a scene without one. Raises InputError."""
+    """Return the shapes; `labels` (H, W) is the photo's label map, None without one. Raise InputError."""
     written_outlines = [_written(item, labels) for item in scene.objects]
     of_objects = object_labels(scene, labels, written_outlines)
     fits = fit_masks(
@@ -263,7 +263,7 @@ def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
 
 
 def mask_crc(labels: U16, id_: int) -> int:
-    """CRC-32 of the pixels of an id, by which a stored outline knows its mask."""
+    """Return the CRC-32 of the pixels of an id, by which a stored outline knows its mask."""
     return crc32(np.packbits(labels == id_).tobytes())
 
 
@@ -305,7 +305,7 @@ LEVEL = 0.7
 def snapped_to_boundaries(
     scene: Scene, outlines: tuple[Outline, ...], fitted: list[bool]
 ) -> tuple[Outline, ...]:
-    """The outlines, those that were fitted brought onto the lines within reach of their lowest points."""
+    """Return the outlines, those that were fitted brought onto the lines within reach of their lowest points."""
     lines = carrying_lines(scene) if any(fitted) else []
     if not lines:
         return outlines
@@ -378,7 +378,7 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
 
 
 def _flat(points: Array, line: Line) -> Array:
-    """Points within the band brought onto the line."""
+    """Return the points within the band brought onto the line."""
     is_along, height = line.near(points)
     is_touching = is_along & (np.abs(height) <= BAND)
     new_points = points.copy()

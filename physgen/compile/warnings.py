@@ -94,7 +94,7 @@ SAMPLES = 32  # places along a boundary within an object at which its depth is t
 def lint(
     scene: Scene, compiled: Compiled, maps: Percepts | None = None
 ) -> list[Problem]:
-    """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
+    """Return every warning, sorted by place; those of the photo's maps where `maps` are given."""
     rules = (
         _overlaps,
         _unsupported,
@@ -201,7 +201,7 @@ def _forces_without_effect(
 def _gears_without_pins(
     scene: Scene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
-    """Gears of dynamic objects that nothing holds in place."""
+    """Yield warnings of gears of dynamic objects that nothing holds in place."""
     pinned_names = set[str]()
     for joint in scene.joints:
         if joint.kind in (JointKind.PIVOT, JointKind.MOTOR, JointKind.WELD):
@@ -223,7 +223,7 @@ def _gears_without_pins(
 
 
 def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Velocities at t = 0 that joints exclude, with those that they allow."""
+    """Yield warnings of velocities at t = 0 that joints exclude, with those that they allow."""
     world = compiled.world
     if not world.joints:
         return
@@ -247,7 +247,7 @@ def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Gravity without a unit that is too weak to be meant in px/s²."""
+    """Yield warnings of gravity without a unit that is too weak to be meant in px/s²."""
     world = scene.world
     strength = float(np.hypot(*world.gravity)) / world.pixels_per_meter
     is_stated = "world.gravity" in scene.places and not world.gravity_in_units
@@ -267,7 +267,7 @@ def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Objects smaller than a pixel, as sizes in meters are."""
+    """Yield warnings of objects smaller than a pixel, as sizes in meters are."""
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         if body.reach >= LIMITS.visible:
             continue
@@ -277,7 +277,7 @@ def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Numbers that follow a label or a scale, where the file still has those for another."""
+    """Yield warnings of numbers that follow a label or a scale, where the file still has those for another."""
     record, scale = scene.record, scene.world.pixels_per_meter
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
@@ -305,7 +305,7 @@ def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """A clip of many frames, which takes long."""
+    """Yield the warning of a clip of many frames, which takes long."""
     frames, (width, height) = len(compiled.world.times), scene.video_size
     if frames > LIMITS.frames:
         minutes = frames * LIMITS.draws * max(width * height / 512**2, 1) / 60
@@ -321,7 +321,7 @@ def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Views of the camera that would leave the photo, or that are reached when the clip is over."""
+    """Yield warnings of views of the camera that would leave the photo, or that are reached when the clip is over."""
     for index, sight in enumerate(scene.render.camera):
         path = "render.camera"
         if f"{path}[{index}]" in scene.places:
@@ -346,7 +346,7 @@ def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
-    """Whether what was stored of coverage and background was made for masks like the scene's.
+    """Return whether what was stored of coverage and background was made for masks like the scene's.
 
     `labels` (H, W) are the scene's objects, 0 = none; `scenery` (H, W) are pixels that show a boundary.
     """
@@ -361,7 +361,7 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
 def photo_differs(
     scene: Scene, compiled: Compiled, maps: Percepts | None
 ) -> Iterator[Problem]:
-    """A photo that was edited since its maps were made: where no object is, the clip shows `background.png`.
+    """Yield the warning of a photo edited after its maps were made: the clip shows `background.png`.
 
     Where `clean.png` is more like the photo than like the background, the background was painted on purpose.
     """
@@ -410,7 +410,7 @@ def photo_differs(
 
 
 def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
-    """Doubtful ids that no region has, or an object."""
+    """Yield warnings of doubtful ids that no region has, or an object."""
     owners, named_ids = (
         {
             name: entry["mask"]
@@ -435,14 +435,14 @@ def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
 
 
 def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
-    """(H, W, 3) grey levels from the other picture to the one, means over squares of what is `within`."""
+    """Return (H, W, 3) grey levels from the other picture to the one, means over squares of what is `within`."""
     difference = cv2.subtract(one, other, dtype=cv2.CV_16S)
     difference[~within] = 0
     return np.asarray(cv2.blur(difference, (LIMITS.over, LIMITS.over)), np.int16)
 
 
 def _grown(mask: Mask, by: int) -> Mask:
-    """(H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
+    """Return (H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
     return np.asarray(
         cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8))
         > 0
@@ -511,7 +511,7 @@ def _opened_area(mask: Mask) -> float:
 
 
 def _filled(mask: Mask) -> Mask:
-    """(H, W): the mask with its holes, such as the one of a handle."""
+    """Return (H, W): the mask with its holes, such as the one of a handle."""
     outside = np.pad((~mask).astype(np.uint8), 1, constant_values=1)
     cv2.floodFill(outside, None, (0, 0), 2)
     return np.asarray(outside[1:-1, 1:-1] != 2)
@@ -580,7 +580,7 @@ def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
 
 
 def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
-    """Names of what each object meets on its way down; all empty without gravity in the photo's plane.
+    """Return the names of what each object meets on its way down; all empty without gravity in the photo's plane.
 
     What only touches an object's side is no support.
     """
@@ -628,7 +628,7 @@ def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _joined(scene: Scene) -> list[set[int]]:
-    """The dynamic objects that joints hold together; those that are held to what does not fall are left out."""
+    """Return the dynamic objects that joints hold together; those that are held to what does not fall are left out."""
     index = {item.name: k for k, item in enumerate(scene.objects)}
     root = list(range(len(scene.objects) + 1))
     world_index = len(scene.objects)  # the world, and all that stands in it

@@ -132,14 +132,14 @@ class Body:
 
     @property
     def reach(self) -> float:
-        """Distance of its farthest point from the centre of mass, px."""
+        """Return the distance of its farthest point from the centre of mass, px."""
         if self.radius is not None:
             return self.radius
         return float(max(np.hypot(*piece.T).max() for piece in self.pieces))
 
     @property
     def size(self) -> float:
-        """Smallest width of its thinnest limb in any direction, px: what a step may not jump over.
+        """Return the smallest width of its thinnest limb in any direction, px: what a step may not jump over.
 
         A piece that lies along wider ones, nowhere farther from them than it is wide, is a sliver and no limb.
         """
@@ -181,7 +181,7 @@ def _limb_width(pieces: tuple[bytes, ...]) -> float:
 
 
 def _width(piece: Array) -> float:
-    """Least distance of two parallel lines with a convex piece between them; one of them holds an edge."""
+    """Return the least distance of two parallel lines with a convex piece between them; one of them holds an edge."""
     edges = np.roll(piece, -1, axis=0) - piece
     length = np.hypot(*edges.T)
     edges = edges[length > 1e-9] / length[length > 1e-9, None]
@@ -323,7 +323,7 @@ class World:
 
 
 def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
-    """The engine multiplies the two factors of a pair, so the geometric mean is the product of square roots.
+    """Return the factors of a surface; the engine multiplies those of a pair, so a mean is a product of square roots.
 
     >>> a, b = surface(0.4, 0.9, Combine.GEOMETRIC), surface(0.1, 0.4, Combine.GEOMETRIC)
     >>> round(a.friction * b.friction, 12), round(a.elasticity * b.elasticity, 12)
@@ -382,7 +382,7 @@ class Pairing(Generic[Names]):
 
 
 def pair_table(world: World) -> list[Pairing[str]]:
-    """The pair coefficients in use, as they are shown; see `pairings`."""
+    """Return the pair coefficients in use, as they are shown; see `pairings`."""
     return [
         Pairing(_names(p.first), _names(p.second), p.friction, p.elasticity)
         for p in pairings(world)
@@ -433,7 +433,7 @@ def mass_center(outline: Outline, item: Object) -> Array:
 
 
 def placed_outline(outline: Outline, item: Object) -> Outline:
-    """The outline at t = 0."""
+    """Return the outline at t = 0."""
     if item.place is None:
         return outline
     x, y, degrees = item.place
@@ -463,7 +463,7 @@ def rest_pose(outline: Outline, item: Object, scene: Scene) -> Array | None:
 
 
 def photo_poses(world: World) -> tuple[Pose, ...]:
-    """The poses in which the photo shows the bodies; empty where all begin so."""
+    """Return the poses in which the photo shows the bodies; empty where all begin so."""
     if all(body.rest is None for body in world.bodies):
         return ()
     poses = (
@@ -474,7 +474,7 @@ def photo_poses(world: World) -> tuple[Pose, ...]:
 
 
 def body_in_photo(body: Body) -> Body:
-    """The body as the photo shows it, in a frame turned by 0 there."""
+    """Return the body as the photo shows it, in a frame turned by 0 there."""
     if body.rest is None:
         return body
     turn = rotation(float(body.rest[2]))
@@ -489,7 +489,7 @@ def body_in_photo(body: Body) -> Body:
 
 
 def world_in_photo(world: World) -> World:
-    """The world with all bodies as the photo shows them."""
+    """Return the world with all bodies as the photo shows them."""
     return replace(world, bodies=tuple(map(body_in_photo, world.bodies)))
 
 
@@ -512,7 +512,7 @@ def world_as_drawn(world: World, shapes: Sequence[Outline]) -> World:
 
 
 def appearance(scene: Scene, world: World) -> tuple[object, ...]:
-    """All values but the photo's maps that a Stage depends on, as plain data for the key of a cache.
+    """Return all values but the photo's maps that a Stage depends on, as plain data for the key of a cache.
 
     Masses, coefficients, velocities, forces and times are not among them. A scene without a photo is drawn as large as
     it is filmed, so its camera counts.

@@ -89,7 +89,7 @@ def _padded(width: int, height: int, grid: Grid) -> Size:
 
 
 def latent_frames(frames: int, grid: Grid) -> int:
-    """Latent frames that hold so many frames.
+    """Return the latent frames that hold so many frames.
 
     >>> latent_frames(16, Grid(8, 16, 480 * 832, 21, 4))
     5
@@ -98,12 +98,12 @@ def latent_frames(frames: int, grid: Grid) -> int:
 
 
 def frames_held(latents: int, grid: Grid) -> int:
-    """Frames that so many latent frames stand for."""
+    """Return the frames that so many latent frames stand for."""
     return latents if grid.stride == 1 else 1 + (latents - 1) * grid.stride
 
 
 def pad_frames(frames: Sequence[U8], count: int) -> list[U8]:
-    """`count` frames: the last is repeated."""
+    """Return `count` frames: the last is repeated."""
     return [*frames, *[frames[-1]] * (count - len(frames))]
 
 
@@ -147,7 +147,7 @@ Span = tuple[int, int]
 
 
 def window_spans(total: int, window: int, overlap: int) -> list[Span]:
-    """Windows of `window` latent frames that cover `total`, `overlap` of them shared by neighbours at least.
+    """Return the windows of `window` latent frames that cover `total`, `overlap` of them shared by neighbours at least.
 
     >>> window_spans(30, 16, 8)
     [(0, 16), (7, 23), (14, 30)]

@@ -49,7 +49,7 @@ _STARTS = frozenset("+-.0123456789")
 
 
 def resolve(text: str) -> Scalar:
-    """What a plain (unquoted) scalar stands for.
+    """Return the value of a plain (unquoted) scalar.
 
     Raises RefusedError for NaN, infinities and numbers too long or too large for a float.
 
@@ -103,12 +103,12 @@ class Node:
 
     @property
     def place(self) -> Place:
-        """Where the value was written."""
+        """Return the place of the value."""
         return Place(self.source.name, self.line, self.column)
 
     @property
     def key_place(self) -> Place:
-        """Where its key was written."""
+        """Return the place of the key."""
         return Place(self.source.name, *self.key) if self.key else self.place
 
     def with_value(
@@ -121,7 +121,7 @@ class Node:
 
 
 def plain(node: Node) -> Any:
-    """The data alone: scalars, lists and dicts."""
+    """Return the data alone: scalars, lists and dicts."""
     value = node.value
     if isinstance(value, dict):
         return {key: plain(child) for key, child in value.items()}
@@ -131,7 +131,7 @@ def plain(node: Node) -> Any:
 
 
 def children(node: Node | None, *keys: str) -> dict[str, Node]:
-    """The mapping below `keys`, empty where there is none."""
+    """Return the mapping below `keys`, empty where there is none."""
     for key in keys:
         node = (
             node.value.get(key)
@@ -142,12 +142,12 @@ def children(node: Node | None, *keys: str) -> dict[str, Node]:
 
 
 def items(node: Node | None) -> list[Node]:
-    """The items of a list, none where there is no list."""
+    """Return the items of a list, none where there is no list."""
     return node.value if node is not None and isinstance(node.value, list) else []
 
 
 def whole(node: Node) -> list[int]:
-    """The numbers of a list that the schema says holds whole ones."""
+    """Return the numbers of a list that the schema says holds whole ones."""
     numbers: Any = items(node)
     return [int(item.value) for item in numbers]
 
@@ -156,7 +156,7 @@ LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def decode(data: bytes, name: str) -> str:
-    """Bytes of a scene file -> text; refuses too many bytes and anything but UTF-8."""
+    """Return the text of a scene file; refuse too many bytes and anything but UTF-8."""
     if len(data) > Limit.BYTES.most:
         raise Limit.BYTES.error(Place(name))
     try:
@@ -178,7 +178,7 @@ SCENE_START = "`physgen: 1` and `image: photo.png`"
 def read(
     text: str, source: Source, counted: bool = True, start: str = SCENE_START
 ) -> Node:
-    """Text of a scene file -> its tree, a mapping at the top.
+    """Return the tree of the text of a scene file, a mapping at the top.
 
     Raises InputError: syntax, limits, aliases and tags end the reading with one problem; duplicate keys and
     numbers that are not finite are collected. `counted` is False for the value of a flag: it may be anything,
@@ -287,7 +287,7 @@ class _Reader:
         return root
 
     def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
-        """The text of a key; one that is repeated or not allowed is reported."""
+        """Return the text of a key; one that is repeated or not allowed is reported."""
         if type(event) is not ScalarEvent:
             raise self._error(Message.KEY_NOT_TEXT, event)
         key: str = event.value
@@ -322,7 +322,7 @@ class _Reader:
 
 
 def _path(stack: list[Node], key: str | None) -> str:
-    """Dotted path of the value that is being read: the last child of each open collection leads to it."""
+    """Return the dotted path of the value that is being read: the last child of each open collection leads to it."""
     parts: list[str | int] = []
     for node in stack:
         value = node.value
@@ -339,7 +339,7 @@ _OPEN = re.compile(r"""(?<=[:,\[{-] )(?:"[^"\n]*|'[^'\n]*)$""", re.MULTILINE)
 
 
 def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
-    """PyYAML's complaint as a Problem, in its own words less its pictures."""
+    """Return PyYAML's message as a Problem, without its pictures."""
     fix = ""
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark

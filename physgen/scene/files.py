@@ -55,7 +55,7 @@ def confined(
     allow_outside: bool,
     what: str = "the scene's folder",
 ) -> Path:
-    """The path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
+    """Return the path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
     if "\0" in written:
         raise Message.NOT_IN_PATH.refusal()
     if max(len(os.fsencode(part)) for part in written.split("/")) > Limit.NAME.most:
@@ -75,13 +75,13 @@ def confined(
 
 
 def read_scene(path: Path, name: str) -> Node:
-    """The tree of one file, `name` being its path as messages show it. Raises InputError."""
+    """Return the tree of one file, `name` being its path as messages show it. Raises InputError."""
     data = scene_bytes(path, name)
     return read(decode(data, name), Source(name, Path(os.path.abspath(path)).parent))
 
 
 def scene_bytes(path: Path, name: str) -> bytes:
-    """What one file holds, up to a byte more than it may. Raises InputError."""
+    """Read a file, up to one byte more than it may have. Raise InputError."""
     try:
         if stat.S_ISFIFO(os.stat(path).st_mode) and not os.path.realpath(
             path
@@ -104,7 +104,7 @@ def scene_bytes(path: Path, name: str) -> bytes:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """A `perceived.json`; empty where it cannot be read: it only says whose numbers are whose."""
+    """Return a `perceived.json`; empty where it cannot be read: it only says whose numbers are whose."""
     try:
         record = json.loads(scene_bytes(path, RECORD))
     except (InputError, ValueError, RecursionError):
@@ -113,7 +113,7 @@ def read_record(path: Path) -> dict[str, Any]:
 
 
 def recorded(assets: Path | None, key: str) -> dict[str, Any]:
-    """One mapping of the record of these assets; empty where there is none."""
+    """Return one mapping of the record of these assets; empty where there is none."""
     record_value = None if assets is None else read_record(assets / RECORD).get(key)
     return record_value if isinstance(record_value, dict) else {}
 
@@ -165,7 +165,7 @@ def _base(
     seen: set[str],
     files: dict[Path, Stamp],
 ) -> Node:
-    """The tree of the file that `extends` names."""
+    """Return the tree of the file that `extends` names."""
 
     def refused(refusal: RefusedError) -> InputError:
         return InputError([refusal.problem(link.place, "extends", shown(link.value))])
@@ -233,7 +233,7 @@ def similar(
 
 
 def image_size(path: Path, written: str) -> tuple[int, int]:
-    """Width and height from the header of an image, `written` in a scene; no pixel is decoded.
+    """Return the width and height from the header of an image, `written` in a scene; no pixel is decoded.
 
     Raises RefusedError.
     """
@@ -271,7 +271,7 @@ class Record:
 
     @property
     def scale(self) -> float | None:
-        """px/m for which the values are; None where that is unknown."""
+        """Return px/m for which the values are; None where that is unknown."""
         value = self.world.get("pixels_per_meter")
         is_scale = isinstance(value, int | float) and 0 < value < inf
         return float(value) if is_scale else None  # type: ignore[arg-type]
@@ -283,7 +283,7 @@ class Record:
     def sources(
         self, own: Mapping[str, Any], filled: Mapping[str, Any], name: str
     ) -> dict[str, str]:
-        """`from` of an object: its own, or as it was recorded, without values that a user has changed since.
+        """Return `from` of an object: its own, or as it was recorded, without values that a user has changed since.
 
         `own` is the object's data as it is written, in numbers; `filled` the same with defaults.
         """
@@ -301,7 +301,7 @@ UNKNOWN = Record()
 
 
 def written(path: Path) -> Record:
-    """The record at a path; what has another form than it should is left out."""
+    """Return the record at a path; what has another form than it should is left out."""
     record = read_record(path)
     try:
         entries = record.get("objects") or record.get("values") or {}
@@ -335,7 +335,7 @@ def written(path: Path) -> Record:
 
 
 def equal(one: object, other: object, within: float = WRITTEN) -> bool:
-    """Whether two values are equal; numbers but for the digits that are not written, or `within`."""
+    """Return whether two values are equal; numbers but for the digits that are not written, or `within`."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return one.keys() == other.keys() and all(
             equal(one[key], other[key], within) for key in one

@@ -79,7 +79,7 @@ class Opened:
 
     @cached_property
     def variant_problems(self) -> tuple[Problem, ...]:
-        """Problems of each variant that the file itself does not have.
+        """Return the problems of each variant that the file itself does not have.
 
         They do not keep the file and its other variants from being used.
         """
@@ -102,7 +102,7 @@ class Opened:
         return node.place
 
     def stale(self) -> bool:
-        """Whether the file, or one that it extends, was written since."""
+        """Return whether the file, or one that it extends, was written since."""
         return any(file_stamp(file) != stamp for file, stamp in self._stamps.items())
 
     def scene(
@@ -145,7 +145,7 @@ def load(
     variant: str | None = None,
     allow_outside: bool = False,
 ) -> parts.Scene:
-    """The scene of a file, with what it extends, one of its variants and `KEY=VALUE` overrides on top.
+    """Return the scene of a file, with what it extends, one of its variants and `KEY=VALUE` overrides on top.
 
     A variant that fails keeps neither the file nor its other variants from being loaded. Paths in the file stay below
     its folder unless `allow_outside`; see files.py. Raises InputError with all problems, sorted by place.
@@ -366,13 +366,13 @@ def _problems_of_variant(
 
 
 def _values(node: Node) -> int:
-    """Number of values in a tree."""
+    """Return the number of values in a tree."""
     child_nodes = node.value.values() if isinstance(node.value, dict) else items(node)
     return 1 + sum(map(_values, child_nodes))
 
 
 def scene_name(file: Path) -> str:
-    """The file's stem, or its folder's name where the file is called `scene.yaml`."""
+    """Return the file's stem, or its folder's name where the file is called `scene.yaml`."""
     return (
         Path(os.path.abspath(file)).parent.name
         if file.name == "scene.yaml"
@@ -381,7 +381,7 @@ def scene_name(file: Path) -> str:
 
 
 def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
-    """The tree in numbers, with what follows from labels and scale that a user changed, and the record of that.
+    """Return the tree in numbers, with what follows from labels and scale that a user changed, and the record of that.
 
     What an override, a variant or a file beside the perceived one says never follows; `file` is the tree before edits.
     """
@@ -430,7 +430,7 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
 
 
 def _at(root: Node, path: KeyPath) -> Node:
-    """The node at a path, or the nearest above it."""
+    """Return the node at a path, or the nearest above it."""
     for key in path:
         root = children(root).get(str(key), root)
     return root
@@ -439,7 +439,7 @@ def _at(root: Node, path: KeyPath) -> Node:
 def scene_from_tree(
     root: Node, record: Record, name: str, source: Source, ground: Ground
 ) -> parts.Scene:
-    """The scene of a checked tree, called `name`; `source` is the file that was opened.
+    """Return the scene of a checked tree, called `name`; `source` is the file that was opened.
 
     `record` is what perception wrote, and what followed from it since.
 
@@ -521,12 +521,12 @@ def _has_unit(node: Node | None) -> bool:
 
 
 def refinement(item: Mapping[str, Any]) -> parts.Refine:
-    """`refine:` as plain data, its defaults filled in."""
+    """Return `refine:` as plain data, its defaults filled in."""
     return _make(parts.Refine, item)
 
 
 def _places(node: Node, path: KeyPath) -> Iterator[tuple[str, Place]]:
-    """Place of every key's value and of every mapping in a list; points stand in the place of their list."""
+    """Yield the place of every key's value and of every mapping in a list; points stand in the place of their list."""
     yield dotted(path), node.place
     if isinstance(node.value, dict):
         for key, child in node.value.items():
@@ -631,7 +631,7 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
 
 
 def _outlined(item: parts.Object, ground: Ground) -> parts.Object:
-    """The object with the shape that is stored for its mask."""
+    """Return the object with the shape that is stored for its mask."""
     stored_shape = (
         ground.outlines.get(item.mask.id)
         if isinstance(item.mask, parts.MaskId)

@@ -39,7 +39,7 @@ def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
 
 
 def kind_of(path: KeyPath) -> KeyPath:
-    """The path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
+    """Return the path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
     return tuple(
         0 if isinstance(key, int) else "*" if n == 1 and path[0] in NAMED else key
         for n, key in enumerate(path)
@@ -47,7 +47,7 @@ def kind_of(path: KeyPath) -> KeyPath:
 
 
 def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
-    """`over` on top of `base`: mappings merge, anything else replaces, null takes an inherited key away.
+    """Merge `over` into `base`: mappings merge, anything else replaces, null removes an inherited key.
 
     A key of `over` drops the inherited keys that it rules out.
     """
@@ -70,7 +70,7 @@ def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
 
 
 def parse_key(text: str) -> KeyPath | None:
-    """`objects.*.mass` or `forces[0].impulse[1]` -> its parts, None when it is not a dotted key.
+    """Return the parts of `objects.*.mass` or `forces[0].impulse[1]`, None for no dotted key.
 
     >>> parse_key("forces[0].impulse[*]")
     ('forces', 0, 'impulse', '[*]')
@@ -107,7 +107,7 @@ class Edit:
 
 
 def edits_of_variant(variant: Node, name: str) -> list[Edit]:
-    """The edits of one entry of `variants`."""
+    """Return the edits of one entry of `variants`."""
     assert isinstance(variant.value, dict)
     return [
         Edit(key, child, ("variants", name)) for key, child in variant.value.items()
@@ -115,7 +115,7 @@ def edits_of_variant(variant: Node, name: str) -> list[Edit]:
 
 
 def edit_of_flag(text: str, folder: Source) -> Edit:
-    """`KEY=VALUE` of one `--set` -> its edit; an empty VALUE is null and takes the key away."""
+    """Return the edit of `KEY=VALUE` of one `--set`; an empty VALUE is null and removes the key."""
     source = Source(quoted(f"--set {text}", "", 80), folder.folder)
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
@@ -125,7 +125,7 @@ def edit_of_flag(text: str, folder: Source) -> Edit:
 
 
 def apply(root: Node, edit: Edit) -> Node:
-    """The tree with the value at the edit's key set; parents that are missing are made.
+    """Return the tree with the value at the edit's key set; parents that are missing are made.
 
     Raises InputError with one problem when the key is wrong.
     """
@@ -143,7 +143,7 @@ def apply(root: Node, edit: Edit) -> Node:
 def _set(
     node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
 ) -> Node:
-    """The node with path[depth:] set to the edit's value. `at` is where we are in the scene."""
+    """Return the node with path[depth:] set to the edit's value. `at` is where we are in the scene."""
     if depth == len(path):
         return edit.value
     step = path[depth]
@@ -248,7 +248,7 @@ def _set_item(
 
 
 def targets(root: Node, edit: Edit) -> int:
-    """Number of places at which an edit sets its value; a place that is made counts as one."""
+    """Return the number of places at which an edit sets its value; a place that is made counts as one."""
     nodes: list[Node | None] = [root]
     for step in parse_key(edit.key) or ():
         if step in ("*", "[*]"):

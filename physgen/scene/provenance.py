@@ -42,7 +42,7 @@ class Source:
 
 
 def source(text: str) -> Source:
-    """The source that an entry of `from` names.
+    """Return the source that an entry of `from` names.
 
     >>> source("table 0.4")
     Source(kind='guess', text='table', sure=0.4)
@@ -102,7 +102,7 @@ class Provenance:
         )
 
     def _counts(self, value: Place | None, entry: Place | None) -> bool:
-        """Whether an entry of `from` still describes a number, which no later place sets again."""
+        """Return whether an entry of `from` still describes a number, which no later place sets again."""
         if value is None or entry is None:
             return value is None or self._rank(value) < 2
         if self._rank(value) == self._rank(entry) == 0:
@@ -127,7 +127,7 @@ SCALED_SECTIONS = ("forces", "joints", "fields", "camera", "extends", "variants"
 
 
 def provenance(source: str, confidence: float) -> str:
-    """A source and its confidence, as `from` has it: table 0.4."""
+    """Return a source and its confidence, as `from` has it: table 0.4."""
     return f"{source} {round(confidence, 2):g}"
 
 
@@ -143,7 +143,7 @@ def perceived_keys(was: Entry, only: Collection[str] = ()) -> set[str]:
 
 
 def follows_scale(scene: Entry, record: Record, side: int) -> bool:
-    """Whether the scene's scale is perception's, and no number in the scene was made for it.
+    """Return whether the scene's scale is perception's, and no number in the scene was made for it.
 
     `side` is the photo's longer side, px.
     """
@@ -165,7 +165,7 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
 
 
 def _metric(value: object) -> bool:
-    """Whether a speed is in m/s or the like, and so the same at any scale."""
+    """Return whether a speed is in m/s or the like, and so the same at any scale."""
     parts = value if isinstance(value, list) else [value]
     return all(
         part == 0 or (isinstance(part, str) and "px" not in part) for part in parts
@@ -173,7 +173,7 @@ def _metric(value: object) -> bool:
 
 
 def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
-    """Whether a user set the scale, now or before the scene was perceived again."""
+    """Return whether a user set the scale, now or before the scene was perceived again."""
     scale = stated_scale(scene)
     if record.world.get("given"):
         return True
@@ -183,7 +183,7 @@ def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
 
 
 def stated_scale(scene: Entry) -> float:
-    """px/m, of data as it is written."""
+    """Return px/m, of data as it is written."""
     scale = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
     return (
         quantity(scale, "px/m", 1.0) or 0.0 if isinstance(scale, str) else float(scale)
@@ -193,7 +193,7 @@ def stated_scale(scene: Entry) -> float:
 def scaled_values(
     scene: Entry, record: Record, pixels_per_meter: float, side: int
 ) -> dict[tuple[str, ...], Any]:
-    """Speeds of pushes and the slow motion that perception wrote, for another scale; by path.
+    """Return the speeds of pushes and the slow motion that perception wrote, for another scale; by path.
 
     `scene` is the data as it is written. A push keeps the speed, in px/s, that suits the scale.
     """
@@ -225,7 +225,7 @@ def scaled_values(
 
 
 def meters(speed: float) -> Any:
-    """A speed in m/s as perception writes it."""
+    """Return a speed in m/s as perception writes it."""
     return f"{float(f'{speed:.3g}'):g} m/s" if abs(speed) > 1e-9 else 0
 
 
@@ -329,7 +329,7 @@ def _entry_of_label(
     the values of all backends follow, else those of the table.
     """
     table_values, table_sources = table
-    backends = [registry.find("physics").name]
+    backends: Sequence[str] = [registry.find("physics").name]
     if is_new:
         backends = registry.names("physics")
     sources = {"from": written_item.get("from", entry.get("from")) or {}}
@@ -357,7 +357,7 @@ def _is_text(written_item: Mapping[str, Any], key: str) -> bool:
 def _table_values(
     outline: Outline, label: str, per_meter: float, most: float
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """What the material table gives an object, and the sources of that; `most` is the most sure that a mass can be."""
+    """Return an object's values of the material table, and their sources; `most`: highest confidence of a mass."""
     object_kind = kind(label)
     mass, confidence, _ = weigh(outline, object_kind, per_meter)
     material = {
@@ -378,14 +378,14 @@ def _table_values(
 
 
 def table_confidences(mass: float) -> dict[str, float]:
-    """By key, from the confidence of a mass."""
+    """Return the confidences by key, from the confidence of a mass."""
     return {"mass": mass} | dict.fromkeys(
         ("friction", "elasticity", "rolling"), 0.5 * mass + 0.2
     )
 
 
 def label_confidence(sources: object) -> float:
-    """The confidence that a `from` gives the label, 1 where it gives none."""
+    """Return the confidence that a `from` gives the label, 1 where it gives none."""
     text = sources.get("label") if isinstance(sources, Mapping) else None
     confidence = source(text).sure if isinstance(text, str) else None
     return 1.0 if confidence is None else confidence

@@ -115,7 +115,7 @@ class Files:
         self._outlines: dict[str, tuple[Stamp, Node]] = {}
 
     def size(self, path: Path, written: str) -> tuple[int, int]:
-        """Width and height of an image, `written` in a scene, from its header; raises RefusedError."""
+        """Return the width and height of an image, `written` in a scene, from its header; raises RefusedError."""
         key, stamp = str(path), file_stamp(path)
         if key not in self._sizes or self._sizes[key][0] != stamp:
             try:
@@ -128,7 +128,7 @@ class Files:
         return size
 
     def outlines(self, path: Path, name: str) -> Node:
-        """The tree of `outlines.json`; raises InputError."""
+        """Return the tree of `outlines.json`; raises InputError."""
         key, stamp = str(path), file_stamp(path)
         if key not in self._outlines or self._outlines[key][0] != stamp:
             self._outlines[key] = stamp, read_scene(path, name)
@@ -180,7 +180,7 @@ class _Rules:
         return self.ground
 
     def good(self, node: Node | None) -> dict[str, Node]:
-        """The keys of a mapping whose values satisfy the schema."""
+        """Return the keys of a mapping whose values satisfy the schema."""
         return {
             key: part
             for key, part in children(node).items()
@@ -345,7 +345,7 @@ class _Rules:
         self.map_sizes[path.name] = self.files.size(path, path.name)
 
     def masks(self) -> None:
-        """Ids that two parts use or that have no masks.png."""
+        """Report ids that two parts use or that have no masks.png."""
         owner: dict[int, str] = {}
         assets = self.ground.assets
         has_masks = assets is not None and (assets / "masks.png").is_file()
@@ -514,7 +514,7 @@ class _Rules:
             self.report(problem)
 
     def rising(self, knots: list[Node], path: KeyPath) -> None:
-        """Times of knots start at 0 and rise; the first wrong one is reported."""
+        """Report the first knot whose time does not start at 0 or rise."""
         before: Any = None
         for index, knot in enumerate(knots):
             time = items(knot)[0]
@@ -796,7 +796,7 @@ class _Rules:
         self.report(unknown.problem(node.place, path, shown(node.value), fix=fix))
 
     def one_of(self, node: Node, path: KeyPath, kinds: tuple[str, ...]) -> str | None:
-        """The one kind that a mapping has; a problem where it has none or several."""
+        """Return the one kind that a mapping has; a problem where it has none or several."""
         given = [key for key in kinds if key in children(node)]
         if len(given) == 1:
             return given[0]
@@ -869,7 +869,7 @@ class _Rules:
                 self.in_photo(good["center"], (*path, "center"), self.ground.size)
 
     def exclusive(self, node: Node, path: KeyPath, schema_path: str) -> None:
-        """Keys that exclude each other."""
+        """Report keys that exclude each other."""
         parts = children(node)
         for group in at(schema_path)["x-exclusive"]:
             first, *rest = [key for key in group if key in parts] or [""]
@@ -878,7 +878,7 @@ class _Rules:
                 self.report(Message.EXCLUDES.problem(place, (*path, key), other=first))
 
     def video_size(self, good: dict[str, Node]) -> None:
-        """A video is no larger than a photo may be."""
+        """Report a video that is larger than a photo may be."""
         scale, size, photo = good.get("scale"), good.get("size"), self.ground.size
         if photo is None:
             return
@@ -928,7 +928,7 @@ class _Rules:
             self.report(problem)
 
     def refine(self) -> None:
-        """The backend is known, and its strength leaves at least one step to run."""
+        """Report an unknown backend, and a strength that leaves no step to run."""
         parts = self.good(self.top.get("refine"))
         backend = parts.get("backend")
         if backend is None or backend.value == "none":
@@ -983,7 +983,7 @@ def _number(node: Node) -> float:
 def _outlines(
     mask: Node | None, kinds: dict[str, Node]
 ) -> Iterator[tuple[KeyPath, Node, bool]]:
-    """Every outline of an object or a boundary, its path, and whether it may not cross itself."""
+    """Yield every outline of an object or a boundary, its path, and whether it may not cross itself."""
     if "polygon" in children(mask):
         yield ("mask", "polygon"), children(mask)["polygon"], False
     if "polygon" in kinds:
@@ -1024,7 +1024,7 @@ def _signed_area(points: Sequence[Corner]) -> float:
 
 @lru_cache(REMEMBERED)
 def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
-    """First pair of lines that properly cross, by their first corners; (-1, -1) beyond Limit.CROSSINGS."""
+    """Return the first pair of lines that properly cross, by their first corners; (-1, -1) beyond Limit.CROSSINGS."""
     import numpy as np
     import shapely
 

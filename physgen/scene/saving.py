@@ -240,7 +240,7 @@ class UnusedPath:
 
     @property
     def size(self) -> int:
-        """Bytes of the file, or of all files in the folder."""
+        """Return the bytes of the file, or of all files in the folder."""
         if not self.path.is_dir():
             return self.path.lstat().st_size
         files = [file for file in self.path.rglob("*") if file.is_file()]

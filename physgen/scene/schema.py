@@ -16,7 +16,7 @@ Schema = dict[str, Any]
 
 @cache
 def published() -> Schema:
-    """The schema as it is published."""
+    """Return the schema as it is published."""
     schema: Schema = json.loads(
         resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8")
     )
@@ -25,7 +25,7 @@ def published() -> Schema:
 
 @cache
 def expanded() -> Schema:
-    """The schema without $ref: what stands beside a $ref (unit, default) wins over what it points to.
+    """Return the schema without $ref: what stands beside a $ref (unit, default) wins over what it points to.
 
     Shared and cached: read it, never change it.
     """
@@ -33,7 +33,7 @@ def expanded() -> Schema:
 
 
 def expand(root: Schema) -> Schema:
-    """A schema without $ref."""
+    """Return a schema without $ref."""
     root_part = {key: value for key, value in root.items() if key != "$defs"}
     expanded_schema = _expand(root_part, root["$defs"])
     assert isinstance(expanded_schema, dict)
@@ -66,7 +66,7 @@ def _expand(part: Any, defs: Schema) -> Any:
 
 
 def at(path: str) -> Schema:
-    """The part of the schema for a dotted path, a name in it as `*`: `at("objects.*.mass")`."""
+    """Return the part of the schema for a dotted path, a name in it as `*`: `at("objects.*.mass")`."""
     part = expanded()
     for key in path.split(".") if path else ():
         part = part["additionalProperties"] if key == "*" else part["properties"][key]
@@ -74,7 +74,7 @@ def at(path: str) -> Schema:
 
 
 def inner(schema: Schema | None, key: str | int) -> Schema | None:
-    """The schema of a key's value, or of an item of a list; None where there is none."""
+    """Return the schema of a key's value, or of an item of a list; None where there is none."""
     if schema is None:
         return None
     if isinstance(key, int):
@@ -86,7 +86,7 @@ def inner(schema: Schema | None, key: str | int) -> Schema | None:
 
 
 def schema_at(path: KeyPath) -> Schema | None:
-    """The schema of the value at a path of a scene; None where it has none."""
+    """Return the schema of the value at a path of a scene; None where it has none."""
     part: Schema | None = expanded()
     for key in path:
         part = inner(part, key)
@@ -120,7 +120,7 @@ def _index_keys(schema: Schema, path: str, index: dict[str, list[str]]) -> None:
 
 
 def with_defaults(data: Any, schema: Schema | None = None) -> Any:
-    """A copy of plain data in which every key that has a default is written out, in the schema's order.
+    """Return a copy of plain data in which every key that has a default is written out, in the schema's order.
 
     >>> with_defaults({"physgen": 1, "objects": {"a": {"mask": 1}}})["objects"]["a"]["friction"]
     0.5
@@ -150,14 +150,14 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
 
 
 def bounds(schema: Schema) -> tuple[float, float, bool]:
-    """Least and greatest value, and whether the least itself is left out."""
+    """Return the least and greatest value, and whether the least itself is left out."""
     open_ = "exclusiveMinimum" in schema
     lowest = schema["exclusiveMinimum"] if open_ else schema["minimum"]
     return lowest, schema["maximum"], open_
 
 
 def limit(value: float) -> str:
-    """A bound as a person writes it.
+    """Return a bound as a person writes it.
 
     >>> [limit(v) for v in (10, 0.01, 1.0e6, 1.0e15)]
     ['10', '0.01', '1000000', '1.0e15']
@@ -186,7 +186,7 @@ def measure(schema: Schema, unit: str, ranged: bool) -> str:
 
 
 def advice(schema: Schema) -> str:
-    """What to write for a part of the schema that is missing or of the wrong kind."""
+    """Return the fix of a part of the schema that is missing or of the wrong kind."""
     if "enum" in schema or "const" in schema:
         return f"write {listed(example(choice) for choice in schema.get('enum', [schema.get('const')]))}"
     hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""

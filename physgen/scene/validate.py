@@ -147,7 +147,7 @@ def check_part(
 
 
 def _part(schema_path: str, shallow: bool) -> Schema:
-    """The part of the schema at a path; `shallow`: without the schemas of a mapping's values."""
+    """Return the part of the schema at a path; `shallow`: without the schemas of a mapping's values."""
     schema = at(schema_path)
     if shallow:
         schema = {
@@ -161,7 +161,7 @@ def _part(schema_path: str, shallow: bool) -> Schema:
 
 @cache
 def _validator(schema_path: str, shallow: bool) -> Validator:
-    """jsonschema's validator of a part of the schema, quick for lists of numbers and points."""
+    """Return jsonschema's validator of a part of the schema, quick for lists of numbers and points."""
     from jsonschema import Draft202012Validator
     from jsonschema.validators import extend
 
@@ -186,7 +186,7 @@ def _items(
 def _pattern(
     validator: Any, pattern: str, instance: Any, schema: Schema
 ) -> Iterator[ValidationError]:
-    """The keyword `pattern` as JSON Schema defines it: $ is the very end, not also before a last line break."""
+    """Yield the errors of the keyword `pattern`: in JSON Schema, $ is the very end, not before a last line break."""
     from jsonschema import ValidationError
 
     if isinstance(instance, str) and not _compiled(pattern).search(instance):
@@ -203,7 +203,7 @@ Test = Callable[[Any], bool]
 
 @cache
 def _quick_check(schema_path: str, shallow: bool) -> Test:
-    """The quick test of a part of the schema.
+    """Return the quick test of a part of the schema.
 
     A part that it accepts needs no jsonschema, whose import alone takes a fifth of the time of `physgen check`.
     """
@@ -211,7 +211,7 @@ def _quick_check(schema_path: str, shallow: bool) -> Test:
 
 
 def _quick_test(schema: Schema) -> Test:
-    """A test that accepts only values that satisfy the schema; jsonschema decides where it is false."""
+    """Return a test that accepts only values that satisfy the schema; jsonschema decides where it is false."""
     kinds = schema.get("type")
     if isinstance(kinds, list):
         return _quick_choice(schema, kinds)
@@ -245,7 +245,7 @@ def _quick_test(schema: Schema) -> Test:
 
 
 def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
-    """A value of one of several types."""
+    """Return a value of one of several types."""
     types = {"object": dict, "array": list, "string": str, "integer": int}
     tests = {types[kind]: _quick_test({**schema, "type": kind}) for kind in kinds}
     if "then" in schema:
@@ -403,7 +403,7 @@ class _Fault:
         return meant_list(value) if what in ("numbers", "whole numbers") else None
 
     def _ways(self) -> list[str]:
-        """The words, numbers, keys or lists that a part of several types takes."""
+        """Return the words, numbers, keys or lists that a part of several types takes."""
         words = self.schema.get("then", {}).get("enum", [])
         ways = [*words] or ["a whole number"]
         keys = [f"{{{key}: ...}}" for key in self.schema.get("properties", {})]
@@ -414,7 +414,7 @@ class _Fault:
         return {**self.schema, "type": kind}
 
     def _count(self) -> tuple[str, str]:
-        """What a list holds: `points`, and with its number `2 points`."""
+        """Return the noun of a list's items, `points`, and with their number, `2 points`."""
         part = inner(self.schema, 0) or {}
         kinds = {
             "number": "numbers",
@@ -436,7 +436,7 @@ class _Fault:
         )
 
     def _units(self) -> str:
-        """Units that a text may have here."""
+        """Return the units that a text may have here."""
         auto = ", or auto" if self.path == ("world", "duration") else ""
         return (
             f", or a number with {ALLOWED[self.unit]} behind it{auto}"

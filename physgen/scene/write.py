@@ -29,7 +29,7 @@ def scene_text(
     header: str = "",
     schema: str | None = None,
 ) -> str:
-    """The document in the schema's order of keys.
+    """Return the document in the schema's order of keys.
 
     `schema` is the path from the scene to its JSON Schema, for the modeline from which editors complete and check;
     None leaves the line out. `comments` maps dotted paths (`objects.ball.mass`) to what to say about the value; a
@@ -52,7 +52,7 @@ def entry_lines(value: Any, start: str, indent: str, path: KeyPath) -> list[str]
 
 
 def flow_text(value: Any, path: KeyPath) -> str:
-    """The value that is at `path` on one line."""
+    """Return the value that is at `path` on one line."""
     return _flow(value, schema_at(path))
 
 
@@ -84,7 +84,7 @@ class _Writer:
     def entry(
         self, value: Any, start: str, indent: str, path: KeyPath, schema: Schema | None
     ) -> Iterator[str]:
-        """The lines of `start` (a key with its colon, or a dash) and its value; `indent`: of lines below."""
+        """Yield the lines of `start` (a key with its colon, or a dash) and its value; `indent`: of lines below."""
         key_path = dotted(path)
         comment = self.comments.get(key_path, "")
         value = _data(value)
@@ -158,7 +158,7 @@ def _wrapped(first: str, start: str, indent: str, text: str) -> Iterator[str]:
 
 
 def _points(value: Any) -> bool:
-    """Whether a value is a long list of numbers or points, which may be broken anywhere."""
+    """Return whether a value is a long list of numbers or points, which may be broken anywhere."""
     return (
         isinstance(value, list)
         and len(value) > 2
@@ -173,7 +173,7 @@ def _points(value: Any) -> bool:
 
 
 def _data(value: Any) -> Any:
-    """Tuples and numpy's scalars and arrays as what YAML knows."""
+    """Convert tuples and numpy's scalars and arrays to plain data."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     return list(value) if isinstance(value, tuple) else value
@@ -187,7 +187,7 @@ def _ordered(value: Mapping[str, Any], schema: Schema | None) -> list[str]:
 
 
 def _flow(value: Any, schema: Schema | None) -> str:
-    """A value on one line."""
+    """Return a value on one line."""
     value = _data(value)
     if isinstance(value, Mapping):
         pairs = (
@@ -212,7 +212,7 @@ def _flow(value: Any, schema: Schema | None) -> str:
 
 
 def key_text(key: Any) -> str:
-    """A key as it is written. Raises ValueError where it is no text, or too long."""
+    """Return a key as it is written. Raises ValueError where it is no text, or too long."""
     if not isinstance(key, str) or len(key) > _LONGEST_KEY:
         raise ValueError("a scene's keys are short texts")
     return _text(key)

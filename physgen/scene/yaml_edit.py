@@ -55,7 +55,7 @@ class Marked:
     )  # values of a mapping, or items
 
     def place(self, key: str | int) -> int | None:
-        """Index of the child at a key or an index; None where there is none."""
+        """Return the index of the child at a key or an index; None where there is none."""
         if isinstance(key, int):
             return key if self.kind is list and 0 <= key < len(self.children) else None
         return self._places.get(key)
@@ -65,12 +65,12 @@ class Marked:
         return {name: index for index, (name, _, _) in enumerate(self.keys)}
 
     def child(self, key: str | int) -> Marked | None:
-        """The value of a key or an index."""
+        """Return the value of a key or an index."""
         index = self.place(key)
         return None if index is None else self.children[index]
 
     def data(self) -> Any:
-        """The plain data."""
+        """Return the plain data."""
         if self.kind is dict:
             return {
                 key: child.data()
@@ -148,43 +148,43 @@ def entry(text: str, parent: Marked, at: int) -> int:
 
 
 def line_begin(text: str, place: int) -> int:
-    """Where the line of a place begins."""
+    """Return the begin of the line of a place."""
     while place and not BREAK.match(text[place - 1]):
         place -= 1
     return place
 
 
 def line_end(text: str, place: int) -> int:
-    """Where the line of a place ends, before its break."""
+    """Return the end of the line of a place, before its break."""
     line_break = BREAK.search(text, place)
     return line_break.start() if line_break else len(text)
 
 
 def line_after(text: str, place: int) -> int:
-    """Where the next line begins."""
+    """Return the begin of the next line."""
     line_break = BREAK.search(text, place)
     return line_break.end() if line_break else len(text)
 
 
 def leads(text: str, place: int) -> bool:
-    """Whether a place is the first of its line, apart from spaces."""
+    """Return whether a place is the first of its line, apart from spaces."""
     return not text[line_begin(text, place) : place].strip(" ")
 
 
 def newline(text: str) -> str:
-    """How the lines of a text end."""
+    """Return the line break of a text."""
     line_break = BREAK.search(text)
     return line_break[0] if line_break and line_break[0] in ("\r\n", "\r") else "\n"
 
 
 def below(text: str, place: int, lines: Sequence[str]) -> Patch:
-    """Lines after that of a place."""
+    """Return the lines after that of a place."""
     stop, line = line_end(text, place), newline(text)
     return stop, stop, line + line.join(lines)
 
 
 def joint(text: str, node: Marked, before: Marked) -> str:
-    """Separator of a new entry in brackets: with a line break where each entry has a line of its own."""
+    """Return the separator of a new entry in brackets: with a line break where each entry has a line of its own."""
     begin = (
         node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
     )
@@ -194,7 +194,7 @@ def joint(text: str, node: Marked, before: Marked) -> str:
 
 
 def find(text: str, path: Sequence[str | int]) -> Marked:
-    """The value at a path. Raises EditError where there is none."""
+    """Return the value at a path. Raises EditError where there is none."""
     node = marked(text)
     for key in path:
         child = node.child(key)
@@ -205,7 +205,7 @@ def find(text: str, path: Sequence[str | int]) -> Marked:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values are equal; true and 1 are not."""
+    """Return whether two values are equal; true and 1 are not."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(
             same(one[key], other[key]) for key in one
@@ -218,7 +218,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
-    """The collection that holds what is at a path, and which of its children that is."""
+    """Return the collection that holds what is at a path, and which of its children that is."""
     parent = find(text, path[:-1])
     index = parent.place(path[-1])
     if index is None:
@@ -227,7 +227,7 @@ def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
 
 
 def patched(text: str, *patches: Patch) -> str:
-    """The text with patches, which do not overlap."""
+    """Return the text with patches, which do not overlap."""
     for begin, end, new in sorted(patches, reverse=True):
         text = text[:begin] + new + text[end:]
     return text
@@ -237,7 +237,7 @@ def patched(text: str, *patches: Patch) -> str:
 
 
 def write(text: str, data: dict[str, Any]) -> str:
-    """The text of a file such that it holds `data`. Raises EditError."""
+    """Return the text of a file such that it holds `data`. Raises EditError."""
     try:
         new_text = put(text, (), data)
         if is_json(text) and not is_json(new_text):
@@ -250,7 +250,7 @@ def write(text: str, data: dict[str, Any]) -> str:
 
 
 def written_anew(text: str, path: KeyPath, value: Any) -> str:
-    """The text with the value at a path as a new file has it; as it is where a comment stands in brackets."""
+    """Return the text with the value at a path as a new file has it; as it is where a comment stands in brackets."""
     node = find(text, path)
     if "#" in text[node.begin : line_after(text, node.end - 1)]:
         return text
@@ -350,7 +350,7 @@ def _after_deeper_comments(text: str, place: int, column: int) -> int:
 
 
 def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
-    """Patch that removes one of several entries in brackets, and no comments of others."""
+    """Return the patch that removes one of several entries in brackets, and no comments of others."""
     child = parent.children[at]
     is_last = at + 1 == len(parent.children)
     if at and leads(text, begin):
@@ -422,7 +422,7 @@ def _made(text: str, path: KeyPath, value: Any) -> str:
 
 
 def _before(node: Marked, path: KeyPath, key: str) -> int:
-    """Index of the key after which a new one is written: in the schema's order, else the last."""
+    """Return the index of the key after which a new one is written: in the schema's order, else the last."""
     order = list((schema_at(path) or {}).get("properties", {}))
     if key not in order:
         return len(node.keys) - 1
@@ -483,7 +483,7 @@ def _are_filled(node: Marked, value: Any) -> bool:
 
 
 def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> str:
-    """A mapping key by key; a key that is gone whose value is that of a new one is renamed."""
+    """Return a mapping key by key; a key that is gone whose value is that of a new one is renamed."""
     old: dict[str, Any] = node.data()
     new = [key for key in value if key not in old]
     for key in old:
@@ -566,7 +566,7 @@ def _differences(
 
 
 def _inside(text: str, node: Marked, value: Any, path: KeyPath) -> Patch:
-    """Patch of a value in brackets."""
+    """Return the patch of a value in brackets."""
     gap = " " if node.begin == node.end else ""
     inner = _inline(text, value, path)
     if isinstance(value, str):
@@ -620,7 +620,7 @@ def _json(value: Any) -> str:
 
 
 def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
-    """Patches that write the value of a key or an item anew.
+    """Return the patches that write the value of a key or an item anew.
 
     A comment behind the key or behind a value on its line stays, entries lose theirs.
     """
@@ -670,7 +670,7 @@ DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
 def without_comments(
     text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]
 ) -> str:
-    """The text without the comments that are `ours` behind or above values that a user has set; others stay."""
+    """Return the text without the comments that are `ours` behind or above values that a user has set; others stay."""
     for path in paths:
         if depth := DEEP.get(str(path[0]), 0):
             text = _without_comment(text, tuple(path[:depth]), ours)
@@ -829,7 +829,7 @@ def _with_words(text: str, number: int, words: str) -> str:
 
 
 def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
-    """Index and words of the comment that ends the line of a place, and of the lines of comments above it."""
+    """Yield the index and words of the comment that ends the line of a place, and of the lines of comments above it."""
     lines, line_number = text.split("\n"), text.count("\n", 0, place)
     _, mark, words = lines[line_number].rpartition(" #")
     if mark:

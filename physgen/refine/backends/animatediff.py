@@ -97,7 +97,7 @@ class AnimateDiff:
 
 
 def trained(weights: tuple[str, ...]) -> Trained:
-    """What the configurations say."""
+    """Return the settings of the configurations."""
     adapter, base = weights
     found, motion = pipeline_index(base, WHAT), part_config(adapter, "", WHAT)
     kind = str(motion.get("_class_name"))
@@ -127,7 +127,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDiff:
-    """The pipeline."""
+    """Return the pipeline."""
     adapter, base = weights
 
     def motion(path: str) -> Any:

@@ -47,7 +47,7 @@ FULL = 0.7
 
 
 def pipeline_index(weights: str, what: str) -> dict[str, Any]:
-    """`model_index.json`: which pipeline weights are of, and of which classes its parts are."""
+    """Return `model_index.json`: which pipeline weights are of, and of which classes its parts are."""
     found = load_weights(
         lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE
     )
@@ -63,7 +63,7 @@ def pipeline_index(weights: str, what: str) -> dict[str, Any]:
 
 
 def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
-    """`config.json` of a part, `""` for weights that are one."""
+    """Return `config.json` of a part, `""` for weights that are one."""
     at = {"subfolder": part} if part else {}
     return load_weights(
         lambda path: dict(AutoencoderKL.load_config(path, **at)), weights, what, REFINE
@@ -73,7 +73,7 @@ def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
 def load_pipeline(
     kind: Any, weights: str, dtype: torch.dtype, what: str, vae: Any, **parts: Any
 ) -> Any:
-    """The pipeline, on the processor, its VAE (of the class `vae`) in float32.
+    """Return the pipeline, on the processor, its VAE (of the class `vae`) in float32.
 
     In a VAE of bfloat16 a grey level is as much as its numbers' last bit, and what is shown are differences.
     """
@@ -100,7 +100,7 @@ def check_pipeline_class(
 
 
 def revision(weights: str) -> str:
-    """Which weights exactly: the hub's commit; `""` of a folder."""
+    """Return the hub's commit of the weights, `""` for a folder."""
     main = hub_folder(weights) / "refs" / "main"
     return main.read_text(encoding="utf-8").strip() if main.is_file() else ""
 
@@ -120,7 +120,7 @@ def place_pipeline(pipe: Any, device: str) -> str:
 
 
 def _bytes(pipe: Any) -> int:
-    """Of all weights."""
+    """Return the number of bytes of all weights."""
     parts = [
         part for part in pipe.components.values() if isinstance(part, torch.nn.Module)
     ]
@@ -146,7 +146,7 @@ class Schedule:
 
 
 def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
-    """The last `count` of `steps` by DDIM (Song et al. 2021), deterministic; `scheduler` is left as it is.
+    """Return the last `count` of `steps` by DDIM (Song et al. 2021), deterministic; `scheduler` is left as it is.
 
     The libraries' own step goes 1000 // `steps` levels on, which is where the next begins only if `steps` divides 1000:
     else noise would stay. Here every step ends where the next begins, and the last at the picture itself.
@@ -184,7 +184,7 @@ def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
 
 
 def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
-    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023).
+    """Return the last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023).
 
     `settings` are further arguments of the scheduler's `set_timesteps`.
     """
@@ -308,7 +308,7 @@ class Sampler:
         self._run: Run | None = None
 
     def _asked(self) -> Grid:
-        """The grid with what the options say."""
+        """Return the grid with what the options say."""
         grid, side, window = (
             self._trained.grid,
             self._options["resolution"],
@@ -406,7 +406,7 @@ class Sampler:
             yield frames
 
     def note(self) -> Mapping[str, Any]:
-        """For the record."""
+        """Return the note for the record."""
         run = self._run
         note = {
             **self._options,
@@ -425,7 +425,7 @@ class Sampler:
         _ = self._network
 
     def close(self) -> None:
-        """The model goes."""
+        """Drop the model."""
         self.__dict__.pop("_network", None)
         self._run = None
         free_memory()
@@ -452,7 +452,7 @@ def memory_errors() -> Iterator[None]:
 
 
 def _video(frames: Sequence[U8]) -> Tensor:
-    """(F, 3, H, W) in -1..1."""
+    """Return the video, (F, 3, H, W) in -1..1."""
     shown = torch.empty((len(frames), 3, *frames[0].shape[:2]), dtype=torch.float32)
     for place, frame in zip(
         shown, frames, strict=True
