@@ -31,9 +31,9 @@ class Key:
     @property
     def path(self) -> KeyPath:
         """Return the key's parts."""
-        found = parse_key(self.key)
-        assert found is not None
-        return found
+        parts = parse_key(self.key)
+        assert parts is not None
+        return parts
 
     @property
     def place(self) -> Place:
@@ -70,8 +70,8 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
     for n, later in enumerate(axes):
         for former in axes[:n]:
             if _covers(later.path, former.path):
-                covered = Message.AXIS_COVERED
-                problem = covered.problem(
+                message = Message.AXIS_COVERED
+                problem = message.problem(
                     later.place, other=former.place, key=former.key
                 )
                 problems.append(problem)

@@ -130,16 +130,16 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     """
     if VIDEO not in files:
         raise Message.NO_VIDEO_IN_CLIP.error(str(folder), file=VIDEO)
-    chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
+    members = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
-    chosen |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
-    for name, file in chosen.items():
+    members |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
+    for name, file in members.items():
         for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
         if not (folder / file).is_file():
             raise Message.FILE_OF_CLIP_MISSING.error(str(folder / file))
-    return {name: folder / file for name, file in chosen.items()}
+    return {name: folder / file for name, file in members.items()}
 
 
 def _about(
@@ -230,11 +230,11 @@ class Sample:
 def copy_sample(splits: Splits, copier: Copier, root: Path, clip: FoundClip) -> Sample:
     """Read the metadata of a clip, and copy its files into the data set at `root`."""
     try:
-        members, about = read_sample(clip, splits)
-        folder = copier(root, members, about)
+        members, metadata = read_sample(clip, splits)
+        folder = copier(root, members, metadata)
     except InputError as error:
         return Sample({}, problems=tuple(error.problems))
-    return Sample(about, members, folder)
+    return Sample(metadata, members, folder)
 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
@@ -364,7 +364,7 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
 def check_apart(out: Path, roots: Sequence[Path]) -> None:
     """Refuse a data set within folders that are read, or around them. Raises InputError."""
     for root in roots:
-        mine, read = out.resolve(), root.resolve()
-        if mine.is_relative_to(read) or read.is_relative_to(mine):
-            place = "holds" if mine in read.parents else "lies in"
+        output_folder, read = out.resolve(), root.resolve()
+        if output_folder.is_relative_to(read) or read.is_relative_to(output_folder):
+            place = "holds" if output_folder in read.parents else "lies in"
             raise Message.OUTPUT_AMONG_INPUTS.error(str(out), place=place, root=root)

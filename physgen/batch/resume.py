@@ -48,13 +48,17 @@ def _data_version() -> str:
 
     digest = sha256()
     package = Path(physgen.__file__).parent
-    beside = [path for path in package.rglob("*") if path.suffix in (".yaml", ".json")]
-    shipped = [
+    package_data = [
+        path for path in package.rglob("*") if path.suffix in (".yaml", ".json")
+    ]
+    shipped_data = [
         path
         for folder in ("schemas", "templates")
         for path in Path(str(resource(folder))).rglob("*")
     ]
-    for path in sorted(path for path in (*beside, *shipped) if path.is_file()):
+    for path in sorted(
+        path for path in (*package_data, *shipped_data) if path.is_file()
+    ):
         digest.update(f"{path.name} ".encode() + path.read_bytes())
     return digest.hexdigest()
 
@@ -93,9 +97,9 @@ def unchanged_inputs(
     home = scene.parent.resolve()
     inputs: Mapping[str, str] = manifest["inputs"]
     document = manifest["document"]
-    named = [scene, *([home / document["image"]] if "image" in document else [])]
+    input_files = [scene, *([home / document["image"]] if "image" in document else [])]
     if any(
-        _relative(home, path) not in inputs for path in named
+        _relative(home, path) not in inputs for path in input_files
     ):  # a link that leads elsewhere now
         return False
     if any(
@@ -111,12 +115,12 @@ def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    found = [
+    map_files = [
         entry
         for entry in os.scandir(folder)
         if entry.name.endswith(".png") or entry.name in DATA
     ]
-    return [_relative(home, Path(entry.path)) for entry in found]
+    return [_relative(home, Path(entry.path)) for entry in map_files]
 
 
 def _relative(home: Path, path: Path) -> str:
@@ -126,13 +130,15 @@ def _relative(home: Path, path: Path) -> str:
 
 def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:
     """Return the warnings of the run that made a clip."""
-    found = []
+    warnings = []
     for data in manifest["warnings"]:
         place = Place(str(data["file"]), int(data["line"]), int(data["column"]))
-        path, what, expected, fix = (
+        path, value_text, expected, fix = (
             str(data[name]) for name in ("path", "found", "expected", "fix")
         )
         code = str(data.get("code", ""))
-        warning = Problem(place, path, what, expected, fix, Severity.WARNING, code=code)
-        found.append(warning)
-    return found
+        warning = Problem(
+            place, path, value_text, expected, fix, Severity.WARNING, code=code
+        )
+        warnings.append(warning)
+    return warnings

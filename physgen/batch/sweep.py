@@ -111,15 +111,15 @@ class Sweep:
         ]
 
     def _values(self, indices: Iterator[int], draw_number: int) -> tuple[Value, ...]:
-        found = []
+        values = []
         for axis in self.axes:
             if isinstance(axis, Listed):
-                found.append(axis.values[next(indices)])
+                values.append(axis.values[next(indices)])
             else:
-                found.append(
+                values.append(
                     axis.distribution.at(draw(self.seed, same_key(axis), draw_number))
                 )
-        return tuple(found)
+        return tuple(values)
 
     def set_to(self, values: Sequence[Value]) -> tuple[str, ...]:
         """Return `KEY=VALUE` for each axis."""

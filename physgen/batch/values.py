@@ -79,19 +79,19 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
 
 def read_values(text: str) -> tuple[Value, ...]:
     """Return the values and ranges between commas. Raises RefusedError."""
-    found: list[Value] = []
-    for part, bare in split(text):
+    values: list[Value] = []
+    for part, is_bare in split(text):
         if part.startswith("~"):
             raise Message.VALUES_MIXED.refusal()
-        found += _read_range(part) if bare and _RANGE(part) else [_read_value(part)]
-    if not found:
+        values += _read_range(part) if is_bare and _RANGE(part) else [_read_value(part)]
+    if not values:
         raise Message.VALUES_MISSING.refusal()
-    seen: set[str] = set()
-    for value in found:
-        if (same := repr(value.data)) in seen:
+    value_texts: set[str] = set()
+    for value in values:
+        if (value_text := repr(value.data)) in value_texts:
             raise Message.TWICE_IN_LIST.refusal(value=quoted(value.text, ""))
-        seen.add(same)
-    return tuple(found)
+        value_texts.add(value_text)
+    return tuple(values)
 
 
 def _read_value(text: str) -> Value:
@@ -193,17 +193,17 @@ def read_distribution(text: str) -> Distribution:
         raise Message.UNKNOWN_DISTRIBUTION.refusal(fix=fix)
     parts = [part for part, _ in split(call[2] or "")]
     if name == "choice":
-        found = Distribution(name, values=tuple(map(_read_value, parts)))
+        distribution = Distribution(name, values=tuple(map(_read_value, parts)))
         fault = "has not two values to choose from" if len(parts) < 2 else ""
     else:
-        found = Distribution(
+        distribution = Distribution(
             name, tuple(float(part) for part in parts if _DECIMAL(part))
         )
-        fault = _fault(found, len(parts))
+        fault = _fault(distribution, len(parts))
     if fault:
         wrong = Message.DISTRIBUTION_WRONG
         raise wrong.refusal(fault=fault, example=EXAMPLES[name])
-    return found
+    return distribution
 
 
 def _fault(found: Distribution, parts: int) -> str:

@@ -59,14 +59,16 @@ class MotionDifference:
 
     def text(self) -> str:
         """Return the result as a sentence."""
-        before, now = self.counts
+        before, count_now = self.counts
         counts = (
-            f"{counted(before, 'sample')} then, {now} now; " if before != now else ""
+            f"{counted(before, 'sample')} then, {count_now} now; "
+            if before != count_now
+            else ""
         )
-        apart = few(
+        deviations = few(
             [f"{name} by up to {rounded(px)} px" for name, px in self.objects.items()]
         )
-        return f"{counts}from sample {self.sample} ({self.time:.3f} s){': ' * bool(apart)}{apart}"
+        return f"{counts}from sample {self.sample} ({self.time:.3f} s){': ' * bool(deviations)}{deviations}"
 
 
 @dataclass(frozen=True)
@@ -79,11 +81,15 @@ class FrameDifference:
 
     def text(self) -> str:
         """Return the result as a sentence."""
-        before, now = self.counts
-        parts = [f"{counted(before, 'frame')} then, {now} now"] if before != now else []
+        before, count_now = self.counts
+        parts = (
+            [f"{counted(before, 'frame')} then, {count_now} now"]
+            if before != count_now
+            else []
+        )
         if self.differ:
             parts.append(
-                f"frames from {self.frame}, {self.differ} of {min(before, now)}"
+                f"frames from {self.frame}, {self.differ} of {min(before, count_now)}"
             )
         return "; ".join(parts)
 
@@ -169,38 +175,40 @@ def failed(request: VerifyRequest, error: Exception) -> Verdict:
 def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     folder = request.folder
     manifest = read_manifest(folder)
-    damaged = _damaged_files(folder, manifest.files, progress)
+    damaged_files = _damaged_files(folder, manifest.files, progress)
     path = request.scene or _source(manifest, folder)
     scene = pipeline.load(
         path, manifest.overrides, manifest.variant, request.allow_outside
     )
-    here = {"machine": f"{platform.machine()} {platform.system()}"}
-    there = {"machine": manifest.machine}
-    warm = Stages(Keep.NOTHING)
-    maps = warm.maps(scene)
-    compiled = warm.compile(scene, maps)
+    machine_here = {"machine": f"{platform.machine()} {platform.system()}"}
+    machine_then = {"machine": manifest.machine}
+    stages = Stages(Keep.NOTHING)
+    maps = stages.maps(scene)
+    compilation = stages.compile(scene, maps)
     progress("simulate", 0, 1)
     with scene.located():
-        now = warm.simulate(compiled.world, progress)
-    film = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
+        trajectory = stages.simulate(compilation.world, progress)
+    film = Film(scene, compilation, maps, RunRecord(scene="", command=[]), stages)
     hashes = []
-    for frame in film.annotated(film.frames(now), now):
+    for frame in film.annotated(film.frames(trajectory), trajectory):
         hashes.append(frame_hash(frame.rgb))
-        progress("render", len(hashes), len(film.shot(now).order))
-    motion = _motion_difference(folder, manifest.samples, now)
+        progress("render", len(hashes), len(film.shot(trajectory).order))
+    motion = _motion_difference(folder, manifest.samples, trajectory)
     pictures = _frame_difference(manifest.frames, hashes)
-    same = motion is None and pictures is None and not damaged
+    is_equal = motion is None and pictures is None and not damaged_files
     return Verdict(
         clip=str(folder),
-        outcome=Outcome.EQUAL if same else Outcome.DIFFERS,
+        outcome=Outcome.EQUAL if is_equal else Outcome.DIFFERS,
         samples=len(manifest.samples),
         frames=len(manifest.frames),
         files=len(manifest.files),
         changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
         elsewhere=tuple(
-            changed_environment({**manifest.versions, **there}, {**versions(), **here})
+            changed_environment(
+                {**manifest.versions, **machine_then}, {**versions(), **machine_here}
+            )
         ),
-        damaged=tuple(f"{name} {what}" for name, what in damaged.items()),
+        damaged=tuple(f"{name} {damage}" for name, damage in damaged_files.items()),
         motion=motion,
         pictures=pictures,
         notes=(NOT_REFINED,) if manifest.refined else (),
@@ -219,17 +227,17 @@ def _damaged_files(
     folder: Path, files: Mapping[str, str], progress: Callable[[str, int, int], None]
 ) -> dict[str, str]:
     """Output files that are not as they were written -> what is wrong with them."""
-    found = {}
+    damage_by_file = {}
     for count, (name, digest) in enumerate(files.items(), 1):
         path = folder / name
         if ".." in name.split("/") or Path(name).is_absolute():
-            found[name] = "is not a file of the clip"
+            damage_by_file[name] = "is not a file of the clip"
         elif not path.is_file():
-            found[name] = "is missing"
+            damage_by_file[name] = "is missing"
         elif file_hash(path) != digest:
-            found[name] = "is not as it was written"
+            damage_by_file[name] = "is not as it was written"
         progress("files", count, len(files))
-    return found
+    return damage_by_file
 
 
 def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
@@ -261,26 +269,29 @@ def _motion_difference(
     counts = len(samples), len(hashes)
     first = _first_difference(samples, hashes)
     time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
-    found = MotionDifference(first, time, counts)
-    then = _stored_motion(folder / "trajectory.npz", samples)
+    difference = MotionDifference(first, time, counts)
+    old_motion = _stored_motion(folder / "trajectory.npz", samples)
     if (
-        then is None
-        or then.names != now.names
-        or not np.array_equal(then.times, now.times)
+        old_motion is None
+        or old_motion.names != now.names
+        or not np.array_equal(old_motion.times, now.times)
     ):
-        return found
-    between = then.poses[..., :2] - now.poses[..., :2]
-    apart = dict(
+        return difference
+    position_changes = old_motion.poses[..., :2] - now.poses[..., :2]
+    distances = dict(
         zip(
             now.names,
-            np.hypot(between[..., 0], between[..., 1]).max(axis=0).tolist(),
+            np.hypot(position_changes[..., 0], position_changes[..., 1])
+            .max(axis=0)
+            .tolist(),
             strict=True,
         )
     )
     order = sorted(
-        (name for name in apart if apart[name]), key=lambda name: -apart[name]
+        (name for name in distances if distances[name]),
+        key=lambda name: -distances[name],
     )
-    return replace(found, objects={name: apart[name] for name in order})
+    return replace(difference, objects={name: distances[name] for name in order})
 
 
 def _frame_difference(
@@ -321,5 +332,7 @@ def changed_environment(
 
 def few(texts: Sequence[str]) -> str:
     """Return the first ones, and the number of the others."""
-    more = len(texts) - MAX_NAMED
-    return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
+    left_out = len(texts) - MAX_NAMED
+    return ", ".join(texts[:MAX_NAMED]) + (
+        f" and {left_out} more" if left_out > 0 else ""
+    )

@@ -63,12 +63,12 @@ class Fit:
         return picture
 
     def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
-        right, below = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
-        if not right and not below:
+        right, bottom = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
+        if not right and not bottom:
             return picture
         edge = cv2.BORDER_REFLECT_101 if min(self.scaled) > 1 else cv2.BORDER_REPLICATE
         return np.asarray(
-            cv2.copyMakeBorder(np.asarray(picture), 0, below, 0, right, edge)
+            cv2.copyMakeBorder(np.asarray(picture), 0, bottom, 0, right, edge)
         )
 
 
@@ -76,12 +76,12 @@ def fit_to_grid(size: Size, grid: Grid) -> Fit:
     """Return how frames of `size` are shown to a model with this grid."""
     scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
     width, height = (max(1, round(side * scale)) for side in size)
-    most = max(MOST * grid.area, grid.side**2)
-    while (padded := _padded(width, height, grid))[0] * padded[
+    most_pixels = max(MOST * grid.area, grid.side**2)
+    while (padded_size := _padded(width, height, grid))[0] * padded_size[
         1
-    ] > most:  # a ribbon: padding made it much larger
+    ] > most_pixels:  # a ribbon: padding made it much larger
         width, height = max(1, round(width * 0.9)), max(1, round(height * 0.9))
-    return Fit(size, (width, height), padded)
+    return Fit(size, (width, height), padded_size)
 
 
 def _padded(width: int, height: int, grid: Grid) -> Size:
@@ -168,9 +168,11 @@ def weights(span: Span, total: int) -> F32:
     ([1.0, 2.0, 2.0, 1.0], [4.0, 3.0, 2.0, 1.0])
     """
     first, last = span
-    at = np.arange(first, last)
-    rising = at - first + 1 if first else np.full(len(at), total)
-    falling = last - at if last < total else np.full(len(at), total)
+    frame_numbers = np.arange(first, last)
+    rising = frame_numbers - first + 1 if first else np.full(len(frame_numbers), total)
+    falling = (
+        last - frame_numbers if last < total else np.full(len(frame_numbers), total)
+    )
     return np.asarray(np.minimum(rising, falling), np.float32)
 
 
