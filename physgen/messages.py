@@ -436,6 +436,7 @@ class Message(Enum):
         "is not a rater's answers",
         "name files that the page of a study saved",
     )
+    NOT_JSON = ("cannot be read as JSON", "{fix}")
     STUDY_VERSION = (
         "is not a version that this physgen reads (it reads {known})",
         "use the physgen that made it",

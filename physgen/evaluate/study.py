@@ -286,7 +286,8 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
-        raise message.error(str(path)) from None
+        fix = message.refusal().fix
+        raise Message.NOT_JSON.error(str(path), fix=fix) from None
     if not isinstance(record, dict) or kind not in record:
         raise message.error(str(path))
     if record[kind] != VERSION:

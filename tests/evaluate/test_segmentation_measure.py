@@ -145,7 +145,7 @@ def test_names_stay_apart_and_inside(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("case", "message"),
     [
-        ("missing", "no such folder; check the path"),
+        ("missing", "no such file or folder; check the path"),
         (
             "empty",
             "has no photo with a label map; put NAME.labels.png beside each NAME.png",
