@@ -146,19 +146,19 @@ def write_atomic(path: Path, data: bytes, *, durable: bool = False) -> None:
     `durable`: through to the disk, with the old permissions; links are followed.
     """
     path = Path(os.path.realpath(path)) if durable else path
-    beside = partial(path)
+    partial_path = partial(path)
     try:
-        with beside.open("wb") as stream:
+        with partial_path.open("wb") as stream:
             stream.write(data)
             if durable:
                 stream.flush()
                 os.fsync(stream.fileno())
                 with suppress(OSError):  # a new file has no old permissions
-                    shutil.copymode(path, beside)
-        beside.replace(path)
+                    shutil.copymode(path, partial_path)
+        partial_path.replace(path)
     except BaseException:
         with suppress(OSError):
-            beside.unlink()
+            partial_path.unlink()
         raise
 
 
@@ -169,15 +169,15 @@ def write_with_backup(
     is_replaceable: Callable[[Path], bool] = lambda backup: False,
 ) -> None:
     """Write as `write_atomic`; back up an existing file that differs, as `back_up`."""
-    beside = partial(path)
+    partial_path = partial(path)
     try:
-        beside.write_bytes(data)
+        partial_path.write_bytes(data)
         if path.is_file() and path.read_bytes() != data:
             back_up(path, keep, is_replaceable)
-        beside.replace(path)
+        partial_path.replace(path)
     except BaseException:
         with suppress(OSError):
-            beside.unlink()
+            partial_path.unlink()
         raise
 
 

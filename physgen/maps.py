@@ -192,8 +192,8 @@ def _label_ids(painting: U8 | U16, path: Path) -> U16:
     code = (red.astype(np.uint64) << 32) + (green.astype(np.uint64) << 16) + blue
     colours, ids = np.unique(code, return_inverse=True)
     if len(colours) > 65535:
-        found = f"{len(colours):,} colours"
-        raise Message.MAP_COLOURS.error(str(path), found)
+        colour_text = f"{len(colours):,} colours"
+        raise Message.MAP_COLOURS.error(str(path), colour_text)
     ids = ids.reshape(code.shape)
     has_background = colours[0] == 0
     if not has_background:
@@ -250,10 +250,10 @@ class _MapReader:
             return None
         size = picture_size(path)
         if size != self.size:
-            found = "{} x {} px".format(*size)
+            size_text = "{} x {} px".format(*size)
             width, height = self.size
             differs = Message.NOT_PHOTO_SIZE
-            raise differs.error(str(path), found, width=width, height=height)
+            raise differs.error(str(path), size_text, width=width, height=height)
         return path
 
     def read_grey(self, name: str, low: float = 0.0, high: float = 1.0) -> F32 | None:
@@ -382,13 +382,13 @@ def png_bytes(
 
     `strategy` is one of OpenCV's, its default if it is None.
     """
-    stored: NDArray[Any] = picture
+    channels: NDArray[Any] = picture
     if picture.ndim == 3:
-        stored = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+        channels = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
     options = [cv2.IMWRITE_PNG_COMPRESSION, level]
     if strategy is not None:
         options += [cv2.IMWRITE_PNG_STRATEGY, strategy]
-    is_encoded, data = cv2.imencode(".png", np.ascontiguousarray(stored), options)
+    is_encoded, data = cv2.imencode(".png", np.ascontiguousarray(channels), options)
     if not is_encoded:
         kind = f"a picture of shape {picture.shape} and type {picture.dtype}"
         raise ValueError(f"{kind} cannot be a PNG")

@@ -269,17 +269,17 @@ def _row(noun: str, row: Mapping[str, Any], name: str | None) -> Kind:
     if name is None or is_alike:
         return _kind_of_row(noun, row, material, ratio)
     typical = _typical_kind(noun, row, material)
-    filled, holds = _typical_filled(typical, row, own_material), typical.holds
+    full_mass, holds = _typical_filled(typical, row, own_material), typical.holds
     if row.get("solid_of") or typical.form == "ball":
-        filled, holds = 1.0, 0.0
+        full_mass, holds = 1.0, 0.0
     elif row.get("hollow"):
-        filled = min(filled * material.walls / own_material.walls, 1.0)
+        full_mass = min(full_mass * material.walls / own_material.walls, 1.0)
     wall = None
     if own_material.name in GROWN:
         wall = _table()[0][material.name].get("copies")
     return replace(
         typical,
-        filled=filled,
+        filled=full_mass,
         holds=holds,
         mass=None,
         wall=wall,
@@ -299,13 +299,13 @@ def _kind_of_row(
     surface = _surface(noun, material.surface, row)
     material = replace(material, **overrides, surface=surface)
     typical = _typical_kind(noun, row, material)
-    filled = _typical_filled(typical, row, own_material)
+    full_mass = _typical_filled(typical, row, own_material)
     if typical.mass is not None:
-        filled /= ratio
+        full_mass /= ratio
     core = tuple(row["core"]) if "core" in row else None
     source = row["source"] if noun else material.source
     return replace(
-        typical, filled=filled, wall=row.get("wall"), core=core, source=source
+        typical, filled=full_mass, wall=row.get("wall"), core=core, source=source
     )
 
 
@@ -357,8 +357,10 @@ def _volume(typical: Kind) -> float:
     """Return the volume of the typical object, mm³."""
     assert typical.box is not None
     a, b, c = typical.box
-    rounded = {"ball": pi / 6, "lump": pi / 6, "slab": 1.0}.get(typical.form, pi / 4)
-    return a * b * c * rounded * typical.share
+    fill_factor = {"ball": pi / 6, "lump": pi / 6, "slab": 1.0}.get(
+        typical.form, pi / 4
+    )
+    return a * b * c * fill_factor * typical.share
 
 
 def _noun(words: Sequence[str], head: int) -> tuple[tuple[int, int], str]:

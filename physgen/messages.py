@@ -321,6 +321,221 @@ class Message(Enum):
     )
     MASK_TAKEN = ("is the mask of {owner} already", "give each an id of its own")
 
+    # Flags and arguments of the command line
+    OUTPUT_NAME_EMPTY = ("is not a name", "write the path of a new file or folder")
+    OUTPUT_NAME_LONG = ("has a name of {length} bytes", "write at most {most}")
+    NOT_WHOLE_NUMBER = ("is not a whole number", "write one from {low} to {high}")
+    NOT_ABOVE_ZERO = ("is not a number above 0", "write one up to {most:,}")
+    NOT_AMONG = ("is not among the choices", "write some of {names}")
+    NOT_NUMBERS = ("is not a list of numbers", "write e.g. 1,5,12")
+    NOT_SPEEDS = (
+        "is not a list of {fewest} to {most} different speeds",
+        "write e.g. 50,100,200",
+    )
+    NOT_A_CLUSTER = (
+        "is not a cluster",
+        "write tcp://HOST:8786, a scheduler's FILE.json, or local:4",
+    )
+    NOT_A_PART = ("is not a part", "write e.g. 2/8, the second of 8 machines")
+    UNKNOWN_FLAG = ("is not a flag", "{fix}")
+    ARGUMENT_TOO_MANY = ("is one argument too many", "{fix}")
+    KEY_WITHOUT_SET = ("is not a file", "to set the key, write --set {setting}")
+
+    # Batches
+    DRAWS_WITHOUT_COUNT = (
+        "is a distribution without a number of draws",
+        "add e.g. --samples 100",
+    )
+    NOTHING_TO_DRAW = (
+        "has nothing to draw",
+        "give a key a distribution, e.g. 'objects.ball.mass=~uniform(100, 200)'",
+    )
+    NO_KEYS_TO_SWEEP = (
+        "has no keys to vary",
+        "write e.g. objects.ball.mass=100:900:9, or --variant all",
+    )
+    TOO_MANY_CLIPS = (
+        "{product} are {count:,} clips",
+        "make at most {most:,}; draws (KEY=~uniform(a, b) --samples N) cover many "
+        "keys with few",
+    )
+    IN_STORE_ALREADY = (
+        "is already in {url}",
+        "choose another folder with -o, or remove it",
+    )
+
+    # Evaluation
+    NO_SUCH_PATH = ("no such file or folder", "check the path")
+    CLIP_SHAPES_DIFFER = (
+        "is {aspect:.3g} times as wide as high, and {other} {other_aspect:.3g} times",
+        "crop the clips to one shape",
+    )
+    MOTION_PICTURES_TOO_FEW = (
+        "make fewer than two pictures of motion",
+        "name more clips, of two frames or more",
+    )
+    FEATURES_NOT_FINITE = ("gives numbers that are not finite", "name another file")
+    PICTURES_TOO_FEW = (
+        "are too few for {features} features: the Fréchet distance is too large ({kind})",
+        "compare equal numbers",
+    )
+    CLIP_LENGTHS_DIFFER = (
+        "differ from the reference's {length:g}: flow is over other times",
+        "give --frames {frames:g}",
+    )
+    MANIFEST_UNREADABLE = ("cannot be read", "make the clip again: physgen render")
+    STAGE_TIMES_MISSING = (
+        "has no times of its stages",
+        "make the clip again: physgen render",
+    )
+    FOLDERS_WITHOUT_CLIPS = (
+        "has no clips",
+        "name folders that physgen render or sweep made",
+    )
+    MAP_IN_CHECK = (
+        "names a map, which belongs to its own photo",
+        "write {reader} to check the reader",
+    )
+    FOLDER_WITHOUT_VIDEOS = (
+        "has no clips",
+        "name a folder of videos, or of folders of frames",
+    )
+    CLIP_WITHOUT_FRAMES = ("has no frame after the first {skip}", "leave it out")
+    FRAMES_TOO_FEW = (
+        "are fewer than --frames {wanted}",
+        "give --frames {count}, or leave the clip out",
+    )
+    UNKNOWN_ROW = ("is not a row", "choose from 1 to {last}")
+    METHODS_NOT_FOLDER = (
+        "is not a folder",
+        "name a folder with a folder for each method",
+    )
+    NO_METHODS = (
+        "has no methods",
+        "put clips at METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it",
+    )
+    CLIP_FOR_METHOD = (
+        "is a clip, not a method",
+        "name the folder above it, with a folder for each method",
+    )
+    TWO_CLIPS_OF_SCENE = ('are two clips of the scene "{scene}"', "leave one there")
+    VIDEO_OF_ONE_FRAME = (
+        "has one frame, so it is not a video",
+        "make at least two frames",
+    )
+    VIDEO_WITHOUT_RATE = ("has no frame rate", "save it as MP4")
+    STUDY_KEY_CHANGED = (
+        "is a key that was changed: parts are missing or do not fit",
+        "use the file as it was made",
+    )
+    NOT_STUDY_KEY = (
+        "is not the key of a study",
+        "name the NAME.key.json that was made with the page, with --key",
+    )
+    NOT_STUDY_ANSWERS = (
+        "is not a rater's answers",
+        "name files that the page of a study saved",
+    )
+    NOT_JSON = ("cannot be read as JSON", "{fix}")
+    STUDY_VERSION = (
+        "is not a version that this physgen reads (it reads {known})",
+        "use the physgen that made it",
+    )
+    NO_COMMON_SCENE = (
+        "have no scene in common",
+        "give all methods a clip of the same scene, under the same name",
+    )
+    NOT_PAGE_NAME = (
+        "is not a name for a page",
+        "end it in .html, e.g. -o study.html",
+    )
+    NOTHING_TO_PUSH = ("has no object that can be pushed", "add a dynamic object")
+    OBJECT_NOT_DYNAMIC = ("cannot be pushed: it is not dynamic", "{fix}")
+    TABLE_UNREADABLE = (
+        "cannot be read ({reason})",
+        "write a table like physgen/evaluate/objects.yaml",
+    )
+    NOT_OBJECT_TABLE = (
+        "is not a table of objects ({reason})",
+        "write a table like physgen/evaluate/objects.yaml",
+    )
+    OBJECT_TABLE_EMPTY = (
+        "has nothing to compare answers with",
+        "give objects a mass in g, or write a ranking",
+    )
+    SIZE_OF_FORM = (
+        "does not fit the form {form}",
+        "write {count} lengths in mm",
+    )
+    OBJECT_NUMBER_NEGATIVE = (
+        "has a mass or a length that is not above 0",
+        "write numbers above 0",
+    )
+    RANKING_TOO_SHORT = (
+        "are not two objects of the table or more",
+        "rank two or more objects of the table",
+    )
+    NO_TRUTH_VIDEOS = (
+        "has no truth videos",
+        "name the folder studio/truth of physgen's repository",
+    )
+    UNKNOWN_TRUTH = ("has no truth video", "choose from {names}")
+    NOT_INCEPTION = ("is another network: {reason}", "{fix}")
+    UNKNOWN_BODIES = ("is not among the bodies", "write {names}")
+    NOT_TRACKS = (
+        "is not a kind of tracks",
+        "name a clip's folder, a scene file, or a CSV of frame,name,x,y",
+    )
+    TRAJECTORY_UNREADABLE = ("cannot be read: {reason}", "render the clip again")
+    TRACKS_SIZE = (
+        "are too few frames or too many cells",
+        "give 2 frames or more, up to {most:,} cells",
+    )
+    BODY_TWICE_IN_FRAME = (
+        "is twice in frame {frame:g}",
+        "give each body its own name",
+    )
+    CSV_UNREADABLE = (
+        "cannot be read as CSV: {reason}",
+        "save it as UTF-8 with commas",
+    )
+    CSV_COLUMNS_MISSING = (
+        "do not include {names}",
+        "begin with frame,name,x,y,radius",
+    )
+    NO_TRACKS = ("has no tracks", "write one line for each frame and body")
+    NOT_TRACK_NUMBER = (
+        "is not a {kind} from {low:g} to {high:g}",
+        "write px, and count frames",
+    )
+    MOTION_TOO_SHORT = (
+        "are too few to judge motion",
+        "give {least} frames or more",
+    )
+    RATER_TWICE = (
+        "has other answers in {file}",
+        'leave one file out, or change "rater" in one if they are two people',
+    )
+    NO_ANSWERS = (
+        "has no answer to any question",
+        "rate clips on the page, then save",
+    )
+    OTHER_STUDY = (
+        'is another study than the key\'s "{study}"',
+        "name the key of this study with --key",
+    )
+    ANSWERS_INCOMPLETE = ("has no rater or no answers", "save the page again")
+    NOT_STUDY_CLIP = ("is not a clip of this study with answers", "leave it out")
+    NOT_A_SCORE = (
+        "is not a score from 1 to {most}",
+        "write a whole number, or leave it out",
+    )
+    PHOTOS_NOT_FOLDER = ("is not a folder", "name the folder of the photos")
+    NO_LABELLED_PHOTO = ("has no photo with a label map", "{fix}")
+    LABELS_WITHOUT_PHOTO = ("has no photo", "give photo and label map the same name")
+    PHOTO_WITHOUT_LABELS = ("is left out: it has no label map", "{fix}")
+    LABELS_OF_TWO_PHOTOS = ("could both be its photo", "keep one of them")
+
     # Variants and --set
     UNKNOWN_VARIANT = ("is not a variant", "{fix}")
     SET_INCOMPLETE = (
@@ -359,6 +574,8 @@ class Message(Enum):
     TOO_MANY_KEYS = ("has {count:,} keys", "write at most {most:,}")
     NOT_ONE_KEY = ("{content}", "write exactly one of {kinds}")
     UNKNOWN_KEY = ("unknown key", "{fix}")
+
+    DECIMAL_COMMA = ("has a decimal comma", "write a point: {number}")
 
     # Rules between the keys of a scene
     EXCLUDES = ("cannot be combined with {other}", "write only one of the two")

@@ -183,20 +183,20 @@ def over_white(
     alpha = band[:, :, -1] if has_alpha else None
     colour = band[:, :, :-1] if has_alpha else band
     if to_srgb is None:
-        shown = np.broadcast_to(_eight_bits(colour), (*colour.shape[:2], 3))
+        rgb = np.broadcast_to(_eight_bits(colour), (*colour.shape[:2], 3))
     else:
-        shown = to_srgb(colour)
+        rgb = to_srgb(colour)
     if alpha is None or (alpha == full).all():
-        return shown, True
+        return rgb, True
     share = (alpha.astype(np.float32) / np.float32(full))[:, :, None]
-    return encode_u8(1 + (decode(shown) - 1) * share), False
+    return encode_u8(1 + (decode(rgb) - 1) * share), False
 
 
 def _eight_bits(levels: NDArray[Any]) -> U8:
     if levels.dtype == np.uint8:
         return np.asarray(levels, np.uint8)
-    rounded = cv2.convertScaleAbs(levels, alpha=1 / 257)
-    return np.asarray(rounded.reshape(levels.shape), np.uint8)
+    byte_levels = cv2.convertScaleAbs(levels, alpha=1 / 257)
+    return np.asarray(byte_levels.reshape(levels.shape), np.uint8)
 
 
 def orientation(image: Image.Image, path: Path | None = None) -> int:
@@ -278,14 +278,14 @@ def _usable_formats(path: Path, formats: tuple[str, ...]) -> tuple[str, ...]:
     """Return the formats that Pillow may try on a file. Raises InputError, OSError."""
     kind = recognise(path)
     if kind is None or kind.value not in formats:
-        phone_formats = [one.value for one in PhoneFormat]
+        phone_formats = [phone_format.value for phone_format in PhoneFormat]
         return tuple(name for name in formats if name not in phone_formats)
     load_reader(kind, path)
     if kind is PhoneFormat.JPEG_XL:
         size = jxl_size(path)
         if size is not None and size[0] * size[1] > Limit.PIXELS.most:
-            found = f"{size[0]} x {size[1]} px"
-            raise Limit.PIXELS.error(Place(str(path)), found=found)
+            size_text = f"{size[0]} x {size[1]} px"
+            raise Limit.PIXELS.error(Place(str(path)), found=size_text)
     return (kind.value,)
 
 
@@ -306,8 +306,8 @@ def _full_pages(image: Image.Image) -> list[int]:
         image.seek(page)
         if not _is_reduced(image):
             sides[page] = max(image.size)
-    least = THUMBNAIL_SHARE * max(sides.values(), default=0)
-    return [page for page, side in sides.items() if side > least]
+    shortest_side = THUMBNAIL_SHARE * max(sides.values(), default=0)
+    return [page for page, side in sides.items() if side > shortest_side]
 
 
 def _is_reduced(image: Image.Image) -> bool:
@@ -356,8 +356,8 @@ def discard_native_errors() -> Iterator[None]:
         return
     if sys.stderr is not None:
         sys.stderr.flush()
-    with open(os.devnull, "wb") as discarded:
-        os.dup2(discarded.fileno(), STDERR)
+    with open(os.devnull, "wb") as sink:
+        os.dup2(sink.fileno(), STDERR)
     try:
         yield
     finally:
@@ -378,9 +378,11 @@ def read_channels(path: Path) -> U8 | U16:
     """
     with open_picture(path) as image:
         decode_picture(image, path)
-        deep = read_16_bit(image, path)
-        if deep is not None:
-            return deep[:, :, 0] if deep.shape[2] == 1 else deep
+        deep_channels = read_16_bit(image, path)
+        if deep_channels is not None:
+            return (
+                deep_channels[:, :, 0] if deep_channels.shape[2] == 1 else deep_channels
+            )
         has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
         if image.mode == "P" and not has_alpha:
             return np.asarray(image)
@@ -422,10 +424,10 @@ def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
 
 def _decode_page(path: Path, page: int, flags: int) -> NDArray[Any] | None:
     """Read a page with OpenCV; None for a file that it does not read."""
-    stored = np.frombuffer(path.read_bytes(), np.uint8)
+    file_bytes = np.frombuffer(path.read_bytes(), np.uint8)
     if page == 0:
-        return cv2.imdecode(stored, flags)
-    _, pages = cv2.imdecodemulti(stored, flags, range=(page, page + 1))
+        return cv2.imdecode(file_bytes, flags)
+    _, pages = cv2.imdecodemulti(file_bytes, flags, range=(page, page + 1))
     return pages[0] if pages else None
 
 
@@ -598,13 +600,15 @@ def _by_littlecms(profile: bytes, mode: str) -> ToSrgb:
     from PIL import Image, ImageCms
 
     try:
-        given = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+        profile_object = ImageCms.ImageCmsProfile(io.BytesIO(profile))
         intent = ImageCms.Intent.RELATIVE_COLORIMETRIC
         flags = ImageCms.Flags.BLACKPOINTCOMPENSATION
         if mode == "L":  # optimised, dark greys would be off by up to 10 levels
             flags |= ImageCms.Flags.NOOPTIMIZE
         srgb = ImageCms.createProfile("sRGB")
-        transform = ImageCms.buildTransform(given, srgb, mode, "RGB", intent, flags)
+        transform = ImageCms.buildTransform(
+            profile_object, srgb, mode, "RGB", intent, flags
+        )
     except (
         ImageCms.PyCMSError,
         OSError,
@@ -617,10 +621,10 @@ def _by_littlecms(profile: bytes, mode: str) -> ToSrgb:
         if mode == "RGB" and levels.shape[2] == 1:
             levels = np.repeat(levels, 3, axis=2)
         picture = Image.frombytes(mode, levels.shape[1::-1], levels.tobytes())
-        changed = ImageCms.applyTransform(picture, transform)
+        srgb_picture = ImageCms.applyTransform(picture, transform)
         assert (
-            changed is not None
+            srgb_picture is not None
         )  # it is None only where the picture is changed in place
-        return np.asarray(changed)
+        return np.asarray(srgb_picture)
 
     return to_srgb

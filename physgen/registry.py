@@ -137,7 +137,9 @@ class Backend:
 
 def _read_row(entry: Mapping[str, Any]) -> Backend:
     """Read an entry of `backends.json`, which leaves defaults out."""
-    weights = tuple(Weights(**one) for one in entry.get("weights", ()))
+    weights = tuple(
+        Weights(**weights_entry) for weights_entry in entry.get("weights", ())
+    )
     lists = {key: tuple(entry.get(key, ())) for key in ("needs", "settings", "uses")}
     return Backend(**{**entry, **lists, "weights": weights})
 
@@ -172,9 +174,9 @@ def find(role: str, name: str | None = None) -> Backend:
     for row in BACKENDS:
         if row.role == role and name in (None, row.name):
             return row
-    found = f'{role}="{name}"'
+    value_text = f'{role}="{name}"'
     raise Message.UNKNOWN_BACKEND.error(
-        "--backend", found, fix=suggestion(str(name), names(role))
+        "--backend", value_text, fix=suggestion(str(name), names(role))
     )
 
 
@@ -184,14 +186,14 @@ def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
     Raises InputError for an unknown role or name, or when a needed library is not installed.
     """
     row = find(role, name)
-    if missing := row.missing():
-        verb = "is" if len(missing) == 1 else "are"
+    if missing_packages := row.missing():
+        verb = "is" if len(missing_packages) == 1 else "are"
         raise Message.PACKAGES_MISSING.error_at(
             FLAG,
             "",
             f'{role}="{row.name}"',
             verb=verb,
-            packages=", ".join(missing),
+            packages=", ".join(missing_packages),
             install=install("models"),
         )
     module, _, factory = row.target.partition(":")
@@ -251,7 +253,11 @@ class Plan:
     def of(self, roles: Iterable[str]) -> Plan:
         """Return the plan without the choices for other roles: `Backends` makes and checks every choice."""
         roles = set(roles)
-        choices = {role: one for role, one in self.choices.items() if role in roles}
+        choices = {
+            role: backend_choice
+            for role, backend_choice in self.choices.items()
+            if role in roles
+        }
         return replace(self, choices=choices)
 
 
@@ -285,13 +291,13 @@ def choice(role: str, text: str, place: Place = FLAG) -> Choice:
         raise InputError(
             [replace(problem, place=place) for problem in error.problems]
         ) from None
-    found = f'"{role}={text}"'
+    value_text = f'"{role}={text}"'
     if colon and not (row.weights or row.takes_setup):
-        none = Message.TAKES_NO_WEIGHTS
-        raise none.error_at(place, "", found, role=role, name=name)
+        message = Message.TAKES_NO_WEIGHTS
+        raise message.error_at(place, "", value_text, role=role, name=name)
     if colon and not weights:
         empty = Message.WEIGHTS_EMPTY
-        raise empty.error_at(place, "", found, role=role, name=name)
+        raise empty.error_at(place, "", value_text, role=role, name=name)
     return Choice(name, weights, place)
 
 
@@ -403,10 +409,10 @@ def read_configuration(path: Path) -> Configuration:
             file_choices[role] = _file_choice(role, value, path)
         except InputError as error:
             problems += error.problems
-    known = sorted({row.name for row in BACKENDS})
+    backend_names = sorted({row.name for row in BACKENDS})
     for name, table in data.items():
-        if name not in known or not isinstance(table, dict):
-            fix = suggestion(name, [*SWITCHES, "backend", *known])
+        if name not in backend_names or not isinstance(table, dict):
+            fix = suggestion(name, [*SWITCHES, "backend", *backend_names])
             unknown = Message.UNKNOWN_TABLE
             problems.append(unknown.problem(place, name, f'"{name}"', fix=fix))
     if problems:
@@ -441,8 +447,8 @@ def _file_choice(role: str, value: Any, path: Path) -> Choice:
 def _relative_to(path: Path, weights: str) -> str:
     """Return weights named in the file `path`: a path if it exists beside that file, else unchanged."""
     try:
-        beside = path.parent / Path(weights).expanduser()
-        return str(beside) if weights and beside.exists() else weights
+        weights_path = path.parent / Path(weights).expanduser()
+        return str(weights_path) if weights and weights_path.exists() else weights
     except (OSError, RuntimeError, ValueError):  # not a path
         return weights
 
@@ -517,8 +523,10 @@ class Backends:
 
         See `run` for the errors.
         """
-        used = {key: extra[key] for key in self.row(role).uses if key in extra}
-        return self.run(role, lambda backend: backend(*arguments, **used))
+        used_arguments = {
+            key: extra[key] for key in self.row(role).uses if key in extra
+        }
+        return self.run(role, lambda backend: backend(*arguments, **used_arguments))
 
     def run(self, role: str, use: Callable[[Any], Any]) -> Any:
         """Return `use(backend)` of the role's backend, as a step of the record.
@@ -602,15 +610,15 @@ def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
     plan = plan or Plan()
     rows: list[Mapping[str, Any]] = []
     for row in BACKENDS:
-        missing = missing_parts(row, plan)
+        missing_packages = missing_parts(row, plan)
         rows.append(
             {
                 "role": row.role,
                 "name": row.name,
                 "default": row is find(row.role),
                 "chosen": plan.row(row.role) is row,
-                "ready": not missing,
-                "missing": missing,
+                "ready": not missing_packages,
+                "missing": missing_packages,
                 "about": row.about,
                 "weights": [asdict(weights) for weights in row.weights],
             }

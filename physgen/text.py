@@ -138,8 +138,8 @@ def pixel_power(unit: str) -> int:
     >>> pixel_power("px/s"), pixel_power("g·px²/s²"), pixel_power("g/px²")
     (1, 2, -2)
     """
-    measured = _measure(unit)
-    return 0 if measured is None else measured[1][0]
+    measure = _measure(unit)
+    return 0 if measure is None else measure[1][0]
 
 
 def rescaled_quantity(text: str, factor: float) -> str:
@@ -273,9 +273,9 @@ def _list_text(parts: Sequence[object]) -> str:
     for part in parts:
         text = rounded(part, 4) if isinstance(part, float) else value_text(part)
         texts.append(text)
-    joined = ", ".join(texts)
+    item_text = ", ".join(texts)
     is_vector = any(isinstance(part, float) for part in parts)
-    return f"({joined})" if is_vector else joined
+    return f"({item_text})" if is_vector else item_text
 
 
 def name_ranges(names: Sequence[str]) -> str:

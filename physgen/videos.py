@@ -201,9 +201,9 @@ def read_video(path: Path) -> Video:
         seconds.append(frame.seconds)
     if size is None:
         raise Message.VIDEO_EMPTY.error(str(path))
-    timed = [s for s in seconds if s]
-    if fps is None and timed:
-        fps = len(timed) / sum(timed)
+    durations = [s for s in seconds if s]
+    if fps is None and durations:
+        fps = len(durations) / sum(durations)
     return Video(path, size, fps, len(seconds))
 
 

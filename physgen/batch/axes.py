@@ -30,14 +30,14 @@ class Key:
 
     @property
     def path(self) -> KeyPath:
-        """The key's parts."""
-        found = parse_key(self.key)
-        assert found is not None
-        return found
+        """Return the key's parts."""
+        parts = parse_key(self.key)
+        assert parts is not None
+        return parts
 
     @property
     def place(self) -> Place:
-        """The argument as messages name it."""
+        """Return the argument as messages name it."""
         return Place(quoted(self.argument, "", 80))
 
 
@@ -59,7 +59,7 @@ Axis = Listed | Drawn
 
 
 def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
-    """Axes in the order of the arguments. Raises InputError with the problems of all of them."""
+    """Return the axes in the order of the arguments. Raises InputError with the problems of all of them."""
     problems: list[Problem] = []
     axes: list[Axis] = []
     for argument in arguments:
@@ -70,8 +70,8 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
     for n, later in enumerate(axes):
         for former in axes[:n]:
             if _covers(later.path, former.path):
-                covered = Message.AXIS_COVERED
-                problem = covered.problem(
+                message = Message.AXIS_COVERED
+                problem = message.problem(
                     later.place, other=former.place, key=former.key
                 )
                 problems.append(problem)
@@ -98,12 +98,12 @@ def _read_axis(argument: str) -> Axis:
 
 
 def same_key(axis: Axis) -> str:
-    """The key in one spelling: `pivot[0]` as `pivot.0`."""
+    """Return the key in one spelling: `pivot[0]` as `pivot.0`."""
     return ".".join(map(_bare, axis.path))
 
 
 def _covers(later: KeyPath, former: KeyPath) -> bool:
-    """Whether everything that the former key names lies within what the later one sets."""
+    """Return whether everything that the former key names lies within what the later one sets."""
     pairs = zip(map(_bare, later), map(_bare, former), strict=False)
     return len(later) <= len(former) and all(a in ("*", b) for a, b in pairs)
 

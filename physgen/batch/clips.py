@@ -26,7 +26,7 @@ class FoundClip(NamedTuple):
 
 
 def checked_folders(roots: Sequence[Path]) -> list[Path]:
-    """Folders that exist, none of them within another. Raises InputError."""
+    """Return the folders that exist, none of them within another. Raises InputError."""
     problems = []
     for root in roots:
         if not root.is_dir():
@@ -53,8 +53,8 @@ def _repeated_roots(roots: Sequence[Path]) -> list[Problem]:
             if real[root].is_relative_to(real[other]) or real[other].is_relative_to(
                 real[root]
             ):
-                shared = Message.FOLDERS_SHARE_CLIPS
-                problems += shared.error(str(root), other=other).problems
+                message = Message.FOLDERS_SHARE_CLIPS
+                problems += message.error(str(root), other=other).problems
     return problems
 
 
@@ -70,10 +70,12 @@ def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
 def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     try:
         with os.scandir(folder) as entries:
-            shown = (entry for entry in entries if not entry.name.startswith("."))
+            visible_entries = (
+                entry for entry in entries if not entry.name.startswith(".")
+            )
             inside = {
                 e.name: os.path.isdir(e) if e.is_symlink() else e.is_dir()
-                for e in shown
+                for e in visible_entries
             }
     except OSError:  # it may not be read, or has gone since
         return
@@ -87,14 +89,14 @@ def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     elif looks_like_clip(inside):
         yield FoundClip(folder, name, None)
         return
-    for below in sorted(
+    for subfolders in sorted(
         (name for name, is_folder in inside.items() if is_folder), key=natural
     ):
-        path = folder / below
+        path = folder / subfolders
         if not (
             path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve())
         ):  # no endless loop
-            yield from _below(path, f"{name}/{below}")
+            yield from _below(path, f"{name}/{subfolders}")
 
 
 def _read(path: Path) -> Mapping[str, Any] | None:
@@ -110,22 +112,23 @@ def _read(path: Path) -> Mapping[str, Any] | None:
 
 def clip_folders(roots: Sequence[Path]) -> list[Path]:
     """Every clip's folder in or below `roots`, once, in the natural order of paths. Raises InputError for none."""
-    found: dict[str, Path] = {}
+    folders_by_path: dict[str, Path] = {}
     problems = []
     for root in roots:
         if not root.is_dir():
             problems += Message.NOT_RENDERED_INTO.error(str(root)).problems
             continue
-        below = {
+        clips_below = {
             os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])
         }
-        if not below:
+        if not clips_below:
             problems += Message.NO_CLIP_IN_FOLDER.error(str(root)).problems
-        found = {**below, **found}
+        folders_by_path = {**clips_below, **folders_by_path}
     if problems:
         raise InputError(problems)
     return sorted(
-        found.values(), key=lambda folder: [natural(part) for part in folder.parts]
+        folders_by_path.values(),
+        key=lambda folder: [natural(part) for part in folder.parts],
     )
 
 
@@ -152,7 +155,7 @@ def read_manifest(folder: Path) -> Manifest:
         if not path.is_file():
             raise OSError
         data: Mapping[str, Any] = json.loads(path.read_bytes())
-        refined = bool(data.get("refine"))
+        is_refined = bool(data.get("refine"))
         platform = data["platform"]
         return Manifest(
             source=str(data["source"]),
@@ -163,8 +166,8 @@ def read_manifest(folder: Path) -> Manifest:
             inputs=_texts(data["inputs"]),
             files=_texts(data["files"]),
             samples=tuple(map(str, data["samples"])),
-            frames=tuple(map(str, data["unrefined" if refined else "frames"])),
-            refined=refined,
+            frames=tuple(map(str, data["unrefined" if is_refined else "frames"])),
+            refined=is_refined,
         )
     except (
         OSError,

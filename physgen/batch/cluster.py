@@ -106,7 +106,7 @@ class BatchSize:
 
     @property
     def items(self) -> int:
-        """Number of items that take about BATCH_SECONDS."""
+        """Return the number of items that take about BATCH_SECONDS."""
         count = int(BATCH_SECONDS / max(self.seconds, BATCH_SECONDS / LARGEST_BATCH))
         return max(1, count)
 
@@ -158,9 +158,9 @@ def _version_error(theirs: Versions, ours: Versions) -> InputError:
     def text(known: Versions) -> str:
         return ", ".join(f"{name} {known.get(name, 'none')[:12]}" for name in names)
 
-    found = f"a worker on {platform.node()}"
+    worker_text = f"a worker on {platform.node()}"
     return Message.WORKER_VERSION.error(
-        FLAG, found, version=text(ours), here=text(theirs)
+        FLAG, worker_text, version=text(ours), here=text(theirs)
     )
 
 
@@ -365,11 +365,11 @@ def _quiet() -> Iterator[None]:
     """Silence logs and warnings of Dask, whose errors are reported in our own words."""
     # for good: it still logs after the block
     logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)
-    disabled = logging.root.manager.disable
+    disabled_level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             yield
         finally:
-            logging.disable(disabled)
+            logging.disable(disabled_level)

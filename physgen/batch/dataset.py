@@ -74,7 +74,7 @@ class Splits:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the splits."""
+        """Return the names of the splits."""
         return tuple(name for name, _ in self.shares)
 
 
@@ -97,7 +97,7 @@ def read_splits(text: str, seed: int) -> Splits:
 
 
 def key(name: str) -> str:
-    """The end of a path in safe characters, with a hash of the whole that makes it unique.
+    """Return the end of a path in safe characters, with a hash of the whole that makes it unique.
 
     >>> key("sweep/00-1,mass=2.5")
     'sweep_00-1-mass-2-5-261caf6945'
@@ -109,7 +109,7 @@ def key(name: str) -> str:
 def read_sample(
     clip: FoundClip, splits: Splits
 ) -> tuple[dict[str, Path], dict[str, Any]]:
-    """The files of a clip by their names in the data set, with all labels, and its metadata as JSON.
+    """Return the files of a clip by their names in the data set, with all labels, and its metadata as JSON.
 
     Raises InputError where the clip cannot be used.
     """
@@ -130,16 +130,16 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     """
     if VIDEO not in files:
         raise Message.NO_VIDEO_IN_CLIP.error(str(folder), file=VIDEO)
-    chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
+    members = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
-    chosen |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
-    for name, file in chosen.items():
+    members |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
+    for name, file in members.items():
         for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
         if not (folder / file).is_file():
             raise Message.FILE_OF_CLIP_MISSING.error(str(folder / file))
-    return {name: folder / file for name, file in chosen.items()}
+    return {name: folder / file for name, file in members.items()}
 
 
 def _about(
@@ -183,7 +183,7 @@ def _about(
 
 
 def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
-    """SHA-256 of the photo; without one, of the scene file."""
+    """Return the SHA-256 of the photo; without one, of the scene file."""
     image = document.get("image")
     if image is not None:
         name = PurePosixPath(str(image)).name
@@ -194,7 +194,7 @@ def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
 
 
 def _parameter(text: str) -> tuple[str, Any]:
-    """`KEY=VALUE`, as `--set` takes it."""
+    """Return `KEY=VALUE`, as `--set` takes it."""
     name, _, value = str(text).partition("=")
     try:
         return name, parse_yaml(value).data
@@ -213,7 +213,7 @@ class DatasetSummary:
 
     @property
     def total(self) -> int:
-        """Number of clips."""
+        """Return the number of clips."""
         return self.counts.total()
 
 
@@ -230,11 +230,11 @@ class Sample:
 def copy_sample(splits: Splits, copier: Copier, root: Path, clip: FoundClip) -> Sample:
     """Read the metadata of a clip, and copy its files into the data set at `root`."""
     try:
-        members, about = read_sample(clip, splits)
-        folder = copier(root, members, about)
+        members, metadata = read_sample(clip, splits)
+        folder = copier(root, members, metadata)
     except InputError as error:
         return Sample({}, problems=tuple(error.problems))
-    return Sample(about, members, folder)
+    return Sample(metadata, members, folder)
 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
@@ -364,7 +364,7 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
 def check_apart(out: Path, roots: Sequence[Path]) -> None:
     """Refuse a data set within folders that are read, or around them. Raises InputError."""
     for root in roots:
-        mine, read = out.resolve(), root.resolve()
-        if mine.is_relative_to(read) or read.is_relative_to(mine):
-            place = "holds" if mine in read.parents else "lies in"
+        output_folder, read = out.resolve(), root.resolve()
+        if output_folder.is_relative_to(read) or read.is_relative_to(output_folder):
+            place = "holds" if output_folder in read.parents else "lies in"
             raise Message.OUTPUT_AMONG_INPUTS.error(str(out), place=place, root=root)

@@ -87,8 +87,8 @@ class Shards:
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
         """Raises InputError if webdataset is not installed."""
         if find_spec("webdataset") is None:
-            missing, command = Message.WEBDATASET_MISSING, install("labels")
-            raise missing.error("--layout", '"webdataset"', install=command)
+            message, command = Message.WEBDATASET_MISSING, install("labels")
+            raise message.error("--layout", '"webdataset"', install=command)
         self.copier: Copier = leave_files
         self._root, self._stack, self._shard_clips = root, stack, shard_clips
         self._writers: dict[str, Any] = {}
@@ -109,10 +109,10 @@ class Shards:
 
         folder = self._root / split
         folder.mkdir()
-        escaped = str(folder).replace("%", "%%")
+        escaped_folder = str(folder).replace("%", "%%")
         # a fixed time and no owner: equal clips give equal bytes
         return ShardWriter(
-            f"{escaped}/shard-%06d.tar",
+            f"{escaped_folder}/shard-%06d.tar",
             maxcount=self._shard_clips,
             verbose=0,
             encoder=False,

@@ -55,17 +55,19 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
         if name not in tracked:
             continue
         x, y, angle = trajectory.poses[-1, body].tolist()
-        touched = (touches == body).any(axis=1)
-        found: Mapping[str, Cell] = {
+        is_touching = (touches == body).any(axis=1)
+        cells_of_body: Mapping[str, Cell] = {
             "x": x,
             "y": y,
             "angle_degrees": degrees(angle),
             "peak_speed": float(speeds[:, body].max()),
             "rest_time": rests[body],
-            "first_touch": _earliest(begins[touched]),
-            "touches": int(touched.sum()),
+            "first_touch": _earliest(begins[is_touching]),
+            "touches": int(is_touching.sum()),
         }
-        cells |= {f"objects.{name}.{key}": value for key, value in found.items()}
+        cells |= {
+            f"objects.{name}.{key}": value for key, value in cells_of_body.items()
+        }
     return {key: value for key, value in cells.items() if value is not None}
 
 

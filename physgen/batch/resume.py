@@ -42,19 +42,23 @@ def clip_mark(*options: Any) -> str:
 
 @cache
 def _data_version() -> str:
-    """SHA-256 of the data that comes with the code: schema, templates, tables."""
+    """Return the SHA-256 of the data that comes with the code: schema, templates, tables."""
     import physgen
     from physgen.files import resource
 
     digest = sha256()
     package = Path(physgen.__file__).parent
-    beside = [path for path in package.rglob("*") if path.suffix in (".yaml", ".json")]
-    shipped = [
+    package_data = [
+        path for path in package.rglob("*") if path.suffix in (".yaml", ".json")
+    ]
+    shipped_data = [
         path
         for folder in ("schemas", "templates")
         for path in Path(str(resource(folder))).rglob("*")
     ]
-    for path in sorted(path for path in (*beside, *shipped) if path.is_file()):
+    for path in sorted(
+        path for path in (*package_data, *shipped_data) if path.is_file()
+    ):
         digest.update(f"{path.name} ".encode() + path.read_bytes())
     return digest.hexdigest()
 
@@ -62,7 +66,7 @@ def _data_version() -> str:
 def unchanged_clip(
     folder: Path, mark: str, scene: Path, digest: Callable[[Path], str]
 ) -> Mapping[str, Any] | None:
-    """The manifest of the clip in `folder`; None where it is missing, damaged, or made of other inputs.
+    """Return the manifest of the clip in `folder`; None where it is missing, damaged, or made of other inputs.
 
     `scene` is the file of its scene; `digest` returns a file's SHA-256.
     """
@@ -84,7 +88,7 @@ def unchanged_clip(
 def unchanged_inputs(
     manifest: Mapping[str, Any], mark: str, scene: Path, digest: Callable[[Path], str]
 ) -> bool:
-    """Whether a clip would be made of the same inputs, options and code now.
+    """Return whether a clip would be made of the same inputs, options and code now.
 
     Raises OSError, ValueError, KeyError, TypeError or AttributeError for a damaged manifest or a missing input.
     """
@@ -93,9 +97,9 @@ def unchanged_inputs(
     home = scene.parent.resolve()
     inputs: Mapping[str, str] = manifest["inputs"]
     document = manifest["document"]
-    named = [scene, *([home / document["image"]] if "image" in document else [])]
+    input_files = [scene, *([home / document["image"]] if "image" in document else [])]
     if any(
-        _relative(home, path) not in inputs for path in named
+        _relative(home, path) not in inputs for path in input_files
     ):  # a link that leads elsewhere now
         return False
     if any(
@@ -107,16 +111,16 @@ def unchanged_inputs(
 
 
 def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
-    """The maps and records that exist now: a new one changes the clip, too."""
+    """Return the maps and records that exist now: a new one changes the clip, too."""
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    found = [
+    map_files = [
         entry
         for entry in os.scandir(folder)
         if entry.name.endswith(".png") or entry.name in DATA
     ]
-    return [_relative(home, Path(entry.path)) for entry in found]
+    return [_relative(home, Path(entry.path)) for entry in map_files]
 
 
 def _relative(home: Path, path: Path) -> str:
@@ -125,14 +129,16 @@ def _relative(home: Path, path: Path) -> str:
 
 
 def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:
-    """The warnings of the run that made a clip."""
-    found = []
+    """Return the warnings of the run that made a clip."""
+    warnings = []
     for data in manifest["warnings"]:
         place = Place(str(data["file"]), int(data["line"]), int(data["column"]))
-        path, what, expected, fix = (
+        path, value_text, expected, fix = (
             str(data[name]) for name in ("path", "found", "expected", "fix")
         )
         code = str(data.get("code", ""))
-        warning = Problem(place, path, what, expected, fix, Severity.WARNING, code=code)
-        found.append(warning)
-    return found
+        warning = Problem(
+            place, path, value_text, expected, fix, Severity.WARNING, code=code
+        )
+        warnings.append(warning)
+    return warnings

@@ -36,7 +36,7 @@ class Refiner:
     config: Path | None = None  # in place of the user's own physgen.toml
 
     def plan(self) -> Plan:
-        """With the configuration files. Raises InputError."""
+        """Return the plan with the configuration files. Raise InputError."""
         plan = load_plan(config=self.config)
         choice = plan.choices.get("refine")
         if not self.setting or (
@@ -46,7 +46,7 @@ class Refiner:
         return load_plan([f"refine={self.setting}"], config=self.config)
 
     def identity(self) -> str:
-        """Changes where clips have to be made again."""
+        """Return a text that changes when clips have to be made again."""
         try:
             plan = self.plan()
             choice = plan.choices.get("refine")
@@ -83,19 +83,19 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Of the clip's folder. Raises InputError where the scene's name cannot be one."""
+        """Return the name of the clip's folder. Raise InputError if the scene's name cannot be one."""
         return self.options.name or pipeline.output_name(
             self.scene, self.options.variant
         )
 
     @property
     def folder(self) -> Path:
-        """The clip's. Raises InputError."""
+        """Return the clip's folder. Raise InputError."""
         return Path(self.out) / self.name
 
     @property
     def mark(self) -> str:
-        """Identifies all options of the clip, the refining model, and the code."""
+        """Return a text that identifies the options of the clip, the refining model and the code."""
         draw_seed = self.options.draw_seed if self.options.draws else 0
         options = replace(
             self.options,
@@ -135,16 +135,16 @@ class Done:
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     """Makes one clip in this process, unless it exists unchanged."""
     if job.video is None:
-        done = _run(job, progress)
+        result = _run(job, progress)
     else:
-        done = _run_to_file(job, job.video, progress)
-    if done.folder is None or job.tracked is None:
-        return done
+        result = _run_to_file(job, job.video, progress)
+    if result.folder is None or job.tracked is None:
+        return result
     try:
-        trajectory = read_trajectory(done.folder / "trajectory.npz")
-        return replace(done, outcomes=outcomes(trajectory, job.tracked))
+        trajectory = read_trajectory(result.folder / "trajectory.npz")
+        return replace(result, outcomes=outcomes(trajectory, job.tracked))
     except (OSError, ValueError, KeyError) as error:  # another command replaces it
-        return failed(job, error, done.problems, done.seconds)
+        return failed(job, error, result.problems, result.seconds)
 
 
 def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
@@ -156,22 +156,22 @@ def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
     earlier = read_manifest(job.folder).get("files", {}).get(name)
     source = job.folder / name
     stamp = file_stamp(source)
-    done = _run(job, progress)
+    result = _run(job, progress)
     is_new = source.is_file() and file_stamp(source) != stamp
-    if done.folder is None and not is_new:
-        return done
+    if result.folder is None and not is_new:
+        return result
     # without a folder but with a new file, only another format failed
-    kept: list[Path] = []
+    backups: list[Path] = []
     try:
         data = source.read_bytes()
         if video.is_file() and sha256(video.read_bytes()).hexdigest() == earlier:
             write_atomic(video, data)
         else:
-            write_with_backup(video, data, kept.append)
+            write_with_backup(video, data, backups.append)
     except OSError as error:
-        return failed(job, error, done.problems, done.seconds)
-    warnings = [_backup_warning(video, path) for path in kept]
-    return replace(done, problems=(*done.problems, *warnings))
+        return failed(job, error, result.problems, result.seconds)
+    warnings = [_backup_warning(video, path) for path in backups]
+    return replace(result, problems=(*result.problems, *warnings))
 
 
 def _backup_warning(path: Path, backup: Path) -> Problem:
@@ -183,7 +183,7 @@ def _backup_warning(path: Path, backup: Path) -> Problem:
 
 
 def _run(job: Job, progress: pipeline.Progress) -> Done:
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     warnings: list[Problem] = []
     try:
         options = replace(job.options, name=job.name, mark=job.mark)
@@ -207,30 +207,32 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
             warn=warnings.append,
         )
     except Exception as error:
-        return failed(job, error, warnings, time.perf_counter() - begun)
+        return failed(job, error, warnings, time.perf_counter() - start_time)
     if job.pictures:
         from physgen.report.gallery import keep_pictures
 
         keep_pictures(folder, Path(job.out) / "index.html")
-    return Done(job, folder, tuple(warnings), State.MADE, time.perf_counter() - begun)
+    return Done(
+        job, folder, tuple(warnings), State.MADE, time.perf_counter() - start_time
+    )
 
 
 @cache
 def _warm() -> pipeline.Stages:
-    """What this process keeps from one clip for the next."""
+    """Return the stages that this process keeps from one clip for the next."""
     return pipeline.Stages()
 
 
 @cache
 def _refiners(refiner: Refiner) -> pipeline.Refiners:
-    """Models are loaded once per process."""
+    """Return the models for refinement, which a process loads once."""
     return pipeline.Refiners(refiner.plan)
 
 
 def failed(
     job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0
 ) -> Done:
-    """The result of a job that raised `error`."""
+    """Return the result of a job that raised `error`."""
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
     else:
@@ -250,23 +252,25 @@ def failed(
 
 
 def describe_failure(error: Exception) -> tuple[str, str]:
-    """What failed other than the input, and the fix."""
+    """Return the failure of a clip that its input did not cause, and the fix."""
     if isinstance(error, OSError):
-        where = f"{final_name(str(error.filename))}: " if error.filename else ""
-        return f"failed: {where}{error.strerror or error}", ""
+        file_text = f"{final_name(str(error.filename))}: " if error.filename else ""
+        return f"failed: {file_text}{error.strerror or error}", ""
     from physgen.batch.workers import LostError
 
     if isinstance(error, MemoryError | LostError):
-        found = (
+        reason = (
             "ran out of memory"
             if isinstance(error, MemoryError)
             else f"failed: {error}"
         )
-        return found, "try fewer --jobs or a smaller scene"
+        return reason, "try fewer --jobs or a smaller scene"
     frames = traceback.extract_tb(error.__traceback__)[-1:]
-    at = "".join(f" in {Path(frame.filename).name}:{frame.lineno}" for frame in frames)
+    line_text = "".join(
+        f" in {Path(frame.filename).name}:{frame.lineno}" for frame in frames
+    )
     return (
-        f"failed: {type(error).__name__}{at}: {error}",
+        f"failed: {type(error).__name__}{line_text}: {error}",
         "this is a fault of physgen's: please report it",
     )
 
@@ -282,5 +286,5 @@ def record_failure(done: Done, out: Path, gallery: bool) -> None:
             remove_failure(out, job.name)
         elif gallery and Path(job.scene).is_file():  # neither a typo nor a pipe
             options = job.options
-            given = job.scene, options.variant, options.overrides, options.command
-            write_failure(out, job.name, *given, done.problems)
+            clip_inputs = job.scene, options.variant, options.overrides, options.command
+            write_failure(out, job.name, *clip_inputs, done.problems)

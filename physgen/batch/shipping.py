@@ -61,11 +61,11 @@ class Store:
         self.url = url.rstrip("/")
         try:
             # a listing that is kept would miss the files of other workers
-            opened = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
+            file_system = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
         except (ImportError, ValueError, OSError) as error:
             reason = str(error).split("\n")[0]
             raise Message.NOT_A_STORE.error(FLAG, f'"{url}"', reason=reason) from None
-        self._files, self._root = opened
+        self._files, self._root = file_system
 
     def size(self, name: str) -> int | None:
         """Return the bytes of a file, or None if there is none."""
@@ -259,12 +259,12 @@ def _run_job(store: Store, root: Path, work: Callable[[Any], Any], job: Job) -> 
     """Make a clip unless the store has it unchanged, and store it."""
     with suppress(InputError):  # a scene without a name for its folder
         _fetch_clip(store, root, job.folder)
-    done = work(job)
+    result = work(job)
     with suppress(InputError):
-        if done.state is not State.UNCHANGED and (job.folder / MANIFEST).is_file():
+        if result.state is not State.UNCHANGED and (job.folder / MANIFEST).is_file():
             _store_folder(store, job.folder)
         shutil.rmtree(job.folder, ignore_errors=True)
-    return done
+    return result
 
 
 def _store_folder(store: Store, folder: Path) -> None:
@@ -354,9 +354,7 @@ def gather_stored(
     check_apart(out, roots)
     target = Path(Shipper(store).name(out))
     if store.holds(target.as_posix()):
-        fix = "choose another folder with -o, or remove it"
-        found = f"is there already in {store.url}"
-        raise InputError.of(str(out), "", found, fix)
+        raise Message.IN_STORE_ALREADY.error(str(out), url=store.url)
     how = replace(how, root=target, fetched=partial(_fetched, store))
     clips = _found_clips(store, roots)
     with tempfile.TemporaryDirectory(prefix="physgen-") as name:
@@ -380,10 +378,10 @@ def _found_clips(store: Store, roots: Sequence[Path]) -> list[FoundClip]:
     names = map(Shipper(store).name, roots)
     folders = collect(partial(stored_clips, store, [Path(name)]) for name in names)
     clips = []
-    for root, found in zip(roots, folders, strict=True):
-        above = Path(root).resolve().parent
-        for folder in found:
-            name = folder.resolve().relative_to(above).as_posix()
+    for root, clip_paths in zip(roots, folders, strict=True):
+        parent = Path(root).resolve().parent
+        for folder in clip_paths:
+            name = folder.resolve().relative_to(parent).as_posix()
             clips.append(FoundClip(folder, name, None))
     return clips
 

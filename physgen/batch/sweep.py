@@ -25,7 +25,8 @@ from physgen.batch.axes import Axis, Drawn, Listed, same_key
 from physgen.batch.run import Done
 from physgen.batch.values import Value
 from physgen.files import back_up
-from physgen.problems import InputError, Problem, Severity, collect
+from physgen.messages import Message
+from physgen.problems import InputError, Place, Problem, Severity, collect
 from physgen.report.sweep_keys import shortest_names
 from physgen.scene.load import Opened
 from physgen.scene.scene import Scene
@@ -110,15 +111,15 @@ class Sweep:
         ]
 
     def _values(self, indices: Iterator[int], draw_number: int) -> tuple[Value, ...]:
-        found = []
+        values = []
         for axis in self.axes:
             if isinstance(axis, Listed):
-                found.append(axis.values[next(indices)])
+                values.append(axis.values[next(indices)])
             else:
-                found.append(
+                values.append(
                     axis.distribution.at(draw(self.seed, same_key(axis), draw_number))
                 )
-        return tuple(found)
+        return tuple(values)
 
     def set_to(self, values: Sequence[Value]) -> tuple[str, ...]:
         """Return `KEY=VALUE` for each axis."""
@@ -150,38 +151,27 @@ def planned(
     """Return a sweep whose parts fit together; None is an option that was not given. Raise InputError."""
     problems: list[Problem] = []
 
-    def wrong(place: str, found: str, fix: str) -> None:
-        problems.extend(InputError.of(place, "", found, fix).problems)
-
     draws = [axis for axis in axes if isinstance(axis, Drawn)]
     if draws and samples is None:
-        wrong(
-            str(draws[0].place),
-            "is a distribution without a number of draws",
-            "add e.g. --samples 100",
-        )
+        problems.append(Message.DRAWS_WITHOUT_COUNT.problem(draws[0].place))
     if not draws:
-        fix = "give a key a distribution, e.g. 'objects.ball.mass=~uniform(100, 200)'"
         for flag, options in (("--samples", samples), ("--seed", seed)):
             if options is not None:
-                wrong(flag, "has nothing to draw", fix)
+                problems.append(Message.NOTHING_TO_DRAW.problem(Place(flag)))
     if not axes and len(variants) == 1:
-        wrong(
-            "sweep",
-            "has no keys to vary",
-            "write e.g. objects.ball.mass=100:900:9, or --variant all",
-        )
+        problems.append(Message.NO_KEYS_TO_SWEEP.problem(Place("sweep")))
     sweep = Sweep(
         tuple(axes), tuple(variants), (samples or 0) if draws else 0, seed or 0
     )
     count = prod(sweep._sizes)
     if count > MAX_CLIPS:
-        found = (
-            " x ".join(f"{size:,}" for size in sweep._sizes if size > 1)
-            + f" are {count:,} clips"
+        problem = Message.TOO_MANY_CLIPS.problem(
+            Place("sweep"),
+            product=" x ".join(f"{size:,}" for size in sweep._sizes if size > 1),
+            count=count,
+            most=MAX_CLIPS,
         )
-        fix = f"make at most {MAX_CLIPS:,}; draws (KEY=~uniform(a, b) --samples N) cover many keys with few"
-        wrong("sweep", found, fix)
+        problems.append(problem)
     if problems:
         raise InputError(problems)
     return sweep

@@ -46,12 +46,12 @@ class Value:
 
     @property
     def cell(self) -> Cell:
-        """As a table holds it; lists and mappings become YAML text."""
+        """Return the cell of a table; lists and mappings become YAML text."""
         return self.text if isinstance(self.data, list | dict) else self.data
 
 
 def split(text: str) -> Iterator[tuple[str, bool]]:
-    """Parts between commas that are outside brackets and quotes, and whether each is bare text.
+    """Yield the parts between commas that are outside brackets and quotes, and whether each is bare text.
 
     Raises RefusedError for what is no YAML.
 
@@ -78,20 +78,20 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
 
 
 def read_values(text: str) -> tuple[Value, ...]:
-    """Values and ranges between commas. Raises RefusedError."""
-    found: list[Value] = []
-    for part, bare in split(text):
+    """Return the values and ranges between commas. Raises RefusedError."""
+    values: list[Value] = []
+    for part, is_bare in split(text):
         if part.startswith("~"):
             raise Message.VALUES_MIXED.refusal()
-        found += _read_range(part) if bare and _RANGE(part) else [_read_value(part)]
-    if not found:
+        values += _read_range(part) if is_bare and _RANGE(part) else [_read_value(part)]
+    if not values:
         raise Message.VALUES_MISSING.refusal()
-    seen: set[str] = set()
-    for value in found:
-        if (same := repr(value.data)) in seen:
+    value_texts: set[str] = set()
+    for value in values:
+        if (value_text := repr(value.data)) in value_texts:
             raise Message.TWICE_IN_LIST.refusal(value=quoted(value.text, ""))
-        seen.add(same)
-    return tuple(found)
+        value_texts.add(value_text)
+    return tuple(values)
 
 
 def _read_value(text: str) -> Value:
@@ -112,7 +112,7 @@ def parse_yaml(text: str) -> Value:
 
 
 def number_value(data: int | float) -> Value:
-    """A number with its shortest exact text."""
+    """Return a number with its shortest exact text."""
     return Value(number(data), data)
 
 
@@ -170,7 +170,7 @@ class Distribution:
     values: tuple[Value, ...] = ()  # of a choice; a repeated value is drawn more often
 
     def at(self, share: float) -> Value:
-        """The quantile: the value below which that share of draws lies, 0 < share < 1."""
+        """Return the quantile: the value below which that share of draws lies, 0 < share < 1."""
         if self.name == "choice":
             return self.values[int(share * len(self.values))]
         low, high = self.numbers
@@ -193,21 +193,21 @@ def read_distribution(text: str) -> Distribution:
         raise Message.UNKNOWN_DISTRIBUTION.refusal(fix=fix)
     parts = [part for part, _ in split(call[2] or "")]
     if name == "choice":
-        found = Distribution(name, values=tuple(map(_read_value, parts)))
+        distribution = Distribution(name, values=tuple(map(_read_value, parts)))
         fault = "has not two values to choose from" if len(parts) < 2 else ""
     else:
-        found = Distribution(
+        distribution = Distribution(
             name, tuple(float(part) for part in parts if _DECIMAL(part))
         )
-        fault = _fault(found, len(parts))
+        fault = _fault(distribution, len(parts))
     if fault:
         wrong = Message.DISTRIBUTION_WRONG
         raise wrong.refusal(fault=fault, example=EXAMPLES[name])
-    return found
+    return distribution
 
 
 def _fault(found: Distribution, parts: int) -> str:
-    """What is wrong with the numbers of a distribution that was written with so many parts."""
+    """Return the fault of a distribution's numbers, written with so many parts."""
     numbers = found.numbers
     if found.name == "normal":
         if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):

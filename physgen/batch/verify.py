@@ -58,15 +58,17 @@ class MotionDifference:
     """The largest distance of each that differs, px, the largest first; empty where trajectory.npz does not tell."""
 
     def text(self) -> str:
-        """For a person."""
-        before, now = self.counts
+        """Return the result as a sentence."""
+        before, count_now = self.counts
         counts = (
-            f"{counted(before, 'sample')} then, {now} now; " if before != now else ""
+            f"{counted(before, 'sample')} then, {count_now} now; "
+            if before != count_now
+            else ""
         )
-        apart = few(
+        deviations = few(
             [f"{name} by up to {rounded(px)} px" for name, px in self.objects.items()]
         )
-        return f"{counts}from sample {self.sample} ({self.time:.3f} s){': ' * bool(apart)}{apart}"
+        return f"{counts}from sample {self.sample} ({self.time:.3f} s){': ' * bool(deviations)}{deviations}"
 
 
 @dataclass(frozen=True)
@@ -78,12 +80,16 @@ class FrameDifference:
     counts: tuple[int, int]  # how many frames there were, and are
 
     def text(self) -> str:
-        """For a person."""
-        before, now = self.counts
-        parts = [f"{counted(before, 'frame')} then, {now} now"] if before != now else []
+        """Return the result as a sentence."""
+        before, count_now = self.counts
+        parts = (
+            [f"{counted(before, 'frame')} then, {count_now} now"]
+            if before != count_now
+            else []
+        )
         if self.differ:
             parts.append(
-                f"frames from {self.frame}, {self.differ} of {min(before, now)}"
+                f"frames from {self.frame}, {self.differ} of {min(before, count_now)}"
             )
         return "; ".join(parts)
 
@@ -106,7 +112,7 @@ class Verdict:
     problems: tuple[Problem, ...] = ()  # why it could not be rendered
 
     def line(self) -> str:
-        """For a person.
+        """Return the result as a sentence.
 
         >>> Verdict("out/pool", Outcome.EQUAL, 48, 48, 4).line()
         'out/pool: equal: 48 samples, 48 frames, 4 files'
@@ -136,7 +142,7 @@ class Verdict:
         return f"{self.clip}: {self.outcome.value}: {'; '.join([*parts, *self.notes])}"
 
     def as_dict(self) -> dict[str, Any]:
-        """For a program."""
+        """Return the result as data."""
         problems = [problem.as_dict() for problem in self.problems]
         return asdict(replace(self, problems=())) | {
             "outcome": self.outcome.value,
@@ -159,7 +165,7 @@ def verify(
 
 
 def failed(request: VerifyRequest, error: Exception) -> Verdict:
-    """The verdict where the machine or physgen failed, not the scene."""
+    """Return the verdict where the machine or physgen failed, not the scene."""
     failure, fix = describe_failure(error)
     folder, message = str(request.folder), Message.JOB_FAILED
     problem = message.problem(Place(folder), failure=failure, fix=fix)
@@ -169,38 +175,40 @@ def failed(request: VerifyRequest, error: Exception) -> Verdict:
 def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     folder = request.folder
     manifest = read_manifest(folder)
-    damaged = _damaged_files(folder, manifest.files, progress)
+    damaged_files = _damaged_files(folder, manifest.files, progress)
     path = request.scene or _source(manifest, folder)
     scene = pipeline.load(
         path, manifest.overrides, manifest.variant, request.allow_outside
     )
-    here = {"machine": f"{platform.machine()} {platform.system()}"}
-    there = {"machine": manifest.machine}
-    warm = Stages(Keep.NOTHING)
-    maps = warm.maps(scene)
-    compiled = warm.compile(scene, maps)
+    machine_here = {"machine": f"{platform.machine()} {platform.system()}"}
+    machine_then = {"machine": manifest.machine}
+    stages = Stages(Keep.NOTHING)
+    maps = stages.maps(scene)
+    compilation = stages.compile(scene, maps)
     progress("simulate", 0, 1)
     with scene.located():
-        now = warm.simulate(compiled.world, progress)
-    film = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
+        trajectory = stages.simulate(compilation.world, progress)
+    film = Film(scene, compilation, maps, RunRecord(scene="", command=[]), stages)
     hashes = []
-    for frame in film.annotated(film.frames(now), now):
+    for frame in film.annotated(film.frames(trajectory), trajectory):
         hashes.append(frame_hash(frame.rgb))
-        progress("render", len(hashes), len(film.shot(now).order))
-    motion = _motion_difference(folder, manifest.samples, now)
+        progress("render", len(hashes), len(film.shot(trajectory).order))
+    motion = _motion_difference(folder, manifest.samples, trajectory)
     pictures = _frame_difference(manifest.frames, hashes)
-    same = motion is None and pictures is None and not damaged
+    is_equal = motion is None and pictures is None and not damaged_files
     return Verdict(
         clip=str(folder),
-        outcome=Outcome.EQUAL if same else Outcome.DIFFERS,
+        outcome=Outcome.EQUAL if is_equal else Outcome.DIFFERS,
         samples=len(manifest.samples),
         frames=len(manifest.frames),
         files=len(manifest.files),
         changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
         elsewhere=tuple(
-            changed_environment({**manifest.versions, **there}, {**versions(), **here})
+            changed_environment(
+                {**manifest.versions, **machine_then}, {**versions(), **machine_here}
+            )
         ),
-        damaged=tuple(f"{name} {what}" for name, what in damaged.items()),
+        damaged=tuple(f"{name} {damage}" for name, damage in damaged_files.items()),
         motion=motion,
         pictures=pictures,
         notes=(NOT_REFINED,) if manifest.refined else (),
@@ -208,7 +216,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
 
 
 def _source(manifest: Manifest, folder: Path) -> Path:
-    """The scene file that the manifest names. Raises InputError where it is not there."""
+    """Return the scene file that the manifest names. Raises InputError where it is not there."""
     path = Path(folder.resolve(), manifest.source)
     if not path.is_file():
         raise Message.SOURCE_MOVED.error(str(folder / manifest.source))
@@ -219,21 +227,21 @@ def _damaged_files(
     folder: Path, files: Mapping[str, str], progress: Callable[[str, int, int], None]
 ) -> dict[str, str]:
     """Output files that are not as they were written -> what is wrong with them."""
-    found = {}
+    damage_by_file = {}
     for count, (name, digest) in enumerate(files.items(), 1):
         path = folder / name
         if ".." in name.split("/") or Path(name).is_absolute():
-            found[name] = "is not a file of the clip"
+            damage_by_file[name] = "is not a file of the clip"
         elif not path.is_file():
-            found[name] = "is missing"
+            damage_by_file[name] = "is missing"
         elif file_hash(path) != digest:
-            found[name] = "is not as it was written"
+            damage_by_file[name] = "is not as it was written"
         progress("files", count, len(files))
-    return found
+    return damage_by_file
 
 
 def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
-    """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
+    """Return a clip's trajectory.npz, if it holds the `samples` of the manifest."""
     if not path.is_file():
         return None
     try:
@@ -254,39 +262,42 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
 def _motion_difference(
     folder: Path, samples: Sequence[str], now: Trajectory
 ) -> MotionDifference | None:
-    """None for equal motions; `samples` are the hashes of the old one."""
+    """Return the difference of two motions, None for equal ones; `samples` are hashes of the old one."""
     hashes = now.sample_hashes()
     if hashes == list(samples):
         return None
     counts = len(samples), len(hashes)
     first = _first_difference(samples, hashes)
     time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
-    found = MotionDifference(first, time, counts)
-    then = _stored_motion(folder / "trajectory.npz", samples)
+    difference = MotionDifference(first, time, counts)
+    old_motion = _stored_motion(folder / "trajectory.npz", samples)
     if (
-        then is None
-        or then.names != now.names
-        or not np.array_equal(then.times, now.times)
+        old_motion is None
+        or old_motion.names != now.names
+        or not np.array_equal(old_motion.times, now.times)
     ):
-        return found
-    between = then.poses[..., :2] - now.poses[..., :2]
-    apart = dict(
+        return difference
+    position_changes = old_motion.poses[..., :2] - now.poses[..., :2]
+    distances = dict(
         zip(
             now.names,
-            np.hypot(between[..., 0], between[..., 1]).max(axis=0).tolist(),
+            np.hypot(position_changes[..., 0], position_changes[..., 1])
+            .max(axis=0)
+            .tolist(),
             strict=True,
         )
     )
     order = sorted(
-        (name for name in apart if apart[name]), key=lambda name: -apart[name]
+        (name for name in distances if distances[name]),
+        key=lambda name: -distances[name],
     )
-    return replace(found, objects={name: apart[name] for name in order})
+    return replace(difference, objects={name: distances[name] for name in order})
 
 
 def _frame_difference(
     then: Sequence[str], now: Sequence[str]
 ) -> FrameDifference | None:
-    """None for equal frames, by their hashes."""
+    """Return the difference of two lists of frames by their hashes, None for equal ones."""
     if list(then) == list(now):
         return None
     differ = sum(a != b for a, b in zip(then, now, strict=False))
@@ -294,13 +305,13 @@ def _frame_difference(
 
 
 def _first_difference(then: Sequence[str], now: Sequence[str]) -> int:
-    """Index of the first that differs; where none of both does, how many both have."""
+    """Return the index of the first that differs; where none of both does, how many both have."""
     pairs = enumerate(zip(then, now, strict=False))
     return next((k for k, (a, b) in pairs if a != b), min(len(then), len(now)))
 
 
 def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """A sentence for each input file that differs, by hashes."""
+    """Yield a sentence for each input file that differs, by hashes."""
     for name in (*then, *(name for name in now if name not in then)):
         if then.get(name) != now.get(name):
             if name not in then:
@@ -313,13 +324,15 @@ def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[s
 def changed_environment(
     then: Mapping[str, str], now: Mapping[str, str]
 ) -> Iterator[str]:
-    """A sentence for each version or property of the machine that differs, of those that are known of both."""
+    """Yield a sentence for each version or property of the machine that differs, of those that are known of both."""
     for name, value in then.items():
         if name in now and now[name] != value:
             yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
 def few(texts: Sequence[str]) -> str:
-    """The first ones, and the number of the others."""
-    more = len(texts) - MAX_NAMED
-    return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
+    """Return the first ones, and the number of the others."""
+    left_out = len(texts) - MAX_NAMED
+    return ", ".join(texts[:MAX_NAMED]) + (
+        f" and {left_out} more" if left_out > 0 else ""
+    )

@@ -104,18 +104,18 @@ def run_parallel(
     """Line -> process, the number of its item, the item, and how often it was begun."""
     retries: list[tuple[int, Item, int]] = []
     results: dict[int, Result] = {}
-    due = pulled = 0
+    due = next_item = 0
     try:
         while True:
             while len(busy) < workers:
                 if retries:
                     number, item, tries = retries.pop()
                 elif (
-                    pulled < due + AHEAD * workers
+                    next_item < due + AHEAD * workers
                     and (entry := next(source, None)) is not None
                 ):
                     (number, item), tries = entry, 0
-                    pulled += 1
+                    next_item += 1
                 else:
                     break
                 child = idle.pop() if idle else Child(work)

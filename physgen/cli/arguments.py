@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from physgen.messages import Message
+from physgen.problems import InputError, Place, RefusedError
 from physgen.text import quoted
 
 WRONG_INPUT = 2
@@ -29,6 +30,8 @@ FILE_SUFFIXES = (
 """Endings of files: nobody means a new folder by such a name."""
 LONGEST_NAME = 200
 """Bytes of an output's name: a file system takes 255, and partial and backed-up files have longer names."""
+MOST_NUMBER = 1_000_000
+"""The largest number that a flag takes."""
 LONGEST_MESSAGE = 500
 """Characters of a message about wrong flags, which repeats what was written."""
 
@@ -57,7 +60,7 @@ class Parser(argparse.ArgumentParser):
         default: Any = None,
         **more: Any,
     ) -> None:
-        """A flag with a value; `names` are separated by a space."""
+        """Add a flag with a value; `names` are separated by a space."""
         kind = _output(kind) if names.startswith("-o ") else kind
         self.add_argument(
             *names.split(),
@@ -69,7 +72,7 @@ class Parser(argparse.ArgumentParser):
         )
 
     def flag(self, name: str, help: str) -> None:
-        """A flag without a value; `--no-NAME` sets NAME, which is true otherwise, to false."""
+        """Add a flag without a value; `--no-NAME` sets NAME, which is true otherwise, to false."""
         if name.startswith("--no-"):
             self.add_argument(
                 name, dest=name[5:].replace("-", "_"), action="store_false", help=help
@@ -82,7 +85,7 @@ class Parser(argparse.ArgumentParser):
         args: Sequence[str] | None = None,
         namespace: argparse.Namespace | None = None,
     ) -> tuple[argparse.Namespace, list[str]]:
-        """As argparse, which by itself takes all arguments of one kind in one go."""
+        """Parse arguments in any order; argparse takes all arguments of one kind together."""
         if not self.mixed:
             return super().parse_known_args(args, namespace)
         self.mixed = False
@@ -96,7 +99,7 @@ class Parser(argparse.ArgumentParser):
         args: Sequence[str] | None = None,
         namespace: argparse.Namespace | None = None,
     ) -> argparse.Namespace:
-        """As argparse; an unknown flag is reported by its command, with the nearest flag that the command has."""
+        """Parse all arguments; the command reports an unknown flag with its most similar flag."""
         options, unknown = self.parse_known_args(args, namespace)
         command = self.commands.get(getattr(options, "command", ""), self)
         # a measure of `evaluate` is a command with its own flags and example
@@ -116,16 +119,19 @@ class Parser(argparse.ArgumentParser):
             self.wrong.append(str(error))
 
     def unknown(self, text: str) -> str:
-        """The message for an argument that was left over."""
+        """Return the message for an argument that was left over."""
+        flags = re.findall(r"--[\w-]+", self.format_help())
         if not text.startswith("-"):
-            return f"{text} is one argument too many"
+            fix = "leave it out"
+            if "--set" in flags and IS_SETTING(text):
+                fix = f"to set the key, write --set {text}"
+            refusal = Message.ARGUMENT_TOO_MANY.refusal(fix=fix)
+            return f"{text} {refusal.expected}; {refusal.fix}"
         flag = text.partition("=")[0]
-        close = get_close_matches(
-            flag, re.findall(r"--[\w-]+", self.format_help()), 1, 0.7
-        )
-        return f"there is no flag {flag}" + (
-            f", did you mean {close[0]}?" if close else ""
-        )
+        similar = get_close_matches(flag, flags, 1, 0.7)
+        fix = f"did you mean {similar[0]}?" if similar else "leave it out"
+        refusal = Message.UNKNOWN_FLAG.refusal(fix=fix)
+        return f"{flag} {refusal.expected}; {refusal.fix}"
 
     def error(self, message: str) -> NoReturn:
         """Print what was wrong, a line each, and a hint; for a word that is none of several, the nearest of them."""
@@ -154,9 +160,7 @@ class Parser(argparse.ArgumentParser):
             name = flag[1].rpartition("/")[2]
             action = self._option_string_actions.get(name)
             return message if action is None else f"{message}: {name} {action.metavar}"
-        is_count = "are required" in message or message.endswith(
-            "one argument too many"
-        )
+        is_count = "are required" in message or "one argument too many" in message
         return f"{message}; {self.epilog}" if is_count and self.epilog else message
 
 
@@ -174,19 +178,21 @@ def _hide_dashes(arguments: Sequence[str] | None) -> Sequence[str] | None:
     return values
 
 
+def wrong_value(text: str, refusal: RefusedError) -> argparse.ArgumentTypeError:
+    """Return the error of a value of a flag, which argparse prints with the flag."""
+    return argparse.ArgumentTypeError(f"{text} {refusal.expected}; {refusal.fix}")
+
+
 def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
-    """A reader of the name of a result, which a file system takes."""
+    """Return a reader of the name of a result, which a file system takes."""
 
     def read(text: str) -> Any:
         if not text.strip() or "\0" in text:
-            raise argparse.ArgumentTypeError(
-                "is not a name; write the path of a new file or folder"
-            )
-        long = max(len(os.fsencode(part)) for part in text.split("/"))
-        if long > LONGEST_NAME:
-            raise argparse.ArgumentTypeError(
-                f"has a name of {long} bytes; write at most {LONGEST_NAME}"
-            )
+            raise wrong_value("the output", Message.OUTPUT_NAME_EMPTY.refusal())
+        length = max(len(os.fsencode(part)) for part in text.split("/"))
+        if length > LONGEST_NAME:
+            refusal = Message.OUTPUT_NAME_LONG.refusal(length=length, most=LONGEST_NAME)
+            raise wrong_value("the output", refusal)
         return kind(text)
 
     return read
@@ -205,7 +211,7 @@ class Command:
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """A reader of whole numbers from `low` to `high`."""
+    """Return a reader of whole numbers from `low` to `high`."""
 
     def read(text: str) -> int:
         digits = text.removeprefix("-")
@@ -215,9 +221,8 @@ def whole(low: int, high: int) -> Callable[[str], int]:
             else low - 1
         )
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(
-                f"{text} is not a whole number from {low} to {high}"
-            )
+            refusal = Message.NOT_WHOLE_NUMBER.refusal(low=low, high=high)
+            raise wrong_value(text, refusal)
         return value
 
     return read
@@ -230,34 +235,31 @@ seed = whole(0, 10**18)
 
 
 def positive(text: str) -> float:
-    """A number above 0."""
+    """Return a number above 0."""
     try:
         value = float(text)
     except ValueError:
         value = 0.0
-    if not 0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a number above 0 and up to 1000000"
-        )
+    if not 0 < value <= MOST_NUMBER:
+        raise wrong_value(text, Message.NOT_ABOVE_ZERO.refusal(most=MOST_NUMBER))
     return value
 
 
 def names(text: str) -> list[str]:
-    """`a,b` -> names, each once."""
+    """Return the names in `a,b`, each once."""
     return list(
         dict.fromkeys(name for part in text.split(",") if (name := part.strip()))
     )
 
 
 def among(known: Sequence[str]) -> Callable[[str], list[str]]:
-    """A reader of `a,b` where each name is one of `known`."""
+    """Return a reader of `a,b` where each name is one of `known`."""
 
     def read(text: str) -> list[str]:
         wrong = [name for name in names(text) if name not in known]
         if wrong or not names(text):
-            raise argparse.ArgumentTypeError(
-                f"{', '.join(wrong) or text} is not among {', '.join(known)}"
-            )
+            refusal = Message.NOT_AMONG.refusal(names=", ".join(known))
+            raise wrong_value(", ".join(wrong) or text, refusal)
         return names(text)
 
     return read
@@ -271,6 +273,23 @@ IS_VALUE_PIECE = re.compile(
 ).fullmatch
 
 
+IS_SETTING = re.compile(r"[A-Za-z_]\w*(?:[.\[][^=\s]+)=.*", re.DOTALL).fullmatch
+"""Whether an argument has the form of `--set`: a dotted key, = and a value."""
+
+
+def refuse_settings(files: Sequence[str]) -> None:
+    """Raise InputError for arguments that are KEY=VALUE and not files."""
+    problems = []
+    for text in files:
+        if IS_SETTING(text) and not Path(text).exists():
+            problem = Message.KEY_WITHOUT_SET.problem(
+                Place("SCENE"), "", quoted(text), setting=text
+            )
+            problems.append(problem)
+    if problems:
+        raise InputError(problems)
+
+
 def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
     """Raise InputError if spaces cut the value of a flag apart.
 
@@ -279,9 +298,9 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
     strays = {
         text for text in files if not Path(text).exists() and IS_VALUE_PIECE(text)
     }
-    for at, flag in enumerate(arguments):
-        pieces = [*arguments[at + 1 : at + 2]]
-        for text in arguments[at + 2 :]:
+    for index, flag in enumerate(arguments):
+        pieces = [*arguments[index + 1 : index + 2]]
+        for text in arguments[index + 2 :]:
             if text not in strays:
                 break
             pieces.append(text)
@@ -343,7 +362,7 @@ def check_folder_name(output: str | Path | None) -> None:
 
 
 def check_scene_name(output: Path | None) -> None:
-    """Refuses an output that would overwrite a photo, or that no command reads as a scene."""
+    """Raise InputError for an output that would overwrite a photo, or that is not a scene's name."""
     if output is not None and (
         output.suffix not in (".yaml", ".yml") or output.is_dir()
     ):

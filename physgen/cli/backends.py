@@ -23,20 +23,20 @@ MEBIBYTE = 2**20
 
 
 def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Lines of text: a role, its backends, and below each what is missing."""
+    """Yield the lines of text: a role, its backends, and below each what is missing."""
     role = None
     for row in rows:
         if row["role"] != role:
             role = row["role"]
             yield role
-        chosen = "*" if row["chosen"] else " "
-        yield f"  {chosen} {row['name']:<{NAME_WIDTH}} {row['about']}{terms(row)}"
+        chosen_mark = "*" if row["chosen"] else " "
+        yield f"  {chosen_mark} {row['name']:<{NAME_WIDTH}} {row['about']}{terms(row)}"
         yield from (f"{'':{NAME_WIDTH + 5}}[{line}]" for line in row["missing"])
 
 
 def terms(row: Mapping[str, Any]) -> str:
     """Return size and licence of each of a row's weights, e.g. ` (0.2 GB, Apache-2.0)`."""
-    parts = [f"{one['size']}, {one['licence']}" for one in row["weights"]]
+    parts = [f"{weights['size']}, {weights['licence']}" for weights in row["weights"]]
     return f" ({'; '.join(parts)})" if parts else ""
 
 
@@ -92,11 +92,11 @@ def check_line(check: BackendCheck) -> str:
 
 def add_list(parser: Parser) -> None:
     add_backends(parser)
-    about = (
+    help_text = (
         "run each backend that is ready, or those named, on a small picture: seconds and memory; exit code 1 if one "
         "fails"
     )
-    parser.add_argument("--check", metavar="ROLE=NAME", nargs="*", help=about)
+    parser.add_argument("--check", metavar="ROLE=NAME", nargs="*", help=help_text)
     parser.flag("--json", "print as JSON")
 
 

@@ -23,25 +23,25 @@ KILOBYTE = 1000
 def clean(options: argparse.Namespace) -> int:
     by_place: dict[Path, UnusedPath] = {}
     for path in options.paths or [Path()]:
-        for one in _unused_of(path):
-            place = one.path.parent.resolve() / one.path.name
-            by_place.setdefault(place, one)
-    unused = list(by_place.values())
+        for item in _unused_of(path):
+            place = item.path.parent.resolve() / item.path.name
+            by_place.setdefault(place, item)
+    unused_files = list(by_place.values())
     if options.cache:
-        unused += _cache()
-    sizes = [one.size for one in unused]
+        unused_files += _cache()
+    sizes = [item.size for item in unused_files]
     if options.yes:
-        for one in unused:
-            one.remove()
+        for item in unused_files:
+            item.remove()
     if options.json:
         rows = [
-            {"path": str(one.path), "kind": one.kind.value, "bytes": size}
-            for one, size in zip(unused, sizes, strict=True)
+            {"path": str(item.path), "kind": item.kind.value, "bytes": size}
+            for item, size in zip(unused_files, sizes, strict=True)
         ]
         is_removed = bool(options.yes)
         print_json({"unused": rows, "bytes": sum(sizes), "removed": is_removed})
     else:
-        _print_table(unused, sizes, options.yes)
+        _print_table(unused_files, sizes, options.yes)
     return OK
 
 
@@ -56,15 +56,15 @@ def _unused_of(path: Path) -> list[UnusedPath]:
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
     folder = _unused_in(path.parent, backup)
-    backups = [one for one in folder if backup.fullmatch(one.path.name)]
-    named = {assets_of(one.path) for one in backups}
+    backups = [item for item in folder if backup.fullmatch(item.path.name)]
+    named_assets = {assets_of(item.path) for item in backups}
     return [
-        one
-        for one in folder
-        if one in backups
-        or family.fullmatch(one.path.name)
-        or one.path in named
-        or one.path.name.startswith(f".{path.name}.")
+        item
+        for item in folder
+        if item in backups
+        or family.fullmatch(item.path.name)
+        or item.path in named_assets
+        or item.path.name.startswith(f".{path.name}.")
     ]
 
 
@@ -86,9 +86,9 @@ def _unused_in(
     ]
     assets = unused_assets(folder, backups)
     partials = _partials(folder)
-    for one in folder.glob("*.assets"):
-        if one not in assets:
-            partials += _partials(one)
+    for item in folder.glob("*.assets"):
+        if item not in assets:
+            partials += _partials(item)
     return [
         *(UnusedPath(path, UnusedKind.BACKUP) for path in backups),
         *(UnusedPath(path, UnusedKind.ASSETS) for path in assets),
@@ -112,9 +112,9 @@ def _cache() -> list[UnusedPath]:
 def _print_table(
     unused: Sequence[UnusedPath], sizes: Sequence[int], is_removed: bool
 ) -> None:
-    width = max((len(str(one.path)) for one in unused), default=0)
-    for one, size in zip(unused, sizes, strict=True):
-        print_line(f"{one.path!s:<{width}}  {one.kind.value:<7}  {_size_text(size)}")
+    width = max((len(str(item.path)) for item in unused), default=0)
+    for item, size in zip(unused, sizes, strict=True):
+        print_line(f"{item.path!s:<{width}}  {item.kind.value:<7}  {_size_text(size)}")
     total = f"{len(unused)}, {_size_text(sum(sizes))}"
     if not unused:
         print_error("nothing is unused")
@@ -134,8 +134,8 @@ def _size_text(size: float) -> str:
 
 
 def add(parser: Parser) -> None:
-    about = "scene files, or folders; default: the current folder"
-    parser.add_argument("paths", metavar="PATH", type=Path, nargs="*", help=about)
+    help_text = "scene files, or folders; default: the current folder"
+    parser.add_argument("paths", metavar="PATH", type=Path, nargs="*", help=help_text)
     parser.flag("--yes", "remove what is listed")
     parser.flag("--cache", "the cache of model answers, too")
     parser.flag("--json", "print as JSON")

@@ -47,8 +47,10 @@ def clip(options: argparse.Namespace) -> int:
     if video is None:
         check_folder_name(output)
     elif len(options.image) > 1:
-        found = f'"{output}"'
-        raise Message.ONE_FILE_FOR_CLIPS.error("-o", found, count=len(options.image))
+        value_text = f'"{output}"'
+        raise Message.ONE_FILE_FOR_CLIPS.error(
+            "-o", value_text, count=len(options.image)
+        )
     scenes, problems = _perceive(options, video)
     if not options.json:
         for scene in scenes:
@@ -73,8 +75,8 @@ def _perceive(
         bar.show(BEGIN, 0, 1)
         if len(options.image) > 1:
             options.output = folder
-            written = perceive_photos(options, bar)
-            scenes, problems = written.scenes, written.problems
+            result = perceive_photos(options, bar)
+            scenes, problems = result.scenes, result.problems
         else:
             name = options.image[0].stem if video is None else video.stem
             options.output = folder / f"{name}.yaml"
@@ -86,17 +88,19 @@ def _perceive(
 
 def add(parser: Parser) -> None:
     parser.add_argument("image", metavar="IMAGE", type=Path, nargs="+", help="a photo")
-    about = (
+    help_text = (
         "folder of the scenes and clips, or the file of one video, with its scene "
         "beside it; default: out, or out/preview for previews"
     )
-    parser.option("-o --output", "DIR or VIDEO", str, about)
+    parser.option("-o --output", "DIR or VIDEO", str, help_text)
     add_photo_flags(parser)
-    about = (
+    help_text = (
         "push this object in place of the one that perceive chooses: ball-1=right, "
         "ball-1=up-left@0.5 m/s; may be repeated"
     )
-    parser.option("--push", "NAME=DIRECTION[@SPEED]", str, about, [], action="append")
+    parser.option(
+        "--push", "NAME=DIRECTION[@SPEED]", str, help_text, [], action="append"
+    )
     add_motion_flags(parser)
     add_backend_choices(parser)
     add_clips(parser)

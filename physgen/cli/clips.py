@@ -23,6 +23,7 @@ from physgen.cli.arguments import (
     draws,
     names,
     seed,
+    wrong_value,
 )
 from physgen.cli.clusters import is_parallel, run_all
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
@@ -53,7 +54,7 @@ GALLERY_CLIPS = 20_000
 
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
-    """The jobs of `render`: scenes times variants. Raises InputError."""
+    """Yield the jobs of `render`: scenes times variants. Raises InputError."""
     clips = [
         (path, variant)
         for path in options.scenes
@@ -61,8 +62,8 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     ]
     calls: list[Callable[[], Any]] = [partial(job_maker, options)]
     calls += [partial(_motion_edits, *clip, options) for clip in clips]
-    make, *pushed = collect(calls)
-    for clip, edits in zip(clips, pushed, strict=True):
+    make, *push_edits = collect(calls)
+    for clip, edits in zip(clips, push_edits, strict=True):
         preview = preview_edits(*clip, options, edits) if options.preview else ()
         yield make(*clip, edits, preview=preview)
 
@@ -79,20 +80,22 @@ def _motion_edits(
 
     scene = _opened(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
-        compiled = pipeline.compile(scene, pipeline.percepts(scene))
+        compilation = pipeline.compile(scene, pipeline.percepts(scene))
     if options.story:
-        edits = _story_edits(path, scene, compiled, options)
+        edits = _story_edits(path, scene, compilation, options)
     else:
-        edits = motion_edits(scene, compiled, options.push, options.drop, options.kick)
-    kept: dict[str, Any] = {}
+        edits = motion_edits(
+            scene, compilation, options.push, options.drop, options.kick
+        )
+    values: dict[str, Any] = {}
     for key, value in edits.items():
-        *above, last = key.split(".")
-        part = kept
-        for name in above:
+        *parents, last = key.split(".")
+        part = values
+        for name in parents:
             part = part.setdefault(name, {})
         part[last] = value
     print_error(
-        f"{path}: to keep this motion, write\n{indent(scene_text(kept), '  ').rstrip()}"
+        f"{path}: to keep this motion, write\n{indent(scene_text(values), '  ').rstrip()}"
     )
     return tuple(f"{key}={flow_text(value, ())}" for key, value in edits.items())
 
@@ -118,30 +121,33 @@ def _story_edits(
 def preview_edits(
     path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
 ) -> tuple[str, ...]:
-    """Edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
+    """Return the edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
     from physgen import pipeline
 
     try:
-        opened = _opened(path, options.allow_outside)
-        scene = opened.scene((*options.set, *further), variant)
-        fixed = not scene.world.until_rest
+        scene_file = _opened(path, options.allow_outside)
+        scene = scene_file.scene((*options.set, *further), variant)
+        has_fixed_end = not scene.world.until_rest
         world = (
             scene.world
-            if fixed
+            if has_fixed_end
             else pipeline.compile(scene, pipeline.percepts(scene)).world
         )
     except InputError:  # reported when it is rendered
         return ()
     film, length = scene.render, world.duration * scene.render.slow
     count = film.frames or max(1, round(film.fps * length))
-    few = min(count, PREVIEW_FRAMES)
-    edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
-    edits += [] if fixed else [f"world.duration={world.duration}"]
+    frame_count = min(count, PREVIEW_FRAMES)
+    edits = [
+        f"render.frames={frame_count}",
+        f"render.fps={max(1.0, film.fps * frame_count / count):g}",
+    ]
+    edits += [] if has_fixed_end else [f"world.duration={world.duration}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
-    given = [
+    stated_edits = [
         edit.partition("=")[0] for edit in (*options.set, *further)
     ]  # the user's own edits stay
-    if not {"render.size", "render.scale"} & set(given):
+    if not {"render.size", "render.scale"} & set(stated_edits):
         edits += [
             f"render.{key}="
             for key in ("size", "scale")
@@ -151,10 +157,10 @@ def preview_edits(
 
 
 def _opened(path: str, allow_outside: bool) -> Opened:
-    """A file of which many clips are made is read once, until it is written."""
-    opened = _read(path, allow_outside, os.getcwd())
-    if not opened.stale():
-        return opened
+    """Read a file once for many clips, until it is written."""
+    scene_file = _read(path, allow_outside, os.getcwd())
+    if not scene_file.stale():
+        return scene_file
     _read.cache_clear()
     return _read(path, allow_outside, os.getcwd())
 
@@ -167,7 +173,7 @@ def _read(path: str, allow_outside: bool, folder: str) -> Opened:
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
-    """A function of scene, variant, further overrides and name that makes a job. Raises InputError."""
+    """Return a function of scene, variant, further overrides and name that makes a job. Raises InputError."""
     from physgen import pipeline
     from physgen.batch.run import Job
     from physgen.export.video import Format
@@ -205,14 +211,14 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         preview: tuple[str, ...] = (),
     ) -> Job:
         edits = (*preview, *overrides, *further)
-        chosen = replace(common, overrides=edits, variant=variant, name=name)
-        return Job(path, chosen, options.output, refiner, tracked)
+        job_options = replace(common, overrides=edits, variant=variant, name=name)
+        return Job(path, job_options, options.output, refiner, tracked)
 
     return make
 
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
-    """The backend that refines, and what the flags set in every scene."""
+    """Return the backend that refines, and what the flags set in every scene."""
     from physgen import registry
     from physgen.batch.run import Refiner
 
@@ -255,18 +261,18 @@ def other_variants(path: str, options: argparse.Namespace) -> list[Problem]:
 
 
 def check_names(jobs: list[Job]) -> None:
-    """Refuses clips that would overwrite each other."""
+    """Raise InputError for clips that would overwrite each other."""
     from physgen import pipeline
 
-    seen: dict[str, str] = {}
+    scenes_by_folder: dict[str, str] = {}
     problems = []
     for job in jobs:
         name = pipeline.output_name(job.scene, job.options.variant)
-        if name in seen:
+        if name in scenes_by_folder:
             problems += Message.CLIPS_CALLED_ALIKE.error(
-                job.scene, name=name, other=seen[name]
+                job.scene, name=name, other=scenes_by_folder[name]
             ).problems
-        seen.setdefault(name, job.scene)
+        scenes_by_folder.setdefault(name, job.scene)
     if problems:
         raise InputError(problems)
 
@@ -291,7 +297,7 @@ class Tally:
                 )
 
     def new_warnings(self, done: Done) -> Iterator[str]:
-        """Problems of a clip that were not printed for another clip of the scene."""
+        """Yield the problems of a clip that were not printed for another clip of the scene."""
         for problem in done.problems:
             text = str(problem)
             if text not in self._warnings:
@@ -336,21 +342,21 @@ def make_all(
     work = run if is_parallel(options, count) else partial(run, progress=bar.show)
     with (
         cleaned_up(out),
-        closing(run_all(options, work, jobs, count, failed)) as done_ones,
+        closing(run_all(options, work, jobs, count, failed)) as results,
     ):
-        for done in done_ones:
+        for result in results:
             bar.clear()
-            if not done.can_write:  # no further clip can be written, either
-                raise OutputError(done.problems)
-            if done.disk_full:  # every further clip would fail the same way
+            if not result.can_write:  # no further clip can be written, either
+                raise OutputError(result.problems)
+            if result.disk_full:  # every further clip would fail the same way
                 tally.disk_full = True
                 break
-            tally.add(done)
-            for line in tally.new_warnings(done):
+            tally.add(result)
+            for line in tally.new_warnings(result):
                 print_error(line)
-            record_failure(done, out, gallery)
-            on_done(done)
-            _print_done(done, options.json, store)
+            record_failure(result, out, gallery)
+            on_done(result)
+            _print_done(result, options.json, store)
             _announce(bar, tally.counts.total() + 1, count)
     bar.clear()
     bar.prefix = ""
@@ -369,8 +375,8 @@ def make_all(
         elif out.is_dir():
             write_gallery([out], index, progress=bar.show, keep=print_backup)
             bar.clear()
-    shown = index if count > 1 and index.exists() else None
-    return _sum_up(tally, count, shown, files, options)
+    gallery_page = index if count > 1 and index.exists() else None
+    return _sum_up(tally, count, gallery_page, files, options)
 
 
 def _announce(bar: Bar, number: int, count: int) -> None:
@@ -433,9 +439,9 @@ def _sum_up(
         for file in ([] if index is None else [str(index)]) + [*files]:
             print_line(file)
     if tally.disk_full:
-        missing = f"{count - made - unchanged:,} of {count:,} clips are missing"
+        shortage = f"{count - made - unchanged:,} of {count:,} clips are missing"
         fix = "make room and run the same command again"
-        print_error(f"{options.output}: no room left: {missing}; {fix}")
+        print_error(f"{options.output}: no room left: {shortage}; {fix}")
         return FAILED
     if count > 1 and (failed or unchanged) and not (options.json and not failed):
         print_error(str(tally))
@@ -448,43 +454,41 @@ REPORTS = ("full", "none")
 
 
 def part(text: str) -> slice:
-    """`K/N`: every N-th clip, from the K-th on."""
+    """Return the slice of `K/N`: every N-th clip, from the K-th on."""
     first, _, step = text.partition("/")
     if first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step):
         return slice(int(first) - 1, None, int(step))
-    raise argparse.ArgumentTypeError(
-        f"{text} is not a part; write e.g. 2/8, the second of 8 machines"
-    )
+    raise wrong_value(text, Message.NOT_A_PART.refusal())
 
 
 def add_clips(parser: Parser) -> None:
     """Adds the flags of commands that render clips."""
     parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
-    about = "make the K-th of N parts of the clips, one on each machine; see docs/batches.md"
-    parser.option("--part", "K/N", part, about)
+    help_text = "make the K-th of N parts of the clips, one on each machine; see docs/batches.md"
+    parser.option("--part", "K/N", part, help_text)
     parser.option(
         "--format",
         "LIST",
         among(FORMATS),
         "any of mp4,gif,webp,png; default: mp4",
     )
-    about = (
+    help_text = (
         "simulate N draws of the values that `from` marks as uncertain, and report which outcomes the photo decides; "
         "see docs/rendering.md"
     )
-    parser.option("--fan", "N", draws, about, 0)
+    parser.option("--fan", "N", draws, help_text, 0)
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
-    about = "refine the clip by a video diffusion model: animatediff, wan, ltx-video, or none; see physgen backends"
-    parser.option("--refine", "NAME[:WEIGHTS]", str, about)
+    help_text = "refine the clip by a video diffusion model: animatediff, wan, ltx-video, or none; see physgen backends"
+    parser.option("--refine", "NAME[:WEIGHTS]", str, help_text)
     parser.option(
         "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
     )
-    about = "full (the default), or none"
-    parser.add_argument("--report", choices=REPORTS, help=about)
-    about = (
+    help_text = "full (the default), or none"
+    parser.add_argument("--report", choices=REPORTS, help=help_text)
+    help_text = (
         "ground truth beside the clip, in truth/: any of the formats of physgen export"
     )
-    parser.option("--export", "LIST", names, about, ())
+    parser.option("--export", "LIST", names, help_text, ())
     parser.flag(
         "--preview",
         "a quick look: at most 24 frames of the photo's size, without a report",
@@ -495,7 +499,7 @@ def add_clips(parser: Parser) -> None:
 
 def add_overlays(parser: Parser) -> None:
     """Adds the flags that edit a scene, and the one that lets it read other folders."""
-    about = "edit a key: objects.ball-1.mass=200; * stands for every object, KEY= takes it away"
-    parser.option("--set", "KEY=VALUE", str, about, [], action="append")
+    help_text = "edit a key: objects.ball-1.mass=200; * stands for every object, KEY= takes it away"
+    parser.option("--set", "KEY=VALUE", str, help_text, [], action="append")
     parser.option("--variant", "NAME", str, "apply a named variant of the file, or all")
     parser.flag("--allow-outside", "let the scene read files outside its folder")

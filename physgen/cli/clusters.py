@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from physgen.cli.arguments import Parser
+from physgen.cli.arguments import Parser, wrong_value
 from physgen.cli.output import print_error
 from physgen.files import install
 from physgen.messages import Message
@@ -29,21 +29,19 @@ def address(text: str) -> str:
     """Read the address of a scheduler, its file, or `local`."""
     if ADDRESS.fullmatch(text):
         return text
-    raise argparse.ArgumentTypeError(
-        f"{text} is not a cluster; write tcp://HOST:8786, a scheduler's FILE.json, or local:4"
-    )
+    raise wrong_value(text, Message.NOT_A_CLUSTER.refusal())
 
 
 def add_cluster(parser: Parser) -> None:
     """Add the flag of a cluster."""
-    about = "run on a Dask cluster: tcp://HOST:8786, a scheduler's FILE.json, or local[:N] for N processes here"
-    parser.option("--cluster", "ADDRESS", address, about)
+    help_text = "run on a Dask cluster: tcp://HOST:8786, a scheduler's FILE.json, or local[:N] for N processes here"
+    parser.option("--cluster", "ADDRESS", address, help_text)
 
 
 def add_ship(parser: Parser) -> None:
     """Add the flag of a store."""
-    about = "with --cluster: scenes and results are in this store in place of a shared folder: s3://BUCKET/NAME"
-    parser.option("--ship", "URL", str, about)
+    help_text = "with --cluster: scenes and results are in this store in place of a shared folder: s3://BUCKET/NAME"
+    parser.option("--ship", "URL", str, help_text)
 
 
 def check_cluster(options: argparse.Namespace) -> None:

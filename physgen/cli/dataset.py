@@ -61,16 +61,18 @@ def dataset(options: argparse.Namespace) -> int:
     ) -> Generator[Sample, None, None]:
         return run_all(options, copy, clips, 1, lost_sample)
 
-    how = Gathering(splits, warn, progress, copies, options.layout, options.shard_clips)
+    gathering = Gathering(
+        splits, warn, progress, copies, options.layout, options.shard_clips
+    )
     if options.ship is None:
-        done = gather(options.folders, options.output, how)
+        summary = gather(options.folders, options.output, gathering)
     else:
-        done = gather_stored(options, how)
+        summary = gather_stored(options, gathering)
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
-    _warn_of_empty_splits(done, options.output)
-    _print_summary(done, options)
-    return WRONG_INPUT if done.left_out else OK
+    _warn_of_empty_splits(summary, options.output)
+    _print_summary(summary, options)
+    return WRONG_INPUT if summary.left_out else OK
 
 
 def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
@@ -79,10 +81,10 @@ def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
     if not empty:
         return
     photos = len(done.photos)
-    there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
+    photo_count = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
     place = Place(str(output))
     names = ", ".join(empty)
-    print_problem(Message.SPLIT_EMPTY.warning(place, empty=names, there=there))
+    print_problem(Message.SPLIT_EMPTY.warning(place, empty=names, there=photo_count))
 
 
 def _print_summary(done: DatasetSummary, options: argparse.Namespace) -> None:
@@ -104,19 +106,19 @@ def _print_summary(done: DatasetSummary, options: argparse.Namespace) -> None:
 
 
 def add(parser: Parser) -> None:
-    about = "folders of rendered or exported clips, at any depth"
-    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
+    help_text = "folders of rendered or exported clips, at any depth"
+    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=help_text)
     parser.option(
         "-o --output", "DATASET", Path, "folder of the data set", required=True
     )
     layouts = ("folder", "webdataset")
-    about = "folder (the default), as Hugging Face's datasets read it, or webdataset: shards"
-    parser.add_argument("--layout", choices=layouts, default=layouts[0], help=about)
-    about = "clips in a shard, at most; default: 1000"
-    parser.option("--shard-clips", "N", number_of_clips, about, 1000)
+    help_text = "folder (the default), as Hugging Face's datasets read it, or webdataset: shards"
+    parser.add_argument("--layout", choices=layouts, default=layouts[0], help=help_text)
+    help_text = "clips in a shard, at most; default: 1000"
+    parser.option("--shard-clips", "N", number_of_clips, help_text, 1000)
     shares = "train=0.8,validation=0.1,test=0.1"
-    about = f"shares of the photos: all clips of a photo are in the same split; default: {shares}"
-    parser.option("--split", "SHARES", str, about, shares)
+    help_text = f"shares of the photos: all clips of a photo are in the same split; default: {shares}"
+    parser.option("--split", "SHARES", str, help_text, shares)
     parser.option(
         "--seed", "S", seed, "determines which photo is in which split; default: 0", 0
     )

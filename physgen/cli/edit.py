@@ -37,9 +37,11 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 def edit(options: argparse.Namespace) -> int:
-    if missing := [name for name in NEEDED if find_spec(name) is None]:
+    if missing_packages := [name for name in NEEDED if find_spec(name) is None]:
         raise Message.EDITOR_PACKAGES_MISSING.error(
-            "physgen edit", packages=" and ".join(missing), install=install("edit")
+            "physgen edit",
+            packages=" and ".join(missing_packages),
+            install=install("edit"),
         )
     check_folder_name(options.output)
     check_writable(options.output)
@@ -78,16 +80,16 @@ def edit(options: argparse.Namespace) -> int:
         with suppress(KeyboardInterrupt):
             editor.run()
     finally:
-        kept = editor.close()
-    if kept is not None:
+        kept_files = editor.close()
+    if kept_files is not None:
         print_error(
-            f"{scene}: not saved; what was edited is kept in {kept.name}, and the next physgen edit goes on there"
+            f"{scene}: not saved; what was edited is kept in {kept_files.name}, and the next physgen edit goes on there"
         )
     return OK
 
 
 def edit_file(options: argparse.Namespace) -> int:
-    """One edit of objects; all other lines and the comments stay."""
+    """Apply one edit of objects; all other lines and the comments stay."""
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
     from physgen.edit.operations import edited
@@ -115,35 +117,37 @@ def edit_file(options: argparse.Namespace) -> int:
         )
     if is_merge and names[0] in doubtful:
         _refuse_doubtful_first(scene, path, names)
-    text, at = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
+    text, object_path = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
     ops: dict[str, list[dict[str, Any]]] = {
-        "rename": [{"rename": at, "to": getattr(options, "to", "")}],
+        "rename": [{"rename": object_path, "to": getattr(options, "to", "")}],
         "remove": [{"remove": ["objects", name]} for name in dict.fromkeys(names)],
     }
     try:
-        merged = {"kind": "merge", "objects": names}
-        made: Any = (
-            correct(Live(path), text, merged)
+        merge_edit = {"kind": "merge", "objects": names}
+        correction: Any = (
+            correct(Live(path), text, merge_edit)
             if is_merge
             else edited(text, ops[options.command])
         )
     except EditError as error:
         refusal = RefusedError(error.message, error.fix, error.code)
         raise InputError([refusal.problem(Place(str(path)))]) from None
-    after = Opened(path, options.allow_outside, made.text)
+    after = Opened(path, options.allow_outside, correction.text)
     after.scene()
-    failed = {problem.variant for problem in before.variant_problems}
-    broken = [p for p in after.variant_problems if p.variant not in failed]
-    if broken:
-        raise InputError(broken)
-    folder = getattr(made, "folder", None)
+    failed_variants = {problem.variant for problem in before.variant_problems}
+    new_problems = [
+        p for p in after.variant_problems if p.variant not in failed_variants
+    ]
+    if new_problems:
+        raise InputError(new_problems)
+    folder = getattr(correction, "folder", None)
     if folder is not None and scene.assets is not None:
         note_copies(scene.assets, folder)
     save_scene(
         path.resolve(),
-        made.text.encode("utf-8"),
+        correction.text.encode("utf-8"),
         lambda kept: print_error(
-            Note.EDITED.text(edit=_past_tense(made.what), backup=kept.name)
+            Note.EDITED.text(edit=_past_tense(correction.what), backup=kept.name)
         ),
     )
     print_line(str(path))
@@ -237,18 +241,18 @@ def _print_address(options: argparse.Namespace, scene: Path, address: str) -> No
 
 
 def add(parser: Parser) -> None:
-    about = (
+    help_text = (
         "a scene file; or a photo, which is perceived first into a scene of its name beside it. A scene that is there "
         "already is opened"
     )
-    parser.add_argument("scene", metavar="SCENE or PHOTO", type=Path, help=about)
-    about = "folder of what is rendered from the page; default: out"
-    parser.option("-o --output", "DIR", Path, about, Path("out"))
+    parser.add_argument("scene", metavar="SCENE or PHOTO", type=Path, help=help_text)
+    help_text = "folder of what is rendered from the page; default: out"
+    parser.option("-o --output", "DIR", Path, help_text, Path("out"))
     parser.option(
         "--port", "N", whole(0, 65535), "port to listen at; default: a free one"
     )
-    about = "name or address to listen at; default: 127.0.0.1, which only this machine can reach"
-    parser.option("--host", "HOST", str, about, LOOPBACK[0])
+    help_text = "name or address to listen at; default: 127.0.0.1, which only this machine can reach"
+    parser.option("--host", "HOST", str, help_text, LOOPBACK[0])
     parser.flag("--no-browser", "only print the address")
     parser.flag("--allow-outside", "let the scene read files outside its folder")
     parser.flag("--json", "print the address as a line of JSON")
@@ -261,10 +265,10 @@ def _add_file_edit(extra: Sequence[str], parser: Parser) -> None:
     )
     verb = parser.prog.split()[-1]
     count: Any = {"merge": "+", "remove": "+"}.get(verb, 1)
-    about = "an object"
+    help_text = "an object"
     if verb == "merge":
-        about = "the object that remains, then objects and doubtful regions"
-    parser.add_argument("objects", metavar="NAME", nargs=count, help=about)
+        help_text = "the object that remains, then objects and doubtful regions"
+    parser.add_argument("objects", metavar="NAME", nargs=count, help=help_text)
     if "to" in extra:
         parser.add_argument("to", metavar="NEW", help="its new name")
     parser.flag("--allow-outside", "let the scene read files outside its folder")

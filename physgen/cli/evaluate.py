@@ -43,9 +43,9 @@ def check_output(folder: Path | None) -> None:
 
 
 def add_output(parser: Parser) -> None:
-    """The flag `-o`."""
-    about = "write a page, and the result as JSON, in this folder"
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=about)
+    """Add the flag `-o`."""
+    help_text = "write a page, and the result as JSON, in this folder"
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=help_text)
 
 
 def show(findings: Findings, options: argparse.Namespace) -> int:
@@ -71,8 +71,11 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
 
 
 def add_segmentation(parser: Parser) -> None:
-    about = "photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and photo.assets/masks.png"
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
+    help_text = (
+        "photos with label maps: NAME.png and NAME.labels.png, "
+        "or folders of photo.png and photo.assets/masks.png"
+    )
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help=help_text)
     parser.option(
         "--backend",
         "ROLE=NAME",
@@ -88,16 +91,16 @@ def run_segmentation(options: argparse.Namespace) -> int:
     from physgen.evaluate.segmentation import evaluate, findings, pairs
     from physgen.registry import Backends, Plan, choices
 
-    chosen = choices(options.backend)
-    if set(chosen) - {"segment"}:
-        role = f'"{", ".join(sorted(set(chosen) - {"segment"}))}"'
+    backend_choices = choices(options.backend)
+    if set(backend_choices) - {"segment"}:
+        role = f'"{", ".join(sorted(set(backend_choices) - {"segment"}))}"'
         raise Message.ROLE_NOT_SEGMENT.error("--backend", role)
-    found, warnings = pairs(options.folder)
+    photo_pairs, warnings = pairs(options.folder)
     print_problems(warnings)
     check_output(options.output)
     bar = Bar()
-    segment = Backends(Plan(chosen)).get("segment")
-    result = evaluate(found, segment, progress=bar.show)
+    segment = Backends(Plan(backend_choices)).get("segment")
+    result = evaluate(photo_pairs, segment, progress=bar.show)
     bar.clear()
     return hand_over(findings(result), options)
 
@@ -106,8 +109,11 @@ def run_segmentation(options: argparse.Namespace) -> int:
 
 
 def add_fid(parser: Parser) -> None:
-    about = "a method's clips: a folder of videos, of physgen's clips or of folders of frames; its name is the method's"
-    parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="+", help=about)
+    help_text = (
+        "a method's clips: a folder of videos, of physgen's clips or of folders of "
+        "frames; its name is the method's"
+    )
+    parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="+", help=help_text)
     parser.option(
         "--reference",
         "DIR",
@@ -116,14 +122,14 @@ def add_fid(parser: Parser) -> None:
         action="append",
         required=True,
     )
-    about = "inception-2015-12-05.pt, the TorchScript file of published FIDs"
-    parser.option("--inception", "FILE", Path, about, required=True)
+    help_text = "inception-2015-12-05.pt, the TorchScript file of published FIDs"
+    parser.option("--inception", "FILE", Path, help_text, required=True)
     parser.option("--frames", "N", count, "frames of each clip, evenly; default: all")
-    about = (
+    help_text = (
         "first frames of the methods' clips that do not count: 1 where theirs begin with the photo and the "
         "reference's do not; default: 0"
     )
-    parser.option("--skip", "N", count, about, 0)
+    parser.option("--skip", "N", count, help_text, 0)
     parser.option(
         "--size",
         "PX",
@@ -131,8 +137,8 @@ def add_fid(parser: Parser) -> None:
         "the shorter side of all frames; default: 256",
         256,
     )
-    about = "resamplings of clips for intervals, 0 for none; default: 200"
-    parser.option("--draws", "N", whole(0, 10_000), about, 200)
+    help_text = "resamplings of clips for intervals, 0 for none; default: 200"
+    parser.option("--draws", "N", whole(0, 10_000), help_text, 200)
     add_output(parser)
 
 
@@ -141,59 +147,63 @@ def run_fid(options: argparse.Namespace) -> int:
     from physgen.evaluate.fid import Settings, findings, measure
 
     check_output(options.output)
-    named = methods(options.clips)
+    method_clips = methods(options.clips)
     calls: list[Callable[[], Any]] = [partial(_features, options.inception)]
-    calls += [partial(sources, paths) for paths in (options.reference, *named.values())]
+    calls += [
+        partial(sources, paths) for paths in (options.reference, *method_clips.values())
+    ]
     features, truth, *sides = collect(calls)
     settings = Settings(Rule(options.size, options.frames), options.draws)
-    skipped = ([replace(one, skip=options.skip) for one in side] for side in sides)
-    clips = dict(zip(named, skipped, strict=True))
+    shortened_sides = (
+        [replace(source, skip=options.skip) for source in side] for side in sides
+    )
+    clips = dict(zip(method_clips, shortened_sides, strict=True))
     bar = Bar()
     try:
-        measured = measure(truth, clips, features, settings, bar.show)
+        comparison = measure(truth, clips, features, settings, bar.show)
     except MemoryError:
         raise Message.FRAMES_TOO_LARGE.error("--size", str(options.size)) from None
     bar.clear()
-    print_problems(measured.warnings)
-    return hand_over(findings(measured, options.skip), options)
+    print_problems(comparison.warnings)
+    return hand_over(findings(comparison, options.skip), options)
 
 
 def _features(file: Path) -> Inception:
-    """Those of Inception's file. Raises InputError."""
+    """Return the features of Inception's file. Raise InputError."""
     try:
         from physgen.evaluate.backends.inception import Inception
 
         return Inception(file)
     except ModuleNotFoundError as error:
-        missing, command = Message.INCEPTION_NEEDS, install("models")
-        raise missing.error(
+        message, command = Message.INCEPTION_NEEDS, install("models")
+        raise message.error(
             "--inception", package=error.name, install=command
         ) from None
 
 
 def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """By the names of the folders, in the order given. Raises InputError for two of one name."""
-    named = {path.resolve().stem: [path] for path in paths}
-    if len(named) < len(paths) or REFERENCE in named:
+    """Return the methods by folder name, in the given order. Raise InputError for two of one name."""
+    paths_by_name = {path.resolve().stem: [path] for path in paths}
+    if len(paths_by_name) < len(paths) or REFERENCE in paths_by_name:
         names = ", ".join(path.resolve().stem for path in paths)
         raise Message.METHODS_CALLED_ALIKE.error("evaluate fid", names)
-    return named
+    return paths_by_name
 
 
 # ---- study --------------------------------------------------------------------------------------------------------
 
 
 def add_study(parser: Parser) -> None:
-    about = (
+    help_text = (
         "a folder of methods with METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it; with --key: files that raters "
         "saved, or a folder of them"
     )
-    parser.add_argument("paths", metavar="PATH", type=Path, nargs="+", help=about)
-    about = (
+    parser.add_argument("paths", metavar="PATH", type=Path, nargs="+", help=help_text)
+    help_text = (
         "the page to rate on, its key beside it (default: study.html, study.key.json); with --key: a folder for a "
         "page of the result"
     )
-    parser.option("-o --output", "PATH", Path, about)
+    parser.option("-o --output", "PATH", Path, help_text)
     parser.option("--key", "FILE", Path, "read answers with the key of their study")
     parser.option("--videos", "N", count, "scenes shown of every method; default: 15")
     parser.option("--seed", "N", seed, "of what is drawn; default: 0", 0)
@@ -216,9 +226,9 @@ def run_study(options: argparse.Namespace) -> int:
     check_page(page)
     bar = Bar()
     methods = methods_in(options.paths[0])
-    made = make(methods, options.videos or VIDEOS, options.seed, bar.show)
+    study = make(methods, options.videos or VIDEOS, options.seed, bar.show)
     bar.clear()
-    key = write_study(made, page, print_backup)
+    key = write_study(study, page, print_backup)
     if left_out := set(methods.scenes) - set(methods.common_scenes):
         print_error(
             f"left out, since not every method has made them: {', '.join(sorted(left_out))}"
@@ -227,27 +237,29 @@ def run_study(options: argparse.Namespace) -> int:
         print_error(
             f"{page} has {size:.0f} MB, more than most mailboxes take: name fewer with --videos"
         )
-    count, scenes = len(methods.names), len(made.key.scenes)
+    count, scenes = len(methods.names), len(study.key.scenes)
     if options.json:
         record = {
             "page": str(page),
             "key": str(key),
-            "study": made.key.study,
-            "clips": len(made.clips),
+            "study": study.key.study,
+            "clips": len(study.clips),
         }
         print_json(
             {
                 **record,
-                "methods": made.key.methods,
-                "scenes": made.key.scenes,
+                "methods": study.key.methods,
+                "scenes": study.key.scenes,
                 "seed": options.seed,
             }
         )
         return OK
     print(page)
-    several = f"{count} method{'s' * (count != 1)}, {scenes} scene{'s' * (scenes != 1)}"
-    clips = f"{len(made.clips)} clip{'s' * (len(made.clips) != 1)}"
-    print_error(f"{clips}: {several}. Send {page.name} to those who rate.")
+    size_text = (
+        f"{count} method{'s' * (count != 1)}, {scenes} scene{'s' * (scenes != 1)}"
+    )
+    clips = f"{len(study.clips)} clip{'s' * (len(study.clips) != 1)}"
+    print_error(f"{clips}: {size_text}. Send {page.name} to those who rate.")
     if count == 1:
         print_error(
             "It is of one method alone: there is nothing to compare its scores with."

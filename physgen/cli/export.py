@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.cli.arguments import Command, Parser, check_folder_name, count, names
+from physgen.cli.arguments import (
+    Command,
+    Parser,
+    check_folder_name,
+    count,
+    names,
+    refuse_settings,
+)
 from physgen.cli.clips import add_overlays, check_names, make_all, variants_of
 
 
@@ -12,6 +19,8 @@ def export(options: argparse.Namespace) -> int:
     from physgen.batch.run import Job
     from physgen.export.formats import choose_formats
     from physgen.pipeline import Page, RenderOptions
+
+    refuse_settings(options.scenes)
 
     check_folder_name(options.output)
     choose_formats(options.format)
@@ -45,8 +54,8 @@ NAMES = (
 
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+")
-    about = f"any of {','.join(NAMES)}; see docs/labels.md"
-    parser.option("--format", "LIST", names, about, required=True)
+    help_text = f"any of {','.join(NAMES)}; see docs/labels.md"
+    parser.option("--format", "LIST", names, help_text, required=True)
     parser.option("-o --output", "DIR", str, "default: labels", "labels")
     parser.option("--jobs", "N", count, "scenes at a time; default: 1", 1)
     parser.flag("--no-cache", "simulate again, and overwrite existing labels")

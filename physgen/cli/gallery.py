@@ -31,29 +31,29 @@ def gallery(options: argparse.Namespace) -> int:
     if not index.is_dir() and not clips_in(folders):
         raise Message.NO_PHYSGEN_CLIPS.error(", ".join(map(str, folders)))
     bar = Bar()
-    made = write_gallery(
+    page = write_gallery(
         folders, index, title=options.title, progress=bar.show, keep=print_backup
     )
     bar.clear()
     if options.json:
         print_json(
             {
-                "index": str(made.index),
-                "clips": made.clips,
-                "failures": made.failures,
-                "bytes": made.bytes,
+                "index": str(page.index),
+                "clips": page.clips,
+                "failures": page.failures,
+                "bytes": page.bytes,
             }
         )
     else:
-        print(made.index)
+        print(page.index)
     return OK
 
 
 def add(parser: Parser) -> None:
-    about = "folders of rendered clips, at any depth"
-    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
-    about = "write the page here, pictures beside it; default: index.html in DIR, or here for several"
-    parser.option("-o --output", "FILE", Path, about)
+    help_text = "folders of rendered clips, at any depth"
+    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=help_text)
+    help_text = "write the page here, pictures beside it; default: index.html in DIR, or here for several"
+    parser.option("-o --output", "FILE", Path, help_text)
     parser.option(
         "--title", "TEXT", str, "title of the page; default: the names of the folders"
     )

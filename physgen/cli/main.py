@@ -49,21 +49,21 @@ UNREAD = 141
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `physgen`."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    """Run `physgen`; return the exit code."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # the name of a file need not be text
             stream.reconfigure(errors="backslashreplace")
     parser = build_parser()
-    for before, text in zip(["", *given], given, strict=False):
+    for before, text in zip(["", *words], words, strict=False):
         if URL.match(text) and (
             before in ("-o", "--output") or not before.startswith("-")
         ):
             parser.error(
                 f"{text}: URLs are not read or written; mount the store, or copy the files"
             )
-    options = parser.parse_args(given)
-    options.command_line = ["physgen", *given]
+    options = parser.parse_args(words)
+    options.command_line = ["physgen", *words]
     with suppress(ValueError):  # not the main thread, which alone gets signals
         handle_termination(_interrupt)
     install_handler()
@@ -86,23 +86,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return UNREAD if options.command in BATCHES else OK
     except OSError as error:
-        where = f"{final_name(str(error.filename))}: " if error.filename else ""
+        file_name = f"{final_name(str(error.filename))}: " if error.filename else ""
         if error.errno == ENAMETOOLONG:
             print_error(
-                f"{where}is too long a name; write the path of a file that is there"
+                f"{file_name}is too long a name; write the path of a file that is there"
             )
             return WRONG_INPUT
-        print_error(f"{where}{error.strerror or error}")
+        print_error(f"{file_name}{error.strerror or error}")
         return FAILED
 
 
 def _interrupt(number: int, frame: object) -> None:
-    """SIGTERM ends a command as Ctrl-C does, without incomplete files."""
+    """Stop the command on SIGTERM as on Ctrl-C, without incomplete files."""
     raise KeyboardInterrupt
 
 
 def build_parser() -> Parser:
-    """Every command with its flags and an example."""
+    """Return every command with its flags and an example."""
     parser = Parser(
         prog="physgen",
         description="One photo becomes an editable scene file; the scene file becomes a physically simulated video.",

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import Parser, names, positive, whole
+from physgen.cli.arguments import Parser, names, positive, whole, wrong_value
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import Bar, print_error, print_problem
 from physgen.messages import Message
@@ -22,12 +22,12 @@ QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps")
 
 def add_properties(parser: Parser) -> None:
     """Add the flags of `evaluate properties`."""
-    about = "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
-    parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=about)
-    about = "what answers: physics=NAME"
-    parser.option("--backend", "ROLE=NAME", str, about, [], action="append")
-    about = "read this in place of ~/.config/physgen/physgen.toml"
-    parser.option("--config", "FILE", Path, about)
+    help_text = "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
+    parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=help_text)
+    help_text = "what answers: physics=NAME"
+    parser.option("--backend", "ROLE=NAME", str, help_text, [], action="append")
+    help_text = "read this in place of ~/.config/physgen/physgen.toml"
+    parser.option("--config", "FILE", Path, help_text)
     parser.flag("--hide-size", "give the name of each object without its size")
 
 
@@ -51,22 +51,26 @@ def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
 def add_controllability(parser: Parser) -> None:
     """Add the flags of `evaluate controllability`."""
     parser.add_argument("scene", metavar="SCENE")
-    about = "the object that is pushed; default: the one that the scene pushes, or that moves first"
-    parser.option("--object", "NAME", str, about)
-    about = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
-    parser.option("--angles", "N", whole(1, 360), about, 8)
-    about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
-    parser.option("--sizes", "LIST", speeds, about, [])
+    help_text = "the object that is pushed; default: the one that the scene pushes, or that moves first"
+    parser.option("--object", "NAME", str, help_text)
+    help_text = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
+    parser.option("--angles", "N", whole(1, 360), help_text, 8)
+    help_text = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
+    parser.option("--sizes", "LIST", read_speeds, help_text, [])
     add_overlays(parser)
 
 
-def speeds(text: str) -> list[float]:
-    """`50,100,200` -> px/s above 0, each once, in order."""
-    found = sorted({positive(part.strip()) for part in text.split(",")})
-    if not 2 <= len(found) <= 100:
-        fault = f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200"
-        raise argparse.ArgumentTypeError(fault)
-    return found
+FEWEST_SPEEDS, MOST_SPEEDS = 2, 100
+
+
+def read_speeds(text: str) -> list[float]:
+    """Return the speeds in `50,100,200`, px/s above 0, each once, in order."""
+    speeds = sorted({positive(part.strip()) for part in text.split(",")})
+    if not FEWEST_SPEEDS <= len(speeds) <= MOST_SPEEDS:
+        raise wrong_value(
+            text, Message.NOT_SPEEDS.refusal(fewest=FEWEST_SPEEDS, most=MOST_SPEEDS)
+        )
+    return speeds
 
 
 def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
@@ -89,13 +93,15 @@ def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
 
 def add_plausibility(parser: Parser) -> None:
     """Add the flags of `evaluate plausibility`."""
-    about = "folders of clips, or tracks as CSV with frame, name, x, y (px) and, if known, radius"
-    parser.add_argument("clips", metavar="CLIP", nargs="+", type=Path, help=about)
+    help_text = "folders of clips, or tracks as CSV with frame, name, x, y (px) and, if known, radius"
+    parser.add_argument("clips", metavar="CLIP", nargs="+", type=Path, help=help_text)
     parser.option("--fps", "N", positive, "of tracks without their own; default: 30")
-    about = "of tracks; default: side"
-    parser.add_argument("--view", choices=("side", "top"), default="side", help=about)
-    about = "a body on a rope or in a hand: only jumps and overlap are asked"
-    parser.option("--held", "NAME", str, about, [], action="append")
+    help_text = "of tracks; default: side"
+    parser.add_argument(
+        "--view", choices=("side", "top"), default="side", help=help_text
+    )
+    help_text = "a body on a rope or in a hand: only jumps and overlap are asked"
+    parser.option("--held", "NAME", str, help_text, [], action="append")
     parser.add_argument(
         "--skip", metavar="QUESTION", action="append", default=[], choices=QUESTIONS
     )
@@ -116,23 +122,23 @@ def find_plausibility(options: argparse.Namespace, bar: Bar) -> Findings:
 
 def add_physics(parser: Parser) -> None:
     """Add the flags of `evaluate physics`."""
-    about = "some rows, e.g. 1,5,12; default: all"
-    parser.option("--rows", "LIST", numbers, about, [])
-    about = "seeded draws of a row's parameters; default: 5"
-    parser.option("--draws", "N", whole(1, 1000), about)
+    help_text = "some rows, e.g. 1,5,12; default: all"
+    parser.option("--rows", "LIST", numbers, help_text, [])
+    help_text = "seeded draws of a row's parameters; default: 5"
+    parser.option("--draws", "N", whole(1, 1000), help_text)
     parser.flag("--no-convergence", "only at default settings")
-    about = "draws run at a time; default: one a processor"
-    parser.option("--jobs", "N", whole(1, 1024), about)
-    about = "keep every scene file that is run in this folder"
-    parser.option("--scenes", "DIR", Path, about)
+    help_text = "draws run at a time; default: one a processor"
+    parser.option("--jobs", "N", whole(1, 1024), help_text)
+    help_text = "keep every scene file that is run in this folder"
+    parser.option("--scenes", "DIR", Path, help_text)
 
 
 def numbers(text: str) -> list[int]:
-    """`1,5,12` -> numbers."""
+    """Return the numbers in `1,5,12`."""
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers") from None
+        raise wrong_value(text, Message.NOT_NUMBERS.refusal()) from None
 
 
 def find_physics(options: argparse.Namespace, bar: Bar) -> Findings:
@@ -157,8 +163,8 @@ def find_physics(options: argparse.Namespace, bar: Bar) -> Findings:
 
 def add_fidelity(parser: Parser) -> None:
     """Add the flags of `evaluate fidelity`."""
-    about = "path-traced truth of scenes, as studio/make.py of a checkout writes it; default: studio/truth"
-    parser.option("--truth", "DIR", Path, about)
+    help_text = "path-traced truth of scenes, as studio/make.py of a checkout writes it; default: studio/truth"
+    parser.option("--truth", "DIR", Path, help_text)
     parser.option("--scenes", "LIST", names, "some scenes, e.g. curling,shelf", [])
 
 
@@ -173,18 +179,18 @@ def find_fidelity(options: argparse.Namespace, bar: Bar) -> Findings:
     )
 
     folder = options.truth or TRUTH
-    found = findings(evaluate(folder, options.scenes, bar.show))
+    result = findings(evaluate(folder, options.scenes, bar.show))
     if options.output:
         options.output.mkdir(parents=True, exist_ok=True)
         for truth in truths(folder, options.scenes):
             write_strips(truth, options.output / f"{truth.name}.jpg")
-    return found
+    return result
 
 
 def add_runtime(parser: Parser) -> None:
     """Add the flags of `evaluate runtime`."""
-    about = "folders of clips, whose manifests are read"
-    parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help=about)
+    help_text = "folders of clips, whose manifests are read"
+    parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help=help_text)
 
 
 def find_runtime(options: argparse.Namespace, bar: Bar) -> Findings:

@@ -26,12 +26,12 @@ def print_error(text: str) -> None:
 
 
 def print_line(text: str) -> None:
-    """One line of a result, at once."""
+    """Print one line of a result, at once."""
     print(text, flush=True)
 
 
 def print_problems(problems: Sequence[Problem]) -> None:
-    """One line each to stderr."""
+    """Print one line for each problem to stderr."""
     for problem in problems:
         print_error(str(problem))
 
@@ -42,13 +42,13 @@ def print_problem(problem: Problem) -> None:
 
 
 def print_backup(kept: Path) -> None:
-    """One line to stderr for a file that stood in the way."""
+    """Print a line to stderr for an older file that was kept."""
     name = str(kept).rpartition("~")[0]
     print_error(Note.BACKUP.text(name=name, backup=kept.name))
 
 
 def print_json(data: Any) -> None:
-    """A result as JSON."""
+    """Print a result as JSON."""
     print(json.dumps(data, indent=1, ensure_ascii=False, default=str))
 
 
@@ -179,11 +179,11 @@ class Bar:
             self._width = len(text)
 
     def _print_json(self, stage: str, done: int, total: int) -> None:
-        now = time.monotonic()
+        time_now = time.monotonic()
         if (
             stage != self._last[0]
-            or now - self._last[1] >= JSON_INTERVAL
+            or time_now - self._last[1] >= JSON_INTERVAL
             or done >= total
         ):
-            self._last = stage, now
+            self._last = stage, time_now
             print_error(json.dumps({"progress": stage, "done": done, "total": total}))

@@ -52,19 +52,19 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
     refuse_split_values(options.command_line, [str(path) for path in options.image])
     refuse_scenes(options.image)
     if options.refresh is None and len(options.image) > 1:
-        written = perceive_photos(options, bar)
+        result = perceive_photos(options, bar)
         bar.clear()
-        for scene in written.scenes:
+        for scene in result.scenes:
             write_result("", scene)
-        if written.problems:
-            raise InputError(written.problems)
+        if result.problems:
+            raise InputError(result.problems)
         return OK
     _name_in_folder(options)
     output = options.output or options.refresh
-    redirected = None if output else stdout_file()
-    text = perceive_photo(options, bar, redirected)
+    output_file = None if output else stdout_file()
+    text = perceive_photo(options, bar, output_file)
     bar.clear()
-    write_result(text, output, redirected)
+    write_result(text, output, output_file)
     return OK
 
 
@@ -168,12 +168,12 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
         if value
     ]
     if options.output is None or options.output.suffix in (".yaml", ".yml"):
-        folder, found = Message.PHOTOS_NEED_FOLDER, f"{len(names)} photos"
-        wrong.append(folder.problem(command, "", found))
+        folder, value_text = Message.PHOTOS_NEED_FOLDER, f"{len(names)} photos"
+        wrong.append(folder.problem(command, "", value_text))
     wrong += [
-        Message.PHOTO_MISSING.problem(Place(str(one)))
-        for one in options.image
-        if not one.is_file()
+        Message.PHOTO_MISSING.problem(Place(str(photo)))
+        for photo in options.image
+        if not photo.is_file()
     ]
     wrong += [
         Message.PHOTOS_CALLED_ALIKE.problem(command, "", f'"{name}"') for name in twins
@@ -184,7 +184,7 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
     check_writable(options.output)
     crew = crew_of(options, keep=True)
     scenes: list[Path] = []
-    failed: list[Problem] = []
+    problems: list[Problem] = []
     for k, image in enumerate(options.image):
         output = options.output / f"{names[k]}.yaml"
 
@@ -203,12 +203,12 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
             )  # fmt: skip
             scenes.append(output)
         except InputError as error:
-            failed += error.problems
-    return WrittenScenes(scenes, failed)
+            problems += error.problems
+    return WrittenScenes(scenes, problems)
 
 
 def _names(images: Sequence[Path]) -> list[str]:
-    """Names of the scenes: those of the photos, or of their folders where all photos have the same name."""
+    """Return the names of the scenes: those of the photos, or of their folders where all photos have the same name."""
     stems = [image.stem for image in images]
     folders = [image.resolve().parent.name for image in images]
     return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
@@ -223,7 +223,7 @@ def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
 
 
 def plan_of(options: argparse.Namespace) -> Plan:
-    """The backends that flags and a configuration file choose."""
+    """Return the backends that flags and a configuration file choose."""
     from physgen.registry import CONFIGURATION, load_plan
 
     if options.config is None and Path(CONFIGURATION).is_file():
@@ -237,7 +237,7 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     """The scene determines its photo and its masks. Raises InputError."""
     if not options.refresh and not options.image:
         raise Message.NO_PHOTO.error("perceive")
-    beside = {
+    excluded_flags = {
         "IMAGE": (options.image or [None])[0],
         "--masks": options.masks,
         "--side": options.side,
@@ -245,7 +245,7 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     place = Place("perceive")
     problems = [
         Message.NOT_WITH_REFRESH.problem(place, "", f'"{value}"', flag=flag)
-        for flag, value in beside.items()
+        for flag, value in excluded_flags.items()
         if options.refresh and value is not None
     ]
     if (
@@ -267,8 +267,8 @@ def _refuse_push_and_still(options: argparse.Namespace) -> None:
         found = f'"{options.story}"'
         raise Message.STORY_WITH_OTHERS.error("--story", found, flag=others[0])
     if options.push and options.still:
-        found = f'"{options.push[0]}"'
-        raise Message.PUSH_AND_STILL.error("--push", found)
+        value_text = f'"{options.push[0]}"'
+        raise Message.PUSH_AND_STILL.error("--push", value_text)
 
 
 def _refuse_without_point(options: argparse.Namespace) -> None:
@@ -281,7 +281,7 @@ def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
     check_scene_name(options.output)
-    redirected = None if options.output else stdout_file()
+    output_file = None if options.output else stdout_file()
     bar = Bar()
     text = pipeline.import_physgen(
         options.path,
@@ -289,21 +289,21 @@ def import_(options: argparse.Namespace) -> int:
         bar.show,
         print_problem,
         print_backup,
-        stdout=redirected,
+        stdout=output_file,
     )
     bar.clear()
-    write_result(text, options.output, redirected)
+    write_result(text, options.output, output_file)
     return OK
 
 
 def add_perceive(parser: Parser) -> None:
-    about = "the photo; several photos go into the folder of -o, and one where that has no suffix"
-    parser.add_argument("image", metavar="IMAGE", type=Path, nargs="*", help=about)
-    about = (
+    help_text = "the photo; several photos go into the folder of -o, and one where that has no suffix"
+    parser.add_argument("image", metavar="IMAGE", type=Path, nargs="*", help=help_text)
+    help_text = (
         "perceive a scene's photo again, in place unless -o names another file: values in the scene are kept, its "
         "boxes and points are used again, and new --box and --point correct or add objects"
     )
-    parser.option("--refresh", "SCENE", Path, about)
+    parser.option("--refresh", "SCENE", Path, help_text)
     parser.flag(
         "--allow-outside", "with --refresh: the scene may read files outside its folder"
     )
@@ -314,25 +314,31 @@ def add_perceive(parser: Parser) -> None:
         "write the scene here (assets beside it); default: stdout",
     )
     add_photo_flags(parser)
-    about = (
+    help_text = (
         "push this object in place of the one that perceive chooses: ball-1=right, "
         "ball-1=up-left@0.5 m/s; may be repeated"
     )
-    parser.option("--push", "NAME=DIRECTION[@SPEED]", str, about, [], action="append")
-    about = 'find the push by which a sentence comes true: "the ball hits the bottle"'
-    parser.option("--story", "SENTENCE", str, about)
+    parser.option(
+        "--push", "NAME=DIRECTION[@SPEED]", str, help_text, [], action="append"
+    )
+    help_text = (
+        'find the push by which a sentence comes true: "the ball hits the bottle"'
+    )
+    parser.option("--story", "SENTENCE", str, help_text)
     add_backends(parser)
 
 
 def add_photo_flags(parser: Parser) -> None:
     """Add the flags that say how a photo is perceived."""
-    about = (
+    help_text = (
         "label map of the photo's size: an id or colour for each object, 0, black or "
         "transparent for none; of one opaque colour, each region is an object"
     )
-    parser.option("--masks", "FILE", Path, about)
-    about = "box around an object, in px of the photo that you give; may be repeated"
-    parser.option("--box", "X,Y,W,H", str, about, [], action="append")
+    parser.option("--masks", "FILE", Path, help_text)
+    help_text = (
+        "box around an object, in px of the photo that you give; may be repeated"
+    )
+    parser.option("--box", "X,Y,W,H", str, help_text, [], action="append")
     parser.option(
         "--point",
         "X,Y",
@@ -341,21 +347,21 @@ def add_photo_flags(parser: Parser) -> None:
         [],
         action="append",
     )
-    about = "with --point: the smallest object there, not the whole one"
-    parser.flag("--smallest", about)
-    about = "what an object is; may be repeated"
-    parser.option("--label", "NAME=TEXT", str, about, [], action="append")
-    about = "longest side of the scene's photo, px; default: at most 1600"
-    parser.option("--side", "PX", whole(LEAST_SIDE, 100_000), about)
+    help_text = "with --point: the smallest object there, not the whole one"
+    parser.flag("--smallest", help_text)
+    help_text = "what an object is; may be repeated"
+    parser.option("--label", "NAME=TEXT", str, help_text, [], action="append")
+    help_text = "longest side of the scene's photo, px; default: at most 1600"
+    parser.option("--side", "PX", whole(LEAST_SIDE, 100_000), help_text)
     parser.flag("--still", "leave out the push that sets the scene in motion")
-    about = "how the photo was taken, if perceive takes it the other way"
-    parser.option("--view", "side|top", str, about, choices=("side", "top"))
-    about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
-    parser.option("--find", "NOUN,...", names, about, [])
+    help_text = "how the photo was taken, if perceive takes it the other way"
+    parser.option("--view", "side|top", str, help_text, choices=("side", "top"))
+    help_text = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
+    parser.option("--find", "NOUN,...", names, help_text, [])
 
 
 def add_backends(parser: Parser) -> None:
-    """Flags that choose the backends."""
+    """Add the flags that choose the backends."""
     add_backend_choices(parser)
     parser.option(
         "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
@@ -366,10 +372,14 @@ def add_backend_choices(parser: Parser) -> None:
     """Add the flags that choose backends without a configuration file."""
     from physgen.registry import PROFILES
 
-    about = "the backend of a step, and the hub id or path of its weights; see physgen backends"
-    parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
-    about = f"a set of backends: {', '.join(PROFILES)}"
-    parser.add_argument("--profile", metavar="NAME", choices=list(PROFILES), help=about)
+    help_text = "the backend of a step, and the hub id or path of its weights; see physgen backends"
+    parser.option(
+        "--backend", "ROLE=NAME[:WEIGHTS]", str, help_text, [], action="append"
+    )
+    help_text = f"a set of backends: {', '.join(PROFILES)}"
+    parser.add_argument(
+        "--profile", metavar="NAME", choices=list(PROFILES), help=help_text
+    )
 
 
 def add_import(parser: Parser) -> None:

@@ -13,6 +13,7 @@ from physgen.cli.arguments import (
     Command,
     Parser,
     is_folder_name,
+    refuse_settings,
     refuse_split_values,
 )
 from physgen.cli.clips import (
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 def render(options: argparse.Namespace) -> int:
     refuse_split_values(options.command_line, options.scenes)
+    refuse_settings(options.scenes)
     check_cluster(options)
     options.output = options.output or ("out/preview" if options.preview else "out")
     video = video_file(options)
@@ -92,16 +94,16 @@ def _video_job(jobs: list[Job], video: Path) -> Job:
 
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+", help="a scene file")
-    about = (
+    help_text = (
         "folder of the results, or the file of one video: clip.mp4, its report and "
         "data in clip/; default: out, or out/preview for previews"
     )
-    parser.option("-o --output", "DIR or VIDEO", str, about)
-    about = (
+    parser.option("-o --output", "DIR or VIDEO", str, help_text)
+    help_text = (
         "push an object: ball-1=right, ball-1=up-left, ball-1=30@2 m/s (degrees, 90 is down), in place of the push "
         "that perceive wrote; velocities that you wrote stay. May be repeated"
     )
-    parser.option("--push", "NAME=DIRECTION", str, about, [], action="append")
+    parser.option("--push", "NAME=DIRECTION", str, help_text, [], action="append")
     add_motion_flags(parser)
     add_clips(parser)
     add_cluster(parser)
@@ -111,12 +113,15 @@ def add(parser: Parser) -> None:
 
 def add_motion_flags(parser: Parser) -> None:
     """Add the flags that set objects in motion, --push apart."""
-    about = "lift an object by its own height and let it fall; may be repeated"
-    parser.option("--drop", "NAME", str, about, [], action="append")
-    about = "strike what is at a point of the photo (px, or e.g. 6 cm,4 cm); X,Y@SPEED says how hard. May be repeated"
-    parser.option("--kick", "X,Y", str, about, [], action="append")
-    about = 'find the push by which a sentence comes true: "the ball knocks over the bottle"'
-    parser.option("--story", "SENTENCE", str, about)
+    help_text = "lift an object by its own height and let it fall; may be repeated"
+    parser.option("--drop", "NAME", str, help_text, [], action="append")
+    help_text = (
+        "strike the object at a point of the photo (px, or e.g. 6 cm,4 cm); "
+        "X,Y@SPEED sets the speed. May be repeated"
+    )
+    parser.option("--kick", "X,Y", str, help_text, [], action="append")
+    help_text = 'find the push by which a sentence comes true: "the ball knocks over the bottle"'
+    parser.option("--story", "SENTENCE", str, help_text)
 
 
 RENDER = Command(

@@ -48,8 +48,8 @@ def show(options: argparse.Namespace) -> int:
     scene = pipeline.load(options.scene, options.set, variant, options.allow_outside)
     print_problems(other_variants(options.scene, options))
     with variant_named(variant):
-        compiled = pipeline.compile(scene, pipeline.percepts(scene))
-    rows = object_rows(scene, compiled)
+        compilation = pipeline.compile(scene, pipeline.percepts(scene))
+    rows = object_rows(scene, compilation)
     if options.json:
         print_json({"objects": rows})
         return OK
@@ -68,21 +68,21 @@ def show(options: argparse.Namespace) -> int:
 
 
 def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
-    """What matters of each object, in the order of names."""
+    """Return the main values of each object, in the order of names."""
     from physgen.compile.warnings import supports
     from physgen.scene.provenance import source
 
     rows = []
-    held_by = supports(scene, compiled)
+    supports_by_object = supports(scene, compiled)
     for item, body, under in zip(
-        scene.objects, compiled.world.bodies, held_by, strict=True
+        scene.objects, compiled.world.bodies, supports_by_object, strict=True
     ):
         speed = hypot(*body.velocity) / scene.world.pixels_per_meter
-        stated = scene.document["objects"][item.name].get("confidence")
-        seen = (
+        confidence = scene.document["objects"][item.name].get("confidence")
+        size_text = (
             source(item.provenance["mask"]).sure
             if "mask" in item.provenance
-            else stated
+            else confidence
         )
         support = ["static"] if item.motion.value == "static" else under
         values = (
@@ -93,7 +93,7 @@ def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
             item.elasticity,
             round(speed, 3),
         )
-        rows.append(dict(zip(COLUMNS, (*values, support, seen), strict=True)))
+        rows.append(dict(zip(COLUMNS, (*values, support, size_text), strict=True)))
     return rows
 
 
@@ -111,17 +111,19 @@ def check(options: argparse.Namespace) -> int:
     report: list[Problem] = []
     lines = []
     for path in options.scenes:
-        own = dict.fromkeys(_problems_of_file(path, options))
-        report += [problem for problem in own if problem not in report]
-        lines.append(f"{path}: {_counted(own)}")
-    failed = any(p.severity is Severity.ERROR or options.strict for p in report)
+        file_problems = dict.fromkeys(_problems_of_file(path, options))
+        report += [problem for problem in file_problems if problem not in report]
+        lines.append(f"{path}: {_counted(file_problems)}")
+    has_errors = any(p.severity is Severity.ERROR or options.strict for p in report)
     if options.json:
-        print_json({"problems": [p.as_dict() for p in report], "passed": not failed})
+        print_json(
+            {"problems": [p.as_dict() for p in report], "passed": not has_errors}
+        )
     else:
         print_problems(report)
         for line in lines:
             print_line(line)
-    return WRONG_INPUT if failed else OK
+    return WRONG_INPUT if has_errors else OK
 
 
 def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Problem]:
@@ -133,15 +135,15 @@ def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Proble
             scene = pipeline.load(path, options.set, variant, options.allow_outside)
             maps = pipeline.percepts(scene)
             with variant_named(variant):
-                compiled = pipeline.compile(scene, maps)
-            yield from pipeline.lint(scene, compiled, maps)
+                compilation = pipeline.compile(scene, maps)
+            yield from pipeline.lint(scene, compilation, maps)
         except InputError as error:
             yield from error.problems
     yield from problems_of_variants(path, options.allow_outside)
 
 
 def _counted(problems: Iterable[Problem]) -> str:
-    """How many there are of each kind."""
+    """Return the counts of each kind as text."""
     kinds = [problem.severity for problem in problems]
     parts = [
         f"{count} {kind.value}{'s' * (count != 1)}"
@@ -161,14 +163,14 @@ def simulate(options: argparse.Namespace) -> int:
     scene = pipeline.load(options.scene, options.set, variant, options.allow_outside)
     maps = pipeline.percepts(scene)
     with variant_named(variant):
-        compiled = pipeline.compile(scene, maps)
-    lints = pipeline.lint(scene, compiled, maps)
+        compilation = pipeline.compile(scene, maps)
+    lints = pipeline.lint(scene, compilation, maps)
     print_problems([*other_variants(options.scene, options), *lints])
     bar = Bar()
     with scene.located():
-        trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
+        trajectory = pipeline.simulate(compilation.world, options.rate, bar.show)
     bar.clear()
-    print_problems(motion_warnings(scene, compiled.world, trajectory))
+    print_problems(motion_warnings(scene, compilation.world, trajectory))
     if options.output is not None and not is_trajectory(options.output):
         back_up(options.output, print_backup)
     if kind == "npz":
@@ -190,7 +192,7 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def _trajectory_kind(output: Path | None) -> str:
-    """`npz`, `csv` or `json` by the file's ending; refused before anything is computed or overwritten."""
+    """Return `npz`, `csv` or `json` by the file's ending; refused before anything is computed or overwritten."""
     if output is None:
         return ""
     if output.suffix not in (".npz", ".csv", ".json") or output.is_dir():

@@ -53,17 +53,17 @@ def sweep(options: argparse.Namespace) -> int:
         raise Message.SWEEP_WITHOUT_SCENE.error(options.scene)
     check_folder_name(options.output)
     check_cluster(options)
-    opened = Opened(Path(options.scene), options.allow_outside)
+    scene_file = Opened(Path(options.scene), options.allow_outside)
     variants = (
-        [None, *opened.variants] if options.variant == "all" else [options.variant]
+        [None, *scene_file.variants] if options.variant == "all" else [options.variant]
     )
     plan = planned(read_axes(options.axes), variants, options.samples, options.seed)
-    objects = check_values(plan, opened, options.set)
+    objects = check_values(plan, scene_file, options.set)
     return _listed(plan, options) if options.dry_run else _made(plan, objects, options)
 
 
 def _listed(plan: Sweep, options: argparse.Namespace) -> int:
-    """All clips with their values on stdout; nothing is made."""
+    """Print all clips with their values; nothing is made."""
     import csv
 
     rows = csv.writer(sys.stdout, lineterminator="\n")
@@ -86,11 +86,11 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     from physgen.tables import Table
 
     variant = None if len(plan.variants) > 1 else plan.variants[0]
-    named = f"{pipeline.output_name(options.scene, variant)}-sweep"
-    options.output = options.output or str(Path("out", named))
-    tracked = _tracked(objects, options.track)
+    sweep_name = f"{pipeline.output_name(options.scene, variant)}-sweep"
+    options.output = options.output or str(Path("out", sweep_name))
+    tracked_names = _tracked(objects, options.track)
     make = job_maker(options)
-    table = files.table_columns(plan, columns(tracked))
+    table = files.table_columns(plan, columns(tracked_names))
     out = Path(options.output)
     check_writable(out)
     if (out / TABLE).is_dir():
@@ -109,7 +109,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
                 point.variant,
                 point.overrides,
                 point.name,
-                tracked,
+                tracked_names,
                 preview,
             )
 
@@ -173,21 +173,21 @@ def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, .
 
 def add(parser: Parser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="a scene file")
-    about = (
+    help_text = (
         "start:end:count (count:log for a geometric series), YAML values separated by commas, or a distribution, "
         "quoted: ~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd), ~choice(a, b, ...). "
         "Values of several keys make a grid"
     )
-    parser.add_argument("axes", metavar="KEY=VALUES", nargs="*", help=about)
-    about = "draws of the distributions, at each point of the grid"
-    parser.option("--samples", "N", number_of_clips, about)
+    parser.add_argument("axes", metavar="KEY=VALUES", nargs="*", help=help_text)
+    help_text = "draws of the distributions, at each point of the grid"
+    parser.option("--samples", "N", number_of_clips, help_text)
     parser.option("--seed", "S", seed, "seed of the draws; default: 0")
     parser.flag(
         "--dry-run",
         "print the clips as CSV, or with --json as lines, and render nothing",
     )
-    about = "objects with outcomes of their own in the table; default: all, if there are at most 32"
-    parser.option("--track", "NAMES", names, about)
+    help_text = "objects with outcomes of their own in the table; default: all, if there are at most 32"
+    parser.option("--track", "NAMES", names, help_text)
     parser.option(
         "-o --output", "DIR", str, "folder of the sweep; default: out/<scene>-sweep"
     )

@@ -33,10 +33,10 @@ def verify(options: argparse.Namespace) -> int:
         batch.VerifyRequest(folder, options.scene, options.allow_outside)
         for folder in folders
     ]
-    many = len(requests) > 1
+    has_many = len(requests) > 1
     bar = Bar()
     work = batch.verify
-    if not many and options.cluster is None:
+    if not has_many and options.cluster is None:
         work = partial(batch.verify, progress=bar.show)
     counts: Counter[batch.Outcome] = Counter()
     with closing(
@@ -51,7 +51,7 @@ def verify(options: argparse.Namespace) -> int:
                 else verdict.line()
             )
             print_line(line)
-            if many:
+            if has_many:
                 bar.show("clips", counts.total(), len(requests))
     bar.clear()
     code = (
@@ -64,7 +64,7 @@ def verify(options: argparse.Namespace) -> int:
     if options.json:
         outcomes = {outcome.name.lower(): counts[outcome] for outcome in batch.Outcome}
         print(json.dumps({"clips": len(requests), **outcomes, "passed": code == OK}))
-    elif many:
+    elif has_many:
         parts = [
             f"{counts[outcome]} {outcome.value}"
             for outcome in batch.Outcome
@@ -75,10 +75,10 @@ def verify(options: argparse.Namespace) -> int:
 
 
 def add(parser: Parser) -> None:
-    about = "folders of rendered clips, at any depth"
-    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
-    about = "the scene file of all these clips; default: the one that each clip's manifest names"
-    parser.option("--scene", "FILE", Path, about)
+    help_text = "folders of rendered clips, at any depth"
+    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=help_text)
+    help_text = "the scene file of all these clips; default: the one that each clip's manifest names"
+    parser.option("--scene", "FILE", Path, help_text)
     parser.option("--jobs", "N", count, "clips verified at a time; default: 1", 1)
     add_cluster(parser)
     add_ship(parser)

@@ -56,12 +56,12 @@ from physgen.scene.scene import (
 
 
 def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
-    """Forces, torques and impulses in the file's order."""
+    """Return the forces, torques and impulses in the file's order."""
     index = _index(bodies)
 
     def push(force: model.Force) -> Push:
         body = index[force.object]
-        at = (
+        point = (
             np.zeros(2)
             if force.at is None
             else np.array(force.at) - bodies[body].center
@@ -74,7 +74,7 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
             force.load,
             np.array(force.vector),
             force.torque,
-            at,
+            point,
             force.start,
             end,
             force.profile,
@@ -95,7 +95,7 @@ def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
 
 def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Joint:
     first, second = (ends[0], ends[1]) if len(ends) == 2 else (ends[0], None)
-    here, there, guide = _places(item, bodies[first])
+    first_point, second_point, guide = _places(item, bodies[first])
     points = np.array(item.points, np.float64).reshape(-1, 2)
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
     return Joint(
@@ -103,8 +103,10 @@ def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Jo
         kind=item.kind,
         first=first,
         second=second,
-        first_at=here - bodies[first].center,
-        second_at=there if second is None else there - bodies[second].center,
+        first_at=first_point - bodies[first].center,
+        second_at=second_point
+        if second is None
+        else second_point - bodies[second].center,
         length=length if item.length is None else item.length,
         stiffness=item.stiffness,
         damping=item.damping,
@@ -127,14 +129,14 @@ def _places(item: model.Joint, body: Body) -> tuple[Array, Array, tuple[Array, .
     if item.kind is JointKind.GEAR:
         return body.center, np.zeros(2), ()
     points = np.array(item.points, np.float64)
-    here, there = points[0], points[-1]
+    first_point, second_point = points[0], points[-1]
     if item.kind is JointKind.PULLEY:
-        return here, there, tuple(points[1:3])
+        return first_point, second_point, tuple(points[1:3])
     if item.kind is not JointKind.SLIDER:
-        return here, there, ()
-    along = there - here
-    part = (body.center - here) @ along / (along @ along)
-    return here + part * along, here, (along,)
+        return first_point, second_point, ()
+    direction = second_point - first_point
+    part = (body.center - first_point) @ direction / (direction @ direction)
+    return first_point + part * direction, first_point, (direction,)
 
 
 def rail_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
@@ -143,19 +145,19 @@ def rail_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
     for item in scene.joints:
         if item.kind is not JointKind.SLIDER:
             continue
-        here, there = np.array(item.points, np.float64)
-        along, center = there - here, centers[item.objects[0]]
-        part = float((center - here) @ along / (along @ along))
-        away = max(-part, part - 1) * float(np.hypot(*along))
-        if away > RAIL_END:
-            end = here + part * along
+        first_end, second_end = np.array(item.points, np.float64)
+        rail, center = second_end - first_end, centers[item.objects[0]]
+        part = float((center - first_end) @ rail / (rail @ rail))
+        distance = max(-part, part - 1) * float(np.hypot(*rail))
+        if distance > RAIL_END:
+            end = first_end + part * rail
             path = f"joints.{item.name}.slider"
             yield Message.OFF_RAIL.problem(
                 scene.place(path),
                 path,
                 "the rail",
                 object=item.objects[0],
-                away=away,
+                away=distance,
                 x=float(end[0]),
                 y=float(end[1]),
             )
@@ -174,23 +176,25 @@ def _in_radians(limits: model.Point | None) -> tuple[float, float] | None:
 
 
 def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
-    """Fields by name. Raises InputError where they would act on more than a step can look at."""
+    """Return the fields by name. Raises InputError where they would act on more than a step can look at."""
     index = _index(bodies)
-    every = tuple(k for k, body in enumerate(bodies) if body.motion is Motion.DYNAMIC)
+    dynamic_bodies = tuple(
+        k for k, body in enumerate(bodies) if body.motion is Motion.DYNAMIC
+    )
     fields = []
     for item in scene.fields:
-        named = sorted({index[name] for name in item.objects})
-        acted_on = (
-            tuple(k for k in named if bodies[k].motion is Motion.DYNAMIC)
-            if named
-            else every
+        named_bodies = sorted({index[name] for name in item.objects})
+        targets = (
+            tuple(k for k in named_bodies if bodies[k].motion is Motion.DYNAMIC)
+            if named_bodies
+            else dynamic_bodies
         )
         vector = np.array(item.vector, np.float64)
         fields.append(
             Field(
                 item.name,
                 item.kind,
-                acted_on,
+                targets,
                 vector,
                 item.drag,
                 item.strength,
@@ -228,26 +232,30 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
             message = Message.MASS_TOO_LARGE
             if body.moment < 1:
                 message = Message.MASS_TOO_SMALL
-            found = f"{body.mass:.4g} g"
-            yield message.problem(scene.place(path), path, found, moment=body.moment)
+            value_text = f"{body.mass:.4g} g"
+            yield message.problem(
+                scene.place(path), path, value_text, moment=body.moment
+            )
     if not sound or not dynamic:
         return
     light = min(dynamic, key=lambda body: body.mass)
-    heavy = max(dynamic, key=lambda body: body.mass)
-    if heavy.mass >= FARTHEST * light.mass:
+    heaviest = max(dynamic, key=lambda body: body.mass)
+    if heaviest.mass >= FARTHEST * light.mass:
         path = mass_path(scene, light.name)
-        found = f"{light.mass:.4g} g, and {heavy.mass:.4g} g of {heavy.name}:"
-        yield Message.MASSES_FAR_APART.problem(scene.place(path), path, found)
+        value_text = (
+            f"{light.mass:.4g} g, and {heaviest.mass:.4g} g of {heaviest.name}:"
+        )
+        yield Message.MASSES_FAR_APART.problem(scene.place(path), path, value_text)
 
 
 def mass_path(scene: Scene, name: str) -> str:
-    """Where the mass of an object is written."""
+    """Return the path of the mass of an object."""
     item = next(item for item in scene.objects if item.name == name)
     return f"objects.{name}.{'mass' if item.mass is not None else 'density'}"
 
 
 def _usable(value: float) -> bool:
-    """Whether products of two such numbers, and of what one divided by them is, are floats."""
+    """Return whether products of two such numbers, and of what one divided by them is, are floats."""
     return LEAST < value < 1 / LEAST
 
 
@@ -266,17 +274,17 @@ class Compiled:
 
     @property
     def labels(self) -> U16:
-        """(H, W): id k + 1 is the k-th object; 0 = background."""
+        """Return (H, W): id k + 1 is the k-th object; 0 = background."""
         return self.shapes.labels
 
     @property
     def scenery(self) -> NDArray[np.bool_]:
-        """(H, W): pixels that show a boundary; they stay in the picture."""
+        """Return (H, W): pixels that show a boundary; they stay in the picture."""
         return self.shapes.fits.scenery
 
 
 def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
-    """`labels` is the photo's label map, None for a scene without one. Raises InputError."""
+    """Return the compiled scene; `labels` is the photo's label map, None without one. Raise InputError."""
     check_steps(scene)
     return compile_shapes(scene, shapes_of(scene, labels))
 
@@ -291,7 +299,7 @@ def check_steps(scene: Scene) -> None:
 
 
 def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
-    """The world of a scene with these `shapes`. Raises InputError."""
+    """Return the world of a scene with these `shapes`. Raises InputError."""
     shown = snapped_to_boundaries(
         scene, shapes.outlines, [it is None for it in shapes.written]
     )
@@ -352,12 +360,12 @@ def frame_times(scene: Scene, duration: float) -> Array:
     render = scene.render
     rate = render.fps * render.slow
     if render.frames is None and rate * duration > Limit.FRAMES.most:
-        found = f"{rate * duration:,.0f} frames"
+        value_text = f"{rate * duration:,.0f} frames"
         slow = " times slow" if render.slow != 1 else ""
         smaller = "duration, fps or slow" if slow else "duration or fps"
         place = scene.place("render.slow" if slow else "render.fps")
         values = {"slow": slow, "most": Limit.FRAMES.fix, "keys": smaller}
-        raise Message.TOO_MANY_SAMPLES.error_at(place, "render", found, **values)
+        raise Message.TOO_MANY_SAMPLES.error_at(place, "render", value_text, **values)
     if render.frames is not None:
         return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
     return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate
@@ -391,8 +399,8 @@ def _form(item: Object, outline: Outline, center: Array, mass: float) -> Form:
     if item.center_of_mass is None:
         return Form(radius, (), (circle,), None, moment)
     offset = mass_properties(outline).center - center
-    shifted = circle + offset
-    return Form(None, (shifted,), (shifted,), (offset, radius), moment)
+    moved_circle = circle + offset
+    return Form(None, (moved_circle,), (moved_circle,), (offset, radius), moment)
 
 
 def _body(item: Object, outline: Outline, scene: Scene) -> Body:
@@ -400,9 +408,11 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     if properties.area <= 1e-6:
         raise ValueError("has no area")
     center = properties.center
-    own = item.center_of_mass
-    if own is not None:
-        center = np.array(own if item.place is None else item.place[:2], np.float64)
+    given_center = item.center_of_mass
+    if given_center is not None:
+        center = np.array(
+            given_center if item.place is None else item.place[:2], np.float64
+        )
     mass = (
         item.mass if item.mass is not None else (item.density or 1.0) * properties.area
     )
@@ -413,8 +423,8 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     radius = form.radius
     moving = item.motion is Motion.DYNAMIC
     # a stored shape's solid is that of a circle, which a mask that was painted over may no longer be
-    stored = isinstance(item.shape, Auto) and item.shape.stored is not None
-    solid = None if stored and radius is None else item.solid
+    has_stored_shape = isinstance(item.shape, Auto) and item.shape.stored is not None
+    solid = None if has_stored_shape and radius is None else item.solid
     return Body(
         name=item.name,
         motion=item.motion,
@@ -446,7 +456,7 @@ def set_velocity(body: Body, item: Object, view: View) -> Body:
 
 
 def _roll(item: Object, radius: float | None, view: View) -> Array:
-    """rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
+    """Return rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
     if (
         view is not View.TOP
         or item.solid is not Solid.SPHERE
@@ -466,13 +476,13 @@ def _path(item: Object, center: Array, scene: Scene) -> Array:
         [(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64
     ).reshape(-1, 4)
     if len(path):
-        off = path[0, 1:3] - center
-        if np.hypot(*off) > 0.5 or path[0, 3] != 0:
+        offset = path[0, 1:3] - center
+        if np.hypot(*offset) > 0.5 or path[0, 3] != 0:
             (x, y), key = center, f"objects.{item.name}.motion.path"
             raise Message.KNOT_ELSEWHERE.error_at(
                 scene.place(key), key, "the first knot", x=x, y=y, time=path[0, 0]
             )
-        path[:, 1:3] -= off
+        path[:, 1:3] -= offset
     return _repeated(path, scene) if item.loop else path
 
 

@@ -43,7 +43,7 @@ PixelMask = NDArray[np.bool_]
 def object_labels(
     scene: Scene, labels: U16 | None, written: list[Outline | None]
 ) -> U16:
-    """(H, W) ids by object: from masks.png, an outline or, with none of these, the written shape.
+    """Return (H, W) ids by object: from masks.png, an outline or, with none of these, the written shape.
 
     `written` holds the outline of every explicit shape, None where it is fitted. Nearer layers win shared pixels.
     """
@@ -62,14 +62,14 @@ def object_labels(
         elif mask is None and outline is not None:
             box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
             out[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]][box >= 0.5] = k + 1
-    shown = np.bincount(out.ravel(), minlength=len(scene.objects) + 1)
+    pixel_counts = np.bincount(out.ravel(), minlength=len(scene.objects) + 1)
     if not problems:
-        hidden = (
+        hidden_names = (
             k
             for k, outline in enumerate(written)
-            if outline is None and not shown[k + 1]
+            if outline is None and not pixel_counts[k + 1]
         )
-        problems = [_hidden(scene, scene.objects[k]) for k in hidden]
+        problems = [_hidden(scene, scene.objects[k]) for k in hidden_names]
     if problems:
         raise InputError(problems)
     return out
@@ -78,7 +78,7 @@ def object_labels(
 def mask_pixels(
     mask: Mask | None, size: tuple[int, int], labels: U16 | None
 ) -> NDArray[np.bool_] | None:
-    """(H, W): what a mask covers; None where there is none, or an id without a map to be found in."""
+    """Return (H, W): what a mask covers; None where there is none, or an id without a map to be found in."""
     match mask:
         case MaskId(id=identity):
             return None if labels is None else np.asarray(labels == identity)
@@ -89,20 +89,20 @@ def mask_pixels(
 
 
 def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(H, W): pixels whose centre lies inside, by the even-odd rule."""
+    """Return (H, W): pixels whose centre lies inside, by the even-odd rule."""
     canvas = np.zeros((size[1], size[0]), np.uint8)
-    fixed = np.rint(np.asarray(points) * 16).astype(np.int32)
-    cv2.fillPoly(canvas, [fixed], 1, lineType=cv2.LINE_8, shift=4)
+    corners = np.rint(np.asarray(points) * 16).astype(np.int32)
+    cv2.fillPoly(canvas, [corners], 1, lineType=cv2.LINE_8, shift=4)
     return canvas > 0
 
 
 def _mask_problem(
     scene: Scene, path: str, item: Object | Boundary, mask: PixelMask | None
 ) -> Problem:
-    """The mask at `path` has no pixel; None: it is an id, and the scene has no photo."""
-    found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
+    """Return the problem of a mask without a pixel; None for an id in a scene without a photo."""
+    mask_text = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
     message = Message.ID_WITHOUT_PHOTO if mask is None else Message.MASK_OF_NO_PIXEL
-    return message.problem(scene.place(path), path, found)
+    return message.problem(scene.place(path), path, mask_text)
 
 
 def _hidden(scene: Scene, item: Object) -> Problem:
@@ -126,14 +126,14 @@ class Fitted:
 def fit_masks(
     scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]
 ) -> Fitted:
-    """Outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
+    """Return the outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
 
     A boundary shares its lines with what its mask touches. One whose mask lies across another's is fitted alone, as if
     nothing stood before it: a hole in the shape of the object in front would be a trap around it.
     """
-    together = of_objects.astype(np.int32)
-    shared: dict[int, int] = {}
-    alone: dict[int, Region] = {}
+    joint_labels = of_objects.astype(np.int32)
+    shared_ids: dict[int, int] = {}
+    lone_regions: dict[int, Region] = {}
     scenery = np.zeros(of_objects.shape, bool)
     problems: list[Problem] = []
     for k, item in enumerate(scene.boundaries):
@@ -146,18 +146,22 @@ def fit_masks(
             )
             continue
         scenery |= mask
-        if together[mask].any():
-            alone[k] = fit_regions(without_specks(mask).astype(np.int64))[1]
+        if joint_labels[mask].any():
+            lone_regions[k] = fit_regions(without_specks(mask).astype(np.int64))[1]
         else:
-            shared[k] = len(scene.objects) + 1 + k
-            together[mask] = shared[k]
+            shared_ids[k] = len(scene.objects) + 1 + k
+            joint_labels[mask] = shared_ids[k]
     if problems:
         raise InputError(problems)
-    ids = [*fitted, *shared.values()]
-    fits = fit_outlines(together, ids, never_discs=set(shared.values())) if ids else {}
+    ids = [*fitted, *shared_ids.values()]
+    fits = (
+        fit_outlines(joint_labels, ids, never_discs=set(shared_ids.values()))
+        if ids
+        else {}
+    )
     walls = {
-        k: fit for k, i in shared.items() if isinstance(fit := fits[i], Region)
-    } | alone
+        k: fit for k, i in shared_ids.items() if isinstance(fit := fits[i], Region)
+    } | lone_regions
     return Fitted({i: fits[i] for i in fitted}, walls, scenery & (of_objects == 0))
 
 
@@ -185,7 +189,7 @@ def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | N
 
 
 def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
-    """The boundaries as chains; `regions` are those of masks, by index."""
+    """Return the boundaries as chains; `regions` are those of masks, by index."""
     passing = passages(scene)
 
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
@@ -226,11 +230,11 @@ class Shapes:
 
     @property
     def drawn(self) -> tuple[Outline, ...]:
-        """Outlines with their hidden parts, photo frame, for drawing."""
+        """Return the outlines with their hidden parts, photo frame, for drawing."""
         wholes = self.wholes or (None,) * len(self.written)
         return tuple(
-            outline if whole is None else whole
-            for outline, whole in zip(self.outlines, wholes, strict=True)
+            outline if whole_outline is None else whole_outline
+            for outline, whole_outline in zip(self.outlines, wholes, strict=True)
         )
 
     @property
@@ -243,20 +247,23 @@ class Shapes:
 
 
 def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
-    """`labels` (H, W) is the photo's label map, None for a scene without one. Raises InputError."""
-    written = [_written(item, labels) for item in scene.objects]
-    of_objects = object_labels(scene, labels, written)
+    """Return the shapes; `labels` (H, W) is the photo's label map, None without one. Raise InputError."""
+    written_outlines = [_written(item, labels) for item in scene.objects]
+    of_objects = object_labels(scene, labels, written_outlines)
     fits = fit_masks(
-        scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None]
+        scene,
+        labels,
+        of_objects,
+        [k + 1 for k, it in enumerate(written_outlines) if it is None],
     )
     wholes = [_stored_whole(item, labels) for item in scene.objects]
-    if not any(whole is not None for whole in wholes):
+    if not any(whole_outline is not None for whole_outline in wholes):
         wholes = []
-    return Shapes(tuple(written), of_objects, fits, tuple(wholes))
+    return Shapes(tuple(written_outlines), of_objects, fits, tuple(wholes))
 
 
 def mask_crc(labels: U16, id_: int) -> int:
-    """CRC-32 of the pixels of an id, by which a stored outline knows its mask."""
+    """Return the CRC-32 of the pixels of an id, by which a stored outline knows its mask."""
     return crc32(np.packbits(labels == id_).tobytes())
 
 
@@ -298,7 +305,7 @@ LEVEL = 0.7
 def snapped_to_boundaries(
     scene: Scene, outlines: tuple[Outline, ...], fitted: list[bool]
 ) -> tuple[Outline, ...]:
-    """The outlines, those that were fitted brought onto the lines within reach of their lowest points."""
+    """Return the outlines, those that were fitted brought onto the lines within reach of their lowest points."""
     lines = carrying_lines(scene) if any(fitted) else []
     if not lines:
         return outlines
@@ -334,32 +341,34 @@ class Line:
         length = float(np.hypot(*(b - a)))
         if length == 0:
             return None
-        along = (b - a) / length
-        up = np.array([-along[1], along[0]])
-        up = -up if up @ down > 0 else up
-        return Line(a, along, length, up) if -(up @ down) >= LEVEL else None
+        direction = (b - a) / length
+        normal = np.array([-direction[1], direction[0]])
+        normal = -normal if normal @ down > 0 else normal
+        return Line(a, direction, length, normal) if -(normal @ down) >= LEVEL else None
 
     def near(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
         """Which points lie along the segment, and the heights of all over its line."""
-        off = points - self.start
-        along = off @ self.along
-        return (along >= -BAND) & (along <= self.length + BAND), off @ self.up
+        offsets = points - self.start
+        distances = offsets @ self.along
+        return (distances >= -BAND) & (
+            distances <= self.length + BAND
+        ), offsets @ self.up
 
 
 def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
     """Return the outline brought onto the lines within reach of its lowest points."""
     for line in lines:
         if isinstance(outline, Disc):
-            along, height = line.near(outline.center[None])
+            is_along, height = line.near(outline.center[None])
             gap = float(height[0]) - outline.radius
-            if along[0] and abs(gap) <= BAND:
+            if is_along[0] and abs(gap) <= BAND:
                 outline = Disc(outline.center - gap * line.up, outline.radius)
             continue
         points = np.concatenate([ring.outer for ring in outline.rings])
-        along, height = line.near(points)
-        below = height[along]
-        above = (mass_properties(outline).center - line.start) @ line.up > BAND
-        if above and len(below) and -BAND <= below.min() <= BAND:
+        is_along, height = line.near(points)
+        depths = height[is_along]
+        is_above = (mass_properties(outline).center - line.start) @ line.up > BAND
+        if is_above and len(depths) and -BAND <= depths.min() <= BAND:
             outline = Region(
                 tuple(
                     Ring(_flat(ring.outer, line), ring.holes) for ring in outline.rings
@@ -369,9 +378,9 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
 
 
 def _flat(points: Array, line: Line) -> Array:
-    """Points within the band brought onto the line."""
-    along, height = line.near(points)
-    at = along & (np.abs(height) <= BAND)
-    moved = points.copy()
-    moved[at] -= height[at, None] * line.up
-    return moved
+    """Return the points within the band brought onto the line."""
+    is_along, height = line.near(points)
+    is_touching = is_along & (np.abs(height) <= BAND)
+    new_points = points.copy()
+    new_points[is_touching] -= height[is_touching, None] * line.up
+    return new_points

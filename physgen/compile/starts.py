@@ -60,17 +60,17 @@ def velocities_that_joints_allow(world: World) -> Array:
         if joint.kind in (*SPRINGS, JointKind.ROPE, JointKind.PULLEY):
             continue
         block = np.zeros((3, len(bodies), 3))
-        for body, at, sign in (
+        for body, point, sign in (
             (joint.first, joint.first_at, 1.0),
             (joint.second, joint.second_at, -1.0),
         ):
             if body is not None:
-                x, y = at
+                x, y = point
                 block[:, body] = sign * np.array([[1, 0, -y], [0, 1, x], [0, 0, 1]])
         if joint.kind is JointKind.SLIDER:
-            (along,) = joint.guide
-            across = np.array([-along[1], along[0], 0.0]) / np.hypot(*along)
-            block[0] = np.tensordot(across, block, 1)
+            (rail,) = joint.guide
+            normal = np.array([-rail[1], rail[0], 0.0]) / np.hypot(*rail)
+            block[0] = np.tensordot(normal, block, 1)
             block[1] = block[2]
         elif joint.kind is JointKind.GEAR:
             block[0] = block[2]

@@ -70,18 +70,18 @@ def check_wheels(item: Object, shown: Outline, scene: Scene) -> None:
         if body.distance(shapely.Point(wheel.center)) <= wheel.radius:
             others = item.wheels[:index]
             if any(np.hypot(*np.subtract(o.center, wheel.center)) < 1 for o in others):
-                found = f"the wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
+                value_text = f"the wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
                 problems.append(
-                    Message.WHEEL_TWICE.problem(scene.place(path), path, found)
+                    Message.WHEEL_TWICE.problem(scene.place(path), path, value_text)
                 )
             continue
         x0, y0, x1, y1 = body.bounds
-        found = f"a wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
+        value_text = f"a wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
         problems.append(
             Message.WHEEL_FAR.problem(
                 scene.place(path),
                 path,
-                found,
+                value_text,
                 x0=x0,
                 x1=x1,
                 y0=y0,
@@ -104,9 +104,9 @@ def place_wheels(
     for wheel in item.wheels:
         disc = Disc(np.array(wheel.center, np.float64), wheel.radius)
         if item.place is None and lines:
-            moved = stand_on_lines(disc, lines)
-            assert isinstance(moved, Disc)
-            disc = moved
+            new_disc = stand_on_lines(disc, lines)
+            assert isinstance(new_disc, Disc)
+            disc = new_disc
         wheels.append(Wheel((disc.center - middle) @ turn.T, disc.radius))
     return tuple(wheels)
 
@@ -124,11 +124,11 @@ def chassis_pieces(
         middle = shapely.Point(center + wheel.axle)
         body = body.difference(middle.buffer(radius, quad_segs=VEHICLE.corners // 4))
     body = body.difference(_road(center, wheels, scene, body.bounds))
-    least = VEHICLE.speck * body.area
+    smallest_area = VEHICLE.speck * body.area
     parts = [
         part
         for part in getattr(body, "geoms", [body])
-        if isinstance(part, shapely.Polygon) and part.area > least
+        if isinstance(part, shapely.Polygon) and part.area > smallest_area
     ]
     if not parts:
         return ()
@@ -146,18 +146,21 @@ def _road(
     gravity = np.array(scene.world.gravity, np.float64)
     strength = float(np.hypot(*gravity))
     down = gravity / strength if strength > 0 else np.array([0.0, 1.0])
-    along = np.array([down[1], -down[0]])
+    direction = np.array([down[1], -down[0]])
     touching = [center + wheel.axle + wheel.radius * down for wheel in wheels]
-    order = sorted(range(len(wheels)), key=lambda k: float(touching[k] @ along))
+    order = sorted(range(len(wheels)), key=lambda k: float(touching[k] @ direction))
     first, last = touching[order[0]], touching[order[-1]]
     run = last - first
     length = float(np.hypot(*run))
-    way = run / length if length > 1 else along
+    way = run / length if length > 1 else direction
     lift = VEHICLE.clearance * min(wheel.radius for wheel in wheels)
-    far = 4 * float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])) + 100
+    distance = 4 * float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])) + 100
     middle = (first + last) / 2 - lift * down
-    corners = [middle - far * way, middle + far * way]
-    corners += [middle + far * way + far * down, middle - far * way + far * down]
+    corners = [middle - distance * way, middle + distance * way]
+    corners += [
+        middle + distance * way + distance * down,
+        middle - distance * way + distance * down,
+    ]
     return shapely.Polygon(np.array(corners))
 
 

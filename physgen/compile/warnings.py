@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -14,7 +15,9 @@ from shapely.affinity import translate
 from physgen.compile.compile import Compiled
 from physgen.compile.shapes import U16
 from physgen.compile.starts import velocities_that_joints_allow
+from physgen.compile.world import Body
 from physgen.geometry.convex import outline_shape, overlap_depth
+from physgen.geometry.polygon import Outline
 from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
 from physgen.messages import Message
@@ -25,6 +28,7 @@ from physgen.scene.scene import (
     Auto,
     JointKind,
     Motion,
+    Object,
     Scene,
     Solid,
     View,
@@ -90,7 +94,7 @@ SAMPLES = 32  # places along a boundary within an object at which its depth is t
 def lint(
     scene: Scene, compiled: Compiled, maps: Percepts | None = None
 ) -> list[Problem]:
-    """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
+    """Return every warning, sorted by place; those of the photo's maps where `maps` are given."""
     rules = (
         _overlaps,
         _unsupported,
@@ -103,9 +107,9 @@ def lint(
         _followed,
         _long,
     )
-    found = [problem for rule in rules for problem in rule(scene, compiled)]
+    problems = [problem for rule in rules for problem in rule(scene, compiled)]
     return by_place(
-        [*found, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)]
+        [*problems, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)]
     )
 
 
@@ -117,44 +121,67 @@ def warning(
 
 
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """What a reader would expect to change the clip, and does not."""
+    """Yield warnings of keys that a reader would expect to change the clip, and that do not."""
     motion = {item.name: item.motion for item in scene.objects}
-    above = scene.world.view is View.TOP
-    if scene.world.table_friction > 0 and not above:
-        found = f"{scene.world.table_friction:g}"
-        yield warning(scene, "world.table.friction", found, Message.TABLE_FROM_SIDE)
+    if scene.world.table_friction > 0 and scene.world.view is not View.TOP:
+        friction = f"{scene.world.table_friction:g}"
+        message = Message.TABLE_FROM_SIDE
+        yield warning(scene, "world.table.friction", friction, message)
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
-        path, dynamic = f"objects.{item.name}", item.motion is Motion.DYNAMIC
-        motion_name = item.motion.value
-        sphere = body.radius is not None and body.solid is Solid.SPHERE
-        if not dynamic and (any(item.velocity) or item.spin):
-            key = "velocity" if any(item.velocity) else "spin"
-            not_dynamic = Message.NO_EFFECT_ON_MOTION
-            yield warning(scene, f"{path}.{key}", key, not_dynamic, motion=motion_name)
-        is_round = body.radius is not None or bool(body.wheels)
-        if item.wheels and not body.wheels:
-            path_of_wheels = f"{path}.wheels"
-            if above:
-                message = Message.WHEELS_FROM_ABOVE
-                yield warning(scene, path_of_wheels, "wheels", message)
-            else:
-                message = Message.NO_EFFECT_ON_MOTION
-                yield warning(
-                    scene, path_of_wheels, "wheels", message, motion=motion_name
-                )
-        if item.rolling > 0 and not (dynamic and (sphere if above else is_round)):
-            where, found = f"{path}.rolling", f"{item.rolling:g}"
-            if dynamic:
-                round_bodies = "spheres" if above else "circles"
-                message = Message.ROLLING_HAS_NO_EFFECT
-                yield warning(scene, where, found, message, shapes=round_bodies)
-            else:
-                message = Message.NO_EFFECT_ON_MOTION
-                yield warning(scene, where, found, message, motion=motion_name)
-        if item.roll != "natural" and not (
-            dynamic and sphere and above and scene.world.table_friction > 0
-        ):
-            yield warning(scene, f"{path}.roll", "roll", Message.ROLL_HAS_NO_EFFECT)
+        yield from _object_keys_without_effect(scene, item, body)
+    yield from _forces_without_effect(scene, compiled, motion)
+    for joint in scene.joints:
+        if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
+            path = f"joints.{joint.name}"
+            yield warning(scene, path, joint.name, Message.MOVES_NO_OBJECT)
+    yield from _gears_without_pins(scene, motion)
+    for field in scene.fields:
+        if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
+            path = f"fields.{field.name}"
+            yield warning(scene, path, field.name, Message.MOVES_NO_OBJECT)
+
+
+def _object_keys_without_effect(
+    scene: Scene, item: Object, body: Body
+) -> Iterator[Problem]:
+    """Yield warnings of keys of one object that have no effect on its motion."""
+    path = f"objects.{item.name}"
+    is_dynamic = item.motion is Motion.DYNAMIC
+    is_from_above = scene.world.view is View.TOP
+    is_sphere = body.radius is not None and body.solid is Solid.SPHERE
+    no_effect = partial(
+        warning, message=Message.NO_EFFECT_ON_MOTION, motion=item.motion.value
+    )
+    if not is_dynamic and (any(item.velocity) or item.spin):
+        key = "velocity" if any(item.velocity) else "spin"
+        yield no_effect(scene, f"{path}.{key}", key)
+    if item.wheels and not body.wheels:
+        if is_from_above:
+            message = Message.WHEELS_FROM_ABOVE
+            yield warning(scene, f"{path}.wheels", "wheels", message)
+        else:
+            yield no_effect(scene, f"{path}.wheels", "wheels")
+    rolls = is_sphere if is_from_above else body.radius is not None or bool(body.wheels)
+    if item.rolling > 0 and not is_dynamic:
+        yield no_effect(scene, f"{path}.rolling", f"{item.rolling:g}")
+    elif item.rolling > 0 and not rolls:
+        yield warning(
+            scene,
+            f"{path}.rolling",
+            f"{item.rolling:g}",
+            Message.ROLLING_HAS_NO_EFFECT,
+            shapes="spheres" if is_from_above else "circles",
+        )
+    rolls_on_table = is_sphere and is_from_above and scene.world.table_friction > 0
+    if item.roll != "natural" and not (is_dynamic and rolls_on_table):
+        yield warning(scene, f"{path}.roll", "roll", Message.ROLL_HAS_NO_EFFECT)
+
+
+def _forces_without_effect(
+    scene: Scene, compiled: Compiled, motion: Mapping[str, Motion]
+) -> Iterator[Problem]:
+    """Yield warnings of forces on objects that cannot move, and of forces after the end."""
+    end = compiled.world.duration
     for k, force in enumerate(scene.forces):
         if motion[force.object] is not Motion.DYNAMIC:
             yield warning(
@@ -165,36 +192,27 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 name=force.object,
                 motion=motion[force.object].value,
             )
-        elif force.start >= compiled.world.duration:
-            where, found = f"forces[{k}].start", f"{force.start:g}"
-            late, end = Message.FORCE_AFTER_END, compiled.world.duration
-            yield warning(scene, where, found, late, end=end)
-    for joint in scene.joints:
-        if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
-            where, nothing = f"joints.{joint.name}", Message.MOVES_NO_OBJECT
-            yield warning(scene, where, joint.name, nothing)
-    yield from _gears_without_pins(scene, motion)
-    for field in scene.fields:
-        if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
-            where, nothing = f"fields.{field.name}", Message.MOVES_NO_OBJECT
-            yield warning(scene, where, field.name, nothing)
+        elif force.start >= end:
+            start = f"{force.start:g}"
+            message = Message.FORCE_AFTER_END
+            yield warning(scene, f"forces[{k}].start", start, message, end=end)
 
 
 def _gears_without_pins(
     scene: Scene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
-    """Gears of dynamic objects that nothing holds in place."""
-    pinned = set[str]()
+    """Yield warnings of gears of dynamic objects that nothing holds in place."""
+    pinned_names = set[str]()
     for joint in scene.joints:
         if joint.kind in (JointKind.PIVOT, JointKind.MOTOR, JointKind.WELD):
-            pinned.update(joint.objects)
+            pinned_names.update(joint.objects)
     for joint in scene.joints:
         if joint.kind is not JointKind.GEAR:
             continue
         loose = [
             name
             for name in joint.objects
-            if name not in pinned and motion[name] is Motion.DYNAMIC
+            if name not in pinned_names and motion[name] is Motion.DYNAMIC
         ]
         if loose:
             names = listed(loose, "and")
@@ -205,27 +223,31 @@ def _gears_without_pins(
 
 
 def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Velocities at t = 0 that joints exclude, with those that they allow."""
+    """Yield warnings of velocities at t = 0 that joints exclude, with those that they allow."""
     world = compiled.world
     if not world.joints:
         return
-    allowed = velocities_that_joints_allow(world)
+    allowed_velocities = velocities_that_joints_allow(world)
     for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
         if body.motion is not Motion.DYNAMIC or not (any(item.velocity) or item.spin):
             continue
-        change = allowed[k] - (*body.velocity, body.spin)
+        change = allowed_velocities[k] - (*body.velocity, body.spin)
         speed = float(np.hypot(*body.velocity)) + abs(body.spin) * body.reach
-        off = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
-        if off <= LIMITS.excluded * speed:
+        change_size = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
+        if change_size <= LIMITS.excluded * speed:
             continue
-        x, y, spin = allowed[k, 0], allowed[k, 1], np.degrees(allowed[k, 2])
+        x, y, spin = (
+            allowed_velocities[k, 0],
+            allowed_velocities[k, 1],
+            np.degrees(allowed_velocities[k, 2]),
+        )
         key = "velocity" if any(item.velocity) else "spin"
-        path, excluded = f"objects.{item.name}.{key}", Message.JOINTS_EXCLUDE_START
-        yield warning(scene, path, key, excluded, x=x, y=y, spin=spin)
+        path, message = f"objects.{item.name}.{key}", Message.JOINTS_EXCLUDE_START
+        yield warning(scene, path, key, message, x=x, y=y, spin=spin)
 
 
 def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Gravity without a unit that is too weak to be meant in px/s²."""
+    """Yield warnings of gravity without a unit that is too weak to be meant in px/s²."""
     world = scene.world
     strength = float(np.hypot(*world.gravity)) / world.pixels_per_meter
     is_stated = "world.gravity" in scene.places and not world.gravity_in_units
@@ -245,43 +267,45 @@ def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Objects smaller than a pixel, as sizes in meters are."""
+    """Yield warnings of objects smaller than a pixel, as sizes in meters are."""
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         if body.reach >= LIMITS.visible:
             continue
-        found = f"{item.name} of {2 * body.reach:.2g} px"
+        size_text = f"{item.name} of {2 * body.reach:.2g} px"
         path = f"objects.{item.name}.shape"
-        yield warning(scene, path, found, Message.SHAPE_INVISIBLE)
+        yield warning(scene, path, size_text, Message.SHAPE_INVISIBLE)
 
 
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Numbers that follow a label or a scale, where the file still has those for another."""
+    """Yield warnings of numbers that follow a label or a scale, where the file still has those for another."""
     record, scale = scene.record, scene.world.pixels_per_meter
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
-        changed = Message.SCALE_CHANGED
+        message = Message.SCALE_CHANGED
         if record.world.get("by_labels"):
-            changed = Message.SCALE_OF_NEW_LABELS
-        where, found = "world.pixels_per_meter", f"{scale:g}"
-        yield warning(scene, where, found, changed, perceived=record.scale)
+            message = Message.SCALE_OF_NEW_LABELS
+        key_path, scale_text = "world.pixels_per_meter", f"{scale:g}"
+        yield warning(scene, key_path, scale_text, message, perceived=record.scale)
     for item in scene.objects:
-        was = record.entry(item.name, scene.document["objects"][item.name])
-        if was.get("label", item.label) != item.label:
-            ours = item.provenance.keys() & was.keys()
-            keys = [key for key in ("mass", "friction", "elasticity") if key in ours]
-            now = [
+        entry = record.entry(item.name, scene.document["objects"][item.name])
+        if entry.get("label", item.label) != item.label:
+            shared_keys = item.provenance.keys() & entry.keys()
+            keys = [
+                key for key in ("mass", "friction", "elasticity") if key in shared_keys
+            ]
+            current_keys = [
                 f"{key} {getattr(item, key):g}"
                 for key in keys
-                if not equal(getattr(item, key), was[key])
+                if not equal(getattr(item, key), entry[key])
             ]
-            if now:
-                where, found = f"objects.{item.name}.label", quoted(item.label)
-                changed, values = Message.LABEL_CHANGED, ", ".join(now)
-                yield warning(scene, where, found, changed, values=values)
+            if current_keys:
+                key_path, scale_text = f"objects.{item.name}.label", quoted(item.label)
+                message, values = Message.LABEL_CHANGED, ", ".join(current_keys)
+                yield warning(scene, key_path, scale_text, message, values=values)
 
 
 def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """A clip of many frames, which takes long."""
+    """Yield the warning of a clip of many frames, which takes long."""
     frames, (width, height) = len(compiled.world.times), scene.video_size
     if frames > LIMITS.frames:
         minutes = frames * LIMITS.draws * max(width * height / 512**2, 1) / 60
@@ -297,7 +321,7 @@ def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Views of the camera that would leave the photo, or that are reached when the clip is over."""
+    """Yield warnings of views of the camera that would leave the photo, or that are reached when the clip is over."""
     for index, sight in enumerate(scene.render.camera):
         path = "render.camera"
         if f"{path}[{index}]" in scene.places:
@@ -305,11 +329,11 @@ def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if sight.center is not None:
             x, y = held(sight.center, scene.size, scene.video_size, sight.zoom)
             if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
-                found = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
+                center_text = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
                 yield warning(
                     scene,
                     f"{path}.center",
-                    found,
+                    center_text,
                     Message.VIEW_AT_BORDER,
                     zoom=sight.zoom,
                     x=x,
@@ -317,12 +341,12 @@ def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 )
         end = compiled.world.duration
         if sight.time > end:
-            where, late = f"{path}.time", Message.VIEW_AFTER_END
-            yield warning(scene, where, f"{sight.time:g}", late, end=end)
+            time_path, message = f"{path}.time", Message.VIEW_AFTER_END
+            yield warning(scene, time_path, f"{sight.time:g}", message, end=end)
 
 
 def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
-    """Whether what was stored of coverage and background was made for masks like the scene's.
+    """Return whether what was stored of coverage and background was made for masks like the scene's.
 
     `labels` (H, W) are the scene's objects, 0 = none; `scenery` (H, W) are pixels that show a boundary.
     """
@@ -330,14 +354,14 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
         return False
     if maps.coverage is None or not scenery.any():
         return True
-    near = _grown(labels > 0, LIMITS.reach)
-    return not (maps.coverage[scenery & ~near] > 0.5).any()
+    reachable = _grown(labels > 0, LIMITS.reach)
+    return not (maps.coverage[scenery & ~reachable] > 0.5).any()
 
 
 def photo_differs(
     scene: Scene, compiled: Compiled, maps: Percepts | None
 ) -> Iterator[Problem]:
-    """A photo that was edited since its maps were made: where no object is, the clip shows `background.png`.
+    """Yield the warning of a photo edited after its maps were made: the clip shows `background.png`.
 
     Where `clean.png` is more like the photo than like the background, the background was painted on purpose.
     """
@@ -352,62 +376,73 @@ def photo_differs(
         maps, compiled.labels, compiled.scenery
     ):  # it is made anew, of the photo
         return
-    bare = ~_grown(
+    background_mask = ~_grown(
         (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0),
         round(LIMITS.near * max(scene.size)),
     )
-    if cv2.norm(maps.rgb, maps.background, cv2.NORM_INF, bare.astype(np.uint8)) == 0:
+    if (
+        cv2.norm(
+            maps.rgb, maps.background, cv2.NORM_INF, background_mask.astype(np.uint8)
+        )
+        == 0
+    ):
         return
-    off = _mean_difference(maps.rgb, maps.background, bare)
-    differs = (np.abs(off) > LIMITS.levels).any(axis=2) & bare
+    photo_difference = _mean_difference(maps.rgb, maps.background, background_mask)
+    differs = (np.abs(photo_difference) > LIMITS.levels).any(axis=2) & background_mask
     if maps.clean is not None:
-        cleaned = _mean_difference(maps.clean, maps.background, bare)
-        differs &= np.abs(cleaned - off).sum(axis=2) >= np.abs(cleaned).sum(axis=2)
+        clean_difference = _mean_difference(
+            maps.clean, maps.background, background_mask
+        )
+        differs &= np.abs(clean_difference - photo_difference).sum(axis=2) >= np.abs(
+            clean_difference
+        ).sum(axis=2)
     _, ids, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
     large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.least  # compression leaves specks
     large[0] = False
     rows, columns = np.nonzero(large[ids])
     if len(rows):
-        where = f"x {columns.min()} to {columns.max()}, y {rows.min()} to {rows.max()}"
-        edited, count = Message.PHOTO_EDITED, len(rows)
+        range_text = (
+            f"x {columns.min()} to {columns.max()}, y {rows.min()} to {rows.max()}"
+        )
+        message, count = Message.PHOTO_EDITED, len(rows)
         name = scene.image.name
-        yield warning(scene, "image", name, edited, count=count, place=where)
+        yield warning(scene, "image", name, message, count=count, place=range_text)
 
 
 def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
-    """Doubtful ids that no region has, or an object."""
-    owners, named = (
+    """Yield warnings of doubtful ids that no region has, or an object."""
+    owners, named_ids = (
         {
-            name: one["mask"]
-            for name, one in entries.items()
-            if isinstance(one.get("mask"), int)
+            name: entry["mask"]
+            for name, entry in entries.items()
+            if isinstance(entry.get("mask"), int)
         }
         for entries in (scene.document["objects"], scene.document.get("doubtful", {}))
     )
     owners = {mask: name for name, mask in owners.items()}
-    there = (
+    owners_by_id = (
         set(np.unique(maps.labels).tolist())
-        if named and maps is not None
-        else set(named.values())
+        if named_ids and maps is not None
+        else set(named_ids.values())
     )
-    for name, mask in named.items():
+    for name, mask in named_ids.items():
         if mask in owners:
-            where, owned = f"doubtful.{name}.mask", Message.DOUBTFUL_IS_OBJECT
-            yield warning(scene, where, str(mask), owned, name=owners[mask])
-        elif mask not in there:
-            where = f"doubtful.{name}.mask"
-            yield warning(scene, where, str(mask), Message.DOUBTFUL_ID_MISSING)
+            mask_path, message = f"doubtful.{name}.mask", Message.DOUBTFUL_IS_OBJECT
+            yield warning(scene, mask_path, str(mask), message, name=owners[mask])
+        elif mask not in owners_by_id:
+            mask_path = f"doubtful.{name}.mask"
+            yield warning(scene, mask_path, str(mask), Message.DOUBTFUL_ID_MISSING)
 
 
 def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
-    """(H, W, 3) grey levels from the other picture to the one, means over squares of what is `within`."""
-    off = cv2.subtract(one, other, dtype=cv2.CV_16S)
-    off[~within] = 0
-    return np.asarray(cv2.blur(off, (LIMITS.over, LIMITS.over)), np.int16)
+    """Return (H, W, 3) grey levels from the other picture to the one, means over squares of what is `within`."""
+    difference = cv2.subtract(one, other, dtype=cv2.CV_16S)
+    difference[~within] = 0
+    return np.asarray(cv2.blur(difference, (LIMITS.over, LIMITS.over)), np.int16)
 
 
 def _grown(mask: Mask, by: int) -> Mask:
-    """(H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
+    """Return (H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
     return np.asarray(
         cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8))
         > 0
@@ -415,59 +450,68 @@ def _grown(mask: Mask, by: int) -> Mask:
 
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Written shapes that differ from the object's mask."""
-    for k, (item, outline) in enumerate(
-        zip(scene.objects, compiled.shapes.written, strict=True)
-    ):
+    """Yield warnings of written shapes that differ from the object's mask."""
+    shapes = zip(scene.objects, compiled.shapes.written, strict=True)
+    for k, (item, outline) in enumerate(shapes):
         mask = compiled.labels == k + 1
-        area, (x, y, w, h) = (
-            np.count_nonzero(mask),
-            cv2.boundingRect(mask.astype(np.uint8)),
-        )
+        area = np.count_nonzero(mask)
         if outline is None or item.mask is None or not area:
             continue
-        hull = outline_shape(outline).convex_hull.buffer(LIMITS.seen * area**0.5)
-        corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
-        cover, (x0, y0) = coverage_box(outline, (0, 0, mask.shape[1], mask.shape[0]))
-        # a spike without area is a part of the coverage's box and not of the hull
-        drawn = [[x0, y0], [x0 + cover.shape[1], y0 + cover.shape[0]]]
-        around = np.concatenate([corners, drawn, [[x, y], [x + w, y + h]]])
-        left, top = np.maximum(around.min(axis=0) - LIMITS.thin, 0).tolist()
-        right, bottom = (around.max(axis=0) + LIMITS.thin).tolist()
-        here = np.s_[top:bottom, left:right]
-        box = np.s_[
-            y0 - top : y0 - top + cover.shape[0], x0 - left : x0 - left + cover.shape[1]
-        ]
-        mask = mask[here]
-        seen = np.zeros(mask.shape, np.uint8)
-        cv2.fillPoly(seen, [corners - np.array([left, top], np.int32)], 1)
-        shown = (compiled.labels[here] > 0) | compiled.scenery[here] | _filled(mask)
-        if isinstance(item.shape, Auto):
-            # perception lays a flat base under what the photo shows from above
-            shown |= np.logical_or.accumulate(mask, axis=0)
-        bare = (cover >= 0.5) & ~shown[box]
-        thin = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
-        path, fix = f"objects.{item.name}.shape", "correct the outline or the mask"
+        fix = "correct the outline or the mask"
         if scene.document["objects"][item.name].get("shape") != "outline":
             fix = f"write shape: outline, or {fix}"
-        for part, message in (
-            (mask & (seen == 0), Message.SHAPE_MISSES_MASK),
-            (bare, Message.SHAPE_BEYOND_MASK),
-        ):
-            if not part.size:  # a shape beyond the picture
-                continue
-            share = (
-                cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_OPEN, thin).sum()
-                / area
-            )
+        differences = _shape_differences(item, outline, mask, compiled)
+        messages = (Message.SHAPE_MISSES_MASK, Message.SHAPE_BEYOND_MASK)
+        for part, message in zip(differences, messages, strict=True):
+            share = _opened_area(part) / area
             if share > LIMITS.missed:
-                yield warning(
-                    scene, path, "the shape", message, share=percent(share), fix=fix
-                )
+                path = f"objects.{item.name}.shape"
+                values = {"share": percent(share), "fix": fix}
+                yield warning(scene, path, "the shape", message, **values)
+
+
+def _shape_differences(
+    item: Object, outline: Outline, mask: Mask, compiled: Compiled
+) -> tuple[Mask, Mask]:
+    """Return the part of a mask outside of its shape, and the part of the shape where the photo shows other things.
+
+    `mask` is (H, W) bool; the results are cut to the surroundings of mask and shape.
+    """
+    reach = LIMITS.seen * np.count_nonzero(mask) ** 0.5
+    hull = outline_shape(outline).convex_hull.buffer(reach)
+    corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
+    height, width = mask.shape
+    cover, (x0, y0) = coverage_box(outline, (0, 0, width, height))
+    x1, y1 = x0 + cover.shape[1], y0 + cover.shape[0]
+    x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
+    # a spike without area is a part of the coverage's box and not of the hull
+    extent = np.concatenate([corners, [[x0, y0], [x1, y1], [x, y], [x + w, y + h]]])
+    left, top = np.maximum(extent.min(axis=0) - LIMITS.thin, 0).tolist()
+    right, bottom = (extent.max(axis=0) + LIMITS.thin).tolist()
+    window = np.s_[top:bottom, left:right]
+    box = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
+    mask = mask[window]
+    inside_hull = np.zeros(mask.shape, np.uint8)
+    cv2.fillPoly(inside_hull, [corners - np.array([left, top], np.int32)], 1)
+    occupied = compiled.labels[window] > 0
+    occupied |= compiled.scenery[window] | _filled(mask)
+    if isinstance(item.shape, Auto):
+        # perception lays a flat base under what the photo shows from above
+        occupied |= np.logical_or.accumulate(mask, axis=0)
+    return mask & (inside_hull == 0), (cover >= 0.5) & ~occupied[box]
+
+
+def _opened_area(mask: Mask) -> float:
+    """Return the area of a mask without thin parts, px²; 0 for a shape beyond the picture."""
+    if not mask.size:
+        return 0.0
+    kernel = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
+    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return float(opened.sum())
 
 
 def _filled(mask: Mask) -> Mask:
-    """(H, W): the mask with its holes, such as the one of a handle."""
+    """Return (H, W): the mask with its holes, such as the one of a handle."""
     outside = np.pad((~mask).astype(np.uint8), 1, constant_values=1)
     cv2.floodFill(outside, None, (0, 0), 2)
     return np.asarray(outside[1:-1, 1:-1] != 2)
@@ -477,21 +521,25 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     shapes = [outline_shape(outline) for outline in compiled.outlines]
     tree = shapely.STRtree(shapes)
     # a wheel may lie before the car that it is joined to
-    through = {frozenset(joint.objects) for joint in scene.joints if not joint.collide}
-    named = more = 0
+    joined_pairs = {
+        frozenset(joint.objects) for joint in scene.joints if not joint.collide
+    }
+    named_count = left_out = 0
     for i, item in enumerate(scene.objects):
         path = f"objects.{item.name}.shape"
-        near = tree.query(shapes[i])
-        near = np.sort(near[near < i])
-        if named >= LIMITS.pairs:
-            more += len(near)
-            near = near[:0]
-        for j in near.tolist():
+        neighbours = tree.query(shapes[i])
+        neighbours = np.sort(neighbours[neighbours < i])
+        if named_count >= LIMITS.pairs:
+            left_out += len(neighbours)
+            neighbours = neighbours[:0]
+        for j in neighbours.tolist():
             other = scene.objects[j].name
-            if {item.name, other} not in through and collides(item, scene.objects[j]):
+            if {item.name, other} not in joined_pairs and collides(
+                item, scene.objects[j]
+            ):
                 depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
                 if depth > LIMITS.overlap:
-                    named += 1
+                    named_count += 1
                     overlap = Message.OVERLAP_AT_START
                     yield warning(
                         scene, path, item.name, overlap, other=other, depth=depth
@@ -508,12 +556,12 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 default=0.0,
             )
             if depth > LIMITS.overlap:
-                across = Message.ACROSS_BOUNDARY
+                message = Message.ACROSS_BOUNDARY
                 yield warning(
-                    scene, path, item.name, across, depth=depth, name=wall.name
+                    scene, path, item.name, message, depth=depth, name=wall.name
                 )
-    if more:
-        pairs = f"{more:,} more pairs"
+    if left_out:
+        pairs = f"{left_out:,} more pairs"
         yield warning(scene, "objects", pairs, Message.MORE_OVERLAPS)
 
 
@@ -532,7 +580,7 @@ def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
 
 
 def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
-    """Names of what each object meets on its way down; all empty without gravity in the photo's plane.
+    """Return the names of what each object meets on its way down; all empty without gravity in the photo's plane.
 
     What only touches an object's side is no support.
     """
@@ -550,10 +598,10 @@ def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
     others = shapely.STRtree([*shapes, *(line for _, line in chains)])
 
     def met(i: int) -> list[str]:
-        lowered = (translate(shapes[i], *(down * part)) for part in PARTS)
-        way = shapely.union_all(list(lowered)).buffer(-TOUCH)
-        found = sorted(int(k) for k in others.query(way, "intersects") if k != i)
-        return list(dict.fromkeys(names[k] for k in found))
+        lowered_shapes = (translate(shapes[i], *(down * part)) for part in PARTS)
+        way = shapely.union_all(list(lowered_shapes)).buffer(-TOUCH)
+        hits = sorted(int(k) for k in others.query(way, "intersects") if k != i)
+        return list(dict.fromkeys(names[k] for k in hits))
 
     return [met(i) for i in range(len(shapes))]
 
@@ -566,11 +614,11 @@ def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         or not compiled.world.gravity.any()
     ):
         return
-    held_by = supports(scene, compiled)
+    supports_by_object = supports(scene, compiled)
     hanging = [
         i
         for group in _joined(scene)
-        if not any(held_by[k] for k in group)
+        if not any(supports_by_object[k] for k in group)
         for i in group
     ]
     for item in (scene.objects[i] for i in sorted(hanging)):
@@ -580,10 +628,10 @@ def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _joined(scene: Scene) -> list[set[int]]:
-    """The dynamic objects that joints hold together; those that are held to what does not fall are left out."""
+    """Return the dynamic objects that joints hold together; those that are held to what does not fall are left out."""
     index = {item.name: k for k, item in enumerate(scene.objects)}
     root = list(range(len(scene.objects) + 1))
-    fixed = len(scene.objects)  # the world, and all that stands in it
+    world_index = len(scene.objects)  # the world, and all that stands in it
 
     def find(k: int) -> int:
         while root[k] != k:
@@ -592,12 +640,12 @@ def _joined(scene: Scene) -> list[set[int]]:
 
     for k, item in enumerate(scene.objects):
         if item.motion is not Motion.DYNAMIC:
-            root[k] = fixed
+            root[k] = world_index
     for joint in scene.joints:
         ends = [index[name] for name in joint.objects]
-        root[find(ends[0])] = find(ends[1] if len(ends) == 2 else fixed)
+        root[find(ends[0])] = find(ends[1] if len(ends) == 2 else world_index)
     groups: dict[int, set[int]] = {}
     for k in range(len(scene.objects)):
-        if find(k) != find(fixed):
+        if find(k) != find(world_index):
             groups.setdefault(find(k), set()).add(k)
     return list(groups.values())

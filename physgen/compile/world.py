@@ -132,14 +132,14 @@ class Body:
 
     @property
     def reach(self) -> float:
-        """Distance of its farthest point from the centre of mass, px."""
+        """Return the distance of its farthest point from the centre of mass, px."""
         if self.radius is not None:
             return self.radius
         return float(max(np.hypot(*piece.T).max() for piece in self.pieces))
 
     @property
     def size(self) -> float:
-        """Smallest width of its thinnest limb in any direction, px: what a step may not jump over.
+        """Return the smallest width of its thinnest limb in any direction, px: what a step may not jump over.
 
         A piece that lies along wider ones, nowhere farther from them than it is wide, is a sliver and no limb.
         """
@@ -165,26 +165,28 @@ def _limb_width(pieces: tuple[bytes, ...]) -> float:
     owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
     points = shapely.points(corners)
     shapes = shapely.polygons(shapely.linearrings(corners, indices=owner))
-    away = np.where(
+    distances = np.where(
         owner[:, None] > np.arange(len(pairs)),
         shapely.distance(points[:, None], shapes),
         np.inf,
     )
     for k, (width, _) in enumerate(pairs[1:], 1):
         # a union takes long, and is needed only for what may be a limb
-        if away[owner == k].min(axis=1).max() > 0.999 * width:
-            beyond = shapely.distance(points[owner == k], shapely.union_all(shapes[:k]))
-            size = width if beyond.max() > width else size
+        if distances[owner == k].min(axis=1).max() > 0.999 * width:
+            outer_distances = shapely.distance(
+                points[owner == k], shapely.union_all(shapes[:k])
+            )
+            size = width if outer_distances.max() > width else size
     return size
 
 
 def _width(piece: Array) -> float:
-    """Least distance of two parallel lines with a convex piece between them; one of them holds an edge."""
-    along = np.roll(piece, -1, axis=0) - piece
-    length = np.hypot(*along.T)
-    along = along[length > 1e-9] / length[length > 1e-9, None]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1) @ piece.T
-    return float((across.max(axis=1) - across.min(axis=1)).min())
+    """Return the least distance of two parallel lines with a convex piece between them; one of them holds an edge."""
+    edges = np.roll(piece, -1, axis=0) - piece
+    length = np.hypot(*edges.T)
+    edges = edges[length > 1e-9] / length[length > 1e-9, None]
+    heights = np.stack([-edges[:, 1], edges[:, 0]], axis=1) @ piece.T
+    return float((heights.max(axis=1) - heights.min(axis=1)).min())
 
 
 @dataclass(frozen=True)
@@ -321,7 +323,7 @@ class World:
 
 
 def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
-    """The engine multiplies the two factors of a pair, so the geometric mean is the product of square roots.
+    """Return the factors of a surface; the engine multiplies those of a pair, so a mean is a product of square roots.
 
     >>> a, b = surface(0.4, 0.9, Combine.GEOMETRIC), surface(0.1, 0.4, Combine.GEOMETRIC)
     >>> round(a.friction * b.friction, 12), round(a.elasticity * b.elasticity, 12)
@@ -334,13 +336,13 @@ def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
 
 def surface_of(item: Object | Boundary, combine: Combine) -> Surface:
     """Return the surface of an object or a boundary."""
-    made = surface(item.friction, item.elasticity, combine)
+    pair_surface = surface(item.friction, item.elasticity, combine)
     if item.static_friction is None and item.conveyor is None:
-        return made
+        return pair_surface
     static = None
     if item.static_friction is not None:
         static = surface(item.static_friction, 0.0, combine).friction
-    return replace(made, static_friction=static, conveyor=item.conveyor or 0.0)
+    return replace(pair_surface, static_friction=static, conveyor=item.conveyor or 0.0)
 
 
 def passages(scene: Scene) -> dict[str, Passage]:
@@ -351,15 +353,15 @@ def passages(scene: Scene) -> dict[str, Passage]:
     names = [item.collision_group for item in parts.values()]
     groups = [MAIN_GROUP, *sorted({name for name in names if name} - {MAIN_GROUP})]
     bits = {name: 1 << number for number, name in enumerate(groups)}
-    found: dict[str, Passage] = {}
+    passages_by_name: dict[str, Passage] = {}
     for path, item in parts.items():
         mask = EVERY_GROUP
         if item.collides_with is not None:
             mask = sum({bits[name] for name in item.collides_with if name in bits})
         passage = Passage(bits[item.collision_group or MAIN_GROUP], mask, item.one_way)
         if passage != Passage():
-            found[path] = passage
-    return found
+            passages_by_name[path] = passage
+    return passages_by_name
 
 
 TABLE = "the table"
@@ -380,7 +382,7 @@ class Pairing(Generic[Names]):
 
 
 def pair_table(world: World) -> list[Pairing[str]]:
-    """The pair coefficients in use, as they are shown; see `pairings`."""
+    """Return the pair coefficients in use, as they are shown; see `pairings`."""
     return [
         Pairing(_names(p.first), _names(p.second), p.friction, p.elasticity)
         for p in pairings(world)
@@ -415,10 +417,10 @@ def pairings(world: World) -> list[Pairing[list[str]]]:
 
 
 def _names(names: Sequence[str]) -> str:
-    shown = name_ranges(names)
+    name_text = name_ranges(names)
     return (
-        shown
-        if shown.count(",") < 3
+        name_text
+        if name_text.count(",") < 3
         else f"{names[0]}, {names[1]} and {len(names) - 2} more"
     )
 
@@ -431,7 +433,7 @@ def mass_center(outline: Outline, item: Object) -> Array:
 
 
 def placed_outline(outline: Outline, item: Object) -> Outline:
-    """The outline at t = 0."""
+    """Return the outline at t = 0."""
     if item.place is None:
         return outline
     x, y, degrees = item.place
@@ -461,18 +463,18 @@ def rest_pose(outline: Outline, item: Object, scene: Scene) -> Array | None:
 
 
 def photo_poses(world: World) -> tuple[Pose, ...]:
-    """The poses in which the photo shows the bodies; empty where all begin so."""
+    """Return the poses in which the photo shows the bodies; empty where all begin so."""
     if all(body.rest is None for body in world.bodies):
         return ()
-    shown = (
+    poses = (
         np.append(body.center, 0.0) if body.rest is None else body.rest
         for body in world.bodies
     )
-    return tuple(Pose(float(x), float(y), float(angle)) for x, y, angle in shown)
+    return tuple(Pose(float(x), float(y), float(angle)) for x, y, angle in poses)
 
 
 def body_in_photo(body: Body) -> Body:
-    """The body as the photo shows it, in a frame turned by 0 there."""
+    """Return the body as the photo shows it, in a frame turned by 0 there."""
     if body.rest is None:
         return body
     turn = rotation(float(body.rest[2]))
@@ -487,7 +489,7 @@ def body_in_photo(body: Body) -> Body:
 
 
 def world_in_photo(world: World) -> World:
-    """The world with all bodies as the photo shows them."""
+    """Return the world with all bodies as the photo shows them."""
     return replace(world, bodies=tuple(map(body_in_photo, world.bodies)))
 
 
@@ -510,7 +512,7 @@ def world_as_drawn(world: World, shapes: Sequence[Outline]) -> World:
 
 
 def appearance(scene: Scene, world: World) -> tuple[object, ...]:
-    """All values but the photo's maps that a Stage depends on, as plain data for the key of a cache.
+    """Return all values but the photo's maps that a Stage depends on, as plain data for the key of a cache.
 
     Masses, coefficients, velocities, forces and times are not among them. A scene without a photo is drawn as large as
     it is filmed, so its camera counts.

@@ -22,6 +22,7 @@ import numpy as np
 from physgen import registry
 from physgen.geometry.polygon import Disc, Region, Ring
 from physgen.maps import F32
+from physgen.messages import Message
 from physgen.operating_system import peak_memory, reset_peak_memory
 from physgen.perceive.roles import (
     BoundaryGuess,
@@ -33,7 +34,6 @@ from physgen.perceive.roles import (
     PhotoObject,
     Rgb,
 )
-from physgen.problems import InputError
 from physgen.refine.denoiser import PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
 from physgen.registry import Backend, Choice, Plan, Setup
@@ -243,10 +243,9 @@ def read_choices(settings: Sequence[str]) -> list[tuple[str, Choice]]:
         pairs += registry.choices([setting]).items()
     for role, choice in pairs:
         if choice.name == registry.MAP_FILE and choice.weights:
-            found = f'"{role}={choice}"'
-            expected = "names a map, which belongs to its own photo"
-            fix = f"write {role}={choice.name} to check the reader"
-            raise InputError.of("--check", found, expected, fix)
+            raise Message.MAP_IN_CHECK.error(
+                "--check", f'"{role}={choice}"', reader=f"{role}={choice.name}"
+            )
     return pairs
 
 

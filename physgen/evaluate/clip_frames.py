@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from physgen.messages import Message
 from physgen.problems import InputError, collect
 from physgen.text import counted, natural
 from physgen.videos import SUFFIXES, U8, video_frames
@@ -20,7 +21,6 @@ CLIP_NAMES = ("video.mp4", "video.gif", "video.webp", "frames")
 """A clip that physgen rendered: the first of these in the folder of its scene."""
 SHAPE_TOLERANCE = 0.02
 """Largest relative difference of two aspect ratios that count as one; videos have even sides."""
-NO_CLIPS = "holds no clips"
 """The fault of a folder."""
 
 
@@ -45,10 +45,13 @@ class Source:
         size: tuple[int, ...] | None = None
         for frame in islice(video_frames(self.path), self.skip, None):
             if size is not None and frame.rgb.shape != size:
-                expected = f"differs from the {_format_size(size)} of the first frame"
-                found = _format_size(frame.rgb.shape)
-                fix = "make all frames of a clip the same size"
-                raise InputError.of(frame.place, found, expected, fix)
+                height, width = size[:2]
+                raise Message.FRAME_SIZE.error(
+                    frame.place,
+                    _format_size(frame.rgb.shape),
+                    width=width,
+                    height=height,
+                )
             size = frame.rgb.shape
             yield frame.rgb
 
@@ -70,8 +73,7 @@ def clips_in(path: Path) -> list[Source]:
     """
     if not path.is_dir():
         if not path.is_file():
-            fault = "no such file or folder"
-            raise InputError.of(str(path), "", fault, "check the path")
+            raise Message.NO_SUCH_PATH.error(str(path))
         return [Source(path)]
     for name in CLIP_NAMES:
         if (path / name).exists():
@@ -88,8 +90,7 @@ def clips_in(path: Path) -> list[Source]:
         return [clip for clip in clips if clip.is_video] or clips
     if any(part.suffix.lower() in SUFFIXES for part in parts):
         return [Source(path)]
-    fix = "name a folder of videos, or of folders of frames"
-    raise InputError.of(str(path), "", NO_CLIPS, fix)
+    raise Message.FOLDER_WITHOUT_VIDEOS.error(str(path))
 
 
 def _clips_in_part(folder: Path) -> list[Source]:
@@ -97,7 +98,8 @@ def _clips_in_part(folder: Path) -> list[Source]:
     try:
         return clips_in(folder)
     except InputError as error:
-        if all(problem.expected == NO_CLIPS for problem in error.problems):
+        code = Message.FOLDER_WITHOUT_VIDEOS.code
+        if all(problem.code == code for problem in error.problems):
             return []
         raise
 
@@ -122,16 +124,18 @@ class Rule:
         """
         frames = [self.resize(frame) for frame in source.frames()]
         if not frames:
-            start = f" after the first {source.skip}" if source.skip else ""
-            fault = f"has no frame{start}"
-            raise InputError.of(str(source.path), "", fault, "leave it out")
+            if not source.skip:
+                raise Message.VIDEO_EMPTY.error(str(source.path))
+            raise Message.CLIP_WITHOUT_FRAMES.error(str(source.path), skip=source.skip)
         if self.count is None:
             return frames
         if len(frames) < self.count:
-            found = counted(len(frames), "frame")
-            fault = f"are fewer than --frames {self.count}"
-            fix = f"give --frames {len(frames)}, or leave the clip out"
-            raise InputError.of(str(source.path), found, fault, fix)
+            raise Message.FRAMES_TOO_FEW.error(
+                str(source.path),
+                counted(len(frames), "frame"),
+                wanted=self.count,
+                count=len(frames),
+            )
         numbers = np.rint(np.linspace(0, len(frames) - 1, self.count))
         return [frames[k] for k in numbers.astype(int)]
 

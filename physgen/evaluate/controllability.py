@@ -21,7 +21,7 @@ from physgen.compile.world import Body, World
 from physgen.compile.world import Push as WorldPush
 from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import Array
-from physgen.problems import InputError
+from physgen.messages import Message
 from physgen.registry import suggestion
 from physgen.scene.scene import Load, Motion, Scene, Solid, View
 from physgen.simulate.trajectory import Trajectory, new_touches
@@ -192,19 +192,16 @@ def choose_object(scene: Scene, world: World, name: str | None) -> int:
         body.name for body in world.bodies if body.motion is Motion.DYNAMIC
     ]
     if not dynamic_names:
-        place = str(scene.place("objects").file)
-        fix = "give it a dynamic object"
-        raise InputError.of(place, "", "has no object that can be pushed", fix)
+        raise Message.NOTHING_TO_PUSH.error(str(scene.place("objects").file))
     if name is None:
         name = _default_object(world, dynamic_names)
     names = [body.name for body in world.bodies]
     if name in dynamic_names:
         return names.index(name)
+    message, known_names = Message.PUSHED_NAME_UNKNOWN, names
     if name in names:
-        fault, known_names = "cannot be pushed: it is not dynamic", dynamic_names
-    else:
-        fault, known_names = "is no object of the scene", names
-    raise InputError.of("--object", f'"{name}"', fault, suggestion(name, known_names))
+        message, known_names = Message.OBJECT_NOT_DYNAMIC, dynamic_names
+    raise message.error("--object", f'"{name}"', fix=suggestion(name, known_names))
 
 
 def _default_object(world: World, dynamic_names: Sequence[str]) -> str:

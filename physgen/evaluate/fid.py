@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from physgen.evaluate.clip_frames import Rule, Source, have_one_shape
 from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.export.flow import colour_flow
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.messages import Message
+from physgen.problems import InputError, Place, Problem
 from physgen.text import counted
 from physgen.videos import U8
 
@@ -346,10 +347,12 @@ def _peak_speed(flow: F32) -> float:
 def _shape_problem(
     clip: Source, size: tuple[int, int], first: Source, first_size: tuple[int, int]
 ) -> Problem:
-    found = f"is {size[1] / size[0]:.3g} times as wide as high"
-    expected = f"and {first.path} is {first_size[1] / first_size[0]:.3g} times"
-    fix = "crop the clips to one shape"
-    return Problem(Place(str(clip.path)), "", found, expected, fix)
+    return Message.CLIP_SHAPES_DIFFER.problem(
+        Place(str(clip.path)),
+        aspect=size[1] / size[0],
+        other=first.path,
+        other_aspect=first_size[1] / first_size[0],
+    )
 
 
 def _check_sides(
@@ -380,10 +383,8 @@ def _count_problems(name: str, lengths: Sequence[int]) -> list[Problem]:
     if sum(length - 1 for length in lengths) >= 2:
         return []
     place = Place("--reference" if name == REFERENCE else name)
-    found = f"{counted(sum(lengths), 'frame')} in {counted(len(lengths), 'clip')}"
-    expected = "make fewer than two pictures of motion"
-    fix = "name more clips, of two frames or more"
-    return [Problem(place, "", found, expected, fix)]
+    value_text = f"{counted(sum(lengths), 'frame')} in {counted(len(lengths), 'clip')}"
+    return [Message.MOTION_PICTURES_TOO_FEW.problem(place, "", value_text)]
 
 
 def _add_clip(
@@ -402,34 +403,31 @@ def _add_clip(
             continue
         values = features(np.stack(pictures))
         if not np.isfinite(values).all():
-            expected = "gives numbers that are not finite"
-            raise InputError.of("--inception", "", expected, "name another file")
+            raise Message.FEATURES_NOT_FINITE.error("--inception")
         side.features[kind].append(values)
 
 
 def _warnings(
     truth: Side, sides: Mapping[str, Side], feature_count: int
 ) -> Iterator[Problem]:
-    def warn(side: Side, found: str, expected: str, fix: str) -> Problem:
-        place = Place("--reference" if side is truth else side.name)
-        return Problem(place, "", found, expected, fix, Severity.WARNING)
-
     true_length = float(np.median(truth.lengths))
     for side in (truth, *sides.values()):
+        place = Place("--reference" if side is truth else side.name)
         for kind in KINDS:
             count = side.count(kind)
             if count <= feature_count:
-                found = f"{count} pictures"
-                expected = f"for {feature_count} features: fewer pictures make a Fréchet distance larger ({kind})"
-                yield warn(side, found, expected, "compare equal numbers")
+                yield Message.PICTURES_TOO_FEW.warning(
+                    place, "", f"{count} pictures", features=feature_count, kind=kind
+                )
         length = float(np.median(side.lengths))
         if length != true_length:
-            found = f"{length:g} frames a clip"
-            expected = (
-                f"beside the reference's {true_length:g}: flow is then over other times"
+            yield Message.CLIP_LENGTHS_DIFFER.warning(
+                place,
+                "",
+                f"{length:g} frames a clip",
+                length=true_length,
+                frames=min(true_length, length),
             )
-            fix = f"give --frames {min(true_length, length):g}"
-            yield warn(side, found, expected, fix)
 
 
 # ---- report ------------------------------------------------------------------------------------------------------

@@ -23,12 +23,12 @@ from physgen.compile.world import Body
 from physgen.evaluate.measure import Bar, Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import rotation
 from physgen.maps import F32, U8, Percepts
+from physgen.messages import Message
 from physgen.perceive.perceive import KnownFacts, perceive
 from physgen.perceive.roles import BoundaryGuess
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import DistantLight, decode, encode_u8, sphere_normals
 from physgen.photos import read_image
-from physgen.problems import InputError
 from physgen.scene.scene import Light, Scene, Settings, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
@@ -85,13 +85,12 @@ def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
     for path in sorted(folder.glob("*/film/film.json")):
         paths[path.parent.parent.name] = path
     if not paths:
-        fix = "name the folder of the studio's truth, studio/truth in physgen's repository"
-        raise InputError.of("--truth", str(folder), "holds no truth videos", fix)
+        raise Message.NO_TRUTH_VIDEOS.error("--truth", str(folder))
     unknown_names = [name for name in names if name not in paths]
     if unknown_names:
-        fix = f"choose from {', '.join(paths)}"
-        value = ", ".join(unknown_names)
-        raise InputError.of("--scenes", value, "has no truth video", fix)
+        raise Message.UNKNOWN_TRUTH.error(
+            "--scenes", ", ".join(unknown_names), names=", ".join(paths)
+        )
     root = folder.resolve().parents[1]
     return [_read_truth(name, paths[name], root) for name in names or paths]
 

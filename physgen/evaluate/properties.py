@@ -22,8 +22,9 @@ from physgen.geometry import raster
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.geometry.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
 from physgen.materials import kind as kind_of
+from physgen.messages import Message
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
-from physgen.problems import InputError
+from physgen.problems import Place
 from physgen.registry import Backends
 from physgen.scene.document import Source, decode, plain, read
 from physgen.simulate.uncertainty import wilson
@@ -120,18 +121,14 @@ TABLE_START = "`objects:` and one line per object, e.g. `cup: {label: cup, mass:
 
 def read_table(path: Path) -> Objects:
     """Return a table in YAML. Raise InputError."""
-    fix = "write a table like physgen/evaluate/objects.yaml"
     try:
         table = _parse_table(path)
     except OSError as error:
-        fault = f"cannot be read ({error.strerror})"
-        raise InputError.of(str(path), "", fault, fix) from None
+        raise Message.TABLE_UNREADABLE.error(str(path), reason=error.strerror) from None
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        fault = f"is no table of objects ({error})"
-        raise InputError.of(str(path), "", fault, fix) from None
+        raise Message.NOT_OBJECT_TABLE.error(str(path), reason=error) from None
     if not table.items_with_mass and not table.rankings:
-        fix = "give objects a mass in g, or write a ranking"
-        raise InputError.of(str(path), "", "has nothing to compare answers with", fix)
+        raise Message.OBJECT_TABLE_EMPTY.error(str(path))
     return table
 
 
@@ -140,13 +137,13 @@ def _parse_table(path: Path) -> Objects:
     text = decode(path.read_bytes(), str(path))
     source_file = Source(str(path), path.parent)
     data: Any = plain(read(text, source_file, start=TABLE_START))
-    items = [_item(name, **row) for name, row in data["objects"].items()]
+    items = [_item(str(path), name, **row) for name, row in data["objects"].items()]
     rankings = []
     for name in data.get("rankings", {}):
         for record in data["rankings"][Coefficient(name).value]:
             label = record.get("about", "")
             source = record.get("source", "")
-            values = _ranked_values(record["values"], data["objects"])
+            values = _ranked_values(str(path), record["values"], data["objects"])
             rankings.append(Ranking(name, label, source, values))
     title = data.get("title", path.name)
     source = data.get("source", "")
@@ -154,34 +151,36 @@ def _parse_table(path: Path) -> Objects:
 
 
 def _item(
+    file: str,
     name: str,
+    /,
     label: str = "",
     form: str = "box",
     size: Sequence[float] = (),
     mass: float | None = None,
 ) -> Item:
-    """Return an object. Raise ValueError or TypeError for a wrong value."""
+    """Return an object. Raise InputError, ValueError or TypeError for a wrong value."""
     shape = Form(form)
     sides = tuple(map(float, size))
     if sides and len(sides) != LENGTHS[shape]:
-        raise ValueError(
-            f"{name}: the size is not {LENGTHS[shape]} lengths in mm, as a {form} has"
+        raise Message.SIZE_OF_FORM.error_at(
+            Place(file), f"objects.{name}.size", form=form, count=LENGTHS[shape]
         )
     known_mass = None if mass is None else float(mass)
     numbers = sides if known_mass is None else (*sides, known_mass)
     if min(numbers, default=1.0) <= 0:
-        raise ValueError(f"{name}: a mass and a size are above 0")
+        raise Message.OBJECT_NUMBER_NEGATIVE.error_at(Place(file), f"objects.{name}")
     label = str(label) or name.replace("-", " ").replace("_", " ")
     return Item(name, label, shape, sides, known_mass)
 
 
 def _ranked_values(
-    values: Mapping[str, float], objects: Mapping[str, Any]
+    file: str, values: Mapping[str, float], objects: Mapping[str, Any]
 ) -> dict[str, float]:
-    """Return values by object. Raise ValueError for fewer than two, and for names of no object."""
+    """Return values by object. Raise InputError for fewer than two, and for names of no object."""
     if len(values) < 2 or not values.keys() <= objects.keys():
-        raise ValueError(
-            f"a ranking has values of two objects or more, not of {', '.join(values)}"
+        raise Message.RANKING_TOO_SHORT.error_at(
+            Place(file), "rankings", ", ".join(values)
         )
     return {name: float(value) for name, value in values.items()}
 

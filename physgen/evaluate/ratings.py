@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from physgen.evaluate.measure import Findings, Section, Table, interval, number
 from physgen.evaluate.study import ANSWERS, QUESTIONS, Key, read_record
+from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem
 from physgen.text import counted, natural, shown
 
@@ -30,6 +31,8 @@ QUANTILES = (0.025, 0.975)
 """Of intervals."""
 ENOUGH = 5
 """Raters or videos below which an interval is too narrow."""
+MAX_PATH = 60
+"""Characters of a clip's path in a message."""
 MAX_NAME = 80
 """Characters of names in files of answers."""
 
@@ -86,12 +89,10 @@ def read_answers(files: Sequence[Path], key: Key) -> Answers:
             continue
         previous = raters.setdefault(rater.name.casefold(), rater)
         if previous.session != rater.session:
-            expected = f"has other answers in {previous.file}"
-            fix = (
-                'leave one file out, or, if they are two people, change "rater" in one'
+            problem = Message.RATER_TWICE.problem(
+                Place(str(file)), "rater", f'"{rater.name}"', file=previous.file
             )
-            place = Place(str(file))
-            problems.append(Problem(place, "rater", f'"{rater.name}"', expected, fix))
+            problems.append(problem)
         last = max(previous, rater, key=lambda rater: rater.save_time)
         raters[rater.name.casefold()] = last
     if problems:
@@ -99,8 +100,7 @@ def read_answers(files: Sequence[Path], key: Key) -> Answers:
     answering_raters = [rater for rater in raters.values() if rater.scores]
     if not answering_raters:
         names = ", ".join(map(str, files[:3])) or "ANSWERS"
-        fix = "rate clips on the page, then save"
-        raise InputError.of(names, "", "holds no answer to any question", fix)
+        raise Message.NO_ANSWERS.error(names)
     answering_raters.sort(key=lambda rater: natural(rater.name))
     return Answers(key, tuple(answering_raters), _score_arrays(answering_raters, key))
 
@@ -123,25 +123,22 @@ def _read_rater(file: Path, key: Key) -> Rater:
     """Return the answers in one file. Raise InputError with all its problems."""
     record = read_record(file, ANSWERS)
     if record.get("study") != key.study:
-        expected = f'is another study than the key\'s "{key.study}"'
-        fix = "name the key of this study with --key"
-        raise InputError.of(str(file), shown(record.get("study")), expected, fix)
+        raise Message.OTHER_STUDY.error(
+            str(file), shown(record.get("study")), study=key.study
+        )
     name, session, save_time = (
         str(record.get(word) or "").strip()[:MAX_NAME]
         for word in ("rater", "session", "saved")
     )
     answers = record.get("answers")
     if not name or not isinstance(answers, dict):
-        expected = "names no rater, or has no answers"
-        raise InputError.of(str(file), "", expected, "save the page again")
+        raise Message.ANSWERS_INCOMPLETE.error(str(file))
     problems: list[Problem] = []
     all_scores: dict[str, dict[str, int]] = {}
     for clip, answer in answers.items():
         if clip not in key.clips or not isinstance(answer, dict):
-            path = f"answers.{clip}"[:60]
-            expected = "is no clip of this study with its answers"
-            place = Place(str(file))
-            problems.append(Problem(place, path, "", expected, "leave it out"))
+            path = f"answers.{clip}"[:MAX_PATH]
+            problems.append(Message.NOT_STUDY_CLIP.problem(Place(str(file)), path))
             continue
         scores = _read_scores(file, clip, answer, problems)
         if scores:
@@ -161,11 +158,13 @@ def _read_scores(
         if type(value) is int and 1 <= value <= POINTS:
             scores[question.key] = value
         elif value is not None:
-            path = f"answers.{clip}.{question.key}"
-            expected = f"is no score from 1 to {POINTS}"
-            fix = "write a whole number, or leave it out"
-            place = Place(str(file))
-            problems.append(Problem(place, path, shown(value), expected, fix))
+            problem = Message.NOT_A_SCORE.problem(
+                Place(str(file)),
+                f"answers.{clip}.{question.key}",
+                shown(value),
+                most=POINTS,
+            )
+            problems.append(problem)
     return scores
 
 

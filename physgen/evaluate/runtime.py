@@ -20,6 +20,7 @@ import numpy as np
 from physgen.batch.clips import MANIFEST, checked_folders, find_clips
 from physgen.environment import Machine
 from physgen.evaluate.measure import Findings, Section, Table, number
+from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.report.record import TIMING
 from physgen.scene.files import RECORD, read_record
@@ -103,16 +104,14 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
     runs: list[Run] = []
     problems: list[Problem] = []
     for clip in find_clips(checked_folders(roots)):
-        expected = "cannot be read"
+        message = Message.MANIFEST_UNREADABLE
         if clip.manifest is not None:
-            expected = "has no times of its stages"
+            message = Message.STAGE_TIMES_MISSING
             run = _run(clip.name, clip.folder, clip.manifest)
             if run is not None:
                 runs.append(run)
                 continue
-        place = Place(str(clip.folder / MANIFEST))
-        fix = "make the clip again: physgen render"
-        problems.append(Problem(place, "", "", expected, fix, Severity.WARNING))
+        problems.append(message.warning(Place(str(clip.folder / MANIFEST))))
     del problems[MAX_PROBLEMS:]
     if runs:
         for problem in problems:
@@ -122,8 +121,7 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
         raise InputError(
             replace(problem, severity=Severity.ERROR) for problem in problems
         )
-    fix = "name folders that physgen render or sweep made"
-    raise InputError.of(", ".join(map(str, roots)), "", "holds no clips", fix)
+    raise Message.FOLDERS_WITHOUT_CLIPS.error(", ".join(map(str, roots)))
 
 
 def _run(name: str, folder: Path, record: Mapping[str, Any]) -> Run | None:

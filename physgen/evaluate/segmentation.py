@@ -22,9 +22,10 @@ from physgen import registry
 from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.files import install
 from physgen.maps import read_labels
+from physgen.messages import Message
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
-from physgen.problems import InputError, Place, Problem, Severity, collect
+from physgen.problems import Place, Problem, collect
 from physgen.text import counted
 
 Mask = NDArray[np.bool_]
@@ -56,8 +57,12 @@ def require_pycocotools() -> None:
     try:
         import pycocotools.cocoeval  # noqa: F401
     except ModuleNotFoundError as error:
-        found, fix = f"needs {error.name}, which is not installed", install("labels")
-        raise InputError.of("evaluate segmentation", "", found, fix) from None
+        raise Message.PACKAGES_MISSING.error(
+            "evaluate segmentation",
+            packages=error.name,
+            verb="is",
+            install=install("labels"),
+        ) from None
 
 
 def runs(mask: Mask) -> Runs:
@@ -92,10 +97,13 @@ class Pair:
         rgb = read_photo(self.photo).rgb
         labels = read_labels(self.truth)
         if labels.shape != rgb.shape[:2]:
-            found = f"{labels.shape[1]} x {labels.shape[0]} px"
-            expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
-            fix = "make it the photo's size"
-            raise InputError.of(str(self.truth), found, expected, fix)
+            height, width = rgb.shape[:2]
+            raise Message.NOT_PHOTO_SIZE.error(
+                str(self.truth),
+                f"{labels.shape[1]} x {labels.shape[0]} px",
+                width=width,
+                height=height,
+            )
         masks = []
         for object_id in np.unique(labels).tolist():
             if object_id not in (0, UNKNOWN_ID):
@@ -114,28 +122,22 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     Raise InputError if there is no pair.
     """
     if not folder.exists():
-        raise InputError.of(str(folder), "", "no such folder", "check the path")
+        raise Message.NO_SUCH_PATH.error(str(folder))
     if not folder.is_dir():
-        fix = "name the folder that holds the photos"
-        raise InputError.of(str(folder), "", "is not a folder", fix)
+        raise Message.PHOTOS_NOT_FOLDER.error(str(folder))
     paths = []
     for path in sorted(folder.rglob("*")):
         if path.is_file() and not _is_hidden(path, folder):
             paths.append(path)
     photo_pairs, warnings = _find_pairs(paths)
     if not photo_pairs:
-        fault = "holds no photo with a label map"
-        raise InputError.of(str(folder), "", fault, PAIR_FIX)
+        raise Message.NO_LABELLED_PHOTO.error(str(folder), fix=PAIR_FIX)
     photos_by_map = _photos_by_map(photo_pairs)
     for path in paths:
         if path.name.endswith(LABELS) and path not in photos_by_map:
-            warnings.append(_warning(path, "has no photo", "name both alike"))
+            warnings.append(Message.LABELS_WITHOUT_PHOTO.warning(Place(str(path))))
     named_pairs = [replace(pair, name=_pair_name(pair, folder)) for pair in photo_pairs]
     return sorted(named_pairs, key=lambda pair: pair.name), warnings
-
-
-def _warning(path: Path, expected: str, fix: str) -> Problem:
-    return Problem(Place(str(path)), "", "", expected, fix, Severity.WARNING)
 
 
 def _find_pairs(paths: Sequence[Path]) -> tuple[list[Pair], list[Problem]]:
@@ -151,8 +153,10 @@ def _find_pairs(paths: Sequence[Path]) -> tuple[list[Pair], list[Problem]]:
         if truth.is_file():
             photo_pairs.append(Pair(path, truth))
         else:
-            fault = "is left out: it has no label map"
-            warnings.append(_warning(path, fault, PAIR_FIX))
+            warning = Message.PHOTO_WITHOUT_LABELS.warning(
+                Place(str(path)), fix=PAIR_FIX
+            )
+            warnings.append(warning)
     return photo_pairs, warnings
 
 
@@ -163,8 +167,7 @@ def _photos_by_map(photo_pairs: Sequence[Pair]) -> dict[Path, Path]:
         photo = photos.setdefault(pair.truth, pair.photo)
         if photo != pair.photo:
             names = f"{photo.name} and {pair.photo.name}"
-            expected = "could both be its photo"
-            raise InputError.of(str(pair.truth), names, expected, "keep one of them")
+            raise Message.LABELS_OF_TWO_PHOTOS.error(str(pair.truth), names)
     return photos
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from physgen.evaluate.measure import Progress
 from physgen.export.video import Format, open_video
 from physgen.files import check_writable, resource, write_with_backup
+from physgen.messages import Message
 from physgen.photos import read_photo
 from physgen.problems import InputError, collect
 from physgen.report.html import script_json, template, webp
@@ -41,7 +42,6 @@ MAX_WORDS = 500
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 PHOTOS = "photos"
 """The folder in METHODS that is no method."""
-FORM = "put clips at METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it"
 SIDE = 1024
 """px of a clip's and a photo's longer side, at most."""
 QUALITY = 90
@@ -119,8 +119,7 @@ def methods_in(folder: Path) -> Methods:
     Raise InputError if there are none, or one scene twice.
     """
     if not folder.is_dir():
-        fix = "name a folder with a folder for each method"
-        raise InputError.of(str(folder), "", "is no folder", fix)
+        raise Message.METHODS_NOT_FOLDER.error(str(folder))
     photo_folder = folder / PHOTOS
     clips: dict[tuple[str, str], Path] = {}
     for method_folder in _sorted_paths(folder):
@@ -128,7 +127,7 @@ def methods_in(folder: Path) -> Methods:
             for scene, clip in _clips_of_method(method_folder).items():
                 clips[method_folder.name, scene] = clip
     if not clips:
-        raise InputError.of(str(folder), "", "holds no methods", FORM)
+        raise Message.NO_METHODS.error(str(folder))
     names = tuple(sorted({method for method, _ in clips}, key=natural))
     scenes = tuple(sorted({scene for _, scene in clips}, key=natural))
     photos: dict[str, Path] = {}
@@ -154,18 +153,14 @@ def _sorted_paths(folder: Path) -> list[Path]:
 def _clips_of_method(folder: Path) -> dict[str, Path]:
     """Return the clips of one method by scene. Raise InputError for one scene twice, or for a rendered clip."""
     if (folder / "manifest.json").is_file() and any(folder.glob("video.*")):
-        expected = (
-            "is a clip, and no method: its folder holds the clips of one method alone"
-        )
-        fix = "name the folder above it, in which each method has one"
-        raise InputError.of(str(folder), "", expected, fix)
+        raise Message.CLIP_FOR_METHOD.error(str(folder))
     clips: dict[str, Path] = {}
     for scene, clip in _find_clips(folder):
         previous = clips.setdefault(scene, clip)
         if previous != clip:
-            found = f'"{previous}" and "{clip}"'
-            expected = f'are two clips of the scene "{scene}"'
-            raise InputError.of(str(folder), found, expected, "leave one there")
+            raise Message.TWO_CLIPS_OF_SCENE.error(
+                str(folder), f'"{previous}" and "{clip}"', scene=scene
+            )
     return clips
 
 
@@ -202,11 +197,9 @@ def read_clip(path: Path) -> tuple[Video, float]:
     """Return a clip and its frames a second. Raise InputError for one that is no video."""
     clip = read_video(path)
     if clip.count < 2:
-        fault = "has one frame: it is no video"
-        raise InputError.of(str(path), "", fault, "make at least two frames")
+        raise Message.VIDEO_OF_ONE_FRAME.error(str(path))
     if clip.fps is None:
-        fault = "does not say how fast it plays"
-        raise InputError.of(str(path), "", fault, "save it as MP4")
+        raise Message.VIDEO_WITHOUT_RATE.error(str(path))
     return clip, clip.fps
 
 
@@ -267,8 +260,7 @@ def read_key(path: Path) -> Key:
     except (KeyError, TypeError, ValueError, AttributeError):
         key = None
     if key is None or not key.is_consistent:
-        expected = "is a key that was changed: parts are missing or do not fit"
-        raise InputError.of(str(path), "", expected, "use the file as it was made")
+        raise Message.STUDY_KEY_CHANGED.error(str(path))
     return key
 
 
@@ -282,35 +274,26 @@ def _parse_key(record: Mapping[str, Any]) -> Key:
     return Key(record["study"], int(record["seed"]), methods, scenes, clips)
 
 
-RECORD_FAULTS = {
-    KEY: (
-        "is not the key of a study",
-        "name the NAME.key.json that was made with the page, with --key",
-    ),
-    ANSWERS: (
-        "is not a rater's answers",
-        "name files that the page of a study saved",
-    ),
-}
-"""By kind: the fault of another file, and the fix."""
+RECORD_FAULTS = {KEY: Message.NOT_STUDY_KEY, ANSWERS: Message.NOT_STUDY_ANSWERS}
+"""Templates for another file, by the kind that was expected."""
 
 
 def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     """Return the content of a key or of a rater's answers. Raise InputError for a file that is not of that `kind`."""
-    fault, fix = RECORD_FAULTS[kind]
+    message = RECORD_FAULTS[kind]
     if not path.is_file():
-        raise InputError.of(str(path), "", "no such file", "check the path")
+        raise Message.NO_SUCH_PATH.error(str(path))
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
-        raise InputError.of(str(path), "", "cannot be read as JSON", fix) from None
+        fix = message.refusal().fix
+        raise Message.NOT_JSON.error(str(path), fix=fix) from None
     if not isinstance(record, dict) or kind not in record:
-        raise InputError.of(str(path), "", fault, fix)
+        raise message.error(str(path))
     if record[kind] != VERSION:
-        found = f"{kind} {shown(record[kind])}"
-        expected = f"is of a form that this physgen does not know (it knows {VERSION})"
-        fix = "use the physgen that made it"
-        raise InputError.of(str(path), found, expected, fix)
+        raise Message.STUDY_VERSION.error(
+            str(path), f"{kind} {shown(record[kind])}", known=VERSION
+        )
     return record
 
 
@@ -347,9 +330,7 @@ def choose_scenes(methods: Methods, videos: int, seed: int) -> list[str]:
     scenes = methods.common_scenes
     if not scenes:
         names = ", ".join(methods.names)
-        fix = "give all methods a clip of the same scene, under the same name"
-        fault = "have no scene in common"
-        raise InputError.of(str(methods.folder), names, fault, fix)
+        raise Message.NO_COMMON_SCENE.error(str(methods.folder), names)
     if len(scenes) <= videos:
         return list(scenes)
     random = np.random.default_rng(seed)
@@ -430,8 +411,7 @@ def _encode_clip(path: Path) -> tuple[bytes, tuple[int, int]]:
 def check_page(page: Path) -> None:
     """Raise InputError if no page can be written."""
     if page.is_dir() or page.suffix.lower() not in (".html", ".htm"):
-        fix = "end it in .html, e.g. -o study.html"
-        raise InputError.of("-o", f'"{page}"', "is no name for a page", fix)
+        raise Message.NOT_PAGE_NAME.error("-o", f'"{page}"')
     check_writable(page.parent)
 
 

@@ -27,15 +27,15 @@ def circle_votes(
 
     `grey` (h, w) has 8-bit codes; edges in and beside `region` (h, w) vote.
     """
-    soft = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    gx = cv2.Sobel(soft, cv2.CV_32F, 1, 0)
-    gy = cv2.Sobel(soft, cv2.CV_32F, 0, 1)
+    blurred_grey = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    gx = cv2.Sobel(blurred_grey, cv2.CV_32F, 1, 0)
+    gy = cv2.Sobel(blurred_grey, cv2.CV_32F, 0, 1)
     size = np.hypot(gx, gy)
-    around = cv2.dilate(region.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    if not around.any():
+    surroundings = cv2.dilate(region.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    if not surroundings.any():
         return np.zeros((len(radii), *grey.shape), np.float32)
-    least = max(float(np.quantile(size[around], STRONG)), WEAKEST)
-    rows, columns = np.nonzero(around & (size >= least))
+    lowest_gradient = max(float(np.quantile(size[surroundings], STRONG)), WEAKEST)
+    rows, columns = np.nonzero(surroundings & (size >= lowest_gradient))
     way = np.stack([gx, gy])[:, rows, columns] / size[rows, columns]
     height, width = grey.shape
     votes = []

@@ -144,9 +144,9 @@ class _Score:
         np.clip(inside, 0.0, 1.0, out=inside)
         area = float(inside.sum())
         np.minimum(inside, self._mask, out=inside)
-        shared = float(inside.sum())
-        union = self._area + area - shared
-        return shared / max(union, 1e-9)
+        shared_area = float(inside.sum())
+        union = self._area + area - shared_area
+        return shared_area / max(union, 1e-9)
 
 
 EQUAL = 0.06
@@ -208,11 +208,11 @@ class _Problem:
 
     def start(self) -> Array:
         radii = np.array([r.disc.radius for r in self.rough])
-        shared = [
+        shared_circles = [
             radii[self.group == g].mean() for g in range(int(self.group.max()) + 1)
         ]
         return np.concatenate(
-            [np.array([r.disc.center for r in self.rough]).ravel(), shared]
+            [np.array([r.disc.center for r in self.rough]).ravel(), shared_circles]
         )
 
     def split(self, state: Array) -> tuple[Array, Array]:
@@ -327,9 +327,9 @@ class _NormalEquations:
         self, columns: list[int], jacobian: Array, residual: Array, weight: Array
     ) -> None:
         """Add residuals (k,) with their derivatives (k, columns) and weights (k,)."""
-        weighted = jacobian * weight[:, None]
-        self.matrix[np.ix_(columns, columns)] += weighted.T @ jacobian
-        self.gradient[columns] += weighted.T @ residual
+        weighted_jacobian = jacobian * weight[:, None]
+        self.matrix[np.ix_(columns, columns)] += weighted_jacobian.T @ jacobian
+        self.gradient[columns] += weighted_jacobian.T @ residual
 
 
 def _groups(
@@ -361,8 +361,8 @@ def _near(discs: Sequence[Disc]) -> NDArray[np.intp]:
     centers = np.array([disc.center for disc in discs])
     radii = np.array([disc.radius for disc in discs])
     x, y = (centers[:, None] - centers[None]).transpose(2, 0, 1)
-    is_near = np.hypot(x, y) < 1.3 * (radii[:, None] + radii[None]) + 8
-    i, j = np.nonzero(np.triu(is_near, 1))
+    is_neighbour = np.hypot(x, y) < 1.3 * (radii[:, None] + radii[None]) + 8
+    i, j = np.nonzero(np.triu(is_neighbour, 1))
     return np.column_stack([i, j]).astype(np.intp)
 
 
@@ -376,16 +376,16 @@ def _edges(region: Region) -> tuple[Array, Array]:
 def _clearance(edges: tuple[Array, Array], point: Array) -> tuple[float, Array]:
     """Return the distance px from a region to a point (negative inside) and its gradient `(2,)`."""
     start, end = edges
-    along = end - start
-    length_squared = np.maximum((along * along).sum(1), 1e-300)
-    share = np.clip(((point - start) * along).sum(1) / length_squared, 0, 1)
-    offset = point - start - share[:, None] * along
+    edge = end - start
+    length_squared = np.maximum((edge * edge).sum(1), 1e-300)
+    share = np.clip(((point - start) * edge).sum(1) / length_squared, 0, 1)
+    offset = point - start - share[:, None] * edge
     length = np.hypot(*offset.T)
     nearest = int(np.argmin(length))
     # A point is inside if its row crosses an odd number of edges on one side.
     crosses_row = (start[:, 1] <= point[1]) != (end[:, 1] <= point[1])
     downwards = np.where(end[:, 1] > start[:, 1], 1.0, -1.0)
-    side = cross(along, point - start) * downwards
+    side = cross(edge, point - start) * downwards
     is_inside = int((crosses_row & (side > 0)).sum()) % 2 == 1
     sign = -1.0 if is_inside else 1.0
     direction = offset[nearest] / max(float(length[nearest]), 1e-12)

@@ -59,10 +59,10 @@ def convex_pieces(outline: Region) -> tuple[Array, ...]:
     different rings that lie within a hair of each other and are convex together become one: nothing trips over a seam.
     Those of the last regions are remembered, and read-only.
     """
-    numbered = []
+    numbered_pieces = []
     for number, ring in enumerate(outline.rings):
-        numbered += [(number, piece) for piece in _ring_pieces(ring)]
-    pieces = tuple(piece for _, piece in _joined(numbered))
+        numbered_pieces += [(number, piece) for piece in _ring_pieces(ring)]
+    pieces = tuple(piece for _, piece in _joined(numbered_pieces))
     for piece in pieces:
         piece.flags.writeable = False
     return pieces
@@ -112,8 +112,8 @@ def _as_one(a: Array, b: Array) -> Array | None:
     if gap > PIECES.seam:
         return None
     longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
-    added = _area(hull) - _area(a) - _area(b)
-    return hull if added <= (gap + PIECES.flush) * longest else None
+    added_area = _area(hull) - _area(a) - _area(b)
+    return hull if added_area <= (gap + PIECES.flush) * longest else None
 
 
 def _hull(points: Array) -> Array:
@@ -154,13 +154,13 @@ def _without_straight_corners(points: Array) -> Array:
     """Remove repeated points and corners within a straight line."""
     while len(points) >= 3:
         before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
-        straight = np.abs(cross(points - before, after - points)) <= PIECES.flat
-        if not straight.any():
+        is_flat_corner = np.abs(cross(points - before, after - points)) <= PIECES.flat
+        if not is_flat_corner.any():
             break
         # not two neighbours at once: dropping one may make the other a corner
-        drop = straight & ~np.roll(straight, 1)
+        drop = is_flat_corner & ~np.roll(is_flat_corner, 1)
         if not drop.any():
-            drop[int(np.argmax(straight))] = True
+            drop[int(np.argmax(is_flat_corner))] = True
         points = points[~drop]
     return points
 
@@ -169,8 +169,8 @@ def _oriented(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
     a, b, c = (points[triangles[:, k]] for k in range(3))
     turn = cross(b - a, c - a)
     faces = np.where((turn < 0)[:, None], triangles[:, ::-1], triangles)
-    found: list[list[int]] = faces[turn != 0].tolist()
-    return found
+    counterclockwise: list[list[int]] = faces[turn != 0].tolist()
+    return counterclockwise
 
 
 def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:

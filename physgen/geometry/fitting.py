@@ -56,10 +56,10 @@ def disc_of(mask: Mask, whole: bool) -> Disc | None:
     """
     border = long_border(mask)
     disc, iou = fit_circle(mask, border)
-    least = CIRCLE_IOU
+    lowest_iou = CIRCLE_IOU
     if whole:
-        least = max(CIRCLE_IOU, FIT.round - 1 / disc.radius)
-    return disc if iou >= least and iou > box_iou(border) else None
+        lowest_iou = max(CIRCLE_IOU, FIT.round - 1 / disc.radius)
+    return disc if iou >= lowest_iou and iou > box_iou(border) else None
 
 
 def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
@@ -87,8 +87,8 @@ def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
 def long_border(mask: Mask) -> Array:
     """Return the half-level line `(n, 2)` px around the mask's longest border."""
     top, bottom, left, right = _box(mask)
-    traced = trace_borders(mask[top:bottom, left:right].astype(np.uint8))
-    longest = max(traced.borders, key=lambda border: len(border.corners))
+    borders = trace_borders(mask[top:bottom, left:right].astype(np.uint8))
+    longest = max(borders.borders, key=lambda border: len(border.corners))
     line: Array = longest.middles + np.array([left, top])
     return line
 
@@ -110,20 +110,20 @@ def without_specks(mask: Mask) -> Mask:
     """
     top, bottom, left, right = _box(mask)
     part = mask[top:bottom, left:right]
-    least = float(np.clip(part.sum() / 200, 4, 16))
+    smallest_area = float(np.clip(part.sum() / 200, 4, 16))
     _, pieces, stats, _ = cv2.connectedComponentsWithStats(
         part.astype(np.uint8), connectivity=4
     )
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0
-    is_large = areas >= least
+    is_large = areas >= smallest_area
     is_large[int(np.argmax(areas))] = True
     object_part = np.asarray(is_large[pieces])
     outside = np.pad(~object_part, 1, constant_values=True)
     _, gaps, stats, _ = cv2.connectedComponentsWithStats(
         outside.astype(np.uint8), connectivity=8
     )
-    is_speck = stats[:, cv2.CC_STAT_AREA] < least
+    is_speck = stats[:, cv2.CC_STAT_AREA] < smallest_area
     # Neither the object itself nor its surroundings are a hole.
     is_speck[[0, gaps[0, 0]]] = False
     result = np.zeros_like(mask, dtype=bool)
@@ -146,25 +146,25 @@ def fit_outlines(
     lines of their masks by at most 0.5 px (Hausdorff distance). Those of `never_discs` are regions, however round, and
     so is what stands on a flat foot. Pieces under a few px² are dropped and such holes filled.
     """
-    owned = _owned(labels, ids)
-    views = _views(owned, ids)
-    rough = {}
+    owners = _owned(labels, ids)
+    views = _views(owners, ids)
+    rough_shapes = {}
     for i, view in views.items():
-        disc = None if i in never_discs else _disc_in_view(owned[view], i)
+        disc = None if i in never_discs else _disc_in_view(owners[view], i)
         if disc is not None:
-            rough[i] = Disc(disc.center + _corner(view), disc.radius)
+            rough_shapes[i] = Disc(disc.center + _corner(view), disc.radius)
     while True:
-        others = np.where(np.isin(owned, list(rough)), 0, owned)
+        others = np.where(np.isin(owners, list(rough_shapes)), 0, owners)
         regions = fit_regions(close_gaps(others))
-        discs = _together(owned, views, rough, regions)
-        lost = []
+        discs = _together(owners, views, rough_shapes, regions)
+        lost_ids = []
         for i, disc in discs.items():
-            if _iou(disc, owned[views[i]] == i, views[i]) < FIT.keep_iou:
-                lost.append(i)
-        if not lost:
+            if _iou(disc, owners[views[i]] == i, views[i]) < FIT.keep_iou:
+                lost_ids.append(i)
+        if not lost_ids:
             break
-        for i in lost:
-            del rough[i]
+        for i in lost_ids:
+            del rough_shapes[i]
     return {i: discs[i] if i in discs else regions[i] for i in ids}
 
 
@@ -173,9 +173,9 @@ def _disc_in_view(part: NDArray[np.int64], i: int) -> Disc | None:
     mask = part == i
     # Beyond the photo, something may hide a part of the object.
     others = np.pad((part > 0) & ~mask, 1, constant_values=True)
-    padded = np.pad(mask, 1).astype(np.uint8)
-    beside = cv2.dilate(padded, np.ones((5, 5), np.uint8)) > 0
-    disc = disc_of(mask, whole=not (beside & others).any())
+    padded_mask = np.pad(mask, 1).astype(np.uint8)
+    surroundings = cv2.dilate(padded_mask, np.ones((5, 5), np.uint8)) > 0
+    disc = disc_of(mask, whole=not (surroundings & others).any())
     if disc is None or stands_flat(part, i, disc):
         return None
     return disc
@@ -186,14 +186,14 @@ def touching_masks(
 ) -> list[tuple[int, int]]:
     """Return pairs of objects whose masks are at most `FIT.touch` px apart."""
     pairs = set()
-    known = set(ids)
+    id_set = set(ids)
     side = 2 * FIT.touch + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (side, side))
     for i, view in _views(labels, ids).items():
         part = labels[view]
-        is_near = cv2.dilate((part == i).astype(np.uint8), kernel) > 0
-        for j in np.unique(part[is_near]).tolist():
-            if j != i and j in known:
+        neighbourhood = cv2.dilate((part == i).astype(np.uint8), kernel) > 0
+        for j in np.unique(part[neighbourhood]).tolist():
+            if j != i and j in id_set:
                 pairs.add((min(i, j), max(i, j)))
     return sorted(pairs)
 
@@ -242,14 +242,14 @@ def _corner(view: View) -> Array:
 
 def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]:
     """Return the map of the ids alone, without specks."""
-    known = np.where(np.isin(labels, list(ids)), labels, 0).astype(np.int64)
-    owned = np.zeros_like(known)
-    for i, view in _views(known, ids).items():
-        part = known[view]
+    known_labels = np.where(np.isin(labels, list(ids)), labels, 0).astype(np.int64)
+    owners = np.zeros_like(known_labels)
+    for i, view in _views(known_labels, ids).items():
+        part = known_labels[view]
         # A hole is filled only where no other object is.
         is_free = (part == i) | (part == 0)
-        owned[view][without_specks(part == i) & is_free] = i
-    return owned
+        owners[view][without_specks(part == i) & is_free] = i
+    return owners
 
 
 def _together(
@@ -301,11 +301,11 @@ def _rough(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDis
     is_near_other = cv2.dilate(others, np.ones((side, side), np.uint8)) > 0
     last_local = (part.shape[1] - 1, part.shape[0] - 1)
     pixels = np.clip(np.round(local).astype(np.intp), 0, last_local)
-    is_hidden = is_near_other[pixels[:, 1], pixels[:, 0]]
+    is_beside_other = is_near_other[pixels[:, 1], pixels[:, 0]]
     border = local + _corner(view)
     last = np.array([owned.shape[1] - 1, owned.shape[0] - 1])
     is_cut = ((border < 0) | (border > last)).any(axis=1)
-    weight = np.where(is_cut, 1e-3, np.where(is_hidden, FIT.hidden, 1.0))
+    weight = np.where(is_cut, 1e-3, np.where(is_beside_other, FIT.hidden, 1.0))
     return RoughDisc(disc, border, weight)
 
 
@@ -317,5 +317,7 @@ def disc_iou(disc: Disc, mask: Mask) -> float:
 def _iou(disc: Disc, mask: Mask, view: View) -> float:
     height, width = mask.shape
     local = Disc(disc.center - _corner(view), disc.radius)
-    covered = coverage(local, (width, height))
-    return float(np.minimum(covered, mask).sum() / np.maximum(covered, mask).sum())
+    coverage_map = coverage(local, (width, height))
+    return float(
+        np.minimum(coverage_map, mask).sum() / np.maximum(coverage_map, mask).sum()
+    )

@@ -127,9 +127,11 @@ def _cut(start: Array, end: Array, axis: int) -> tuple[Array, Array]:
     rises = (b >= a)[owner][:, None]
     bottom = np.where(rises, start[owner], end[owner])
     top = np.where(rises, end[owner], start[owner])
-    near = bottom + (top - bottom) * share_at(rank)
-    far = bottom + (top - bottom) * share_at(rank + 1)
-    return np.where(rises, near, far), np.where(rises, far, near)
+    lower_side = bottom + (top - bottom) * share_at(rank)
+    upper_side = bottom + (top - bottom) * share_at(rank + 1)
+    return np.where(rises, lower_side, upper_side), np.where(
+        rises, upper_side, lower_side
+    )
 
 
 _LOBES = [float(np.sinc(k) * np.sinc(k / 3)) for k in (2.5, 1.5, 0.5)]
@@ -151,14 +153,14 @@ def _halved(values: F32, axis: int) -> F32:
     Each is held between the least and the greatest of its four neighbours: no rings.
     """
     margin = (2, 2, 0, 0) if axis == 0 else (0, 0, 2, 2)
-    padded = cv2.copyMakeBorder(values, *margin, cv2.BORDER_REPLICATE)
-    padded = np.moveaxis(padded, axis, 0)
-    gaps = len(padded) - 5
+    padded_values = cv2.copyMakeBorder(values, *margin, cv2.BORDER_REPLICATE)
+    padded_values = np.moveaxis(padded_values, axis, 0)
+    gaps = len(padded_values) - 5
     # the three pixels before each gap, and the three behind it
-    p = [padded[k : k + gaps] for k in range(6)]
-    between: F32 = np.zeros(p[0].shape, np.float32)
+    p = [padded_values[k : k + gaps] for k in range(6)]
+    halves: F32 = np.zeros(p[0].shape, np.float32)
     for k, weight in enumerate(HALFWAY):
-        between += weight * (p[k] + p[5 - k])
+        halves += weight * (p[k] + p[5 - k])
     low = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
     high = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
     shape = list(values.shape)
@@ -166,5 +168,5 @@ def _halved(values: F32, axis: int) -> F32:
     result = np.empty(shape, np.float32)
     along_axis = np.moveaxis(result, axis, 0)
     along_axis[::2] = np.moveaxis(values, axis, 0)
-    np.clip(between, low, high, out=along_axis[1::2])
+    np.clip(halves, low, high, out=along_axis[1::2])
     return result

@@ -72,13 +72,13 @@ class BorderMap:
 
 def trace_borders(labels: NDArray[np.integer]) -> BorderMap:
     """Trace a label map `(H, W)`, 0 = background, what lies beyond the photo included."""
-    padded = np.zeros((labels.shape[0] + 2, labels.shape[1] + 2), dtype=np.int64)
-    padded[1:-1, 1:-1] = labels
+    padded_labels = np.zeros((labels.shape[0] + 2, labels.shape[1] + 2), dtype=np.int64)
+    padded_labels[1:-1, 1:-1] = labels
     borders: list[Border] = []
     leaving: dict[tuple[int, int, int], Step] = {}
-    for corners, directions, closed in _walks(_links(padded)):
+    for corners, directions, closed in _walks(_links(padded_labels)):
         row, column = corners[0]
-        left, right = _sides(padded, row, column, directions[0])
+        left, right = _sides(padded_labels, row, column, directions[0])
         if closed:
             corners.pop()
         else:
@@ -171,9 +171,12 @@ def _links(padded: NDArray[np.int64]) -> list[NDArray[np.int8]]:
         links[d][(degree == 2) & is_edge[d] & is_edge[e]] = e
     # Where two pairs of pixels cross, one of the pairs joins.
     falling, rising = (nw == se) & (degree == 4), (ne == sw) & (degree == 4)
-    both = falling & rising
+    is_crossing = falling & rising
     # Of two equal pairs the background joins, so that corners part an object's pixels.
-    falling, rising = falling & ~(both & (nw != 0)), rising & ~(both & (nw == 0))
+    falling, rising = (
+        falling & ~(is_crossing & (nw != 0)),
+        rising & ~(is_crossing & (nw == 0)),
+    )
     _link_pairs(links, falling, ((_NORTH, _EAST), (_SOUTH, _WEST)))
     _link_pairs(links, rising & ~falling, ((_NORTH, _WEST), (_SOUTH, _EAST)))
     return links
@@ -198,11 +201,11 @@ def _walks(
     table = np.stack(links, axis=-1)
     places = np.argwhere((table != -2).any(axis=-1))
     following = table[tuple(places.T)].tolist()
-    onward = dict(zip(map(tuple, places.tolist()), following, strict=True))
-    visited: set[tuple[int, int, int]] = set()
-    for start in _walk_starts(table, onward):
-        if start not in visited:
-            yield _follow(start, onward, visited)
+    next_places = dict(zip(map(tuple, places.tolist()), following, strict=True))
+    visited_links: set[tuple[int, int, int]] = set()
+    for start in _walk_starts(table, next_places):
+        if start not in visited_links:
+            yield _follow(start, next_places, visited_links)
 
 
 def _walk_starts(
@@ -285,21 +288,23 @@ def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
 
 def close_gaps(labels: NDArray[np.int64]) -> NDArray[np.int64]:
     """Join objects up to 2 px apart: background between two of them, along a row or a column, is shared out."""
-    closed = labels.copy()
-    for view in (closed, closed.T):
-        padded = np.pad(view, 2)
+    closed_labels = labels.copy()
+    for view in (closed_labels, closed_labels.T):
+        padded_view = np.pad(view, 2)
         width = view.shape[1]
         # the pixels 2 and 1 before, and 1 and 2 after each pixel
-        neighbours = [padded[2:-2, k : k + width] for k in (0, 1, 3, 4)]
+        neighbours = [padded_view[2:-2, k : k + width] for k in (0, 1, 3, 4)]
         two_before, before, after, two_after = neighbours
         free = view == 0
-        one = free & (before != 0) & (after != 0) & (before != after)
+        gap_pixels = free & (before != 0) & (after != 0) & (before != after)
         is_first = free & (before != 0) & (after == 0)
         is_first &= (two_after != 0) & (before != two_after)
         is_second = free & (after != 0) & (before == 0)
         is_second &= (two_before != 0) & (two_before != after)
-        view[...] = np.where(one | is_first, before, np.where(is_second, after, view))
-    return closed
+        view[...] = np.where(
+            gap_pixels | is_first, before, np.where(is_second, after, view)
+        )
+    return closed_labels
 
 
 def distinct(ring: Array) -> Array:
@@ -330,11 +335,11 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
         labels |= {borders[index].right for index, _ in ends}
         if labels & tiny:
             continue
-        straight = [(borders[index], runs[index][end]) for index, end in ends]
-        moved = _moved_junction(np.array(place), straight)
+        straight_ends = [(borders[index], runs[index][end]) for index, end in ends]
+        new_place = _moved_junction(np.array(place), straight_ends)
         for index, end in ends:
             lines[index] = lines[index].copy()
-            lines[index][end] = moved
+            lines[index][end] = new_place
     return lines
 
 
@@ -350,9 +355,9 @@ def _moved_junction(
         # Borders between two objects count most, so that contacts are straight.
         importance = 4.0 if border.left and border.right else 1.0
         weight = min(count, 20) * importance
-        across = weight * (np.eye(2) - np.outer(direction, direction))
-        normal = normal + across
-        target = target + across @ point
+        normal_weight = weight * (np.eye(2) - np.outer(direction, direction))
+        normal = normal + normal_weight
+        target = target + normal_weight @ point
     move = np.linalg.solve(normal, target) - junction
     length = float(np.hypot(*move))
     return junction + move * min(1.0, _JUNCTION_REACH / max(length, 1e-12))
@@ -370,10 +375,10 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
         lines.append(line)
     rings = [_there_and_back(line, b) for line, b in zip(lines, borders, strict=True)]
     for attempt in range(6):
-        crossed = np.unique(crossings(rings))
-        if not len(crossed):
+        crossing_rings = np.unique(crossings(rings))
+        if not len(crossing_rings):
             break
-        for k in crossed.tolist():
+        for k in crossing_rings.tolist():
             border = borders[k]
             tolerance[k] /= 2
             # In the end the line is not simplified, then not moved at its junctions.

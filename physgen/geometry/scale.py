@@ -155,8 +155,10 @@ def box_sides(outline: Outline) -> tuple[float, float]:
     points = np.concatenate([ring.outer for ring in outline.rings]).astype(np.float32)
     (_, (w, h), _) = cv2.minAreaRect(points)
     x0, y0, x1, y1 = bounds(outline)
-    least = 1e-3 * max(x1 - x0, y1 - y0)
-    return max(float(w), float(h), least), max(min(float(w), float(h)), least)
+    smallest_side = 1e-3 * max(x1 - x0, y1 - y0)
+    return max(float(w), float(h), smallest_side), max(
+        min(float(w), float(h)), smallest_side
+    )
 
 
 def revolve(outline: Region, axis: Array) -> Revolved:
@@ -177,8 +179,10 @@ def _symmetric_radii(outline: Region, axis: Array) -> tuple[Array, float]:
 
     And slices a px.
     """
-    along = np.asarray(axis, float) / np.hypot(*axis)
-    frame = np.stack([np.array([-along[1], along[0]]), along])  # across, along
+    unit_axis = np.asarray(axis, float) / np.hypot(*axis)
+    frame = np.stack(
+        [np.array([-unit_axis[1], unit_axis[0]]), unit_axis]
+    )  # across, along
     points = np.concatenate([ring.outer for ring in outline.rings]) @ frame.T
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     scale = SHAPE.slices / max(size)
@@ -217,16 +221,16 @@ def _turned_extent(outline: Outline, what: Kind) -> Extent:
         return Extent(slenderest.volume, None, 0.0)
     candidates = [(end_on.mismatch + SHAPE.end_on, end_on)]
     costs = [0.0] + [SHAPE.lying] * len(lying)
-    revolved = []
+    extents = []
     for solid, cost in zip([upright, *lying], costs, strict=True):
         if solid.volume <= 0:
             continue
         tallness, breadth = solid.height / height, solid.diameter / width
         mismatch = abs(log(tallness / breadth))
         extent = Extent(solid.volume, sqrt(tallness * breadth), mismatch)
-        revolved.append((mismatch + cost, extent))
+        extents.append((mismatch + cost, extent))
     # Of equal costs the first counts: a view from the end comes last.
-    return min([*revolved, *candidates], key=lambda candidate: candidate[0])[1]
+    return min([*extents, *candidates], key=lambda candidate: candidate[0])[1]
 
 
 def _slenderness(solid: Revolved) -> float:
@@ -237,8 +241,8 @@ def _box_axes(outline: Region) -> tuple[Array, Array]:
     """Return the directions of the sides of the smallest box."""
     points = np.concatenate([ring.outer for ring in outline.rings]).astype(np.float32)
     turn = np.deg2rad(cv2.minAreaRect(points)[2])
-    along = np.array([np.cos(turn), np.sin(turn)])
-    return along, np.array([-along[1], along[0]])
+    front_axis = np.array([np.cos(turn), np.sin(turn)])
+    return front_axis, np.array([-front_axis[1], front_axis[0]])
 
 
 def _facing(
@@ -361,15 +365,15 @@ def photo_scale(
     """
     witnesses: dict[str, list[tuple[float, float]]] = {}
     for item in objects:
-        what = kinds[item.id]
+        object_kind = kinds[item.id]
         confidence = (sure or {}).get(item.id, 1.0)
-        has_size = bool(what.size) and what.spread < LIMITS.any_size
+        has_size = bool(object_kind.size) and object_kind.spread < LIMITS.any_size
         if item.cut or not has_size or confidence < LIMITS.min_label:
             continue
-        extent = object_extent(item.outline, what)
+        extent = object_extent(item.outline, object_kind)
         if extent.per_mm and extent.mismatch < LIMITS.max_mismatch:
-            spread = hypot(what.spread, extent.mismatch / 2)
-            witnesses.setdefault(what.noun, []).append((extent.per_mm, spread))
+            spread = hypot(object_kind.spread, extent.mismatch / 2)
+            witnesses.setdefault(object_kind.noun, []).append((extent.per_mm, spread))
     if not witnesses:
         return None
     middle, spread = _combined(list(witnesses.values()))
@@ -496,18 +500,24 @@ def _weighted_median(values: Array, weights: Array) -> float:
     if len(values) == 2:
         return float((values * weights).sum() / weights.sum())
     order = np.argsort(values)
-    summed = np.cumsum(weights[order])
-    return float(values[order][int(np.searchsorted(summed, summed[-1] / 2))])
+    cumulative_weights = np.cumsum(weights[order])
+    return float(
+        values[order][
+            int(np.searchsorted(cumulative_weights, cumulative_weights[-1] / 2))
+        ]
+    )
 
 
 def _reason(
     witnesses: Mapping[str, Sequence[object]], kinds: Mapping[int, Kind], spread: float
 ) -> str:
-    sizes = {what.noun: what.size for what in kinds.values()}
+    sizes = {object_kind.noun: object_kind.size for object_kind in kinds.values()}
     parts = []
     for noun, objects in witnesses.items():
         size = " x ".join(f"{mm:g}" for mm in sizes[noun])
         parts.append(f"{len(objects)} x {noun} ({size} mm)")
-    more = f" and {len(parts) - 3} kinds more" if len(parts) > 3 else ""
+    further_kinds = f" and {len(parts) - 3} kinds more" if len(parts) > 3 else ""
     accuracy = f"good to about {100 * max(spread, 0.01):.0f} %"
-    return f"from the ordinary size of {', '.join(parts[:3])}{more}, {accuracy}"
+    return (
+        f"from the ordinary size of {', '.join(parts[:3])}{further_kinds}, {accuracy}"
+    )

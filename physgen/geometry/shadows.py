@@ -76,13 +76,13 @@ class ShadowSetting:
         """Return the share of a surface's light that is direct."""
         pairs = zip(self.light.direction, normal, strict=True)
         facing = sum(a * b for a, b in pairs)
-        straight = self.light.intensity * max(facing, 0.0)
+        direct_light = self.light.intensity * max(facing, 0.0)
         brightening = 1.0
         if not self.top:
             # Skies are brighter than their surroundings.
             brightening = 1 + MODEL.sky * max(-normal[1], 0.0)
         ambient = self.light.ambient * brightening
-        return min(self.lacking * straight / max(straight + ambient, 1e-9), 1.0)
+        return min(self.lacking * direct_light / max(direct_light + ambient, 1e-9), 1.0)
 
     def distance(self, row: float) -> float:
         """Return px from a camera, which looks level at the picture's middle, to a floor whose line is at `row`.
@@ -180,8 +180,10 @@ def clipped_box(
 
 def attenuation(direct: float, blocked_share: F32, hidden_share: F32) -> F32:
     """Return -log of the remaining light if such shares of direct and ambient light are taken away."""
-    lost = np.float32(direct) * blocked_share + np.float32(1 - direct) * hidden_share
-    return np.asarray(-np.log(1 - np.float32(MOST_BLOCKED) * lost), np.float32)
+    lost_share = (
+        np.float32(direct) * blocked_share + np.float32(1 - direct) * hidden_share
+    )
+    return np.asarray(-np.log(1 - np.float32(MOST_BLOCKED) * lost_share), np.float32)
 
 
 def faded_out(x: F32, y: F32, reach: float) -> F32:
@@ -236,16 +238,20 @@ def blocked_by_ball(
 ) -> F32:
     """Return the share of light that a ball hides from points so far (px) right of, below and before its centre."""
     lx, ly, lz = setting.light.direction
-    along = -(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz))
-    along = np.asarray(along, np.float32)
-    distance = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
+    depth_to_ball = -(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz))
+    depth_to_ball = np.asarray(depth_to_ball, np.float32)
+    distance = np.sqrt(
+        np.maximum(x * x + y * y + z * z - depth_to_ball * depth_to_ball, 0)
+    )
     # A point sees two discs: the ball, and the light at the ball's distance.
-    light = np.maximum(np.float32(setting.light_radius) * along, np.float32(0.35))
+    light = np.maximum(
+        np.float32(setting.light_radius) * depth_to_ball, np.float32(0.35)
+    )
     smaller = np.minimum(np.float32(radius), light)
     larger = np.maximum(np.float32(radius), light)
     gap = (distance - larger) / (0.28 * smaller)
     share = (smaller / light) ** 2 / (1 + np.exp(np.clip(gap, -30, 30)))
-    return np.asarray(share * (along > 0), np.float32)
+    return np.asarray(share * (depth_to_ball > 0), np.float32)
 
 
 @dataclass(frozen=True)
@@ -284,12 +290,12 @@ def floor_contact(silhouette: Silhouette, tilt: float) -> FloorContact | None:
     # An object is no deeper than a disc of its area.
     thickness = min(silhouette.thick, 1.13 * silhouette.area**0.5)
     # A floor may be drawn where the plane of motion meets it, or at the visible ends of objects.
-    sunk = min(max(bottom - floor, 0.0), tilt * thickness / 2 + MODEL.sunk)
-    half = max(thickness / 2, sunk / tilt)
-    foot = floor + sunk
-    rise = tilt * half if bottom > foot - 1 else tilt * half / 2
+    hidden_height = min(max(bottom - floor, 0.0), tilt * thickness / 2 + MODEL.sunk)
+    half_depth = max(thickness / 2, hidden_height / tilt)
+    foot = floor + hidden_height
+    rise = tilt * half_depth if bottom > foot - 1 else tilt * half_depth / 2
     low, high = max(foot - bottom, 0.0), max(foot - top, 1.0)
-    return FloorContact(min(floor, foot - rise), foot, half, low, high)
+    return FloorContact(min(floor, foot - rise), foot, half_depth, low, high)
 
 
 def shadow_on_floor(
@@ -352,18 +358,20 @@ def _blocked_on_floor(
     # Seen from the side, a row of pixels is deep: it is the mean of several lines of the floor.
     tilt = max(setting.tilt, 1e-3)
     offsets = np.arange(MODEL.finer, dtype=np.float32) - (MODEL.finer - 1) / 2
-    within = offsets / np.float32(MODEL.finer * tilt)
-    lines = np.asarray((depths + within).reshape(-1, 1), np.float32)
+    offset_rows = offsets / np.float32(MODEL.finer * tilt)
+    lines = np.asarray((depths + offset_rows).reshape(-1, 1), np.float32)
     if silhouette.radius is not None:
         right = (columns - np.float32(silhouette.center[0]))[None]
-        below = contact.row - silhouette.center[1]
-        blocked_share = blocked_by_ball(silhouette.radius, setting, right, below, lines)
+        row_below = contact.row - silhouette.center[1]
+        blocked_share = blocked_by_ball(
+            silhouette.radius, setting, right, row_below, lines
+        )
     else:
         blocked_share = _blocked_by_silhouette(
             silhouette, setting, contact, columns, lines
         )
-    fine = blocked_share.reshape(len(depths), MODEL.finer, len(columns))
-    return np.asarray(fine.mean(axis=1), np.float32)
+    fine_shares = blocked_share.reshape(len(depths), MODEL.finer, len(columns))
+    return np.asarray(fine_shares.mean(axis=1), np.float32)
 
 
 def floor_share(
@@ -436,14 +444,24 @@ def _blocked_by_silhouette(
     shift = x0 + ax * (contact.foot - y0) - float(columns[0])
     shear = np.array([[1.0, -ax, shift], [0, 1, 0]])
     size = (len(columns), silhouette.coverage.shape[0])
-    sheared = cv2.warpAffine(silhouette.coverage, shear, size, flags=cv2.INTER_LINEAR)
+    sheared_coverage = cv2.warpAffine(
+        silhouette.coverage, shear, size, flags=cv2.INTER_LINEAR
+    )
     last_row = silhouette.rows[-1]
-    profiles = np.maximum.reduceat(sheared[: last_row + 1], bands.first, axis=0)
+    profiles = np.maximum.reduceat(
+        sheared_coverage[: last_row + 1], bands.first, axis=0
+    )
     # The softness grows evenly with the height.
     height = bands.height
-    least = penumbra_width(setting, 0.0, rise)
-    soft_x = least + (penumbra_width(setting, 1.0, rise, ax) - least) * height
-    soft_z = least + (penumbra_width(setting, 1.0, rise, az) - least) * height
+    smallest_width = penumbra_width(setting, 0.0, rise)
+    soft_x = (
+        smallest_width
+        + (penumbra_width(setting, 1.0, rise, ax) - smallest_width) * height
+    )
+    soft_z = (
+        smallest_width
+        + (penumbra_width(setting, 1.0, rise, az) - smallest_width) * height
+    )
     lines = _softened(profiles, soft_x)
     # Distance in depth from a band's shadow, in widths of its soft edge.
     gap = np.abs(depths.T - (az * height)[:, None].astype(np.float32))
@@ -451,8 +469,8 @@ def _blocked_by_silhouette(
     gap -= reach[:, None].astype(np.float32)
     gap /= 0.55 * soft_z[:, None].astype(np.float32)
     fade = 1 / (1 + np.exp(np.clip(gap, -30, 30)))
-    across = np.where(gap < 5, fade, 0).astype(np.float32)
-    shares = across[:, :, None] * lines[:, None]
+    fade_weights = np.where(gap < 5, fade, 0).astype(np.float32)
+    shares = fade_weights[:, :, None] * lines[:, None]
     return np.asarray(shares.max(axis=0, initial=0), np.float32)
 
 
@@ -514,10 +532,10 @@ def _sky_beside_feet(
     to_left = np.abs(columns - feet[np.maximum(following - 1, 0)])
     to_right = np.abs(feet[np.minimum(following, len(feet) - 1)] - columns)
     nearest = np.minimum(to_left, to_right) - np.float32(0.5)
-    beside = np.maximum(nearest, 0)[None]
+    gap_row = np.maximum(nearest, 0)[None]
     before = np.maximum(np.abs(depths) - np.float32(contact.half), 0)
     low = np.float32(contact.low**2)
-    distance = np.sqrt(beside * beside + before * before + low)
+    distance = np.sqrt(gap_row * gap_row + before * before + low)
     size = min(max(height, len(gaps)), 8 * contact.half)
     reach = np.float32(0.22 * size + 1)
     return np.asarray(np.float32(MODEL.beside) * np.exp(-distance / reach), np.float32)
@@ -543,13 +561,15 @@ def _add_sky_below(
         return
     # The four sides of the rectangle add up, each by the sine of its angle.
     x, height = columns[start:end], heights[start:end]
-    along = (x - x0) / np.hypot(x - x0, height) + (x1 - x) / np.hypot(x1 - x, height)
+    side_share = (x - x0) / np.hypot(x - x0, height) + (x1 - x) / np.hypot(
+        x1 - x, height
+    )
     front, back = np.float32(half) - depths, np.float32(half) + depths
     square = height * height
     to_front = front / np.sqrt(front * front + square)
-    across = to_front + back / np.sqrt(back * back + square)
+    depth_share = to_front + back / np.sqrt(back * back + square)
     part = hidden_share[:, start:end]
-    np.maximum(part, np.float32(MODEL.under / 4) * along * across, out=part)
+    np.maximum(part, np.float32(MODEL.under / 4) * side_share * depth_share, out=part)
 
 
 def shadow_on_table(
@@ -584,8 +604,8 @@ def _ball_on_table(
     """Return a box, and the shares of direct light and of sky that a ball hides in it."""
     ax, ay, rise = _slopes_before(setting)
     cx, cy = ball.center
-    soft = penumbra_width(setting, radius, rise)
-    reach = radius / rise + 2.5 * soft + radius
+    blur_width = penumbra_width(setting, radius, rise)
+    reach = radius / rise + 2.5 * blur_width + radius
     surroundings = (
         cx + min(0, ax * radius) - reach,
         cy + min(0, ay * radius) - reach,
@@ -600,8 +620,10 @@ def _ball_on_table(
     blocked_share = blocked_by_ball(radius, setting, x, y, -radius)
     # cosine-weighted solid angle of a sphere that lies on the table
     square = np.float32(radius * radius)
-    near = square / (x * x + y * y + square)
-    hidden_share = near * np.sqrt(near) * faded_out(x, y, 2.2 * radius)
+    contact_share = square / (x * x + y * y + square)
+    hidden_share = (
+        contact_share * np.sqrt(contact_share) * faded_out(x, y, 2.2 * radius)
+    )
     return box, blocked_share, hidden_share
 
 
@@ -630,9 +652,9 @@ def _silhouette_on_table(
         return None
     blocked_share = np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
     for level in LEVELS_ON_TABLE:
-        soft = penumbra_width(setting, thickness * level, rise)
+        blur_width = penumbra_width(setting, thickness * level, rise)
         dx, dy = ax * thickness * level, ay * thickness * level
-        shadow = moved_silhouette(silhouette, box, dx, dy, soft)
+        shadow = moved_silhouette(silhouette, box, dx, dy, blur_width)
         np.maximum(blocked_share, shadow, out=blocked_share)
     blur = max(0.4, 0.35 * thickness)
     hidden_share = 0.9 * moved_silhouette(silhouette, box, 0, 0, blur)
@@ -662,8 +684,8 @@ def shadow_on_wall(
         end = np.float32(silhouette.floor - lean + 0.5)
         blocked_share = blocked_share * np.clip(end - rows, 0, 1)
     direct = setting.direct((0.0, 0.0, 1.0))
-    nothing = np.zeros_like(blocked_share)
-    return box, attenuation(direct, np.asarray(blocked_share, np.float32), nothing)
+    zeros = np.zeros_like(blocked_share)
+    return box, attenuation(direct, np.asarray(blocked_share, np.float32), zeros)
 
 
 def _ball_on_wall(
@@ -672,10 +694,10 @@ def _ball_on_wall(
     """Return a box, and the share of direct light that a ball hides in it."""
     ax, ay, rise = _slopes_before(setting)
     distance = setting.backdrop
-    soft = penumbra_width(setting, distance, rise, hypot(ax, ay))
+    blur_width = penumbra_width(setting, distance, rise, hypot(ax, ay))
     x = ball.center[0] + ax * distance
     y = ball.center[1] + ay * distance - lean
-    reach = radius / rise + 2 * soft
+    reach = radius / rise + 2 * blur_width
     surroundings = (x - reach, y - reach, x + reach, y + reach)
     box = clipped_box(surroundings, setting.size)
     if box is None:
@@ -683,8 +705,8 @@ def _ball_on_wall(
     columns = np.arange(box[0], box[2], dtype=np.float32)[None]
     rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
     right = columns - np.float32(ball.center[0])
-    below = rows - np.float32(ball.center[1] - lean)
-    return box, blocked_by_ball(radius, setting, right, below, -distance)
+    rows_below = rows - np.float32(ball.center[1] - lean)
+    return box, blocked_by_ball(radius, setting, right, rows_below, -distance)
 
 
 def _silhouette_on_wall(
@@ -693,10 +715,10 @@ def _silhouette_on_wall(
     """Return a box, and the share of direct light that an object hides in it."""
     ax, ay, rise = _slopes_before(setting)
     distance, slope = setting.backdrop, hypot(ax, ay)
-    soft = penumbra_width(setting, distance, rise, slope)
+    blur_width = penumbra_width(setting, distance, rise, slope)
     (x0, y0), (height, width) = silhouette.corner, silhouette.coverage.shape
-    half = min(silhouette.thick / 2, distance)
-    margin = ceil(2.5 * soft + half * slope) + 1
+    half_depth = min(silhouette.thick / 2, distance)
+    margin = ceil(2.5 * blur_width + half_depth * slope) + 1
     dx, dy = ax * distance, ay * distance - lean
     surroundings = (
         x0 + dx - margin,
@@ -708,14 +730,14 @@ def _silhouette_on_wall(
     if box is None:
         return None
     blocked_share = moved_silhouette(silhouette, box, dx, dy, 0.0)
-    if half * slope > 1:
+    if half_depth * slope > 1:
         # The near and the far side of a thick object throw their shadows apart.
-        for back in (-half, half):
+        for back in (-half_depth, half_depth):
             side = moved_silhouette(
                 silhouette, box, dx + ax * back, dy + ay * back, 0.0
             )
             np.maximum(blocked_share, side, out=blocked_share)
-    return box, blurred(blocked_share, soft)
+    return box, blurred(blocked_share, blur_width)
 
 
 def shadows_on_sides(
@@ -751,10 +773,14 @@ def _side_wall_box(
     """Return the box of the shadow on a wall that goes back from column `end`."""
     lx, ly, lz = setting.light.direction
     (x0, y0), (height, width) = silhouette.corner, silhouette.coverage.shape
-    far, mx, my = setting.distance(floor), setting.size[0] / 2, setting.size[1] / 2
+    wall_distance, mx, my = (
+        setting.distance(floor),
+        setting.size[0] / 2,
+        setting.size[1] / 2,
+    )
     columns, rows = np.array([x0, x0 + width]), np.array([y0, y0 + height])
     path = np.maximum((columns - end) / lx, 0.0)[:, None]  # px along the light
-    shrink = far / (far + path * lz)
+    shrink = wall_distance / (wall_distance + path * lz)
     x = mx + (end - mx) * shrink
     y = my + (rows - path * ly - my) * shrink
     surroundings = (x.min() - 2, y.min() - 2, x.max() + 2, y.max() + 2)
@@ -769,24 +795,30 @@ def _blocked_on_side(
     box: PixelBox,
 ) -> F32:
     """Return (h, w) the share of direct light that an object hides from a wall that goes back from column `end`."""
-    far, mx, my = setting.distance(floor), setting.size[0] / 2, setting.size[1] / 2
+    wall_distance, mx, my = (
+        setting.distance(floor),
+        setting.size[0] / 2,
+        setting.size[1] / 2,
+    )
     # The wall is foreshortened: a column of pixels is the mean of several columns of it.
     steps = np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5
     columns = box[0] - 0.5 + steps / MODEL.wall
     shrink = np.maximum((columns - mx) / (end - mx), 1e-3).astype(np.float32)
-    back = np.asarray(far * (1 / shrink - 1), np.float32)
+    back = np.asarray(wall_distance * (1 / shrink - 1), np.float32)
     rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
     y = np.float32(my) + (rows - np.float32(my)) / shrink
     if silhouette.radius is not None:
         right = np.float32(end - silhouette.center[0])
-        below = y - np.float32(silhouette.center[1])
-        blocked_share = blocked_by_ball(silhouette.radius, setting, right, below, -back)
+        row_offsets = y - np.float32(silhouette.center[1])
+        blocked_share = blocked_by_ball(
+            silhouette.radius, setting, right, row_offsets, -back
+        )
     else:
         blocked_share = _cast_sideways(silhouette, setting, end, back, y)
     is_wall = (back >= 0) & (back <= setting.backdrop)
     upon = is_wall * np.clip(np.float32(floor + 0.5) - y, 0, 1)
-    fine = (blocked_share * upon).reshape(len(y), -1, MODEL.wall)
-    return np.asarray(fine.mean(axis=2, dtype=np.float32), np.float32)
+    fine_shares = (blocked_share * upon).reshape(len(y), -1, MODEL.wall)
+    return np.asarray(fine_shares.mean(axis=2, dtype=np.float32), np.float32)
 
 
 def _cast_sideways(
@@ -796,10 +828,14 @@ def _cast_sideways(
     lx, ly, lz = setting.light.direction
     x0, y0 = silhouette.corner
     distance = float(np.median(back)) / lz
-    soft = blurred(silhouette.coverage, penumbra_width(setting, distance, 1.0))
-    across = np.float32(end - x0) + back * np.float32(lx / lz)
+    blurred_coverage = blurred(
+        silhouette.coverage, penumbra_width(setting, distance, 1.0)
+    )
+    wall_column = np.float32(end - x0) + back * np.float32(lx / lz)
     down = y + back * np.float32(ly / lz) - np.float32(y0)
-    picture = cv2.remap(soft, across.repeat(len(y), axis=0), down, cv2.INTER_LINEAR)
+    picture = cv2.remap(
+        blurred_coverage, wall_column.repeat(len(y), axis=0), down, cv2.INTER_LINEAR
+    )
     return np.asarray(picture, np.float32)
 
 

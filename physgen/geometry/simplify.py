@@ -45,9 +45,9 @@ def simplify(points: Array, tolerance: float, closed: bool) -> Array:
 def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
     """Simplify as `simplify`; a closed line has its first point again at its end, in and out."""
     runs = _runs(points, tolerance)
-    pinned: set[int] = set()
+    pinned_corners: set[int] = set()
     for _ in range(12):
-        corners = _corners(points, runs, pinned, closed, tolerance)
+        corners = _corners(points, runs, pinned_corners, closed, tolerance)
         distant_runs = _off(points, runs, corners, tolerance)
         if not distant_runs:
             return np.array([corner for pair in corners for corner in pair])
@@ -55,7 +55,7 @@ def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
             local = _douglas_peucker(points[first : last + 1], tolerance)
             breaks = [first + k for k in local]
             runs = sorted({*runs, *breaks})
-            pinned |= set(breaks)
+            pinned_corners |= set(breaks)
     return points[_douglas_peucker(points, tolerance)]
 
 
@@ -114,12 +114,12 @@ def end_lines(points: Array, tolerance: float) -> dict[int, tuple[Array, Array, 
 
 def distances(points: Array, start: Array, end: Array) -> Array:
     """Return `(n,)` px from each point to the segment from `start` to `end`, each `(2,)` or `(n, 2)`."""
-    along = end - start
-    length = np.maximum((along * along).sum(axis=-1), 1e-300)
-    share = np.clip(((points - start) * along).sum(axis=-1) / length, 0.0, 1.0)
-    gap = points - start - share[..., None] * along
-    found: Array = np.sqrt((gap * gap).sum(axis=-1))
-    return found
+    edge = end - start
+    length = np.maximum((edge * edge).sum(axis=-1), 1e-300)
+    share = np.clip(((points - start) * edge).sum(axis=-1) / length, 0.0, 1.0)
+    gap = points - start - share[..., None] * edge
+    lengths: Array = np.sqrt((gap * gap).sum(axis=-1))
+    return lengths
 
 
 def distances_to_line(points: Array, line: Array, closed: bool) -> Array:
@@ -127,8 +127,8 @@ def distances_to_line(points: Array, line: Array, closed: bool) -> Array:
     start, end = line[:-1], line[1:]
     if closed:
         start, end = line, np.roll(line, -1, axis=0)
-    every = distances(points[:, None], start[None], end[None])
-    nearest: Array = every.min(axis=1)
+    pair_distances = distances(points[:, None], start[None], end[None])
+    nearest: Array = pair_distances.min(axis=1)
     return nearest
 
 
@@ -170,13 +170,13 @@ def _corners(
         if runs[k] in pinned:
             corners.append([corner])
             continue
-        around = points[runs[k - 1] : runs[k + 1] + 1]
-        corners.append(_meet(around, corner, lines[k - 1], lines[k], limit))
+        run_points = points[runs[k - 1] : runs[k + 1] + 1]
+        corners.append(_meet(run_points, corner, lines[k - 1], lines[k], limit))
     if closed:
         seam = [points[0]]
         if not {0, runs[-1]} & pinned:
-            around = np.concatenate([points[runs[-2] : -1], points[: runs[1] + 1]])
-            seam = _meet(around, points[0], lines[-1], lines[0], limit)
+            run_points = np.concatenate([points[runs[-2] : -1], points[: runs[1] + 1]])
+            seam = _meet(run_points, points[0], lines[-1], lines[0], limit)
         return [seam, *corners, seam]
     start = _joint(points[0], lines[0], 1.0)
     end = _joint(points[-1], lines[-1], -1.0)
@@ -192,8 +192,8 @@ def _joint(end: Array, line: tuple[Array, Array], sign: float) -> list[Array]:
     distance = float(abs(cross(direction, end - point)))
     if distance < 0.25:
         return []
-    along = direction @ (end - point) + 2 * distance * sign
-    return [point + direction * along]
+    signed_distance = direction @ (end - point) + 2 * distance * sign
+    return [point + direction * signed_distance]
 
 
 def _meet(
@@ -223,7 +223,7 @@ def _off(
     points: Array, runs: list[int], corners: list[list[Array]], tolerance: float
 ) -> list[tuple[int, int]]:
     """Return runs (first and last index) farther off their edge than the tolerance, or against its direction."""
-    closed = bool((points[0] == points[-1]).all())
+    is_closed_line = bool((points[0] == points[-1]).all())
     share = np.linspace(0, 1, 17)[:, None]
     limit = tolerance + 1e-9
     distant_runs = []
@@ -231,13 +231,14 @@ def _off(
         run = points[first : last + 1]
         start, end = corners[k][-1], corners[k + 1][0]
         is_backwards = (end - start) @ (run[-1] - run[0]) <= 0
-        line = _edge_with_neighbours(corners, k, closed)
-        around = _points_around(points, runs, k, closed)
+        line = _edge_with_neighbours(corners, k, is_closed_line)
+        nearby_points = _points_around(points, runs, k, is_closed_line)
         probes = np.concatenate([start + (end - start) * share, corners[k + 1]])
         if (
             is_backwards
             or distances_to_line(run, line, closed=False).max() > limit
-            or distances_to_line(probes, around, closed=False).max() > 0.99 * limit
+            or distances_to_line(probes, nearby_points, closed=False).max()
+            > 0.99 * limit
         ):
             distant_runs.append((first, last))
     return distant_runs
@@ -261,12 +262,12 @@ def _points_around(points: Array, runs: list[int], k: int, closed: bool) -> Arra
     """Return the points of run k and of the runs beside it."""
     first = runs[k - 1] if k > 0 else runs[k]
     last = runs[k + 2] if k + 2 < len(runs) else runs[k + 1]
-    around = points[first : last + 1]
+    nearby_points = points[first : last + 1]
     if closed and k == 0:
-        around = np.concatenate([points[runs[-2] : -1], around])
+        nearby_points = np.concatenate([points[runs[-2] : -1], nearby_points])
     if closed and k == len(runs) - 2:
-        around = np.concatenate([around, points[1 : runs[1] + 1]])
-    return around
+        nearby_points = np.concatenate([nearby_points, points[1 : runs[1] + 1]])
+    return nearby_points
 
 
 def crossings(rings: list[Array]) -> NDArray[np.intp]:
@@ -291,5 +292,5 @@ def crossings(rings: list[Array]) -> NDArray[np.intp]:
 
 def _opposite(a: Array, b: Array) -> Mask:
     """Return whether areas px² lie strictly on two sides, beyond rounding."""
-    apart: Mask = (np.minimum(a, b) < -1e-9) & (np.maximum(a, b) > 1e-9)
-    return apart
+    is_opposite: Mask = (np.minimum(a, b) < -1e-9) & (np.maximum(a, b) > 1e-9)
+    return is_opposite

@@ -66,7 +66,7 @@ class Denoiser(Protocol):
         ...
 
     def predict(self, latents: F32, k: int, first: int) -> F32:
-        """What the model says in step `k` of a window of latents that begins with latent frame `first`."""
+        """Return the model's prediction in step `k` for a window of latents from latent frame `first` on."""
         ...
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:

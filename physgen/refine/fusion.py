@@ -136,12 +136,14 @@ def prompt_of(labels: Iterable[str]) -> str:
     'billiard ball, cue'
     """
     spelling: dict[str, str] = {}  # as it is written first
-    found = Counter(
+    counts = Counter(
         spelling.setdefault(label.strip().lower(), label.strip()).lower()
         for label in labels
     )
     return ", ".join(
-        spelling[label] for label, _ in found.most_common() if label not in EMPTY_LABELS
+        spelling[label]
+        for label, _ in counts.most_common()
+        if label not in EMPTY_LABELS
     )
 
 
@@ -164,15 +166,18 @@ def restore_detail(
     before = guidance.astype(np.float32) / np.float32(255)
     after = refined + np.float32(detail) * (before - guided)
     after = before + np.float32(1 - held) * (after - before)
-    shown: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
+    refined_rgb: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
     share = np.float32(lock) * coverage
     if not share.any():
-        return shown
+        return refined_rgb
     box = _around(share)
-    there = share[box][..., None]
-    mixed = encode_u8((1 - there) * decode(shown[box]) + there * decode(guidance[box]))
-    shown[box] = np.where(there > 0, mixed, shown[box])
-    return shown
+    share_there = share[box][..., None]
+    blend = encode_u8(
+        (1 - share_there) * decode(refined_rgb[box])
+        + share_there * decode(guidance[box])
+    )
+    refined_rgb[box] = np.where(share_there > 0, blend, refined_rgb[box])
+    return refined_rgb
 
 
 def _around(values: F32) -> tuple[slice, slice]:
@@ -254,32 +259,36 @@ class Refinement:
             raise InputError([self._too_large()]) from error
 
     def _frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
-        model, how, fit, grid = self._model, self._how, self._fit, self._model.grid
-        whole = frames_held(self._latents, grid)
-        shown = pad_frames([fit.shown(rgb) for rgb in guidance], whole)
-        self._progress("refine", 0, how.count)
-        z0 = model.begin(shown, how.prompt, how.steps, how.count)
-        del shown
+        model, settings, fit, grid = self._model, self._how, self._fit, self._model.grid
+        frame_total = frames_held(self._latents, grid)
+        padded_guidance = pad_frames([fit.shown(rgb) for rgb in guidance], frame_total)
+        self._progress("refine", 0, settings.count)
+        z0 = model.begin(
+            padded_guidance, settings.prompt, settings.steps, settings.count
+        )
+        del padded_guidance
         mask = cell_coverage(map(fit.mask, coverage), self._latents, grid)
-        stay = hold_weights(whole, how.hold)
-        noise = np.random.default_rng(how.seed).standard_normal(z0.shape, np.float32)
+        stay = hold_weights(frame_total, settings.hold)
+        noise = np.random.default_rng(settings.seed).standard_normal(
+            z0.shape, np.float32
+        )
 
         def denoised(z: F32, k: int) -> F32:
-            predicted = blend_predictions(
+            prediction = blend_predictions(
                 lambda part, first: model.predict(part, k, first), z, self._windows
             )
-            self._progress("refine", k + 1, how.count)
-            return model.stepped(predicted, z, k)
+            self._progress("refine", k + 1, settings.count)
+            return model.stepped(prediction, z, k)
 
         z = fused(
             z0,
             mask,
             noised=lambda latents, k: model.noised(latents, noise, k),
             denoised=denoised,
-            count=how.count,
-            stop=how.stop,
+            count=settings.count,
+            stop=settings.stop,
             weight=self._weight,
-            held=each_step(over_time(stay, grid), how.count)[:, None, None, None],
+            held=each_step(over_time(stay, grid), settings.count)[:, None, None, None],
         )
         if not np.isfinite(z).all():
             raise Message.REFINED_NOT_FINITE.error(
@@ -288,36 +297,38 @@ class Refinement:
         parts = zip(model.decode(z), model.decode(z0), strict=True)
         pairs = (pair for part in parts for pair in zip(*part, strict=True))
         # the frames that fill up the last latent frame are left out
-        for index, (refined, guided) in enumerate(islice(pairs, self._count)):
+        for index, (refined_frame, guidance_frame) in enumerate(
+            islice(pairs, self._count)
+        ):
             yield restore_detail(
                 guidance[index],
-                fit.back(refined),
-                fit.back(guided),
+                fit.back(refined_frame),
+                fit.back(guidance_frame),
                 coverage[index],
-                detail=how.detail,
-                lock=how.lock,
+                detail=settings.detail,
+                lock=settings.lock,
                 held=float(stay[index]),
             )
 
     def _too_large(self) -> Problem:
         width, height = self._fit.padded
-        found = f"{self._count} frames of {width} x {height} px"
-        return Message.REFINING_TOO_LARGE.problem(Place("refine"), "", found)
+        size_text = f"{self._count} frames of {width} x {height} px"
+        return Message.REFINING_TOO_LARGE.problem(Place("refine"), "", size_text)
 
     def note(self) -> Mapping[str, Any]:
         """Return entries of the record: settings, steps that ran, the model's own note."""
-        how = self._how
+        settings = self._how
         return {
-            "strength": how.strength,
-            "steps": how.steps,
-            "steps_run": how.count,
-            "steps_fused": steps_fused(how.count, how.stop),
-            "seed": how.seed,
-            "prompt": how.prompt.prompt,
-            "negative": how.prompt.negative,
-            "lock": how.lock,
-            "detail": how.detail,
-            "frames_held": how.hold,
+            "strength": settings.strength,
+            "steps": settings.steps,
+            "steps_run": settings.count,
+            "steps_fused": steps_fused(settings.count, settings.stop),
+            "seed": settings.seed,
+            "prompt": settings.prompt.prompt,
+            "negative": settings.prompt.negative,
+            "lock": settings.lock,
+            "detail": settings.detail,
+            "frames_held": settings.hold,
             "size": list(self._fit.scaled),
             "windows": [list(span) for span in self._windows],
             **self._model.note(),

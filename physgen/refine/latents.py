@@ -63,12 +63,12 @@ class Fit:
         return picture
 
     def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
-        right, below = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
-        if not right and not below:
+        right, bottom = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
+        if not right and not bottom:
             return picture
         edge = cv2.BORDER_REFLECT_101 if min(self.scaled) > 1 else cv2.BORDER_REPLICATE
         return np.asarray(
-            cv2.copyMakeBorder(np.asarray(picture), 0, below, 0, right, edge)
+            cv2.copyMakeBorder(np.asarray(picture), 0, bottom, 0, right, edge)
         )
 
 
@@ -76,12 +76,12 @@ def fit_to_grid(size: Size, grid: Grid) -> Fit:
     """Return how frames of `size` are shown to a model with this grid."""
     scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
     width, height = (max(1, round(side * scale)) for side in size)
-    most = max(MOST * grid.area, grid.side**2)
-    while (padded := _padded(width, height, grid))[0] * padded[
+    most_pixels = max(MOST * grid.area, grid.side**2)
+    while (padded_size := _padded(width, height, grid))[0] * padded_size[
         1
-    ] > most:  # a ribbon: padding made it much larger
+    ] > most_pixels:  # a ribbon: padding made it much larger
         width, height = max(1, round(width * 0.9)), max(1, round(height * 0.9))
-    return Fit(size, (width, height), padded)
+    return Fit(size, (width, height), padded_size)
 
 
 def _padded(width: int, height: int, grid: Grid) -> Size:
@@ -89,7 +89,7 @@ def _padded(width: int, height: int, grid: Grid) -> Size:
 
 
 def latent_frames(frames: int, grid: Grid) -> int:
-    """Latent frames that hold so many frames.
+    """Return the latent frames that hold so many frames.
 
     >>> latent_frames(16, Grid(8, 16, 480 * 832, 21, 4))
     5
@@ -98,12 +98,12 @@ def latent_frames(frames: int, grid: Grid) -> int:
 
 
 def frames_held(latents: int, grid: Grid) -> int:
-    """Frames that so many latent frames stand for."""
+    """Return the frames that so many latent frames stand for."""
     return latents if grid.stride == 1 else 1 + (latents - 1) * grid.stride
 
 
 def pad_frames(frames: Sequence[U8], count: int) -> list[U8]:
-    """`count` frames: the last is repeated."""
+    """Return `count` frames: the last is repeated."""
     return [*frames, *[frames[-1]] * (count - len(frames))]
 
 
@@ -147,7 +147,7 @@ Span = tuple[int, int]
 
 
 def window_spans(total: int, window: int, overlap: int) -> list[Span]:
-    """Windows of `window` latent frames that cover `total`, `overlap` of them shared by neighbours at least.
+    """Return the windows of `window` latent frames that cover `total`, `overlap` of them shared by neighbours at least.
 
     >>> window_spans(30, 16, 8)
     [(0, 16), (7, 23), (14, 30)]
@@ -168,9 +168,11 @@ def weights(span: Span, total: int) -> F32:
     ([1.0, 2.0, 2.0, 1.0], [4.0, 3.0, 2.0, 1.0])
     """
     first, last = span
-    at = np.arange(first, last)
-    rising = at - first + 1 if first else np.full(len(at), total)
-    falling = last - at if last < total else np.full(len(at), total)
+    frame_numbers = np.arange(first, last)
+    rising = frame_numbers - first + 1 if first else np.full(len(frame_numbers), total)
+    falling = (
+        last - frame_numbers if last < total else np.full(len(frame_numbers), total)
+    )
     return np.asarray(np.minimum(rising, falling), np.float32)
 
 

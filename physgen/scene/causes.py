@@ -29,7 +29,7 @@ def name_edits(
 ) -> list[Problem]:
     """Return the problems of a tree after `edits`, each at the edit that caused it."""
     writers = {place: edit for edit in edits for place in _places(edit.value)}
-    named = []
+    located_problems = []
     pending = []
     for problem in problems:
         writer = writers.get(problem.place)
@@ -37,11 +37,11 @@ def name_edits(
             pending.append(problem)
         else:
             fix = problem.fix + _dotted_key_advice(writer)
-            named.append(replace(problem, variant=writer.variant, fix=fix))
+            located_problems.append(replace(problem, variant=writer.variant, fix=fix))
     if pending:
         causes = _first_edits(root, edits, check)
-        named += [_moved(problem, causes, edits) for problem in pending]
-    return named
+        located_problems += [_moved(problem, causes, edits) for problem in pending]
+    return located_problems
 
 
 def _dotted_key_advice(edit: Edit) -> str:
@@ -92,17 +92,25 @@ def name_extending_keys(
     alone stays at its place.
     """
     pending = dict.fromkeys(problems)
-    named = []
+    located_problems = []
     for number in range(len(chain) - 2, -1, -1):
-        below = merge_bases(chain[number + 1 :])
-        inherited = set(check(below))
-        own = set(_places(chain[number]))
-        wrong = [p for p in check(merge_bases(chain[number:])) if p not in inherited]
-        caused = [p for p in wrong if p in pending and p.place not in own]
-        for problem, node in _causes(caused, chain[number], below, check):
+        inherited_scene = merge_bases(chain[number + 1 :])
+        inherited_problems = set(check(inherited_scene))
+        own_places = set(_places(chain[number]))
+        wrong = [
+            p for p in check(merge_bases(chain[number:])) if p not in inherited_problems
+        ]
+        caused_problems = [
+            p for p in wrong if p in pending and p.place not in own_places
+        ]
+        for problem, node in _causes(
+            caused_problems, chain[number], inherited_scene, check
+        ):
             del pending[problem]
-            named.append(replace(problem, place=node.key_place, origin=problem.place))
-    return [*pending, *named]
+            located_problems.append(
+                replace(problem, place=node.key_place, origin=problem.place)
+            )
+    return [*pending, *located_problems]
 
 
 def _causes(
@@ -114,9 +122,9 @@ def _causes(
         if not pending:
             return
         left = set(check(merge_bases([_without(over, path), below])))
-        solved = [problem for problem in pending if problem not in left]
+        solved_problems = [problem for problem in pending if problem not in left]
         pending = [problem for problem in pending if problem in left]
-        yield from ((problem, node) for problem in solved)
+        yield from ((problem, node) for problem in solved_problems)
 
 
 def _keys(node: Node, path: KeyPath, depth: int) -> Iterator[tuple[KeyPath, Node]]:
@@ -124,12 +132,12 @@ def _keys(node: Node, path: KeyPath, depth: int) -> Iterator[tuple[KeyPath, Node
     if not isinstance(node.value, dict):
         return
     for key, child in node.value.items():
-        here = (*path, key)
-        is_name = len(here) == 1 and key in NAMED
+        key_path = (*path, key)
+        is_name = len(key_path) == 1 and key in NAMED
         if depth > 1 and isinstance(child.value, dict) and (is_name or child.value):
-            yield from _keys(child, here, depth - 1)
-        elif here != ("extends",):
-            yield here, child
+            yield from _keys(child, key_path, depth - 1)
+        elif key_path != ("extends",):
+            yield key_path, child
 
 
 def _without(node: Node, path: KeyPath) -> Node:

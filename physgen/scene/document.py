@@ -49,7 +49,7 @@ _STARTS = frozenset("+-.0123456789")
 
 
 def resolve(text: str) -> Scalar:
-    """What a plain (unquoted) scalar stands for.
+    """Return the value of a plain (unquoted) scalar.
 
     Raises RefusedError for NaN, infinities and numbers too long or too large for a float.
 
@@ -103,12 +103,12 @@ class Node:
 
     @property
     def place(self) -> Place:
-        """Where the value was written."""
+        """Return the place of the value."""
         return Place(self.source.name, self.line, self.column)
 
     @property
     def key_place(self) -> Place:
-        """Where its key was written."""
+        """Return the place of the key."""
         return Place(self.source.name, *self.key) if self.key else self.place
 
     def with_value(
@@ -121,7 +121,7 @@ class Node:
 
 
 def plain(node: Node) -> Any:
-    """The data alone: scalars, lists and dicts."""
+    """Return the data alone: scalars, lists and dicts."""
     value = node.value
     if isinstance(value, dict):
         return {key: plain(child) for key, child in value.items()}
@@ -131,7 +131,7 @@ def plain(node: Node) -> Any:
 
 
 def children(node: Node | None, *keys: str) -> dict[str, Node]:
-    """The mapping below `keys`, empty where there is none."""
+    """Return the mapping below `keys`, empty where there is none."""
     for key in keys:
         node = (
             node.value.get(key)
@@ -142,12 +142,12 @@ def children(node: Node | None, *keys: str) -> dict[str, Node]:
 
 
 def items(node: Node | None) -> list[Node]:
-    """The items of a list, none where there is no list."""
+    """Return the items of a list, none where there is no list."""
     return node.value if node is not None and isinstance(node.value, list) else []
 
 
 def whole(node: Node) -> list[int]:
-    """The numbers of a list that the schema says holds whole ones."""
+    """Return the numbers of a list that the schema says holds whole ones."""
     numbers: Any = items(node)
     return [int(item.value) for item in numbers]
 
@@ -156,7 +156,7 @@ LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def decode(data: bytes, name: str) -> str:
-    """Bytes of a scene file -> text; refuses too many bytes and anything but UTF-8."""
+    """Return the text of a scene file; refuse too many bytes and anything but UTF-8."""
     if len(data) > Limit.BYTES.most:
         raise Limit.BYTES.error(Place(name))
     try:
@@ -178,7 +178,7 @@ SCENE_START = "`physgen: 1` and `image: photo.png`"
 def read(
     text: str, source: Source, counted: bool = True, start: str = SCENE_START
 ) -> Node:
-    """Text of a scene file -> its tree, a mapping at the top.
+    """Return the tree of the text of a scene file, a mapping at the top.
 
     Raises InputError: syntax, limits, aliases and tags end the reading with one problem; duplicate keys and
     numbers that are not finite are collected. `counted` is False for the value of a flag: it may be anything,
@@ -197,9 +197,9 @@ def read(
         empty = Message.SCENE_EMPTY if start is SCENE_START else Message.FILE_EMPTY
         raise empty.error(source.name, start=start)
     if not isinstance(root.value, dict):
-        found = "a list" if isinstance(root.value, list) else "one value"
+        kind = "a list" if isinstance(root.value, list) else "one value"
         top = Message.TOP_NOT_MAPPING
-        raise top.error_at(root.place, found=found, start=start)
+        raise top.error_at(root.place, found=kind, start=start)
     return root
 
 
@@ -216,19 +216,19 @@ class _Reader:
         return Place(self.source.name, line, event.start_mark.column + 1 if line else 0)
 
     def tree(self, events: Iterator[Any]) -> Node | None:
-        source, counted = self.source, self.counted
+        source, has_lines = self.source, self.counted
         root: Node | None = None
         stack: list[Node] = []
-        above: Any = None  # the children of stack[-1]
+        parent: Any = None  # the children of stack[-1]
         key: str | None = None  # of a mapping, waits for its value
-        at: tuple[int, int] | None = None  # where the key is
+        key_place: tuple[int, int] | None = None  # where the key is
         documents = nodes = line = column = 0
         most_nodes, most_levels = Limit.VALUES.most, Limit.DEPTH.most
         for event in events:
             kind = type(event)
             if kind is SequenceEndEvent or kind is MappingEndEvent:
                 stack.pop()
-                above = stack[-1].value if stack else None
+                parent = stack[-1].value if stack else None
                 continue
             if (
                 kind is ScalarEvent
@@ -250,12 +250,12 @@ class _Reader:
             nodes += 1
             if nodes > most_nodes:
                 raise Limit.VALUES.error(self._place(event))
-            if counted:
+            if has_lines:
                 mark = event.start_mark
                 line, column = mark.line + 1, mark.column + 1
-            if key is None and type(above) is dict:
-                key = self._key(event, above, stack)
-                at = (line, column)
+            if key is None and type(parent) is dict:
+                key = self._key(event, parent, stack)
+                key_place = (line, column)
                 continue
             if kind is ScalarEvent:
                 value: Scalar = event.value
@@ -263,39 +263,39 @@ class _Reader:
                     try:
                         value = resolve(event.value)
                     except RefusedError as error:
-                        place, where = self._place(event), _path(stack, key)
-                        found = quoted(event.value, "")
-                        self._collect(error.problem(place, where, found))
+                        place, key_path = self._place(event), _path(stack, key)
+                        value_text = quoted(event.value, "")
+                        self._collect(error.problem(place, key_path, value_text))
                 node = Node(value, source, line, column)
             else:
                 node = Node(
                     [] if kind is SequenceStartEvent else {}, source, line, column
                 )
             if key is not None:
-                node.key = at
-                above.setdefault(key, node)
+                node.key = key_place
+                parent.setdefault(key, node)
                 key = None
-            elif above is not None:
-                above.append(node)
+            elif parent is not None:
+                parent.append(node)
             else:
                 root = node
             if kind is not ScalarEvent:
                 stack.append(node)
-                above = node.value
+                parent = node.value
                 if len(stack) > most_levels:
                     raise Limit.DEPTH.error(self._place(event))
         return root
 
     def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
-        """The text of a key; one that is repeated or not allowed is reported."""
+        """Return the text of a key; one that is repeated or not allowed is reported."""
         if type(event) is not ScalarEvent:
             raise self._error(Message.KEY_NOT_TEXT, event)
         key: str = event.value
         if key in siblings:
             first = siblings[key].key
             line = f", first on line {first[0]}" if first and self.counted else ""
-            place, where = self._place(event), _path(stack, key)
-            self._collect(Message.KEY_TWICE.problem(place, where, first=line))
+            place, key_path = self._place(event), _path(stack, key)
+            self._collect(Message.KEY_TWICE.problem(place, key_path, first=line))
         elif key == "<<" and event.implicit[0]:
             raise self._error(Message.MERGE_KEY, event)
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
@@ -322,7 +322,7 @@ class _Reader:
 
 
 def _path(stack: list[Node], key: str | None) -> str:
-    """Dotted path of the value that is being read: the last child of each open collection leads to it."""
+    """Return the dotted path of the value that is being read: the last child of each open collection leads to it."""
     parts: list[str | int] = []
     for node in stack:
         value = node.value
@@ -339,7 +339,7 @@ _OPEN = re.compile(r"""(?<=[:,\[{-] )(?:"[^"\n]*|'[^'\n]*)$""", re.MULTILINE)
 
 
 def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
-    """PyYAML's complaint as a Problem, in its own words less its pictures."""
+    """Return PyYAML's message as a Problem, without its pictures."""
     fix = ""
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
@@ -352,14 +352,14 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
         if error.context and error.problem:
             text_ = f"{error.problem} {error.context}"
         before = text.rfind("\n", 0, mark.index) + 1 if mark else 0
-        opened = [m.start() for m in _OPEN.finditer(text, 0, before)]
+        quote_places = [m.start() for m in _OPEN.finditer(text, 0, before)]
         if "quoted scalar" in text_ and error.context_mark:
-            opened = [error.context_mark.index]
-        if opened:
+            quote_places = [error.context_mark.index]
+        if quote_places:
             text_ = "a quoted scalar begins here and does not end in its line"
             line, column = (
-                text.count("\n", 0, opened[-1]) + 1,
-                opened[-1] - text.rfind("\n", 0, opened[-1]),
+                text.count("\n", 0, quote_places[-1]) + 1,
+                quote_places[-1] - text.rfind("\n", 0, quote_places[-1]),
             )
             place = Place(source.name, line, column)
         elif (fault := explain_syntax(error, text)) is not None:
@@ -367,10 +367,10 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             text_, fix = fault.expected, fault.fix
     else:
         position = min(getattr(error, "position", 0), len(text))
-        found = re.search(
+        control_character = re.search(
             r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text
         )
-        position = found.start() if found else position
+        position = control_character.start() if control_character else position
         start = text.rfind("\n", 0, position) + 1
         place = Place(
             source.name, text.count("\n", 0, position) + 1, position - start + 1
@@ -405,7 +405,7 @@ _FIXES = (
     ),
     (
         "cannot start any token",
-        "indent with spaces, not tabs; put text that starts with @ or ` in quotes",
+        "put text that starts with @ or ` in quotes",
     ),
     ("flow sequence", "close the ["),
     ("flow mapping", "close the {"),

@@ -55,7 +55,7 @@ def confined(
     allow_outside: bool,
     what: str = "the scene's folder",
 ) -> Path:
-    """The path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
+    """Return the path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
     if "\0" in written:
         raise Message.NOT_IN_PATH.refusal()
     if max(len(os.fsencode(part)) for part in written.split("/")) > Limit.NAME.most:
@@ -75,13 +75,13 @@ def confined(
 
 
 def read_scene(path: Path, name: str) -> Node:
-    """The tree of one file, `name` being its path as messages show it. Raises InputError."""
+    """Return the tree of one file, `name` being its path as messages show it. Raises InputError."""
     data = scene_bytes(path, name)
     return read(decode(data, name), Source(name, Path(os.path.abspath(path)).parent))
 
 
 def scene_bytes(path: Path, name: str) -> bytes:
-    """What one file holds, up to a byte more than it may. Raises InputError."""
+    """Read a file, up to one byte more than it may have. Raise InputError."""
     try:
         if stat.S_ISFIFO(os.stat(path).st_mode) and not os.path.realpath(
             path
@@ -104,18 +104,18 @@ def scene_bytes(path: Path, name: str) -> bytes:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """A `perceived.json`; empty where it cannot be read: it only says whose numbers are whose."""
+    """Return a `perceived.json`; empty where it cannot be read: it only says whose numbers are whose."""
     try:
-        found = json.loads(scene_bytes(path, RECORD))
+        record = json.loads(scene_bytes(path, RECORD))
     except (InputError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return record if isinstance(record, dict) else {}
 
 
 def recorded(assets: Path | None, key: str) -> dict[str, Any]:
-    """One mapping of the record of these assets; empty where there is none."""
-    found = None if assets is None else read_record(assets / RECORD).get(key)
-    return found if isinstance(found, dict) else {}
+    """Return one mapping of the record of these assets; empty where there is none."""
+    record_value = None if assets is None else read_record(assets / RECORD).get(key)
+    return record_value if isinstance(record_value, dict) else {}
 
 
 def read_bases(
@@ -127,7 +127,7 @@ def read_bases(
     """
     home = root.source.folder.parent
     chain = [root]
-    seen = {os.path.realpath(file)}
+    visited_paths = {os.path.realpath(file)}
     while True:
         top = chain[-1]
         assert isinstance(top.value, dict)
@@ -135,7 +135,12 @@ def read_bases(
         if link is None:
             break
         base = _base(
-            link, home, allow_outside, len(chain), seen, {} if files is None else files
+            link,
+            home,
+            allow_outside,
+            len(chain),
+            visited_paths,
+            {} if files is None else files,
         )
         chain.append(base)
     return chain
@@ -144,8 +149,8 @@ def read_bases(
 def merge_bases(chain: Sequence[Node]) -> Node:
     """Return one tree of files that extend each other, without `extends`."""
     tree = chain[-1]
-    for over in reversed(chain[:-1]):
-        tree = merge(tree, over)
+    for extension in reversed(chain[:-1]):
+        tree = merge(tree, extension)
     assert isinstance(tree.value, dict)
     return tree.with_value(
         {key: child for key, child in tree.value.items() if key != "extends"}
@@ -160,7 +165,7 @@ def _base(
     seen: set[str],
     files: dict[Path, Stamp],
 ) -> Node:
-    """The tree of the file that `extends` names."""
+    """Return the tree of the file that `extends` names."""
 
     def refused(refusal: RefusedError) -> InputError:
         return InputError([refusal.problem(link.place, "extends", shown(link.value))])
@@ -214,7 +219,7 @@ def similar(
     besides: Collection[str] = (),
 ) -> str:
     """The fix where nothing has a `path`: a similar name there with one of the `ends`, / of a folder, else `fix`."""
-    folder, above = path.parent, os.path.dirname(written.rstrip("/"))
+    folder, parent_folder = path.parent, os.path.dirname(written.rstrip("/"))
     names = sorted((*glob("*", root_dir=folder), *glob("*/", root_dir=folder)))
     names = [
         n
@@ -224,11 +229,11 @@ def similar(
     close = get_close_matches(path.name, names, 1)
     if not close:
         return fix
-    return did_you_mean(os.path.join(above, close[0].rstrip("/")))
+    return did_you_mean(os.path.join(parent_folder, close[0].rstrip("/")))
 
 
 def image_size(path: Path, written: str) -> tuple[int, int]:
-    """Width and height from the header of an image, `written` in a scene; no pixel is decoded.
+    """Return the width and height from the header of an image, `written` in a scene; no pixel is decoded.
 
     Raises RefusedError.
     """
@@ -266,10 +271,10 @@ class Record:
 
     @property
     def scale(self) -> float | None:
-        """px/m for which the values are; None where that is unknown."""
-        found = self.world.get("pixels_per_meter")
-        known = isinstance(found, int | float) and 0 < found < inf
-        return float(found) if known else None  # type: ignore[arg-type]
+        """Return px/m for which the values are; None where that is unknown."""
+        value = self.world.get("pixels_per_meter")
+        is_scale = isinstance(value, int | float) and 0 < value < inf
+        return float(value) if is_scale else None  # type: ignore[arg-type]
 
     def entry(self, name: str, own: Mapping[str, Any]) -> Mapping[str, Any]:
         """What was written of an object, whose data is `own` now."""
@@ -278,7 +283,7 @@ class Record:
     def sources(
         self, own: Mapping[str, Any], filled: Mapping[str, Any], name: str
     ) -> dict[str, str]:
-        """`from` of an object: its own, or as it was recorded, without values that a user has changed since.
+        """Return `from` of an object: its own, or as it was recorded, without values that a user has changed since.
 
         `own` is the object's data as it is written, in numbers; `filled` the same with defaults.
         """
@@ -296,16 +301,16 @@ UNKNOWN = Record()
 
 
 def written(path: Path) -> Record:
-    """The record at a path; what has another form than it should is left out."""
-    found = read_record(path)
+    """Return the record at a path; what has another form than it should is left out."""
+    record = read_record(path)
     try:
-        entries = found.get("objects") or found.get("values") or {}
+        entries = record.get("objects") or record.get("values") or {}
         objects = {
             key: entry for key, entry in entries.items() if isinstance(entry, dict)
         }
         maps = {
             name: (float(low), float(high))
-            for name, (low, high) in found.get("maps", {}).items()
+            for name, (low, high) in record.get("maps", {}).items()
         }
         maps = {
             name: ends
@@ -314,23 +319,23 @@ def written(path: Path) -> Record:
         }
         world = {
             key: value
-            for key, value in found.get("world", {}).items()
+            for key, value in record.get("world", {}).items()
             if key != "boundaries"
         }
-        walls = found.get("world", {}).get("boundaries")
+        walls = record.get("world", {}).get("boundaries")
         if isinstance(walls, dict) and all(
             isinstance(wall, dict) for wall in walls.values()
         ):
             world["boundaries"] = walls
         return Record(
-            objects, world, maps, frozenset(map(str, found.get("comments", ())))
+            objects, world, maps, frozenset(map(str, record.get("comments", ())))
         )
     except (ValueError, TypeError, AttributeError, OverflowError):
         return Record()
 
 
 def equal(one: object, other: object, within: float = WRITTEN) -> bool:
-    """Whether two values are equal; numbers but for the digits that are not written, or `within`."""
+    """Return whether two values are equal; numbers but for the digits that are not written, or `within`."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return one.keys() == other.keys() and all(
             equal(one[key], other[key], within) for key in one

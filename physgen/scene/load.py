@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from math import acos, ceil, cos, pi, radians, sin, sqrt
 from pathlib import Path
@@ -64,12 +64,12 @@ class Opened:
         name = os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
         self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
-        own = (
+        own_problems = (
             read_scene(self.file, name)
             if text is None
             else read(decode(text.encode("utf-8", "surrogatepass"), name), self._source)
         )
-        self._chain = read_bases(own, self.file, allow_outside, self._stamps)
+        self._chain = read_bases(own_problems, self.file, allow_outside, self._stamps)
         self._root = merge_bases(self._chain)
         self._files = Files(allow_outside)
         self.variants = tuple(name for name, _ in variants_of(self._root))
@@ -79,7 +79,7 @@ class Opened:
 
     @cached_property
     def variant_problems(self) -> tuple[Problem, ...]:
-        """Problems of each variant that the file itself does not have.
+        """Return the problems of each variant that the file itself does not have.
 
         They do not keep the file and its other variants from being used.
         """
@@ -95,14 +95,14 @@ class Opened:
         """Return where the value at a path is written, or the nearest above it."""
         node = self._root
         for key in path:
-            below = children(node).get(str(key))
-            if below is None:
+            child_nodes = children(node).get(str(key))
+            if child_nodes is None:
                 break
-            node = below
+            node = child_nodes
         return node.place
 
     def stale(self) -> bool:
-        """Whether the file, or one that it extends, was written since."""
+        """Return whether the file, or one that it extends, was written since."""
         return any(file_stamp(file) != stamp for file, stamp in self._stamps.items())
 
     def scene(
@@ -111,12 +111,12 @@ class Opened:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         report = Findings()
         edits = _edits(self._root, overrides, variant, self._source)
-        edited = _edited(self._root, edits)
-        ground = _check(in_numbers(edited), report, self._files)
+        edited_root = _edited(self._root, edits)
+        ground = _check(in_numbers(edited_root), report, self._files)
         if report.problems:
             raise InputError(self._at_causes(report, edits))
         scene = scene_from_tree(
-            *_followed(edited, self._root, ground),
+            *_followed(edited_root, self._root, ground),
             scene_name(self.file),
             self._source,
             ground,
@@ -130,11 +130,13 @@ class Opened:
         def check(root: Node) -> dict[Problem, None]:
             return _problems(root, self._files)
 
-        own = [problem for problem in report.problems if problem in self._own.problems]
-        new = [problem for problem in report.problems if problem not in own]
+        own_problems = [
+            problem for problem in report.problems if problem in self._own.problems
+        ]
+        new = [problem for problem in report.problems if problem not in own_problems]
         if len(self._chain) > 1:
-            own = name_extending_keys(own, self._chain, check)
-        return [*own, *name_edits(new, self._root, edits, check)]
+            own_problems = name_extending_keys(own_problems, self._chain, check)
+        return [*own_problems, *name_edits(new, self._root, edits, check)]
 
 
 def load(
@@ -143,7 +145,7 @@ def load(
     variant: str | None = None,
     allow_outside: bool = False,
 ) -> parts.Scene:
-    """The scene of a file, with what it extends, one of its variants and `KEY=VALUE` overrides on top.
+    """Return the scene of a file, with what it extends, one of its variants and `KEY=VALUE` overrides on top.
 
     A variant that fails keeps neither the file nor its other variants from being loaded. Paths in the file stay below
     its folder unless `allow_outside`; see files.py. Raises InputError with all problems, sorted by place.
@@ -157,11 +159,11 @@ def _edits(
     """Return the edits of a variant and of the overrides; raises InputError with all that are malformed."""
     problems: list[Problem] = []
     edits: list[Edit] = []
-    known = dict(variants_of(root))
-    if variant in known:
-        edits += edits_of_variant(known[variant], variant)
+    variants = dict(variants_of(root))
+    if variant in variants:
+        edits += edits_of_variant(variants[variant], variant)
     elif variant is not None:
-        problems.append(_unknown_variant(variant, list(known)))
+        problems.append(_unknown_variant(variant, list(variants)))
     for text in overrides:
         try:
             edits.append(edit_of_flag(text, source))
@@ -210,66 +212,95 @@ class _Open(float):
 
 
 def in_numbers(root: Node) -> Node:
-    """The tree with numbers in place of texts with units that fit; the schema reports the others.
+    """Return the tree with numbers in place of texts with units that fit.
 
-    One number in place of a vector, with or without a unit, points to the right, and gravity down.
+    The schema reports the other texts. One number in place of a vector, with or without
+    a unit, points to the right, and gravity down.
     """
-    stated = children(root, "world").get("pixels_per_meter")
-    scale = float(at("world.pixels_per_meter")["default"])
-    if stated is not None:
-        value = (
-            quantity(str(stated.value), "px/m", 1.0)
-            if isinstance(stated.value, str)
-            else stated.value
-        )
-        scale = (
-            value
-            if isinstance(value, int | float) and 0 < value <= LARGEST_SCALE
-            else scale
-        )
+    return _NumberTree(_scale(root)).convert(root, expanded(), (), "")
 
-    def changed(node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+
+def _scale(root: Node) -> float:
+    """Return the scale of the file, px/m, the default if it has none that is valid."""
+    default = float(at("world.pixels_per_meter")["default"])
+    node = children(root, "world").get("pixels_per_meter")
+    if node is None:
+        return default
+    value: object = node.value
+    if isinstance(value, str):
+        value = quantity(value, "px/m", 1.0)
+    if isinstance(value, int | float) and 0 < value <= LARGEST_SCALE:
+        return value
+    return default
+
+
+@dataclass(frozen=True)
+class _NumberTree:
+    """Conversion of the texts with units in a tree."""
+
+    scale: float
+    """px/m."""
+
+    def convert(self, node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+        """Return the node in numbers; `part` is the schema of the node."""
         value = node.value
         if isinstance(value, str):
-            if path == ("world", "duration") and value.strip() == "auto":
-                return node.with_value(_Open(LONGEST))
-            number = quantity(value, unit, scale) if unit else None
-            if number is None or part.get("type") not in ("number", "array"):
-                return node
-            if part["type"] == "number":
-                return node.with_value(number, text=value)
-            return _vector(node, number, path[-1], value)
+            return self._text(node, part, path, unit)
         if isinstance(value, int | float):
             is_vector = part.get("type") == "array" and not isinstance(value, bool)
             return _vector(node, value, path[-1]) if is_vector else node
-        if isinstance(value, list) and part.get("items", {}).get("type") == "string":
-            return node  # names
-        keys = (
-            value.items()
-            if isinstance(value, dict)
-            else enumerate(value)
-            if isinstance(value, list)
-            else ()
-        )
-        found: dict[Any, Node] = {}
-        for key, child in keys:
-            if (isinstance(child.value, str | list | dict) or key in ONE_FOR_TWO) and (
-                below := inner(part, key)
-            ) is not None:
-                of_list = unit if isinstance(key, int) else ""
-                new = changed(child, below, (*path, key), below.get("x-unit", of_list))
-                found |= {} if new is child else {key: new}
         if isinstance(value, dict):
-            return node.with_value({**value, **found}) if found else node
-        return (
-            node.with_value(
-                [found.get(n, child) for n, child in enumerate(items(node))]
-            )
-            if found
-            else node
-        )
+            changes = self._children(value.items(), part, path, unit)
+            return node.with_value({**value, **changes}) if changes else node
+        if isinstance(value, list) and not _has_names(part):
+            changes = self._children(enumerate(value), part, path, unit)
+            if changes:
+                children = [changes.get(n, child) for n, child in enumerate(value)]
+                return node.with_value(children)
+        return node
 
-    return changed(root, expanded(), (), "")
+    def _text(self, node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+        """Return the number or vector that a text stands for, else the node itself."""
+        text = str(node.value)
+        if path == ("world", "duration") and text.strip() == "auto":
+            return node.with_value(_Open(LONGEST))
+        number = quantity(text, unit, self.scale) if unit else None
+        if number is None or part.get("type") not in ("number", "array"):
+            return node
+        if part["type"] == "number":
+            return node.with_value(number, text=text)
+        return _vector(node, number, path[-1], text)
+
+    def _children(
+        self,
+        children: Iterable[tuple[Any, Node]],
+        part: Schema,
+        path: KeyPath,
+        unit: str,
+    ) -> dict[Any, Node]:
+        """Return the converted children that differ, by key or index."""
+        changes: dict[Any, Node] = {}
+        for key, child in children:
+            # single numbers need no conversion, apart from those that stand for vectors
+            if key not in ONE_FOR_TWO and not isinstance(
+                child.value, str | list | dict
+            ):
+                continue
+            schema = inner(part, key)
+            if schema is None:
+                continue
+            # the items of a list have the unit of the list
+            inherited_unit = unit if isinstance(key, int) else ""
+            unit_of_child = schema.get("x-unit", inherited_unit)
+            converted = self.convert(child, schema, (*path, key), unit_of_child)
+            if converted is not child:
+                changes[key] = converted
+        return changes
+
+
+def _has_names(part: Schema) -> bool:
+    """Return whether a schema is that of a list of names."""
+    return bool(part.get("items", {}).get("type") == "string")
 
 
 def _vector(node: Node, length: float, key: str | int, text: str | None = None) -> Node:
@@ -335,13 +366,13 @@ def _problems_of_variant(
 
 
 def _values(node: Node) -> int:
-    """Number of values in a tree."""
-    below = node.value.values() if isinstance(node.value, dict) else items(node)
-    return 1 + sum(map(_values, below))
+    """Return the number of values in a tree."""
+    child_nodes = node.value.values() if isinstance(node.value, dict) else items(node)
+    return 1 + sum(map(_values, child_nodes))
 
 
 def scene_name(file: Path) -> str:
-    """The file's stem, or its folder's name where the file is called `scene.yaml`."""
+    """Return the file's stem, or its folder's name where the file is called `scene.yaml`."""
     return (
         Path(os.path.abspath(file)).parent.name
         if file.name == "scene.yaml"
@@ -350,7 +381,7 @@ def scene_name(file: Path) -> str:
 
 
 def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
-    """The tree in numbers, with what follows from labels and scale that a user changed, and the record of that.
+    """Return the tree in numbers, with what follows from labels and scale that a user changed, and the record of that.
 
     What an override, a variant or a file beside the perceived one says never follows; `file` is the tree before edits.
     """
@@ -361,17 +392,17 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
 
     data = plain(tree)
     outlines: dict[str, Any] = {}
-    for name, own in data.get("objects", {}).items():
-        stored = (
-            ground.outlines.get(own["mask"])
-            if isinstance(own.get("mask"), int)
+    for name, entry in data.get("objects", {}).items():
+        stored_shapes = (
+            ground.outlines.get(entry["mask"])
+            if isinstance(entry.get("mask"), int)
             else None
         )
         shape = (
-            own["shape"]
-            if isinstance(own.get("shape"), dict)
-            else stored[1]
-            if stored
+            entry["shape"]
+            if isinstance(entry.get("shape"), dict)
+            else stored_shapes[1]
+            if stored_shapes
             else None
         )
         outline = None if shape is None else parts.shape_outline(_shape(shape))
@@ -383,23 +414,23 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
     for path, value in sorted(values.items(), key=lambda one: len(one[0])):
         key = dotted(path)
         node = _at(root, path)
-        written = children(root, *path[:-1]).get(path[-1])
-        if written is not None and (
-            written.source != home
-            or written is not children(file, *path[:-1]).get(path[-1])
+        written_node = children(root, *path[:-1]).get(path[-1])
+        if written_node is not None and (
+            written_node.source != home
+            or written_node is not children(file, *path[:-1]).get(path[-1])
         ):
             continue
-        made = (
+        new_node = (
             [node.with_value(part) for part in value]
             if isinstance(value, list)
             else value
         )
-        root = apply(root, Edit(key, node.with_value(made), ()))
+        root = apply(root, Edit(key, node.with_value(new_node), ()))
     return in_numbers(root) if values else tree, record
 
 
 def _at(root: Node, path: KeyPath) -> Node:
-    """The node at a path, or the nearest above it."""
+    """Return the node at a path, or the nearest above it."""
     for key in path:
         root = children(root).get(str(key), root)
     return root
@@ -408,24 +439,28 @@ def _at(root: Node, path: KeyPath) -> Node:
 def scene_from_tree(
     root: Node, record: Record, name: str, source: Source, ground: Ground
 ) -> parts.Scene:
-    """The scene of a checked tree, called `name`; `source` is the file that was opened.
+    """Return the scene of a checked tree, called `name`; `source` is the file that was opened.
 
     `record` is what perception wrote, and what followed from it since.
 
     Named parts stand in the natural order of their names, so that no number depends on the order of keys in a file.
     """
-    written = plain(root)
-    data = with_defaults(written)
-    for own_name, own in written.get("objects", {}).items():
+    scene_data = plain(root)
+    data = with_defaults(scene_data)
+    for own_name, entry in scene_data.get("objects", {}).items():
         item = data["objects"][own_name]
-        item["from"] = record.sources(own, item, own_name)
-        stored = (
-            ground.outlines.get(own["mask"])
-            if isinstance(own.get("mask"), int)
+        item["from"] = record.sources(entry, item, own_name)
+        stored_shapes = (
+            ground.outlines.get(entry["mask"])
+            if isinstance(entry.get("mask"), int)
             else None
         )
-        if stored is not None and stored[2] is not None and "shape" not in own:
-            item.setdefault("solid", stored[2])
+        if (
+            stored_shapes is not None
+            and stored_shapes[2] is not None
+            and "shape" not in entry
+        ):
+            item.setdefault("solid", stored_shapes[2])
     for key in ("image", "assets"):
         node = children(root).get(key)
         if node is not None and node.source.folder != source.folder:
@@ -486,12 +521,12 @@ def _has_unit(node: Node | None) -> bool:
 
 
 def refinement(item: Mapping[str, Any]) -> parts.Refine:
-    """`refine:` as plain data, its defaults filled in."""
+    """Return `refine:` as plain data, its defaults filled in."""
     return _make(parts.Refine, item)
 
 
 def _places(node: Node, path: KeyPath) -> Iterator[tuple[str, Place]]:
-    """Place of every key's value and of every mapping in a list; points stand in the place of their list."""
+    """Yield the place of every key's value and of every mapping in a list; points stand in the place of their list."""
     yield dotted(path), node.place
     if isinstance(node.value, dict):
         for key, child in node.value.items():
@@ -521,12 +556,12 @@ def _make(made: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
 @cache
 def _readers(made: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Name of each field, and what converts its value."""
-    found = (
+    readers = (
         (field.name, str(field.type).removesuffix(" | None")) for field in fields(made)
     )
     return tuple(
         (name, _CONVERSIONS.get(text, getattr(parts, text, lambda value: value)))
-        for name, text in found
+        for name, text in readers
     )
 
 
@@ -596,21 +631,21 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
 
 
 def _outlined(item: parts.Object, ground: Ground) -> parts.Object:
-    """The object with the shape that is stored for its mask."""
-    stored = (
+    """Return the object with the shape that is stored for its mask."""
+    stored_shape = (
         ground.outlines.get(item.mask.id)
         if isinstance(item.mask, parts.MaskId)
         else None
     )
-    if stored is None or not isinstance(item.shape, parts.Auto):
+    if stored_shape is None or not isinstance(item.shape, parts.Auto):
         return item
-    shape = _shape(stored[1])
+    shape = _shape(stored_shape[1])
     assert not isinstance(shape, parts.Auto)
     assert isinstance(item.mask, parts.MaskId)
-    known = ground.wholes.get(item.mask.id)
-    whole = None if known is None else _shape(known)
-    assert not isinstance(whole, parts.Auto)
-    return replace(item, shape=parts.Auto(shape, stored[0], whole))
+    whole_node = ground.wholes.get(item.mask.id)
+    whole_outline = None if whole_node is None else _shape(whole_node)
+    assert not isinstance(whole_outline, parts.Auto)
+    return replace(item, shape=parts.Auto(shape, stored_shape[0], whole_outline))
 
 
 def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:
@@ -628,8 +663,8 @@ def _boundary(name: str, item: Mapping[str, Any]) -> parts.Boundary:
     elif "bezier" in item:
         points = bezier_points(item["bezier"])
     shape = _shape(item["shape"]) if "shape" in item else None
-    given = {"name": name, "points": points, "shape": shape, "is_smooth": is_smooth}
-    return _make(parts.Boundary, item, **given)
+    values = {"name": name, "points": points, "shape": shape, "is_smooth": is_smooth}
+    return _make(parts.Boundary, item, **values)
 
 
 SAG = 0.002

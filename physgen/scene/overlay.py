@@ -39,7 +39,7 @@ def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
 
 
 def kind_of(path: KeyPath) -> KeyPath:
-    """The path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
+    """Return the path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
     return tuple(
         0 if isinstance(key, int) else "*" if n == 1 and path[0] in NAMED else key
         for n, key in enumerate(path)
@@ -47,44 +47,44 @@ def kind_of(path: KeyPath) -> KeyPath:
 
 
 def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
-    """`over` on top of `base`: mappings merge, anything else replaces, null takes an inherited key away.
+    """Merge `over` into `base`: mappings merge, anything else replaces, null removes an inherited key.
 
     A key of `over` drops the inherited keys that it rules out.
     """
     if not isinstance(base.value, dict) or not isinstance(over.value, dict):
         return over
-    merged = dict(base.value)
-    against = rivals(kind_of(path))
+    children_by_key = dict(base.value)
+    rival_keys = rivals(kind_of(path))
     for key in over.value:
-        for rival in against.get(key, ()):
+        for rival in rival_keys.get(key, ()):
             if rival not in over.value:
-                merged.pop(rival, None)
+                children_by_key.pop(rival, None)
     for key, child in over.value.items():
-        if key not in merged:
-            merged[key] = child
+        if key not in children_by_key:
+            children_by_key[key] = child
         elif child.value is None:
-            del merged[key]
+            del children_by_key[key]
         else:
-            merged[key] = merge(merged[key], child, (*path, key))
-    return over.with_value(merged)
+            children_by_key[key] = merge(children_by_key[key], child, (*path, key))
+    return over.with_value(children_by_key)
 
 
 def parse_key(text: str) -> KeyPath | None:
-    """`objects.*.mass` or `forces[0].impulse[1]` -> its parts, None when it is not a dotted key.
+    """Return the parts of `objects.*.mass` or `forces[0].impulse[1]`, None for no dotted key.
 
     >>> parse_key("forces[0].impulse[*]")
     ('forces', 0, 'impulse', '[*]')
     """
     parts: list[str | int] = []
-    at = 0
-    while at < len(text):
-        match = _PART.match(text, at)
+    position = 0
+    while position < len(text):
+        match = _PART.match(text, position)
         if not match or len(parts) > 60:
             return None
         parts.append(match[1])
         for index in re.findall(r"\[([^\]]+)\]", match[2]):
             parts.append("[*]" if index == "*" else int(index))
-        at = match.end()
+        position = match.end()
     return tuple(parts) if parts and not text.endswith(".") else None
 
 
@@ -107,7 +107,7 @@ class Edit:
 
 
 def edits_of_variant(variant: Node, name: str) -> list[Edit]:
-    """The edits of one entry of `variants`."""
+    """Return the edits of one entry of `variants`."""
     assert isinstance(variant.value, dict)
     return [
         Edit(key, child, ("variants", name)) for key, child in variant.value.items()
@@ -115,7 +115,7 @@ def edits_of_variant(variant: Node, name: str) -> list[Edit]:
 
 
 def edit_of_flag(text: str, folder: Source) -> Edit:
-    """`KEY=VALUE` of one `--set` -> its edit; an empty VALUE is null and takes the key away."""
+    """Return the edit of `KEY=VALUE` of one `--set`; an empty VALUE is null and removes the key."""
     source = Source(quoted(f"--set {text}", "", 80), folder.folder)
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
@@ -125,7 +125,7 @@ def edit_of_flag(text: str, folder: Source) -> Edit:
 
 
 def apply(root: Node, edit: Edit) -> Node:
-    """The tree with the value at the edit's key set; parents that are missing are made.
+    """Return the tree with the value at the edit's key set; parents that are missing are made.
 
     Raises InputError with one problem when the key is wrong.
     """
@@ -143,7 +143,7 @@ def apply(root: Node, edit: Edit) -> Node:
 def _set(
     node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
 ) -> Node:
-    """The node with path[depth:] set to the edit's value. `at` is where we are in the scene."""
+    """Return the node with path[depth:] set to the edit's value. `at` is where we are in the scene."""
     if depth == len(path):
         return edit.value
     step = path[depth]
@@ -160,17 +160,25 @@ def _set(
                 [edit.value.with_value(item) for item in default]
             )
         return _set_item(node, path, depth, edit, star, at)
-    changed = dict(children(node))
+    new_children = dict(children(node))
     if step == "*":
         if node is None or not isinstance(node.value, dict):
             owner = dotted(at) or "the scene"
             raise edit.error(Message.STAR_MATCHES_NOTHING.refusal(owner=owner))
         for key in children(node):
-            _put(changed, key, path, depth, edit, True, at)
+            _put(new_children, key, path, depth, edit, True, at)
     else:
-        _put(changed, step, path, depth, edit, star, at)
-    where = node if node is not None and isinstance(node.value, dict) else edit.value
-    return Node(changed, where.source, where.line, where.column, where.key)
+        _put(new_children, step, path, depth, edit, star, at)
+    place_node = (
+        node if node is not None and isinstance(node.value, dict) else edit.value
+    )
+    return Node(
+        new_children,
+        place_node.source,
+        place_node.line,
+        place_node.column,
+        place_node.key,
+    )
 
 
 def _put(
@@ -188,8 +196,8 @@ def _put(
         if key in changed:
             del changed[key]
         elif not star:
-            known = nearest(key, changed)
-            fix = did_you_mean(known) if known else "leave it out"
+            similar_key = nearest(key, changed)
+            fix = did_you_mean(similar_key) if similar_key else "leave it out"
             path_text = dotted((*at, key))
             raise edit.error(Message.NOTHING_TO_REMOVE.refusal(path=path_text, fix=fix))
         return
@@ -226,32 +234,34 @@ def _set_item(
 ) -> Node:
     step = path[depth]
     if node is None or not isinstance(node.value, list):
-        whole = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
-        raise edit.error(Message.NOT_A_LIST.refusal(path=dotted(at), whole=whole))
-    changed = list(node.value)
-    if isinstance(step, int) and step >= len(changed):
-        count = counted(len(changed), "item")
+        list_key = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
+        raise edit.error(Message.NOT_A_LIST.refusal(path=dotted(at), whole=list_key))
+    new_items = list(node.value)
+    if isinstance(step, int) and step >= len(new_items):
+        count = counted(len(new_items), "item")
         raise edit.error(Message.INDEX_TOO_LARGE.refusal(path=dotted(at), items=count))
-    for index in range(len(changed)) if step == "[*]" else [int(step)]:
-        changed[index] = _set(changed[index], path, depth + 1, edit, star, (*at, index))
-    return node.with_value(changed)
+    for index in range(len(new_items)) if step == "[*]" else [int(step)]:
+        new_items[index] = _set(
+            new_items[index], path, depth + 1, edit, star, (*at, index)
+        )
+    return node.with_value(new_items)
 
 
 def targets(root: Node, edit: Edit) -> int:
-    """Number of places at which an edit sets its value; a place that is made counts as one."""
-    found: list[Node | None] = [root]
+    """Return the number of places at which an edit sets its value; a place that is made counts as one."""
+    nodes: list[Node | None] = [root]
     for step in parse_key(edit.key) or ():
         if step in ("*", "[*]"):
-            found = [
+            nodes = [
                 child
-                for node in found
+                for node in nodes
                 for child in (*children(node).values(), *items(node))
             ]
         elif isinstance(step, str):
-            found = [children(node).get(step) for node in found]
+            nodes = [children(node).get(step) for node in nodes]
         else:
-            found = [dict(enumerate(items(node))).get(step) for node in found]
-    return len(found)
+            nodes = [dict(enumerate(items(node))).get(step) for node in nodes]
+    return len(nodes)
 
 
 def variants_of(root: Node) -> Iterator[tuple[str, Node]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
@@ -15,6 +15,7 @@ from physgen.geometry.scale import (
     MIN_SCALE_CONFIDENCE,
     PAPER_SCALE,
     WEIGHING,
+    Scale,
     is_assumed,
     photo_object,
     photo_scale,
@@ -41,7 +42,7 @@ class Source:
 
 
 def source(text: str) -> Source:
-    """The source that an entry of `from` names.
+    """Return the source that an entry of `from` names.
 
     >>> source("table 0.4")
     Source(kind='guess', text='table', sure=0.4)
@@ -101,7 +102,7 @@ class Provenance:
         )
 
     def _counts(self, value: Place | None, entry: Place | None) -> bool:
-        """Whether an entry of `from` still describes a number, which no later place sets again."""
+        """Return whether an entry of `from` still describes a number, which no later place sets again."""
         if value is None or entry is None:
             return value is None or self._rank(value) < 2
         if self._rank(value) == self._rank(entry) == 0:
@@ -126,7 +127,7 @@ SCALED_SECTIONS = ("forces", "joints", "fields", "camera", "extends", "variants"
 
 
 def provenance(source: str, confidence: float) -> str:
-    """A source and its confidence, as `from` has it: table 0.4."""
+    """Return a source and its confidence, as `from` has it: table 0.4."""
     return f"{source} {round(confidence, 2):g}"
 
 
@@ -135,28 +136,28 @@ def perceived_keys(was: Entry, only: Collection[str] = ()) -> set[str]:
     sources = was.get("from", {}) if isinstance(was.get("from", {}), Mapping) else {}
     keys = {
         key
-        for key, one in sources.items()
-        if not only or str(one).split(" ")[0] in only
+        for key, source_text in sources.items()
+        if not only or str(source_text).split(" ")[0] in only
     }
     return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
 
 
 def follows_scale(scene: Entry, record: Record, side: int) -> bool:
-    """Whether the scene's scale is perception's, and no number in the scene was made for it.
+    """Return whether the scene's scale is perception's, and no number in the scene was made for it.
 
     `side` is the photo's longer side, px.
     """
     moving = ("velocity", "spin", "roll", "density")
-    chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get(
-        "world", {}
-    )
-    if chosen or any(
-        key in was
+    has_scaled_values = any(
+        scene.get(key) for key in SCALED_SECTIONS
+    ) or "gravity" in scene.get("world", {})
+    if has_scaled_values or any(
+        key in entry
         and not (
-            _metric(was[key])
-            or equal(was[key], record.entry(name, was).get(key, [0, 0]))
+            _metric(entry[key])
+            or equal(entry[key], record.entry(name, entry).get(key, [0, 0]))
         )
-        for name, was in scene["objects"].items()
+        for name, entry in scene["objects"].items()
         for key in moving
     ):
         return False
@@ -164,7 +165,7 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
 
 
 def _metric(value: object) -> bool:
-    """Whether a speed is in m/s or the like, and so the same at any scale."""
+    """Return whether a speed is in m/s or the like, and so the same at any scale."""
     parts = value if isinstance(value, list) else [value]
     return all(
         part == 0 or (isinstance(part, str) and "px" not in part) for part in parts
@@ -172,48 +173,44 @@ def _metric(value: object) -> bool:
 
 
 def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
-    """Whether a user set the scale, now or before the scene was perceived again."""
-    stated = stated_scale(scene)
+    """Return whether a user set the scale, now or before the scene was perceived again."""
+    scale = stated_scale(scene)
     if record.world.get("given"):
         return True
     return not (
-        is_assumed(stated, side)
-        if record.scale is None
-        else equal(stated, record.scale)
+        is_assumed(scale, side) if record.scale is None else equal(scale, record.scale)
     )
 
 
 def stated_scale(scene: Entry) -> float:
-    """px/m, of data as it is written."""
-    stated = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
+    """Return px/m, of data as it is written."""
+    scale = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
     return (
-        quantity(stated, "px/m", 1.0) or 0.0
-        if isinstance(stated, str)
-        else float(stated)
+        quantity(scale, "px/m", 1.0) or 0.0 if isinstance(scale, str) else float(scale)
     )
 
 
 def scaled_values(
     scene: Entry, record: Record, pixels_per_meter: float, side: int
 ) -> dict[tuple[str, ...], Any]:
-    """Speeds of pushes and the slow motion that perception wrote, for another scale; by path.
+    """Return the speeds of pushes and the slow motion that perception wrote, for another scale; by path.
 
     `scene` is the data as it is written. A push keeps the speed, in px/s, that suits the scale.
     """
     old = record.scale
     if old is None or equal(old, pixels_per_meter):
         return {}
-    found: dict[tuple[str, ...], Any] = {}
+    values: dict[tuple[str, ...], Any] = {}
     ratio = sqrt(old / pixels_per_meter)
-    for name, own in scene.get("objects", {}).items():
-        velocity = record.entry(name, own).get("velocity")
-        if isinstance(velocity, list) and equal(own.get("velocity"), velocity):
+    for name, item in scene.get("objects", {}).items():
+        velocity = record.entry(name, item).get("velocity")
+        if isinstance(velocity, list) and equal(item.get("velocity"), velocity):
             speeds = [
                 quantity(part, "m/s", 1.0) if isinstance(part, str) else 0
                 for part in velocity
             ]
             if any(speeds) and None not in speeds:
-                found["objects", name, "velocity"] = [
+                values["objects", name, "velocity"] = [
                     meters(ratio * (part or 0)) for part in speeds
                 ]
     film = scene.get("render", {})
@@ -223,12 +220,12 @@ def scaled_values(
         and equal(before, record.world.get("slow"))
         and slow != before
     ):
-        found["render", "slow"] = slow
-    return found
+        values["render", "slow"] = slow
+    return values
 
 
 def meters(speed: float) -> Any:
-    """A speed in m/s as perception writes it."""
+    """Return a speed in m/s as perception writes it."""
     return f"{float(f'{speed:.3g}'):g} m/s" if abs(speed) > 1e-9 else 0
 
 
@@ -239,115 +236,156 @@ def followed(
     outlines: Mapping[str, Outline],
     size: tuple[int, int],
 ) -> tuple[dict[tuple[str, ...], Any], Record]:
-    """Values that follow from labels and a scale that differ from those of the record, by path; and their record.
+    """Return the values that labels and scale decide and the record does not have.
 
-    What perception wrote follows, and what a user set stays: the scale where it is perception's, what the material
-    table gave, for another label what any backend gave, pushes and playback. `written` is the scene's data as it is
-    written, `filled` in numbers with defaults; `outlines` are those that are known, by object.
+    The first result has them by path, the second is their record. What perception wrote
+    follows, and what a user set stays: the scale if it is perception's, the values of
+    the material table, for another label the values of any backend, pushes and
+    playback. `written` is the scene's data as it is written, `filled` in numbers with
+    defaults; `outlines` are those that are known, by object.
     """
     objects, side = filled["objects"], max(size)
-    named = [name for name in outlines if "label" in written["objects"][name]]
-    wrote = {name: record.entry(name, objects[name]) for name in named}
-    wrote = {
-        name: entry
-        for name, entry in wrote.items()
-        if isinstance(entry.get("label"), str)
-    }
-    renamed = [
-        name
-        for name, entry in wrote.items()
-        if objects[name]["label"] != entry["label"]
-    ]
+    entries_by_name = _labelled_entries(written, objects, record, outlines)
+    new_labels = []
+    for name, entry in entries_by_name.items():
+        if objects[name]["label"] != entry["label"]:
+            new_labels.append(name)
     per_meter = filled["world"]["pixels_per_meter"]
     values: dict[tuple[str, ...], Any] = {}
-    if renamed and follows_scale(written, record, side):
-        seen = [
-            photo_object(k, outlines[name], "", size) for k, name in enumerate(wrote)
-        ]
-        kinds = {k: kind(objects[name]["label"]) for k, name in enumerate(wrote)}
-        sure = {
-            k: 1.0 if name in renamed else label_confidence(entry.get("from"))
-            for k, (name, entry) in enumerate(wrote.items())
-        }
-        scale = photo_scale(seen, kinds, sure)
+    if new_labels and follows_scale(written, record, side):
+        scale = _scale_of_labels(objects, entries_by_name, new_labels, outlines, size)
         if scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
             per_meter = values["world", "pixels_per_meter"] = scale.pixels_per_meter
-    stated = "pixels_per_meter" in written.get("world", {})
-    values |= scaled_values(written, record, per_meter, side) if stated else {}
-    rescaled = (
-        stated and record.scale is not None and not equal(record.scale, per_meter)
-    )
-    most, entries = (
-        WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0,
-        dict(record.objects),
-    )
-    for name in wrote if rescaled else renamed:
-        own, entry = objects[name], wrote[name]
-        listed = {"from": written["objects"][name].get("from", entry.get("from")) or {}}
-        new, sources = _table_values(outlines[name], own["label"], per_meter, most)
-        own = {"solid": entry.get("solid"), **own}  # which lies in the assets
-        made_by = (
-            registry.names("physics")
-            if name in renamed
-            else [registry.find("physics").name]
+    names: Iterable[str] = new_labels
+    if "pixels_per_meter" in written.get("world", {}):
+        values |= scaled_values(written, record, per_meter, side)
+        if record.scale is not None and not equal(record.scale, per_meter):
+            names = entries_by_name
+    highest_confidence = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
+    entries = dict(record.objects)
+    for name in names:
+        item, entry = objects[name], entries_by_name[name]
+        table = _table_values(
+            outlines[name], item["label"], per_meter, highest_confidence
         )
-        keys = perceived_keys(listed, made_by) | ({"solid"} - objects[name].keys())
-        keys -= {
-            key
-            for key in keys - {"solid"}
-            if isinstance(written["objects"][name].get(key), str)
-        }
-        new = {
-            key: new[key]
-            for key in keys & entry.keys() & new.keys()
-            if equal(own.get(key), entry[key]) or own.get(key) == new[key]
-        }
-        values |= {("objects", name, key): value for key, value in new.items()}
-        sources = {
-            **entry.get("from", {}),
-            **{key: sources[key] for key in new if key in sources},
-        }
-        id_ = str(own.get("mask"))
-        entries[id_ if id_ in record.objects else name] = {
-            **entry,
-            **new,
-            "from": sources,
-        }
-    by_labels = ("world", "pixels_per_meter") in values
-    return values, replace(
-        record, objects=entries, world={**record.world, "by_labels": by_labels}
-    )
+        new_values, new_entry = _entry_of_label(
+            item, written["objects"][name], entry, table, is_new=name in new_labels
+        )
+        for key, value in new_values.items():
+            values["objects", name, key] = value
+        mask_id = str(item.get("mask"))
+        entries[mask_id if mask_id in record.objects else name] = new_entry
+    has_scale_of_labels = ("world", "pixels_per_meter") in values
+    world = {**record.world, "by_labels": has_scale_of_labels}
+    return values, replace(record, objects=entries, world=world)
+
+
+def _labelled_entries(
+    written: Entry,
+    objects: Mapping[str, Any],
+    record: Record,
+    outlines: Mapping[str, Outline],
+) -> dict[str, Entry]:
+    """Return the entries of the record with a label, of objects with a label and an outline."""
+    entries = {}
+    for name in outlines:
+        if "label" not in written["objects"][name]:
+            continue
+        entry = record.entry(name, objects[name])
+        if isinstance(entry.get("label"), str):
+            entries[name] = entry
+    return entries
+
+
+def _scale_of_labels(
+    objects: Mapping[str, Any],
+    entries_by_name: Mapping[str, Entry],
+    new_labels: Sequence[str],
+    outlines: Mapping[str, Outline],
+    size: tuple[int, int],
+) -> Scale | None:
+    """Return the scale of the photo by the labels of its objects; a user's label is sure."""
+    photo_objects, kinds, confidences = [], {}, {}
+    for k, (name, entry) in enumerate(entries_by_name.items()):
+        photo_objects.append(photo_object(k, outlines[name], "", size))
+        kinds[k] = kind(objects[name]["label"])
+        confidences[k] = 1.0
+        if name not in new_labels:
+            confidences[k] = label_confidence(entry.get("from"))
+    return photo_scale(photo_objects, kinds, confidences)
+
+
+def _entry_of_label(
+    item: Mapping[str, Any],
+    written_item: Mapping[str, Any],
+    entry: Entry,
+    table: tuple[dict[str, Any], dict[str, str]],
+    *,
+    is_new: bool,
+) -> tuple[dict[str, Any], Entry]:
+    """Return the values of an object that follow its label, and its entry of the record.
+
+    `table` has the values of the material table and their sources. After `is_new` label,
+    the values of all backends follow, else those of the table.
+    """
+    table_values, table_sources = table
+    backends: Sequence[str] = [registry.find("physics").name]
+    if is_new:
+        backends = registry.names("physics")
+    sources = {"from": written_item.get("from", entry.get("from")) or {}}
+    keys = perceived_keys(sources, backends) | ({"solid"} - item.keys())
+    # a text with a unit is a user's, although its number may be that of the record
+    keys = {key for key in keys if key == "solid" or not _is_text(written_item, key)}
+    # the solid of an object that does not state it is in the assets
+    item = {"solid": entry.get("solid"), **item}
+    values = {}
+    for key in keys & entry.keys() & table_values.keys():
+        new_value = table_values[key]
+        if equal(item.get(key), entry[key]) or item.get(key) == new_value:
+            values[key] = new_value
+    value_sources = dict(entry.get("from", {}))
+    for key in values:
+        if key in table_sources:
+            value_sources[key] = table_sources[key]
+    return values, {**entry, **values, "from": value_sources}
+
+
+def _is_text(written_item: Mapping[str, Any], key: str) -> bool:
+    return isinstance(written_item.get(key), str)
 
 
 def _table_values(
     outline: Outline, label: str, per_meter: float, most: float
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """What the material table gives an object, and the sources of that; `most` is the most sure that a mass can be."""
-    what = kind(label)
-    mass, confidence, _ = weigh(outline, what, per_meter)
+    """Return an object's values of the material table, and their sources; `most`: highest confidence of a mass."""
+    object_kind = kind(label)
+    mass, confidence, _ = weigh(outline, object_kind, per_meter)
     material = {
-        key: getattr(what.material, key)
+        key: getattr(object_kind.material, key)
         for key in ("friction", "elasticity", "rolling")
     }
-    solid = {"solid": what.solid or "sphere"} if isinstance(outline, Disc) else {}
-    table, sure = (
+    solid = (
+        {"solid": object_kind.solid or "sphere"} if isinstance(outline, Disc) else {}
+    )
+    table, confidences = (
         registry.find("physics").name,
         table_confidences(min(confidence, most)),
     )
     return {"mass": mass, **material, **solid}, {
-        key: provenance(table, one) for key, one in sure.items()
+        key: provenance(table, confidence_value)
+        for key, confidence_value in confidences.items()
     }
 
 
 def table_confidences(mass: float) -> dict[str, float]:
-    """By key, from the confidence of a mass."""
+    """Return the confidences by key, from the confidence of a mass."""
     return {"mass": mass} | dict.fromkeys(
         ("friction", "elasticity", "rolling"), 0.5 * mass + 0.2
     )
 
 
 def label_confidence(sources: object) -> float:
-    """The confidence that a `from` gives the label, 1 where it gives none."""
+    """Return the confidence that a `from` gives the label, 1 where it gives none."""
     text = sources.get("label") if isinstance(sources, Mapping) else None
-    found = source(text).sure if isinstance(text, str) else None
-    return 1.0 if found is None else found
+    confidence = source(text).sure if isinstance(text, str) else None
+    return 1.0 if confidence is None else confidence

@@ -115,20 +115,20 @@ class Files:
         self._outlines: dict[str, tuple[Stamp, Node]] = {}
 
     def size(self, path: Path, written: str) -> tuple[int, int]:
-        """Width and height of an image, `written` in a scene, from its header; raises RefusedError."""
+        """Return the width and height of an image, `written` in a scene, from its header; raises RefusedError."""
         key, stamp = str(path), file_stamp(path)
         if key not in self._sizes or self._sizes[key][0] != stamp:
             try:
                 self._sizes[key] = stamp, image_size(path, written)
             except RefusedError as error:
                 self._sizes[key] = stamp, error
-        found = self._sizes[key][1]
-        if isinstance(found, RefusedError):
-            raise found
-        return found
+        size = self._sizes[key][1]
+        if isinstance(size, RefusedError):
+            raise size
+        return size
 
     def outlines(self, path: Path, name: str) -> Node:
-        """The tree of `outlines.json`; raises InputError."""
+        """Return the tree of `outlines.json`; raises InputError."""
         key, stamp = str(path), file_stamp(path)
         if key not in self._outlines or self._outlines[key][0] != stamp:
             self._outlines[key] = stamp, read_scene(path, name)
@@ -180,7 +180,7 @@ class _Rules:
         return self.ground
 
     def good(self, node: Node | None) -> dict[str, Node]:
-        """The keys of a mapping whose values satisfy the schema."""
+        """Return the keys of a mapping whose values satisfy the schema."""
         return {
             key: part
             for key, part in children(node).items()
@@ -193,11 +193,11 @@ class _Rules:
         image, size = self.top.get("image"), self.top.get("size")
         if image and size:
             self.report(Message.EXCLUDES.problem(size.key_place, "size", other="image"))
-        meant = misspelt_keys(self.top, at("")["properties"])
-        if image is None and size is None and not meant & {"image", "size"}:
+        misspelt = misspelt_keys(self.top, at("")["properties"])
+        if image is None and size is None and not misspelt & {"image", "size"}:
             self.report(Message.NO_CANVAS.problem(self.root.place, "image"))
-        good = self.good(self.root)
-        if image and "image" in good:
+        valid_keys = self.good(self.root)
+        if image and "image" in valid_keys:
             folder = image.source.folder
             try:
                 path = confined(
@@ -209,10 +209,10 @@ class _Rules:
                 if self.is_in_missing_assets(image):
                     return
                 self.report(error.problem(image.place, "image", shown(image.value)))
-        elif not image and "size" in good:
-            width, height = whole(good["size"])
+        elif not image and "size" in valid_keys:
+            width, height = whole(valid_keys["size"])
             if width * height > Limit.PIXELS.most:
-                self.too_many_pixels(good["size"], "size", "[512, 512]")
+                self.too_many_pixels(valid_keys["size"], "size", "[512, 512]")
             else:
                 self.ground.size = (width, height)
 
@@ -233,7 +233,7 @@ class _Rules:
         if node is None:
             return
         home = node.source.folder
-        found = shown(node.value)
+        value_text = shown(node.value)
         try:
             folder = confined(str(node.value), home, home, self.files.allow_outside)
             if not folder.is_dir():
@@ -244,7 +244,7 @@ class _Rules:
                     fix = similar(str(node.value), folder, ("/",), fix)
                 raise Message.ASSETS_NOT_FOLDER.refusal(fix=fix)
         except RefusedError as error:
-            self.report(error.problem(node.place, "assets", found))
+            self.report(error.problem(node.place, "assets", value_text))
             return
         self.ground.assets = folder
         for file in ASSETS:
@@ -254,8 +254,8 @@ class _Rules:
                 try:
                     use(confined(file, folder, home, self.files.allow_outside))
                 except RefusedError as error:
-                    found = quoted(f"{node.value}/{file}")
-                    self.report(error.problem(node.place, "assets", found))
+                    value_text = quoted(f"{node.value}/{file}")
+                    self.report(error.problem(node.place, "assets", value_text))
         self.check_map_sizes(node)
 
     def check_map_sizes(self, assets: Node) -> None:
@@ -263,7 +263,7 @@ class _Rules:
         canvas, sizes = self.ground.size, set(self.map_sizes.values())
         if canvas is None or sizes <= {canvas}:
             return
-        now = _size_text(canvas)
+        canvas_text = _size_text(canvas)
         image = self.good(self.root).get("image")
         is_perceived = self.ground.record.objects or self.ground.record.world
         if image is not None and is_perceived and len(sizes) == 1:
@@ -273,16 +273,20 @@ class _Rules:
                 image.place,
                 "image",
                 shown(image.value),
-                size=now,
+                size=canvas_text,
                 perceived=_size_text(size),
             )
             self.report(problem)
             return
         for file, size in self.map_sizes.items():
             if size != canvas:
-                found = quoted(f"{assets.value}/{file}")
+                value_text = quoted(f"{assets.value}/{file}")
                 problem = Message.MAP_SIZE.problem(
-                    assets.place, "assets", found, size=_size_text(size), canvas=now
+                    assets.place,
+                    "assets",
+                    value_text,
+                    size=_size_text(size),
+                    canvas=canvas_text,
                 )
                 self.report(problem)
 
@@ -315,14 +319,14 @@ class _Rules:
                 shape.value, dict
             ):
                 continue
-            for where, outline, crossing in _outlines(None, children(shape)):
-                self.outline(outline, (key, *where), crossing)
+            for outline_path, outline, crossing in _outlines(None, children(shape)):
+                self.outline(outline, (key, *outline_path), crossing)
             body = plain(solid) if solid is not None else None
             known = body if body in at("objects.*.solid")["enum"] else None
             self.ground.outlines[int(key)] = crc.value, plain(shape), known
-            whole = children(entry).get("whole")
-            if whole is not None:
-                self.whole(whole, key)
+            whole_node = children(entry).get("whole")
+            if whole_node is not None:
+                self.whole(whole_node, key)
 
     def whole(self, shape: Node, key: str) -> None:
         """Read a stored shape with its hidden part; one that is wrong adds a problem."""
@@ -330,8 +334,8 @@ class _Rules:
         check_part(shape, (key, "whole"), "objects.*.shape", self.findings)
         is_sound = len(self.findings.problems) == before
         if is_sound and isinstance(shape.value, dict):
-            for where, outline, crossing in _outlines(None, children(shape)):
-                self.outline(outline, (key, *where), crossing)
+            for outline_path, outline, crossing in _outlines(None, children(shape)):
+                self.outline(outline, (key, *outline_path), crossing)
             self.ground.wholes[int(key)] = plain(shape)
 
     def record(self, path: Path) -> None:
@@ -341,7 +345,7 @@ class _Rules:
         self.map_sizes[path.name] = self.files.size(path, path.name)
 
     def masks(self) -> None:
-        """Ids that two parts use or that have no masks.png."""
+        """Report ids that two parts use or that have no masks.png."""
         owner: dict[int, str] = {}
         assets = self.ground.assets
         has_masks = assets is not None and (assets / "masks.png").is_file()
@@ -356,8 +360,8 @@ class _Rules:
                     continue
                 id_ = int(mask.value)
                 if id_ in owner:
-                    taken = Message.MASK_TAKEN
-                    problem = taken.problem(
+                    message = Message.MASK_TAKEN
+                    problem = message.problem(
                         mask.place, path, shown(id_), owner=owner[id_]
                     )
                     self.report(problem)
@@ -372,20 +376,20 @@ class _Rules:
         if self.ground.assets is None:
             self.report(Message.NO_ASSETS.problem(mask.place, path, shown(id_)))
         else:
-            assets, missing = self.top["assets"], Message.ASSETS_WITHOUT_MASKS
-            self.report(missing.problem(assets.place, "assets", shown(assets.value)))
+            assets, message = self.top["assets"], Message.ASSETS_WITHOUT_MASKS
+            self.report(message.problem(assets.place, "assets", shown(assets.value)))
 
     # Objects and boundaries
 
     def object(self, name: str, node: Node) -> None:
         path: KeyPath = ("objects", name)
-        parts, good = children(node), self.good(node)
+        parts, valid_keys = children(node), self.good(node)
         mask, shape = parts.get("mask"), parts.get("shape")
         if "mass" in parts and "density" in parts:
             place = parts["density"].key_place
-            where: KeyPath = (*path, "density")
-            self.report(Message.EXCLUDES.problem(place, where, other="mass"))
-        is_bad = shape is not None and "shape" not in good
+            density_path: KeyPath = (*path, "density")
+            self.report(Message.EXCLUDES.problem(place, density_path, other="mass"))
+        is_bad = shape is not None and "shape" not in valid_keys
         kinds_of_shape = at("objects.*.shape")["properties"]
         is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
         needs_shape = shape is None or isinstance(shape.value, str)
@@ -398,15 +402,15 @@ class _Rules:
             if shape is None:
                 message = Message.NO_MASK_NOR_SHAPE
             self.report(message.problem(node.place, path, fix=fix))
-        kinds = children(good.get("shape"))
-        self.solid(good.get("solid"), kinds, path)
-        for where, outline, crossing in _outlines(good.get("mask"), kinds):
-            self.outline(outline, (*path, *where), crossing)
+        kinds = children(valid_keys.get("shape"))
+        self.solid(valid_keys.get("solid"), kinds, path)
+        for density_path, outline, crossing in _outlines(valid_keys.get("mask"), kinds):
+            self.outline(outline, (*path, *density_path), crossing)
         self.areas(kinds, path)
         if "motion" not in parts:
             self.extents(kinds, path)
         self.holes(kinds, path)
-        motion = children(good.get("motion"))
+        motion = children(valid_keys.get("motion"))
         self.rising(items(motion.get("path")), (*path, "motion", "path"))
         self.loop(motion, (*path, "motion"))
 
@@ -414,9 +418,11 @@ class _Rules:
         """Add the problem of a round solid whose shape is not a circle."""
         if node is None or not kinds or "circle" in kinds or node.value == "plate":
             return
-        where: KeyPath = (*path, "solid")
+        solid_path: KeyPath = (*path, "solid")
         kind, message = next(iter(kinds)), Message.SOLID_NEEDS_CIRCLE
-        self.report(message.problem(node.place, where, shown(node.value), kind=kind))
+        self.report(
+            message.problem(node.place, solid_path, shown(node.value), kind=kind)
+        )
 
     def outline(self, node: Node, path: KeyPath, crossing: bool) -> None:
         refusal = outline_fault(_points(node), crossing)
@@ -425,15 +431,15 @@ class _Rules:
 
     def areas(self, kinds: dict[str, Node], path: KeyPath) -> None:
         """Add a problem for each outline of a shape that is too small to simulate."""
-        for where, node, crossing in _outlines(None, kinds):
+        for outline_path, node, crossing in _outlines(None, kinds):
             points = _points(node)
             area = abs(_signed_area(points))
-            if "holes" in where or area >= LEAST_AREA:
+            if "holes" in outline_path or area >= LEAST_AREA:
                 continue
             if outline_fault(points, crossing) is not None:
                 continue
             problem = Message.OUTLINE_SMALL.problem(
-                node.place, (*path, *where), area=area, least=LEAST_AREA
+                node.place, (*path, *outline_path), area=area, least=LEAST_AREA
             )
             self.report(problem)
 
@@ -480,8 +486,15 @@ class _Rules:
                     min(side) < low or max(side) > high
                     for (low, high), side in zip(box, sides, strict=True)
                 ):
-                    where: KeyPath = (*path, "shape", "polygons", index, "holes", hole)
-                    self.report(Message.HOLE_OUTSIDE.problem(node.place, where))
+                    hole_path: KeyPath = (
+                        *path,
+                        "shape",
+                        "polygons",
+                        index,
+                        "holes",
+                        hole,
+                    )
+                    self.report(Message.HOLE_OUTSIDE.problem(node.place, hole_path))
 
     def loop(self, motion: dict[str, Node], path: KeyPath) -> None:
         """Add a problem if a path that begins again does not end where it began."""
@@ -501,19 +514,21 @@ class _Rules:
             self.report(problem)
 
     def rising(self, knots: list[Node], path: KeyPath) -> None:
-        """Times of knots start at 0 and rise; the first wrong one is reported."""
+        """Report the first knot whose time does not start at 0 or rise."""
         before: Any = None
         for index, knot in enumerate(knots):
             time = items(knot)[0]
-            where: KeyPath = (*path, index, 0)
-            now: Any = time.value
-            if before is None and now != 0:
-                self.report(Message.PATH_START.problem(time.place, where, shown(now)))
+            time_path: KeyPath = (*path, index, 0)
+            value: Any = time.value
+            if before is None and value != 0:
+                self.report(
+                    Message.PATH_START.problem(time.place, time_path, shown(value))
+                )
                 return
-            if before is not None and now <= before:
-                self.not_rising(time, where, before, "knots")
+            if before is not None and value <= before:
+                self.not_rising(time, time_path, before, "knots")
                 return
-            before = now
+            before = value
 
     def not_rising(self, time: Node, path: KeyPath, before: float, kind: str) -> None:
         """Add the problem of a time that is not after the one before it."""
@@ -525,42 +540,42 @@ class _Rules:
     def boundary(self, node: Node, path: KeyPath) -> None:
         parts = children(node)
         kinds = ("segment", "polyline", "arc", "bezier", "shape", "mask")
-        given = [key for key in kinds if key in parts]
-        if not given:
+        given_kinds = [key for key in kinds if key in parts]
+        if not given_kinds:
             self.report(Message.NO_LINE.problem(node.place, path))
             return
-        if len(given) > 1:
-            keys = listed(given, "and")
+        if len(given_kinds) > 1:
+            keys = listed(given_kinds, "and")
             self.report(Message.SEVERAL_LINES.problem(node.place, path, keys=keys))
             return
-        line = self.good(node).get(given[0])
+        line = self.good(node).get(given_kinds[0])
         if line is None:
             return
-        if given == ["arc"]:
+        if given_kinds == ["arc"]:
             self.arc(children(line), path)
             return
-        if given == ["bezier"] and len(items(line)) % 3 != 1:
+        if given_kinds == ["bezier"] and len(items(line)) % 3 != 1:
             key: KeyPath = (*path, "bezier")
             count = len(items(line))
             self.report(Message.CURVE_POINTS.problem(line.place, key, count=count))
             return
-        if given == ["shape"]:
+        if given_kinds == ["shape"]:
             shapes = children(line)
             for part, outline, crossing in _outlines(None, shapes):
                 self.outline(outline, (*path, *part), crossing)
             self.areas(shapes, path)
             return
-        if given == ["mask"]:
+        if given_kinds == ["mask"]:
             for part, outline, crossing in _outlines(line, {}):
                 self.outline(outline, (*path, *part), crossing)
             return
-        self.distinct_points(line, (*path, given[0]))
+        self.distinct_points(line, (*path, given_kinds[0]))
 
     def distinct_points(self, line: Node, path: KeyPath) -> None:
         """Add the problem of the first point that repeats the one before it."""
         for index, (before, point) in enumerate(pairwise(_points(line)), start=1):
-            apart = max(abs(a - b) for a, b in zip(before, point, strict=True))
-            if apart < SAME_POINT:
+            distance = max(abs(a - b) for a, b in zip(before, point, strict=True))
+            if distance < SAME_POINT:
                 place = items(line)[index].place
                 self.report(Message.POINT_REPEATED.problem(place, (*path, index)))
                 return
@@ -781,7 +796,7 @@ class _Rules:
         self.report(unknown.problem(node.place, path, shown(node.value), fix=fix))
 
     def one_of(self, node: Node, path: KeyPath, kinds: tuple[str, ...]) -> str | None:
-        """The one kind that a mapping has; a problem where it has none or several."""
+        """Return the one kind that a mapping has; a problem where it has none or several."""
         given = [key for key in kinds if key in children(node)]
         if len(given) == 1:
             return given[0]
@@ -854,7 +869,7 @@ class _Rules:
                 self.in_photo(good["center"], (*path, "center"), self.ground.size)
 
     def exclusive(self, node: Node, path: KeyPath, schema_path: str) -> None:
-        """Keys that exclude each other."""
+        """Report keys that exclude each other."""
         parts = children(node)
         for group in at(schema_path)["x-exclusive"]:
             first, *rest = [key for key in group if key in parts] or [""]
@@ -863,7 +878,7 @@ class _Rules:
                 self.report(Message.EXCLUDES.problem(place, (*path, key), other=first))
 
     def video_size(self, good: dict[str, Node]) -> None:
-        """A video is no larger than a photo may be."""
+        """Report a video that is larger than a photo may be."""
         scale, size, photo = good.get("scale"), good.get("size"), self.ground.size
         if photo is None:
             return
@@ -913,7 +928,7 @@ class _Rules:
             self.report(problem)
 
     def refine(self) -> None:
-        """The backend is known, and its strength leaves at least one step to run."""
+        """Report an unknown backend, and a strength that leaves no step to run."""
         parts = self.good(self.top.get("refine"))
         backend = parts.get("backend")
         if backend is None or backend.value == "none":
@@ -968,7 +983,7 @@ def _number(node: Node) -> float:
 def _outlines(
     mask: Node | None, kinds: dict[str, Node]
 ) -> Iterator[tuple[KeyPath, Node, bool]]:
-    """Every outline of an object or a boundary, its path, and whether it may not cross itself."""
+    """Yield every outline of an object or a boundary, its path, and whether it may not cross itself."""
     if "polygon" in children(mask):
         yield ("mask", "polygon"), children(mask)["polygon"], False
     if "polygon" in kinds:
@@ -1009,7 +1024,7 @@ def _signed_area(points: Sequence[Corner]) -> float:
 
 @lru_cache(REMEMBERED)
 def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
-    """First pair of lines that properly cross, by their first corners; (-1, -1) beyond Limit.CROSSINGS."""
+    """Return the first pair of lines that properly cross, by their first corners; (-1, -1) beyond Limit.CROSSINGS."""
     import numpy as np
     import shapely
 

@@ -47,12 +47,12 @@ def save_scene(
     a user edited is `NAME~2`. `keep` is called with the backup.
     """
     backup = backup_path(path, is_written_scene)
-    replaced = assets_of(backup) if backup.is_file() else None
+    replaced_assets = assets_of(backup) if backup.is_file() else None
     backups: list[Path] = []
     write_with_backup(path, data, backups.append, is_written_scene)
     note_scene(path, data)
-    if backups and replaced is not None and is_unused(replaced):
-        shutil.rmtree(replaced, ignore_errors=True)
+    if backups and replaced_assets is not None and is_unused(replaced_assets):
+        shutil.rmtree(replaced_assets, ignore_errors=True)
     for one in backups:
         keep(one)
 
@@ -139,15 +139,17 @@ def is_written_scene(path: Path) -> bool:
 
 def is_written_folder(assets: Path) -> bool:
     """Return whether an assets folder holds nothing but what physgen wrote."""
-    written = _checksums(assets)
-    if assets.is_symlink() or not written:
+    checksums = _checksums(assets)
+    if assets.is_symlink() or not checksums:
         return False
     for file in assets.iterdir():
-        if file.name == WRITTEN_FILE or (file.name == RECORD and RECORD not in written):
+        if file.name == WRITTEN_FILE or (
+            file.name == RECORD and RECORD not in checksums
+        ):
             continue
-        if file.is_symlink() or not file.is_file() or file.name not in written:
+        if file.is_symlink() or not file.is_file() or file.name not in checksums:
             return False
-        if crc32(file.read_bytes()) != written[file.name]:
+        if crc32(file.read_bytes()) != checksums[file.name]:
             return False
     return True
 
@@ -238,7 +240,7 @@ class UnusedPath:
 
     @property
     def size(self) -> int:
-        """Bytes of the file, or of all files in the folder."""
+        """Return the bytes of the file, or of all files in the folder."""
         if not self.path.is_dir():
             return self.path.lstat().st_size
         files = [file for file in self.path.rglob("*") if file.is_file()]

@@ -34,22 +34,24 @@ def scale_scene(data: dict[str, Any], factor: float) -> dict[str, Any]:
     Units of the schema decide: speeds in px/s grow as lengths do, torques in g·px²/s²
     with the square, and 1 m/s stays. Keys of variants are read as paths.
     """
-    scaled: dict[str, Any] = _scaled(data, expanded(), "", (), factor)
+    scaled_data: dict[str, Any] = _scaled(data, expanded(), "", (), factor)
     variants = data.get("variants")
     if isinstance(variants, dict):
-        scaled["variants"] = {
+        scaled_data["variants"] = {
             name: _scaled_variant(edits, factor) for name, edits in variants.items()
         }
-    return scaled
+    return scaled_data
 
 
 def scale_part(value: Any, path: KeyPath, factor: float) -> Any:
     """Return the value at a path of a scene for a photo `factor` times as large."""
-    unit, above = "", path
-    while above and isinstance(above[-1], int):  # a list has the unit of its numbers
-        above = above[:-1]
+    unit, parent_path = "", path
+    while parent_path and isinstance(
+        parent_path[-1], int
+    ):  # a list has the unit of its numbers
+        parent_path = parent_path[:-1]
     schema = schema_at(path)
-    for candidate in (schema, schema_at(above)):
+    for candidate in (schema, schema_at(parent_path)):
         unit = unit or (candidate or {}).get("x-unit", "")
     return value if schema is None else _scaled(value, schema, unit, path, factor)
 
@@ -114,7 +116,7 @@ def _scaled_child(
     value: Any, schema: Schema, unit: str, path: KeyPath, factor: float
 ) -> Any:
     """Return a value of a mapping or a list, which has a unit of its own or the list's."""
-    below = inner(schema, path[-1])
-    if below is None:
+    child_schema = inner(schema, path[-1])
+    if child_schema is None:
         return value
-    return _scaled(value, below, below.get("x-unit", unit), path, factor)
+    return _scaled(value, child_schema, child_schema.get("x-unit", unit), path, factor)

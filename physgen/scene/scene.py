@@ -31,7 +31,7 @@ ADD_OBJECT = "add one: physgen perceive PHOTO --box X,Y,W,H or --point X,Y, or a
 
 
 def video_size(photo: Size, scale: float | None, size: Size | None) -> Size:
-    """What `render.scale` or `render.size` make of a photo's size; as large as the photo without them.
+    """Return the size of the video by `render.scale` or `render.size`, else that of the photo.
 
     >>> video_size((960, 541), 0.5, None)
     (480, 271)
@@ -43,7 +43,7 @@ def video_size(photo: Size, scale: float | None, size: Size | None) -> Size:
 
 
 def magnification(photo: Size, video: Size, zoom: float) -> float:
-    """Video pixels a photo pixel: the photo covers the video, and more so zoomed in.
+    """Return the video pixels per photo pixel: the photo covers the video, and more so zoomed in.
 
     >>> magnification((960, 540), (480, 480), 2.25)
     2.0
@@ -52,24 +52,24 @@ def magnification(photo: Size, video: Size, zoom: float) -> float:
 
 
 def room(photo: Size, video: Size, zoom: float) -> tuple[Point, Point]:
-    """Least and greatest x and y, px, of centres from which the view does not leave the photo.
+    """Return the least and greatest x and y, px, of centres from which the view does not leave the photo.
 
     >>> room((200, 100), (100, 100), 1.0)
     ((49.5, 49.5), (149.5, 49.5))
     """
     large = magnification(photo, video, zoom)
     low, high = [], []
-    for side, seen in zip(photo, video, strict=True):
-        half, middle = seen / (2 * large), (side - 1) / 2
+    for side, visible_length in zip(photo, video, strict=True):
+        half_share, middle = visible_length / (2 * large), (side - 1) / 2
         low.append(
-            min(half - 0.5, middle)
+            min(half_share - 0.5, middle)
         )  # where there is no room, a rounding must not make less
-        high.append(max(side - 0.5 - half, middle))
+        high.append(max(side - 0.5 - half_share, middle))
     return (low[0], low[1]), (high[0], high[1])
 
 
 def held(center: Point, photo: Size, video: Size, zoom: float) -> Point:
-    """The nearest centre to `center` from which the view does not leave the photo.
+    """Return the nearest centre to `center` from which the view does not leave the photo.
 
     >>> held((0.0, 50.0), (200, 100), (100, 100), 1.0)
     (49.5, 49.5)
@@ -101,9 +101,9 @@ MAIN_GROUP = "main"
 def collides(first: Object | Boundary, second: Object | Boundary) -> bool:
     """Return whether two parts of a scene collide, by their groups."""
     return all(
-        one.collides_with is None
-        or (other.collision_group or MAIN_GROUP) in one.collides_with
-        for one, other in ((first, second), (second, first))
+        item.collides_with is None
+        or (other.collision_group or MAIN_GROUP) in item.collides_with
+        for item, other in ((first, second), (second, first))
     )
 
 
@@ -172,7 +172,7 @@ Shape = Circle | Box | Polygon | Auto
 
 
 def shape_outline(shape: Shape) -> polygon.Outline | None:
-    """The outline of an explicit shape, px of the photo; None where it is that of the mask."""
+    """Return the outline of an explicit shape, px of the photo; None where it is that of the mask."""
     match shape:
         case Circle(center=center, radius=radius):
             return polygon.Disc(np.array(center, np.float64), float(radius))
@@ -688,11 +688,11 @@ class Scene:
 
     @property
     def video_size(self) -> tuple[int, int]:
-        """Width and height of the video, px."""
+        """Return the width and height of the video, px."""
         return video_size(self.size, self.render.scale, self.render.size)
 
     def place(self, path: str) -> Place:
-        """Where a value came from: its own place, or its nearest ancestor's."""
+        """Return the place of a value, or of its nearest ancestor."""
         while path:
             if path in self.places:
                 return self.places[path]

@@ -16,16 +16,16 @@ Schema = dict[str, Any]
 
 @cache
 def published() -> Schema:
-    """The schema as it is published."""
-    loaded: Schema = json.loads(
+    """Return the schema as it is published."""
+    schema: Schema = json.loads(
         resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8")
     )
-    return loaded
+    return schema
 
 
 @cache
 def expanded() -> Schema:
-    """The schema without $ref: what stands beside a $ref (unit, default) wins over what it points to.
+    """Return the schema without $ref: what stands beside a $ref (unit, default) wins over what it points to.
 
     Shared and cached: read it, never change it.
     """
@@ -33,11 +33,11 @@ def expanded() -> Schema:
 
 
 def expand(root: Schema) -> Schema:
-    """A schema without $ref."""
-    written = {key: value for key, value in root.items() if key != "$defs"}
-    whole = _expand(written, root["$defs"])
-    assert isinstance(whole, dict)
-    return whole
+    """Return a schema without $ref."""
+    root_part = {key: value for key, value in root.items() if key != "$defs"}
+    expanded_schema = _expand(root_part, root["$defs"])
+    assert isinstance(expanded_schema, dict)
+    return expanded_schema
 
 
 def _expand(part: Any, defs: Schema) -> Any:
@@ -45,26 +45,28 @@ def _expand(part: Any, defs: Schema) -> Any:
         return [_expand(item, defs) for item in part]
     if not isinstance(part, dict):
         return part
-    own = {key: _expand(value, defs) for key, value in part.items() if key != "$ref"}
+    own_keys = {
+        key: _expand(value, defs) for key, value in part.items() if key != "$ref"
+    }
     if (
         part.get("type") in (["number", "string"], ["array", "number", "string"])
         and "if" not in part
     ):
-        own["type"] = part["type"][
+        own_keys["type"] = part["type"][
             0
         ]  # texts with units are numbers before the schema is asked
-        own.pop("pattern", None)
-        if own["type"] == "array":  # one number has become a vector by then
-            own.pop("minimum", None)
-            own.pop("maximum", None)
+        own_keys.pop("pattern", None)
+        if own_keys["type"] == "array":  # one number has become a vector by then
+            own_keys.pop("minimum", None)
+            own_keys.pop("maximum", None)
     if "$ref" not in part:
-        return own
+        return own_keys
     target = _expand(defs[part["$ref"].removeprefix("#/$defs/")], defs)
-    return {**target, **own}
+    return {**target, **own_keys}
 
 
 def at(path: str) -> Schema:
-    """The part of the schema for a dotted path, a name in it as `*`: `at("objects.*.mass")`."""
+    """Return the part of the schema for a dotted path, a name in it as `*`: `at("objects.*.mass")`."""
     part = expanded()
     for key in path.split(".") if path else ():
         part = part["additionalProperties"] if key == "*" else part["properties"][key]
@@ -72,7 +74,7 @@ def at(path: str) -> Schema:
 
 
 def inner(schema: Schema | None, key: str | int) -> Schema | None:
-    """The schema of a key's value, or of an item of a list; None where there is none."""
+    """Return the schema of a key's value, or of an item of a list; None where there is none."""
     if schema is None:
         return None
     if isinstance(key, int):
@@ -84,7 +86,7 @@ def inner(schema: Schema | None, key: str | int) -> Schema | None:
 
 
 def schema_at(path: KeyPath) -> Schema | None:
-    """The schema of the value at a path of a scene; None where it has none."""
+    """Return the schema of the value at a path of a scene; None where it has none."""
     part: Schema | None = expanded()
     for key in path:
         part = inner(part, key)
@@ -105,20 +107,20 @@ def parents() -> Mapping[str, tuple[str, ...]]:
 
 def _index_keys(schema: Schema, path: str, index: dict[str, list[str]]) -> None:
     """Add the keys of a part of the schema at `path`, and those below it."""
-    below = f"{path}." if path else ""
+    prefix = f"{path}." if path else ""
     for key, part in schema.get("properties", {}).items():
         index.setdefault(key, []).append(path)
-        _index_keys(part, f"{below}{key}", index)
+        _index_keys(part, f"{prefix}{key}", index)
     entry = schema.get("additionalProperties")
     if isinstance(entry, dict):
-        _index_keys(entry, f"{below}NAME", index)
+        _index_keys(entry, f"{prefix}NAME", index)
     item = schema.get("items")
     if isinstance(item, dict):
         _index_keys(item, f"{path}[]", index)
 
 
 def with_defaults(data: Any, schema: Schema | None = None) -> Any:
-    """A copy of plain data in which every key that has a default is written out, in the schema's order.
+    """Return a copy of plain data in which every key that has a default is written out, in the schema's order.
 
     >>> with_defaults({"physgen": 1, "objects": {"a": {"mask": 1}}})["objects"]["a"]["friction"]
     0.5
@@ -132,30 +134,30 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
     if not isinstance(data, Mapping):
         return data
     properties = schema.get("properties", {})
-    filled: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, part in properties.items():
         if key in data:
-            filled[key] = with_defaults(data[key], part)
+            values[key] = with_defaults(data[key], part)
         elif "default" in part:
-            filled[key] = with_defaults(copy.copy(part["default"]), part)
+            values[key] = with_defaults(copy.copy(part["default"]), part)
     rest = schema.get("additionalProperties")
     for key, value in data.items():
         if key not in properties:
-            filled[key] = (
+            values[key] = (
                 with_defaults(value, rest) if isinstance(rest, dict) else value
             )
-    return filled
+    return values
 
 
 def bounds(schema: Schema) -> tuple[float, float, bool]:
-    """Least and greatest value, and whether the least itself is left out."""
+    """Return the least and greatest value, and whether the least itself is left out."""
     open_ = "exclusiveMinimum" in schema
-    least = schema["exclusiveMinimum"] if open_ else schema["minimum"]
-    return least, schema["maximum"], open_
+    lowest = schema["exclusiveMinimum"] if open_ else schema["minimum"]
+    return lowest, schema["maximum"], open_
 
 
 def limit(value: float) -> str:
-    """A bound as a person writes it.
+    """Return a bound as a person writes it.
 
     >>> [limit(v) for v in (10, 0.01, 1.0e6, 1.0e15)]
     ['10', '0.01', '1000000', '1.0e15']
@@ -167,24 +169,24 @@ def limit(value: float) -> str:
 
 def measure(schema: Schema, unit: str, ranged: bool) -> str:
     """What to write for a number: `grams above 0`, `a number from 0 to 10`; the unit alone where not `ranged`."""
-    least, greatest, open_ = bounds(schema)
-    what = "a whole number" if schema["type"] == "integer" else "a number"
+    lowest, greatest, open_ = bounds(schema)
+    kind = "a whole number" if schema["type"] == "integer" else "a number"
     if unit:
-        what = UNITS.get(unit, unit)
+        kind = UNITS.get(unit, unit)
         if not ranged:
-            return what
+            return kind
     huge = greatest >= 1e9
     if open_:
-        return f"{what} above {limit(least)}" + (
+        return f"{kind} above {limit(lowest)}" + (
             "" if huge else f", at most {limit(greatest)}"
         )
     if huge:
-        return what if least <= -1e9 else f"{what} of at least {limit(least)}"
-    return f"{what} from {limit(least)} to {limit(greatest)}"
+        return kind if lowest <= -1e9 else f"{kind} of at least {limit(lowest)}"
+    return f"{kind} from {limit(lowest)} to {limit(greatest)}"
 
 
 def advice(schema: Schema) -> str:
-    """What to write for a part of the schema that is missing or of the wrong kind."""
+    """Return the fix of a part of the schema that is missing or of the wrong kind."""
     if "enum" in schema or "const" in schema:
         return f"write {listed(example(choice) for choice in schema.get('enum', [schema.get('const')]))}"
     hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""

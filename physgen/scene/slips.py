@@ -2,6 +2,8 @@
 
 >>> meant_number("1,5", ""), meant_number("170 grams", "g"), meant_number("30%", "")
 ('1.5', '170 g', '0.3')
+>>> meant_number("1,5 grams", "g"), meant_number("1,5 kg", "g")
+('1.5 g', '1.5 kg')
 >>> meant_list("512x512"), meant_list("(100, 0)"), meant_list("fast")
 ('[512, 512]', '[100, 0]', None)
 """
@@ -62,15 +64,25 @@ def meant_number(text: str, unit: str) -> str | None:
     if len(text) > LONGEST_SLIP:
         return None
     text = plain(text).split("#")[0].rstrip(" ,;.")
+    if has_decimal_comma(text):
+        point_text = text.replace(",", ".")
+        return meant_number(point_text, unit) or point_text
     if _is_number(text):
         return text
     if re.fullmatch(r"[-+]?\d{1,3}(?:[_' ]\d{3})+", text):
         return re.sub(r"[_' ]", "", text)
-    if re.fullmatch(r"[-+]?\d+,\d+", text):
-        return text.replace(",", ".")
     if text.endswith("%") and _is_number(text[:-1].strip()) and not unit:
         return f"{float(text[:-1]) / 100:g}"
     return _meant_quantity(text, unit)
+
+
+def has_decimal_comma(text: str) -> bool:
+    """Return whether a text is a number with a comma for the decimal point.
+
+    >>> has_decimal_comma("0,5"), has_decimal_comma("1,5 kg"), has_decimal_comma("1,2,3")
+    (True, True, False)
+    """
+    return re.fullmatch(r"[-+]?\d+,\d+(\s*[^\W\d][^,\s]*)?", plain(text)) is not None
 
 
 def _meant_quantity(text: str, unit: str) -> str | None:
@@ -79,10 +91,10 @@ def _meant_quantity(text: str, unit: str) -> str | None:
     if not unit or parts is None:
         return None
     spelt = _WORD.sub(lambda word: _known_unit(word[0]), parts[2].strip())
-    for own in (spelt, f"{spelt}/s" if unit in _PER_SECOND else spelt):
-        meant = f"{parts[1]} {own}"
-        if meant != text and quantity(meant, unit, 100.0) is not None:
-            return meant
+    for unit_name in (spelt, f"{spelt}/s" if unit in _PER_SECOND else spelt):
+        meaning = f"{parts[1]} {unit_name}"
+        if meaning != text and quantity(meaning, unit, 100.0) is not None:
+            return meaning
     return None
 
 

@@ -34,11 +34,26 @@ def explain_syntax(error: yaml.MarkedYAMLError, text: str) -> SyntaxFault | None
     if mark is None:
         return None
     lines = _BREAK.split(text)
-    rules = (_missing_colon, _wrong_indent, _quote_in_quotes, _open_bracket)
+    rules = (_tab, _missing_colon, _wrong_indent, _quote_in_quotes, _open_bracket)
     for rule in rules:
         fault = rule(error, mark, lines)
         if fault is not None:
             return fault
+    return None
+
+
+def _tab(
+    error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
+) -> SyntaxFault | None:
+    """Find a line that is indented by a tab, which YAML does not allow."""
+    # PyYAML marks the tab itself, or the key behind it
+    for number in (mark.line, mark.line - 1):
+        line = _line(lines, number)
+        indent = line[: _indent(line)]
+        if "\t" in indent:
+            column = indent.index("\t") + 1
+            fix = "indent the lines with spaces"
+            return SyntaxFault(number + 1, column, "a tab indents this line", fix)
     return None
 
 
@@ -79,17 +94,17 @@ def _wrong_indent(
     if line[: mark.column].strip() not in ("", "-") or not line.strip():
         return None
     before = _line_before(lines, mark.line)
-    wanted = _indent(_line(lines, before))
+    expected_indent = _indent(_line(lines, before))
     if line.lstrip().startswith("- "):
-        fix = f"take out the -, and indent it by {counted(wanted, 'space')}"
+        fix = f"take out the -, and indent it by {counted(expected_indent, 'space')}"
         return SyntaxFault(
             mark.line + 1, mark.column + 1, "a list item among keys", fix
         )
-    if spaces == wanted:
+    if spaces == expected_indent:
         return None
-    found = f"indented by {counted(spaces, 'space')}, unlike the lines above"
-    fix = f"indent it by {counted(wanted, 'space')}, as line {before + 1} is"
-    return SyntaxFault(mark.line + 1, mark.column + 1, found, fix)
+    reason = f"indented by {counted(spaces, 'space')}, unlike the lines above"
+    fix = f"indent it by {counted(expected_indent, 'space')}, as line {before + 1} is"
+    return SyntaxFault(mark.line + 1, mark.column + 1, reason, fix)
 
 
 def _quote_in_quotes(

@@ -28,7 +28,7 @@ from physgen.scene.schema import (
     measure,
     parents,
 )
-from physgen.scene.slips import meant_list, meant_number
+from physgen.scene.slips import has_decimal_comma, meant_list, meant_number
 from physgen.scene.slips import plain as plain_text
 from physgen.text import (
     ALLOWED,
@@ -86,8 +86,8 @@ class Findings:
         """A problem with a value; one that an overlay wrote into many objects is reported once."""
         if node not in self.bad:
             self.bad.add(node)
-            written = shown(node.value) if node.text is None else quoted(node.text)
-            self.report(refusal.problem(node.place, dotted(path), written))
+            value_text = shown(node.value) if node.text is None else quoted(node.text)
+            self.report(refusal.problem(node.place, dotted(path), value_text))
 
 
 def check_schema(root: Node, findings: Findings) -> None:
@@ -95,13 +95,13 @@ def check_schema(root: Node, findings: Findings) -> None:
     check_part(root, (), "", findings, shallow=True)
     if not isinstance(root.value, dict):
         return
-    known = expanded()["properties"]
+    properties = expanded()["properties"]
     for key, node in root.value.items():
         if key in NAMED and isinstance(node.value, dict):
             check_part(node, (key,), key, findings, shallow=True)
             for name, entry in node.value.items():
                 check_part(entry, (key, name), f"{key}.*", findings)
-        elif key in known:
+        elif key in properties:
             check_part(node, (key,), key, findings)
 
 
@@ -128,25 +128,26 @@ def check_part(
         for error in errors
         if error.validator in ("minItems", "maxItems")
     ]
-    flat: set[tuple[str | int, ...]] = set()
+    shallow_paths: set[tuple[str | int, ...]] = set()
     for error in errors:
-        where = tuple(error.path)
+        error_path = tuple(error.path)
         if any(
-            len(where) > len(other) and where[: len(other)] == other for other in short
+            len(error_path) > len(other) and error_path[: len(other)] == other
+            for other in short
         ):
             continue
-        if error.validator == "type" and where and isinstance(where[-1], int):
+        if error.validator == "type" and error_path and isinstance(error_path[-1], int):
             # numbers in a list of points: one message about the first of them
             is_number = isinstance(error.instance, int | float)
             if is_number and error.validator_value == "array":
-                if where[:-1] in flat:
+                if error_path[:-1] in shallow_paths:
                     continue
-                flat.add(where[:-1])
+                shallow_paths.add(error_path[:-1])
         _Fault(error, node, path, at(schema_path)).report(findings)
 
 
 def _part(schema_path: str, shallow: bool) -> Schema:
-    """The part of the schema at a path; `shallow`: without the schemas of a mapping's values."""
+    """Return the part of the schema at a path; `shallow`: without the schemas of a mapping's values."""
     schema = at(schema_path)
     if shallow:
         schema = {
@@ -160,13 +161,15 @@ def _part(schema_path: str, shallow: bool) -> Schema:
 
 @cache
 def _validator(schema_path: str, shallow: bool) -> Validator:
-    """jsonschema's validator of a part of the schema, quick for lists of numbers and points."""
+    """Return jsonschema's validator of a part of the schema, quick for lists of numbers and points."""
     from jsonschema import Draft202012Validator
     from jsonschema.validators import extend
 
-    extended: Any = extend(Draft202012Validator, {"items": _items, "pattern": _pattern})  # type: ignore[no-untyped-call]
-    made: Validator = extended(_part(schema_path, shallow))
-    return made
+    validator_class: Any = extend(
+        Draft202012Validator, {"items": _items, "pattern": _pattern}
+    )  # type: ignore[no-untyped-call]
+    validator: Validator = validator_class(_part(schema_path, shallow))
+    return validator
 
 
 def _items(
@@ -183,7 +186,7 @@ def _items(
 def _pattern(
     validator: Any, pattern: str, instance: Any, schema: Schema
 ) -> Iterator[ValidationError]:
-    """The keyword `pattern` as JSON Schema defines it: $ is the very end, not also before a last line break."""
+    """Yield the errors of the keyword `pattern`: in JSON Schema, $ is the very end, not before a last line break."""
     from jsonschema import ValidationError
 
     if isinstance(instance, str) and not _compiled(pattern).search(instance):
@@ -200,7 +203,7 @@ Test = Callable[[Any], bool]
 
 @cache
 def _quick_check(schema_path: str, shallow: bool) -> Test:
-    """The quick test of a part of the schema.
+    """Return the quick test of a part of the schema.
 
     A part that it accepts needs no jsonschema, whose import alone takes a fifth of the time of `physgen check`.
     """
@@ -208,7 +211,7 @@ def _quick_check(schema_path: str, shallow: bool) -> Test:
 
 
 def _quick_test(schema: Schema) -> Test:
-    """A test that accepts only values that satisfy the schema; jsonschema decides where it is false."""
+    """Return a test that accepts only values that satisfy the schema; jsonschema decides where it is false."""
     kinds = schema.get("type")
     if isinstance(kinds, list):
         return _quick_choice(schema, kinds)
@@ -218,19 +221,22 @@ def _quick_test(schema: Schema) -> Test:
     if kinds == "boolean":
         return lambda value: isinstance(value, bool)
     if kinds in ("number", "integer"):
-        least, greatest, is_open = bounds(schema)
+        lowest, greatest, is_open = bounds(schema)
         types = (int,) if kinds == "integer" else (int, float)
         return lambda value: (
             type(value) in types
-            and least <= value <= greatest
-            and not (is_open and value == least)
+            and lowest <= value <= greatest
+            and not (is_open and value == lowest)
         )
     if kinds == "string":
-        fewest, most = schema.get("minLength", 0), schema.get("maxLength", math.inf)
+        shortest, longest = (
+            schema.get("minLength", 0),
+            schema.get("maxLength", math.inf),
+        )
         search = _compiled(schema.get("pattern", "")).search
         return lambda value: (
             isinstance(value, str)
-            and fewest <= len(value) <= most
+            and shortest <= len(value) <= longest
             and bool(search(value))
         )
     if kinds == "array":
@@ -239,7 +245,7 @@ def _quick_test(schema: Schema) -> Test:
 
 
 def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
-    """A value of one of several types."""
+    """Return a value of one of several types."""
     types = {
         "object": dict,
         "array": list,
@@ -255,17 +261,17 @@ def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
 
 def _quick_list(schema: Schema) -> Test:
     prefix = [_quick_test(part) for part in schema.get("prefixItems", [])]
-    every = _quick_test(schema["items"]) if "items" in schema else None
-    fewest, most = schema.get("minItems", 0), schema.get("maxItems", math.inf)
-    if every is not None:
+    item_test = _quick_test(schema["items"]) if "items" in schema else None
+    shortest, longest = schema.get("minItems", 0), schema.get("maxItems", math.inf)
+    if item_test is not None:
         return lambda value: (
             type(value) is list
-            and fewest <= len(value) <= most
-            and all(map(every, value))
+            and shortest <= len(value) <= longest
+            and all(map(item_test, value))
         )
     return lambda value: (
         type(value) is list
-        and fewest <= len(value) <= most
+        and shortest <= len(value) <= longest
         and all(test(item) for test, item in zip(prefix, value, strict=False))
     )
 
@@ -277,12 +283,15 @@ def _quick_mapping(schema: Schema) -> Test:
     rest = schema.get("additionalProperties", {})
     other = _quick_test(rest) if isinstance(rest, dict) else lambda value: False
     is_name = _quick_test(schema.get("propertyNames", {}))
-    required = schema.get("required", [])
-    fewest, most = schema.get("minProperties", 0), schema.get("maxProperties", math.inf)
+    required_keys = schema.get("required", [])
+    smallest, largest = (
+        schema.get("minProperties", 0),
+        schema.get("maxProperties", math.inf),
+    )
     return lambda value: (
         isinstance(value, dict)
-        and fewest <= len(value) <= most
-        and all(key in value for key in required)
+        and smallest <= len(value) <= largest
+        and all(key in value for key in required_keys)
         and all(
             is_name(key) and tests.get(key, other)(item) for key, item in value.items()
         )
@@ -324,51 +333,67 @@ class _Fault:
             findings.bad.update(self.chain)
 
     def _type(self, findings: Findings) -> None:
+        """Report a value of another type than those of the schema."""
         value, kinds = self.node.value, self.kinds
         if "enum" in self.schema:
             return self._choice(findings)
-        if "object" in kinds and (len(kinds) == 1 or "array" in kinds):
-            kind = "a mapping"
-            spaced = add_space(value) if isinstance(value, str) else None
-            fix = spaced or advice({**self.schema, "type": "object"})
-            if value is None:
-                fix += ", or indent its keys below it"
+        may_be_list = "array" in kinds
+        if "object" in kinds and (len(kinds) == 1 or may_be_list):
+            kind, fix = "a mapping", self._mapping_fix()
         elif len(kinds) > 1 and not ("integer" in kinds and type(value) is float):
             refusal = Message.NO_WAY_FITS.refusal(ways=listed(self._ways()))
             return findings.value(self.node, self.path, refusal)
-        elif "array" in kinds:
-            what, count = self._count()
-            kind = f"a list of {count}"
-            fix = f"write {kind}{self._in_unit(what)}{self.hint}"
-            meant = self._meant_list(what)
-            fix = f"write {meant}" if meant else fix
+        elif may_be_list:
+            kind, fix = self._list_fix()
         elif "boolean" in kinds:
-            words = {
-                "yes": "true",
-                "on": "true",
-                "y": "true",
-                "no": "false",
-                "off": "false",
-                "n": "false",
-            }
-            word = words.get(value.lower()) if isinstance(value, str) else None
+            word = BOOLEAN_WORDS.get(value.lower()) if isinstance(value, str) else None
             kind, fix = "true or false", f"write {word or 'true or false'}"
         elif "string" in kinds:
-            is_scalar = isinstance(value, int | float)
-            kind = "text"
-            fix = (
-                f'write it in quotes: "{shown(value)}"'
-                if is_scalar
-                else f"write text{self.hint}"
-            )
+            kind, fix = "text", self._text_fix()
         else:
-            kind = "a whole number" if "integer" in kinds else "a number"
-            ranged = isinstance(value, float)
-            fix = f"write {measure(self._numeric(), self.unit, ranged=ranged)}{self._units()}{self.hint}"
-            meant = meant_number(value, self.unit) if isinstance(value, str) else None
-            if meant:
-                fix = f"write {meant}"
-                fix += ", without quotes" if meant == value else ""
+            return self._not_a_number(findings)
+        refusal = Message.WRONG_TYPE.refusal(kind=kind, fix=fix)
+        return findings.value(self.node, self.path, refusal)
+
+    def _mapping_fix(self) -> str:
+        """Return the fix of a value in place of a mapping."""
+        value = self.node.value
+        if value is None:
+            mapping = advice({**self.schema, "type": "object"})
+            return f"{mapping}, or indent its keys below it"
+        spaced_text = add_space(value) if isinstance(value, str) else None
+        return spaced_text or advice({**self.schema, "type": "object"})
+
+    def _list_fix(self) -> tuple[str, str]:
+        """Return the kind of a list, and the fix of a value in its place."""
+        item_name, count = self._count()
+        kind = f"a list of {count}"
+        meaning = self._meant_list(item_name)
+        if meaning:
+            return kind, f"write {meaning}"
+        return kind, f"write {kind}{self._in_unit(item_name)}{self.hint}"
+
+    def _text_fix(self) -> str:
+        """Return the fix of a value in place of text."""
+        value = self.node.value
+        if isinstance(value, int | float):
+            return f'write it in quotes: "{shown(value)}"'
+        return f"write text{self.hint}"
+
+    def _not_a_number(self, findings: Findings) -> None:
+        """Report a value in place of a number, with the number that it stands for."""
+        value = self.node.value
+        kind = "a whole number" if "integer" in self.kinds else "a number"
+        meaning = meant_number(value, self.unit) if isinstance(value, str) else None
+        if meaning and has_decimal_comma(str(value)):
+            refusal = Message.DECIMAL_COMMA.refusal(number=meaning)
+            return findings.value(self.node, self.path, refusal)
+        if meaning:
+            fix = f"write {meaning}"
+            fix += ", without quotes" if meaning == value else ""
+        else:
+            form = measure(self._numeric(), self.unit, ranged=isinstance(value, float))
+            fix = f"write {form}{self._units()}{self.hint}"
         refusal = Message.WRONG_TYPE.refusal(kind=kind, fix=fix)
         return findings.value(self.node, self.path, refusal)
 
@@ -384,7 +409,7 @@ class _Fault:
         return meant_list(value) if what in ("numbers", "whole numbers") else None
 
     def _ways(self) -> list[str]:
-        """The words, numbers, keys or lists that a part of several types takes."""
+        """Return the words, numbers, keys or lists that a part of several types takes."""
         words = self.schema.get("then", {}).get("enum", [])
         ways = [*words] or ["a whole number"]
         keys = [f"{{{key}: ...}}" for key in self.schema.get("properties", {})]
@@ -395,7 +420,7 @@ class _Fault:
         return {**self.schema, "type": kind}
 
     def _count(self) -> tuple[str, str]:
-        """What a list holds: `points`, and with its number `2 points`."""
+        """Return the noun of a list's items, `points`, and with their number, `2 points`."""
         part = inner(self.schema, 0) or {}
         kinds = {
             "number": "numbers",
@@ -403,11 +428,11 @@ class _Fault:
             "array": "points",
             "object": "mappings",
         }
-        what = kinds.get(
+        item_name = kinds.get(
             part.get("type", ""), "names" if part.get("type") == "string" else "values"
         )
-        fewest, most = self.schema.get("minItems", 0), self.schema.get("maxItems")
-        return what, f"{fewest} {what}" if fewest == most else what
+        minimum, maximum = self.schema.get("minItems", 0), self.schema.get("maxItems")
+        return item_name, f"{minimum} {item_name}" if minimum == maximum else item_name
 
     def _in_unit(self, what: str) -> str:
         return (
@@ -417,7 +442,7 @@ class _Fault:
         )
 
     def _units(self) -> str:
-        """Units that a text may have here."""
+        """Return the units that a text may have here."""
         auto = ", or auto" if self.path == ("world", "duration") else ""
         return (
             f", or a number with {ALLOWED[self.unit]} behind it{auto}"
@@ -449,26 +474,26 @@ class _Fault:
     def _range(self, findings: Findings) -> None:
         schema, value = self._numeric(), self.node.value
         assert isinstance(value, int | float)
-        least, greatest, _ = bounds(schema)
+        lowest, greatest, _ = bounds(schema)
         if value > greatest:
-            side, bound = "above", limit(greatest)
+            side, limit_text = "above", limit(greatest)
         else:
-            side = "not above" if value == least else "below"
-            bound = limit(least)
+            side = "not above" if value == lowest else "below"
+            limit_text = limit(lowest)
         fix = measure(schema, self.unit, ranged=True)
         if value > greatest and limit(greatest) not in fix:
             fix = f"{measure(schema, self.unit, ranged=False)} of at most {limit(greatest)}"
         fix = f"write {fix}{self.hint}"
-        if self.unit == "px" and 0 < value < least and self.node.text is None:
+        if self.unit == "px" and 0 < value < lowest and self.node.text is None:
             fix += f"; did you mean meters? write {number(value)} m"
-        refusal = Message.OUT_OF_RANGE.refusal(side=side, bound=bound, fix=fix)
+        refusal = Message.OUT_OF_RANGE.refusal(side=side, bound=limit_text, fix=fix)
         findings.value(self.node, self.path, refusal)
 
     def _text(self, findings: Findings) -> None:
         value, schema = str(self.node.value), self.schema
         if self.error.validator == "maxLength":
-            most = schema["maxLength"]
-            refusal = Message.TEXT_TOO_LONG.refusal(length=len(value), most=most)
+            maximum = schema["maxLength"]
+            refusal = Message.TEXT_TOO_LONG.refusal(length=len(value), most=maximum)
         elif self.error.validator == "minLength":
             refusal = Message.TEXT_EMPTY.refusal(example=self.hint)
         else:
@@ -477,17 +502,23 @@ class _Fault:
         findings.value(self.node, self.path, refusal)
 
     def _length(self, findings: Findings) -> None:
-        what, _ = self._count()
+        item_name, _ = self._count()
         items = self.node.value
         assert isinstance(items, list)
-        fewest, most = self.schema.get("minItems", 0), self.schema.get("maxItems")
-        bound = fewest if len(items) < fewest else most
-        much = "" if fewest == most else "at least " if bound == fewest else "at most "
-        many = what if bound != 1 else what.removesuffix("s")
-        fix = f"write {much}{bound} {many}{self._in_unit(what)}{self.hint}"
-        written = items[0].value if len(items) == 1 else None
-        meant = meant_list(written) if isinstance(written, str) else None
-        fix = f"write {meant}, with a comma between" if meant else fix
+        minimum, maximum = self.schema.get("minItems", 0), self.schema.get("maxItems")
+        limit_count = minimum if len(items) < minimum else maximum
+        quantifier = (
+            ""
+            if minimum == maximum
+            else "at least "
+            if limit_count == minimum
+            else "at most "
+        )
+        noun = item_name if limit_count != 1 else item_name.removesuffix("s")
+        fix = f"write {quantifier}{limit_count} {noun}{self._in_unit(item_name)}{self.hint}"
+        item_text = items[0].value if len(items) == 1 else None
+        meaning = meant_list(item_text) if isinstance(item_text, str) else None
+        fix = f"write {meaning}, with a comma between" if meaning else fix
         count = counted(len(items), "item")
         problem = Message.LIST_LENGTH.problem(
             self.node.place, self.path, items=count, fix=fix
@@ -497,20 +528,20 @@ class _Fault:
     def _missing(self, findings: Findings) -> None:
         value = self.node.value
         assert isinstance(value, dict)
-        meant = misspelt_keys(value, self.schema["properties"])
+        misspelt = misspelt_keys(value, self.schema["properties"])
         for key in self.schema["required"]:
-            if key not in value and key not in meant:
+            if key not in value and key not in misspelt:
                 fix = advice(self.schema["properties"][key])
-                where = (*self.path, key)
-                missing = Message.IS_MISSING
-                findings.report(missing.problem(self.node.place, where, fix=fix))
+                key_path = (*self.path, key)
+                message = Message.IS_MISSING
+                findings.report(message.problem(self.node.place, key_path, fix=fix))
 
     def _several(self, findings: Findings) -> None:
         value, parts = self.node.value, self.schema.get("properties", {})
         assert isinstance(value, dict)
         if not parts:
-            most = self.schema["maxProperties"]
-            refusal = Message.TOO_MANY_KEYS.refusal(count=len(value), most=most)
+            maximum = self.schema["maxProperties"]
+            refusal = Message.TOO_MANY_KEYS.refusal(count=len(value), most=maximum)
         elif all(key in parts for key in value):
             content = f"has {listed(value, 'and')}" if value else "is empty"
             kinds = listed(parts)
@@ -525,38 +556,40 @@ class _Fault:
         fix = f"write {names['x-pattern']}, e.g. {example(names['examples'][0])}"
         if "\u00a0" in key:
             fix = "write plain spaces in place of no-break spaces"
-        place, where = self.node.value[key].key_place, (*self.path, key)
-        findings.report(Message.NOT_A_NAME.problem(place, where, quoted(key), fix=fix))
+        place, key_path = self.node.value[key].key_place, (*self.path, key)
+        findings.report(
+            Message.NOT_A_NAME.problem(place, key_path, quoted(key), fix=fix)
+        )
 
     def _unknown(self, findings: Findings) -> None:
-        value, known = self.node.value, list(self.schema["properties"])
+        value, known_keys = self.node.value, list(self.schema["properties"])
         assert isinstance(value, dict)
         for key, child in value.items():
-            if key in known:
+            if key in known_keys:
                 continue
             fix = self._fix_of_key(key, value)
-            where = (*self.path, key)
+            key_path = (*self.path, key)
             unknown = Message.UNKNOWN_KEY
-            findings.report(unknown.problem(child.key_place, where, fix=fix))
+            findings.report(unknown.problem(child.key_place, key_path, fix=fix))
             findings.bad.add(child)
         if (
             self.schema.get("maxProperties") == 1
-            and sum(key in known for key in value) != 1
+            and sum(key in known_keys for key in value) != 1
         ):
             findings.bad.update(self.chain)
 
     def _fix_of_key(self, key: str, siblings: dict[str, Node]) -> str:
         """Return what to write in place of an unknown key."""
-        known = list(self.schema["properties"])
-        spaced = add_space(key)
-        if spaced is not None:
-            return spaced
-        above = _empty_above(key, siblings)
-        if above is not None and inner(self.schema, above):
-            return f"indent it by two spaces more, so that it belongs to {above}"
+        known_keys = list(self.schema["properties"])
+        spaced_text = add_space(key)
+        if spaced_text is not None:
+            return spaced_text
+        parent_key = _empty_above(key, siblings)
+        if parent_key is not None and inner(self.schema, parent_key):
+            return f"indent it by two spaces more, so that it belongs to {parent_key}"
         aliases = _ALIASES.get(dotted(kind_of(self.path)), {})
         alias = aliases.get(key.replace("-", "_").lower())
-        close = alias or nearest(key, known)
+        close = alias or nearest(key, known_keys)
         likeness = 1.0 if alias else similarity(key, close or "")
         homes = parents().get(key, ())
         if homes and likeness < SURE:
@@ -568,17 +601,17 @@ class _Fault:
         is_sure = alias or not kinds or likeness >= SURE
         if close and is_sure:
             return did_you_mean(close)
-        elsewhere = None if kinds or self.path else nearest(key, parents())
-        if elsewhere is not None and similarity(key, elsewhere) >= SURE:
-            home = listed(self._nearest_of(parents()[elsewhere]))
-            return f"{did_you_mean(elsewhere)} it belongs to {home}"
-        return f"write {listed(islice(kinds or known, 30))}"
+        similar_parent = None if kinds or self.path else nearest(key, parents())
+        if similar_parent is not None and similarity(key, similar_parent) >= SURE:
+            home = listed(self._nearest_of(parents()[similar_parent]))
+            return f"{did_you_mean(similar_parent)} it belongs to {home}"
+        return f"write {listed(islice(kinds or known_keys, 30))}"
 
     def _nearest_of(self, homes: Iterable[str]) -> list[str]:
         """Return names of mappings: those below this one if there are any."""
-        here = f"{dotted(kind_of(self.path))}.".replace("*", "NAME")
-        below = [home for home in homes if home.startswith(here)]
-        return [home or "the top level of the file" for home in below or homes]
+        prefix = f"{dotted(kind_of(self.path))}.".replace("*", "NAME")
+        homes_within = [home for home in homes if home.startswith(prefix)]
+        return [home or "the top level of the file" for home in homes_within or homes]
 
     def _missing_kinds(self, siblings: dict[str, Node]) -> list[str]:
         """Return the kinds of a joint, field or force that has none of them yet."""
@@ -596,8 +629,8 @@ def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
     number = keys.index(key)
     if number == 0:
         return None
-    above = keys[number - 1]
-    return above if siblings[above].value is None else None
+    parent_key = keys[number - 1]
+    return parent_key if siblings[parent_key].value is None else None
 
 
 def misspelt_keys(keys: Iterable[str], known: Iterable[str]) -> set[str | None]:
@@ -638,6 +671,15 @@ _ALIASES: dict[str, dict[str, str]] = {
     },
 }
 """Kind of mapping -> names of other engines -> ours."""
+BOOLEAN_WORDS = {
+    "yes": "true",
+    "on": "true",
+    "y": "true",
+    "no": "false",
+    "off": "false",
+    "n": "false",
+}
+"""Words that stand for true and false, which YAML 1.2 reads as text."""
 _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "type": _Fault._type,
     "const": _Fault._choice,

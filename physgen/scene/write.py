@@ -29,7 +29,7 @@ def scene_text(
     header: str = "",
     schema: str | None = None,
 ) -> str:
-    """The document in the schema's order of keys.
+    """Return the document in the schema's order of keys.
 
     `schema` is the path from the scene to its JSON Schema, for the modeline from which editors complete and check;
     None leaves the line out. `comments` maps dotted paths (`objects.ball.mass`) to what to say about the value; a
@@ -52,16 +52,16 @@ def entry_lines(value: Any, start: str, indent: str, path: KeyPath) -> list[str]
 
 
 def flow_text(value: Any, path: KeyPath) -> str:
-    """The value that is at `path` on one line."""
+    """Return the value that is at `path` on one line."""
     return _flow(value, schema_at(path))
 
 
 class _Writer:
     def __init__(self, comments: Mapping[str, str]) -> None:
         self.comments = comments
-        above = (re.split(r"(?=[.\[])", path) for path in comments)
+        path_parts = (re.split(r"(?=[.\[])", path) for path in comments)
         self.commented = {
-            "".join(parts[:n]) for parts in above for n in range(len(parts))
+            "".join(parts[:n]) for parts in path_parts for n in range(len(parts))
         }
 
     def mapping(
@@ -84,30 +84,30 @@ class _Writer:
     def entry(
         self, value: Any, start: str, indent: str, path: KeyPath, schema: Schema | None
     ) -> Iterator[str]:
-        """The lines of `start` (a key with its colon, or a dash) and its value; `indent`: of lines below."""
-        where = dotted(path)
-        comment = self.comments.get(where, "")
+        """Yield the lines of `start` (a key with its colon, or a dash) and its value; `indent`: of lines below."""
+        key_path = dotted(path)
+        comment = self.comments.get(key_path, "")
         value = _data(value)
         text = _flow(value, schema)
         block = bool(value) and (
             (
                 isinstance(value, Mapping)
-                and (where in self.commented or bool(_BLOCK(where)))
+                and (key_path in self.commented or bool(_BLOCK(key_path)))
             )
             or (
                 isinstance(value, Mapping | list)
                 and path[-1:] != ("from",)
                 and len(start) + 1 + len(text) > WIDTH + 8
-                and not (_points(value) or _WRAPPED(where))
+                and not (_points(value) or _WRAPPED(key_path))
             )
             or (isinstance(value, list) and isinstance(value[0], Mapping))
         )
         first = start if block else f"{start} {text}"
-        dashed = (
+        dash = (
             block and isinstance(value, Mapping) and start.endswith("-")
         )  # its first key stands behind the dash
         if comment and (
-            dashed or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 8
+            dash or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 8
         ):
             yield from _comment_lines(
                 comment, start[: len(start) - len(start.lstrip())]
@@ -118,7 +118,7 @@ class _Writer:
             yield from _wrapped(first, start, indent, text)
         elif isinstance(value, Mapping):
             inner = list(self.mapping(value, indent, path, schema))
-            if dashed:
+            if dash:
                 inner[0] = f"{start} {inner[0].lstrip()}"
             else:
                 yield first
@@ -133,11 +133,11 @@ class _Writer:
 
 
 def _comment_lines(text: str, indent: str) -> list[str]:
-    clean = (
+    words = (
         "".join(c if c.isprintable() else " " for c in line).strip()
         for line in text.strip().split("\n")
     )
-    return [f"{indent}# {line}".rstrip() for line in clean]
+    return [f"{indent}# {line}".rstrip() for line in words]
 
 
 def _wrapped(first: str, start: str, indent: str, text: str) -> Iterator[str]:
@@ -158,7 +158,7 @@ def _wrapped(first: str, start: str, indent: str, text: str) -> Iterator[str]:
 
 
 def _points(value: Any) -> bool:
-    """Whether a value is a long list of numbers or points, which may be broken anywhere."""
+    """Return whether a value is a long list of numbers or points, which may be broken anywhere."""
     return (
         isinstance(value, list)
         and len(value) > 2
@@ -173,21 +173,21 @@ def _points(value: Any) -> bool:
 
 
 def _data(value: Any) -> Any:
-    """Tuples and numpy's scalars and arrays as what YAML knows."""
+    """Convert tuples and numpy's scalars and arrays to plain data."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     return list(value) if isinstance(value, tuple) else value
 
 
 def _ordered(value: Mapping[str, Any], schema: Schema | None) -> list[str]:
-    known = list(schema.get("properties", {})) if schema else []
-    return [key for key in known if key in value] + [
-        key for key in value if key not in known
+    schema_keys = list(schema.get("properties", {})) if schema else []
+    return [key for key in schema_keys if key in value] + [
+        key for key in value if key not in schema_keys
     ]
 
 
 def _flow(value: Any, schema: Schema | None) -> str:
-    """A value on one line."""
+    """Return a value on one line."""
     value = _data(value)
     if isinstance(value, Mapping):
         pairs = (
@@ -212,7 +212,7 @@ def _flow(value: Any, schema: Schema | None) -> str:
 
 
 def key_text(key: Any) -> str:
-    """A key as it is written. Raises ValueError where it is no text, or too long."""
+    """Return a key as it is written. Raises ValueError where it is no text, or too long."""
     if not isinstance(key, str) or len(key) > _LONGEST_KEY:
         raise ValueError("a scene's keys are short texts")
     return _text(key)

@@ -55,22 +55,22 @@ class Marked:
     )  # values of a mapping, or items
 
     def place(self, key: str | int) -> int | None:
-        """Index of the child at a key or an index; None where there is none."""
+        """Return the index of the child at a key or an index; None where there is none."""
         if isinstance(key, int):
             return key if self.kind is list and 0 <= key < len(self.children) else None
         return self._places.get(key)
 
     @cached_property
     def _places(self) -> dict[str, int]:
-        return {name: at for at, (name, _, _) in enumerate(self.keys)}
+        return {name: index for index, (name, _, _) in enumerate(self.keys)}
 
     def child(self, key: str | int) -> Marked | None:
-        """The value of a key or an index."""
-        at = self.place(key)
-        return None if at is None else self.children[at]
+        """Return the value of a key or an index."""
+        index = self.place(key)
+        return None if index is None else self.children[index]
 
     def data(self) -> Any:
-        """The plain data."""
+        """Return the plain data."""
         if self.kind is dict:
             return {
                 key: child.data()
@@ -88,9 +88,11 @@ def marked(text: str) -> Marked:
         read(text, Source("", _NOWHERE))
     except InputError as error:
         problem = error.problems[0]
-        where = f" (line {problem.place.line})" if problem.place.line else ""
+        line_text = f" (line {problem.place.line})" if problem.place.line else ""
         reason = f"{problem.found} {problem.expected}".strip()
-        raise Message.EDITOR_UNREADABLE.impossible(where=where, reason=reason) from None
+        raise Message.EDITOR_UNREADABLE.impossible(
+            where=line_text, reason=reason
+        ) from None
     return _marked(yaml.compose(text, Loader=LOADER), text)
 
 
@@ -146,43 +148,43 @@ def entry(text: str, parent: Marked, at: int) -> int:
 
 
 def line_begin(text: str, place: int) -> int:
-    """Where the line of a place begins."""
+    """Return the begin of the line of a place."""
     while place and not BREAK.match(text[place - 1]):
         place -= 1
     return place
 
 
 def line_end(text: str, place: int) -> int:
-    """Where the line of a place ends, before its break."""
-    found = BREAK.search(text, place)
-    return found.start() if found else len(text)
+    """Return the end of the line of a place, before its break."""
+    line_break = BREAK.search(text, place)
+    return line_break.start() if line_break else len(text)
 
 
 def line_after(text: str, place: int) -> int:
-    """Where the next line begins."""
-    found = BREAK.search(text, place)
-    return found.end() if found else len(text)
+    """Return the begin of the next line."""
+    line_break = BREAK.search(text, place)
+    return line_break.end() if line_break else len(text)
 
 
 def leads(text: str, place: int) -> bool:
-    """Whether a place is the first of its line, apart from spaces."""
+    """Return whether a place is the first of its line, apart from spaces."""
     return not text[line_begin(text, place) : place].strip(" ")
 
 
 def newline(text: str) -> str:
-    """How the lines of a text end."""
-    found = BREAK.search(text)
-    return found[0] if found and found[0] in ("\r\n", "\r") else "\n"
+    """Return the line break of a text."""
+    line_break = BREAK.search(text)
+    return line_break[0] if line_break and line_break[0] in ("\r\n", "\r") else "\n"
 
 
 def below(text: str, place: int, lines: Sequence[str]) -> Patch:
-    """Lines after that of a place."""
+    """Return the lines after that of a place."""
     stop, line = line_end(text, place), newline(text)
     return stop, stop, line + line.join(lines)
 
 
 def joint(text: str, node: Marked, before: Marked) -> str:
-    """Separator of a new entry in brackets: with a line break where each entry has a line of its own."""
+    """Return the separator of a new entry in brackets: with a line break where each entry has a line of its own."""
     begin = (
         node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
     )
@@ -192,7 +194,7 @@ def joint(text: str, node: Marked, before: Marked) -> str:
 
 
 def find(text: str, path: Sequence[str | int]) -> Marked:
-    """The value at a path. Raises EditError where there is none."""
+    """Return the value at a path. Raises EditError where there is none."""
     node = marked(text)
     for key in path:
         child = node.child(key)
@@ -203,7 +205,7 @@ def find(text: str, path: Sequence[str | int]) -> Marked:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values are equal; true and 1 are not."""
+    """Return whether two values are equal; true and 1 are not."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(
             same(one[key], other[key]) for key in one
@@ -216,16 +218,16 @@ def same(one: Any, other: Any) -> bool:
 
 
 def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
-    """The collection that holds what is at a path, and which of its children that is."""
+    """Return the collection that holds what is at a path, and which of its children that is."""
     parent = find(text, path[:-1])
-    at = parent.place(path[-1])
-    if at is None:
+    index = parent.place(path[-1])
+    if index is None:
         raise Message.EDITOR_NOT_THERE.impossible(path=dotted(path))
-    return parent, at
+    return parent, index
 
 
 def patched(text: str, *patches: Patch) -> str:
-    """The text with patches, which do not overlap."""
+    """Return the text with patches, which do not overlap."""
     for begin, end, new in sorted(patches, reverse=True):
         text = text[:begin] + new + text[end:]
     return text
@@ -235,20 +237,20 @@ def patched(text: str, *patches: Patch) -> str:
 
 
 def write(text: str, data: dict[str, Any]) -> str:
-    """The text of a file such that it holds `data`. Raises EditError."""
+    """Return the text of a file such that it holds `data`. Raises EditError."""
     try:
-        made = put(text, (), data)
-        if is_json(text) and not is_json(made):
-            made = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-        if same(marked(made).data(), data):
-            return made
+        new_text = put(text, (), data)
+        if is_json(text) and not is_json(new_text):
+            new_text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+        if same(marked(new_text).data(), data):
+            return new_text
     except EditError:
         pass
     raise Message.EDITOR_UNWRITABLE.impossible()
 
 
 def written_anew(text: str, path: KeyPath, value: Any) -> str:
-    """The text with the value at a path as a new file has it; as it is where a comment stands in brackets."""
+    """Return the text with the value at a path as a new file has it; as it is where a comment stands in brackets."""
     node = find(text, path)
     if "#" in text[node.begin : line_after(text, node.end - 1)]:
         return text
@@ -266,11 +268,11 @@ def put(text: str, path: KeyPath, value: Any) -> str:
 
 def _drop(text: str, path: KeyPath) -> str:
     """Remove one of several keys or items, with its comments."""
-    parent, at = parent_of(text, path)
-    begin = entry(text, parent, at)
-    if not leads(text, begin) or not _ends_line(text, parent, at):
-        return patched(text, _cut(text, parent, at, begin))
-    first, stop = _first_line(text, parent, at), _last_line(text, parent, at)
+    parent, index = parent_of(text, path)
+    begin = entry(text, parent, index)
+    if not leads(text, begin) or not _ends_line(text, parent, index):
+        return patched(text, _cut(text, parent, index, begin))
+    first, stop = _first_line(text, parent, index), _last_line(text, parent, index)
     if _is_blank_line(text, stop) and first and _is_blank_line(text, first - 1):
         stop = line_after(text, stop)
     if stop == len(text) and not BREAK.search(
@@ -278,9 +280,9 @@ def _drop(text: str, path: KeyPath) -> str:
     ):  # nor does the new last line end
         first -= 2 if text[:first].endswith("\r\n") else 1
     patches = [(first, stop, "")]
-    is_last = at > 0 and at + 1 == len(parent.children)
+    is_last = index > 0 and index + 1 == len(parent.children)
     if is_last and is_json(text):  # which has no comma behind the last entry
-        end = parent.children[at - 1].end
+        end = parent.children[index - 1].end
         patches.append((end, text.index(",", end) + 1, ""))
     return patched(text, *patches)
 
@@ -305,13 +307,13 @@ def _first_line(text: str, parent: Marked, at: int) -> int:
     begin = entry(text, parent, at)
     first = line_begin(text, begin)
     column = begin - first
-    above = parent.children[at - 1].end if at else 0
+    end_above = parent.children[at - 1].end if at else 0
     top = first
-    while top > above:
+    while top > end_above:
         line = line_begin(text, top - len(_break_before(text, top)))
         words = text[line:top].rstrip()
         is_comment = words.lstrip(" ").startswith("#")
-        if line < above or not is_comment or words.index("#") != column:
+        if line < end_above or not is_comment or words.index("#") != column:
             return top
         top = line
     return first  # comments at the top of the file are about the file
@@ -348,7 +350,7 @@ def _after_deeper_comments(text: str, place: int, column: int) -> int:
 
 
 def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
-    """Patch that removes one of several entries in brackets, and no comments of others."""
+    """Return the patch that removes one of several entries in brackets, and no comments of others."""
     child = parent.children[at]
     is_last = at + 1 == len(parent.children)
     if at and leads(text, begin):
@@ -368,21 +370,21 @@ def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
 
 def _insert(text: str, path: KeyPath, value: Any) -> str:
     """Insert an item into a list, before the one at the path."""
-    where, at = path[:-1], int(path[-1])
-    node = find(text, where)
+    parent_path, index = path[:-1], int(path[-1])
+    node = find(text, parent_path)
     if not node.children:
-        return _replaced(text, where, [value])
+        return _replaced(text, parent_path, [value])
     if node.is_flow:
-        inner, before = _inline(text, value, path), node.children[max(at - 1, 0)]
-        if at == 0:
+        inner, before = _inline(text, value, path), node.children[max(index - 1, 0)]
+        if index == 0:
             return patched(text, (before.begin, before.begin, f"{inner}, "))
         return patched(
             text, (before.end, before.end, joint(text, node, before) + inner)
         )
     indent = " " * node.column
     lines = entry_lines(value, f"{indent}-", indent + "  ", path)
-    if at:
-        return patched(text, below(text, node.children[at - 1].end, lines))
+    if index:
+        return patched(text, below(text, node.children[index - 1].end, lines))
     begin = entry(text, node, 0)
     return patched(
         text, (begin, begin, (newline(text).join([*lines, indent]))[node.column :])
@@ -391,20 +393,20 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
 
 def _rename(text: str, path: KeyPath, to: str) -> str:
     """Rename a key."""
-    parent, at = parent_of(text, path)
-    _, begin, end = parent.keys[at]
+    parent, index = parent_of(text, path)
+    _, begin, end = parent.keys[index]
     return patched(text, (begin, end, _quoted_as(text, text[begin], to, key_text(to))))
 
 
 def _made(text: str, path: KeyPath, value: Any) -> str:
     """Add a key, or an item at the end."""
-    where, key = path[:-1], path[-1]
-    node = find(text, where)
+    parent_path, key = path[:-1], path[-1]
+    node = find(text, parent_path)
     if isinstance(key, int):
         return _insert(text, path, value)
     if not node.children:
-        return _replaced(text, where, {key: value})
-    after = node.children[_before(node, where, key)]
+        return _replaced(text, parent_path, {key: value})
+    after = node.children[_before(node, parent_path, key)]
     if node.is_flow:
         inner = f"{_key(text, key)}: {_inline(text, value, path)}"
         return patched(text, (after.end, after.end, joint(text, node, after) + inner))
@@ -420,12 +422,14 @@ def _made(text: str, path: KeyPath, value: Any) -> str:
 
 
 def _before(node: Marked, path: KeyPath, key: str) -> int:
-    """Index of the key after which a new one is written: in the schema's order, else the last."""
+    """Return the index of the key after which a new one is written: in the schema's order, else the last."""
     order = list((schema_at(path) or {}).get("properties", {}))
     if key not in order:
         return len(node.keys) - 1
-    known = order[: order.index(key)]
-    places = [at for at, (name, _, _) in enumerate(node.keys) if name in known]
+    earlier_keys = order[: order.index(key)]
+    places = [
+        index for index, (name, _, _) in enumerate(node.keys) if name in earlier_keys
+    ]
     return max(places, default=len(node.keys) - 1)
 
 
@@ -434,9 +438,9 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
     node = find(text, path)
     is_block = bool(node.children) and not node.is_flow
     if path and is_block and isinstance(value, node.kind) and not value:
-        emptied = _emptied(text, path)
-        if emptied is not None:
-            return emptied
+        empty_text = _emptied(text, path)
+        if empty_text is not None:
+            return empty_text
     patches = _differences(text, node, value, path) if node.is_flow else None
     if patches is None and _are_filled(node, value):
         if node.kind is list:
@@ -459,11 +463,11 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
 
 def _emptied(text: str, path: KeyPath) -> str | None:
     """Remove all entries of a section; its own comments stay. None if it is an item."""
-    parent, at = parent_of(text, path)
-    node = parent.children[at]
+    parent, index = parent_of(text, path)
+    node = parent.children[index]
     if parent.kind is not dict or not leads(text, entry(text, node, 0)):
         return None
-    colon = text.index(":", parent.keys[at][2])
+    colon = text.index(":", parent.keys[index][2])
     empty = " {}" if node.kind is dict else " []"
     patches: list[Patch] = [(colon + 1, colon + 1, empty)]
     for child in range(len(node.children)):
@@ -479,7 +483,7 @@ def _are_filled(node: Marked, value: Any) -> bool:
 
 
 def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> str:
-    """A mapping key by key; a key that is gone whose value is that of a new one is renamed."""
+    """Return a mapping key by key; a key that is gone whose value is that of a new one is renamed."""
     old: dict[str, Any] = node.data()
     new = [key for key in value if key not in old]
     for key in old:
@@ -502,19 +506,26 @@ def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> s
 
 def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
     """A list item by item between its ends that stay; from the last, so that numbers of items stay what they are."""
-    most = min(len(old), len(new))
-    head = next((at for at in range(most) if not same(old[at], new[at])), most)
-    tail = next(
-        (at for at in range(most - head) if not same(old[-1 - at], new[-1 - at])),
-        most - head,
+    shorter_length = min(len(old), len(new))
+    head = next(
+        (index for index in range(shorter_length) if not same(old[index], new[index])),
+        shorter_length,
     )
-    shared = most - tail
-    for at in reversed(range(shared, len(old) - tail)):
-        text = _drop(text, (*path, at))
-    for at in range(shared, len(new) - tail):
-        text = _insert(text, (*path, at), new[at])
-    for at in range(head, shared):
-        text = put(text, (*path, at), new[at])
+    tail = next(
+        (
+            index
+            for index in range(shorter_length - head)
+            if not same(old[-1 - index], new[-1 - index])
+        ),
+        shorter_length - head,
+    )
+    end_of_change = shorter_length - tail
+    for index in reversed(range(end_of_change, len(old) - tail)):
+        text = _drop(text, (*path, index))
+    for index in range(end_of_change, len(new) - tail):
+        text = _insert(text, (*path, index), new[index])
+    for index in range(head, end_of_change):
+        text = put(text, (*path, index), new[index])
     return text
 
 
@@ -537,22 +548,25 @@ def _differences(
         and len(node.children) == len(value)
     ):
         pairs = [
-            (child, value[at], (*path, at)) for at, child in enumerate(node.children)
+            (child, value[index], (*path, index))
+            for index, child in enumerate(node.children)
         ]
     else:
         return None
     patches: list[Patch] = []
-    for child, new, where in pairs:
+    for child, new, child_path in pairs:
         if not same(child.data(), new):
-            inner = _differences(text, child, new, where)
+            inner = _differences(text, child, new, child_path)
             if inner is None and _are_filled(child, new):
                 return None
-            patches += [_inside(text, child, new, where)] if inner is None else inner
+            patches += (
+                [_inside(text, child, new, child_path)] if inner is None else inner
+            )
     return patches
 
 
 def _inside(text: str, node: Marked, value: Any, path: KeyPath) -> Patch:
-    """Patch of a value in brackets."""
+    """Return the patch of a value in brackets."""
     gap = " " if node.begin == node.end else ""
     inner = _inline(text, value, path)
     if isinstance(value, str):
@@ -601,24 +615,24 @@ def _json(value: Any) -> str:
         return "[" + ", ".join(_json(child) for child in value) + "]"
     if isinstance(value, int | float) and not isinstance(value, bool):
         return number(value)
-    written = json.dumps(value, ensure_ascii=False)
-    return written if written.isprintable() else json.dumps(value)
+    json_text = json.dumps(value, ensure_ascii=False)
+    return json_text if json_text.isprintable() else json.dumps(value)
 
 
 def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
-    """Patches that write the value of a key or an item anew.
+    """Return the patches that write the value of a key or an item anew.
 
     A comment behind the key or behind a value on its line stays, entries lose theirs.
     """
-    parent, at = parent_of(text, path)
-    node = parent.children[at]
+    parent, index = parent_of(text, path)
+    node = parent.children[index]
     is_block = node.kind in (dict, list) and not node.is_flow
     end, header = node.end, ""
     if parent.is_flow:
         return [_inside(text, node, value, path)]
-    begin = entry(text, parent, at)
+    begin = entry(text, parent, index)
     if parent.kind is dict:
-        colon = text.index(":", parent.keys[at][2])
+        colon = text.index(":", parent.keys[index][2])
         start = " " * parent.column + text[begin : colon + 1]
     else:
         colon = begin
@@ -656,7 +670,7 @@ DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
 def without_comments(
     text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]
 ) -> str:
-    """The text without the comments that are `ours` behind or above values that a user has set; others stay."""
+    """Return the text without the comments that are `ours` behind or above values that a user has set; others stay."""
     for path in paths:
         if depth := DEEP.get(str(path[0]), 0):
             text = _without_comment(text, tuple(path[:depth]), ours)
@@ -670,10 +684,10 @@ def with_comments(
     `ours`; where none is, at keys that are `new` alone."""
     for key, comment in comments.items():
         try:
-            parent, at = parent_of(text, tuple(key.split(".")))
+            parent, index = parent_of(text, tuple(key.split(".")))
         except EditError:
             continue
-        begin, words = entry(text, parent, at), " ".join(comment.split())
+        begin, words = entry(text, parent, index), " ".join(comment.split())
         there = set(dict(_comments(text, begin)).values())
         if (
             parent.is_flow
@@ -683,11 +697,11 @@ def with_comments(
         ):
             continue
         text = without_comments(text, [key.split(".")], ours)
-        parent, at = parent_of(text, tuple(key.split(".")))
-        begin = entry(text, parent, at)
+        parent, index = parent_of(text, tuple(key.split(".")))
+        begin = entry(text, parent, index)
         first, stop = line_begin(text, begin), line_end(text, begin)
         short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
-        child = parent.children[at]
+        child = parent.children[index]
         if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
             text = patched(text, (stop, stop, f"  # {words}"))
         else:
@@ -756,8 +770,8 @@ def _labels(data: Mapping[str, Any]) -> dict[str, str]:
 def _label_counts(labels: Mapping[str, str]) -> str:
     """Return the number of objects of each label: 2 x ball, 1 x block."""
     counts = Counter(labels.values())
-    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    return ", ".join(f"{number} x {label}" for label, number in ordered)
+    ordered_counts = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    return ", ".join(f"{number} x {label}" for label, number in ordered_counts)
 
 
 def _counted(words: str, counts: str) -> str:
@@ -779,18 +793,18 @@ def _hidden(words: str, names: Collection[str], renamed: Mapping[str, str]) -> s
     if match is None:
         return words
     before = re.split(", | and ", match[1])
-    now = [renamed.get(name, name) for name in before]
-    hidden = [name for name in now if name in names]
-    return _HIDING + listed(hidden, "and") if hidden else ""
+    new_names = [renamed.get(name, name) for name in before]
+    hidden_names = [name for name in new_names if name in names]
+    return _HIDING + listed(hidden_names, "and") if hidden_names else ""
 
 
 def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str:
     """Change the words of the comments behind and above a key; "" removes a comment."""
     try:
-        parent, at = parent_of(text, path)
+        parent, index = parent_of(text, path)
     except EditError:
         return text
-    begin = entry(text, parent, at)
+    begin = entry(text, parent, index)
     if parent.is_flow or not leads(text, begin):
         return text
     for line, words in _comments(text, begin):
@@ -815,22 +829,22 @@ def _with_words(text: str, number: int, words: str) -> str:
 
 
 def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
-    """Index and words of the comment that ends the line of a place, and of the lines of comments above it."""
-    lines, at = text.split("\n"), text.count("\n", 0, place)
-    _, mark, words = lines[at].rpartition(" #")
+    """Yield the index and words of the comment that ends the line of a place, and of the lines of comments above it."""
+    lines, line_number = text.split("\n"), text.count("\n", 0, place)
+    _, mark, words = lines[line_number].rpartition(" #")
     if mark:
-        yield at, " ".join(words.split())
-    while at and lines[at - 1].lstrip().startswith("#"):
-        at -= 1
-        yield at, " ".join(lines[at].lstrip(" #").split())
+        yield line_number, " ".join(words.split())
+    while line_number and lines[line_number - 1].lstrip().startswith("#"):
+        line_number -= 1
+        yield line_number, " ".join(lines[line_number].lstrip(" #").split())
 
 
 def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
     try:
-        parent, at = parent_of(text, path)
+        parent, index = parent_of(text, path)
     except EditError:
         return text
-    begin = entry(text, parent, at)
+    begin = entry(text, parent, index)
     if parent.is_flow or not leads(text, begin):
         return text
     lines = text.split("\n")

@@ -157,7 +157,7 @@ def test_a_data_set_of_clips_in_a_store_is_there(
         assert every_file(there / f"{layout}-there") == every_file(here)
     assert not (tmp_path / "folder-there").exists()
     assert main(["dataset", "out", "-o", "folder-there", *shipped]) == 2
-    assert f"folder-there: is there already in {url}" in capsys.readouterr().err
+    assert f"folder-there: is already in {url}" in capsys.readouterr().err
     assert main(["dataset", "nowhere", "-o", "third", *shipped]) == 2
     assert f"nowhere: has no clip in {url}" in capsys.readouterr().err
     assert not (tmp_path / "store" / "third").exists()

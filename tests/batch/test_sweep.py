@@ -92,7 +92,9 @@ def test_the_page_about_sweeps_tells_the_names_that_are_given() -> None:
     listed = re.findall(r"^dominoes/(\d\d-\d\d,\S+)/", text, re.MULTILINE)
     found = names(*arguments)
     assert listed == found[:1]
-    for written in re.findall(r"^\| `KEY=(.+?)` \|", text, re.MULTILINE):
+    patterns = re.findall(r"^- `KEY=(.+?)`: ", text, re.MULTILINE)
+    assert patterns
+    for written in patterns:
         assert (
             len(
                 planned(

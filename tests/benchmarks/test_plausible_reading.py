@@ -49,17 +49,17 @@ def test_a_table_tells_the_motion(tmp_path: Path) -> None:
 
 
 BAD = {
-    "columns.csv": ("name,x,y\na,1,2\n", "lack frame"),
+    "columns.csv": ("name,x,y\na,1,2\n", "do not include frame"),
     "number.csv": (
         "frame,name,x,y\n0,a,1,2\n1,a,wide,2\n",
-        'number.csv:3:1: x: "wide" is no number',
+        'number.csv:3:1: x: "wide" is not a number',
     ),
     "far.csv": (
         "frame,name,x,y\n0,a,1e300,2\n",
-        'far.csv:2:1: x: "1e300" is no number from -1e+06 to 1e+06',
+        'far.csv:2:1: x: "1e300" is not a number from -1e+06 to 1e+06',
     ),
     "twice.csv": ("frame,name,x,y\n0,a,1,2\n0,a,2,2\n1,a,2,2\n", "is twice in frame 0"),
-    "film.avi": ("", "is no kind of tracks"),
+    "film.avi": ("", "is not a kind of tracks"),
 }
 
 
@@ -92,7 +92,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         12,
     )
     assert judge_motion([str(path), "--held", "cue"]) == 2
-    assert '"cue" is none of its bodies' in capsys.readouterr().err
+    assert '"cue" is not among the bodies' in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         judge_motion([])
     assert "CLIP" in capsys.readouterr().err

@@ -83,7 +83,7 @@ def test_a_score_is_one_to_five(tmp_path: Path, score: Any) -> None:
         saved(tmp_path / "a.json", "Ada", {**all_of(3, 3), "c2": (3, score)})
     )
     assert text.startswith(f"{tmp_path}/a.json: answers.c2.photo: ")
-    assert "is no score from 1 to 5" in text
+    assert "is not a score from 1 to 5" in text
 
 
 def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
@@ -96,7 +96,7 @@ def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
     nameless = saved(tmp_path / "h.json", " ", all_of(3, 3))
     text = refused(one, two, *(tmp_path / f"{name}.json" for name in "cdefg"), nameless)
     for reason in (
-        "a.json: answers.c1.physical: 9 is no score", "a.json: answers.c99: is no clip of this study",
+        "a.json: answers.c1.physical: 9 is not a score", "a.json: answers.c99: is not a clip of this study",
         'b.json: "other" is another study than the key\'s "abc123"', "c.json: cannot be read as JSON",
         "d.json: cannot be read as JSON", "e.json: physgen-study-answers 2 is of a form", "f.json: no such file",
         "g.json: is not a rater's answers", "h.json: names no rater",
@@ -163,7 +163,7 @@ def test_missing_answers_make_no_number(tmp_path: Path) -> None:
     }
     assert record["raters"] == 3, "Eve has no answers"
     assert any("9 of 36 are missing" in sentence for sentence in found.sentences)
-    assert "holds no answer to any question" in refused(files[-1])
+    assert "has no answer to any question" in refused(files[-1])
 
 
 def test_the_leader_is_named_and_few_raters_are_told(tmp_path: Path) -> None:
@@ -214,10 +214,10 @@ def test_the_command_reads_answers(
             "--videos: is not used to read answers",
         ),
         (["a.json", "--key", "study.key.json", "-o", "a.json"], "is a file"),
-        (["empty", "--key", "study.key.json"], "holds no answer"),
-        (["empty"], "holds no methods"),
+        (["empty", "--key", "study.key.json"], "has no answer"),
+        (["empty"], "has no methods"),
         (["empty", "empty"], "is a second folder"),
-        (["empty", "-o", "page.txt"], "is no name for a page"),
+        (["empty", "-o", "page.txt"], "is not a name for a page"),
     ],
 )
 def test_wrong_ways_to_ask(

@@ -145,14 +145,14 @@ def test_names_stay_apart_and_inside(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("case", "message"),
     [
-        ("missing", "no such folder; check the path"),
+        ("missing", "no such file or folder; check the path"),
         (
             "empty",
-            "holds no photo with a label map; put NAME.labels.png beside each NAME.png",
+            "has no photo with a label map; put NAME.labels.png beside each NAME.png",
         ),
         (
             "size",
-            "100 x 90 px differs from the 220 x 220 px of a.png; make it the photo's size",
+            "100 x 90 px differs from the photo's 220 x 220 px; make it the photo's size",
         ),
         ("broken", "is not a picture that can be read"),
         ("twins", "could both be its photo; keep one of them"),

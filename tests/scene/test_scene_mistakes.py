@@ -72,6 +72,10 @@ MISTAKES: dict[str, tuple[str, list[tuple[int, int, str, str]]]] = {
     ),
     "wrong unit": (BALL + "    mass: 170 px\n", [(6, 11, "objects.ball.mass", "")]),
     "decimal comma": (BALL + "    mass: 1,5\n", [(6, 11, "objects.ball.mass", "1.5")]),
+    "decimal comma and unit": (
+        BALL + "    mass: 1,5 grams\n",
+        [(6, 11, "objects.ball.mass", "1.5 g")],
+    ),
     "number in quotes": (
         BALL + '    mass: "170"\n',
         [(6, 11, "objects.ball.mass", "170")],
@@ -563,6 +567,14 @@ def test_mistake_is_answered_at_its_place(name: str) -> None:
     assert places == [(line, column, path) for line, column, path, _ in expected]
     for problem, (_, _, _, word) in zip(problems, expected, strict=True):
         assert word in problem.fix
+
+
+def test_decimal_comma_and_tab_are_named() -> None:
+    comma, tab = BALL + "    friction: 0,5\n", BALL + "\tmass: 1\n"
+    (problem,) = problems_of(comma)
+    assert (problem.code, problem.fix) == ("decimal-comma", "write a point: 0.5")
+    (problem,) = problems_of(tab)
+    assert "a tab indents this line" in problem.expected
 
 
 @pytest.mark.parametrize("name", ACCEPTED)

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from physgen.messages import Message
 from physgen.perceive.backends.models import Flag, device_of, load_weights, run_note
-from physgen.problems import InputError
 from physgen.registry import Setup
 from physgen.videos import U8
 
@@ -39,7 +39,7 @@ class Inception:
     def __init__(self, path: Path) -> None:
         self._path = path.expanduser()
         if not self._path.is_file():
-            raise InputError.of(FLAG, f'"{path}"', "no such file", FIX)
+            raise Message.NO_SUCH_FILE.error(FLAG, f'"{path}"', fix=FIX)
         self._device = device_of(Setup())
 
     @cached_property
@@ -48,8 +48,8 @@ class Inception:
             self._load, str(self._path), "Inception", Flag(FLAG, "PATH")
         )
         if KEY not in [argument.name for argument in model.forward.schema.arguments]:
-            raise InputError.of(
-                FLAG, f'"{self._path}"', f"takes no {KEY}: is not that network", FIX
+            raise Message.NOT_INCEPTION.error(
+                FLAG, f'"{self._path}"', reason=f"it does not take {KEY}", fix=FIX
             )
         return model
 
@@ -74,8 +74,12 @@ class Inception:
         if isinstance(answer, torch.Tensor):
             shape = tuple(answer.shape)
         if shape != expected_shape:
-            fault = f"answers {shape}, not {expected_shape}: is not that network"
-            raise InputError.of(FLAG, f'"{self._path}"', fault, FIX)
+            raise Message.NOT_INCEPTION.error(
+                FLAG,
+                f'"{self._path}"',
+                reason=f"it answers {shape}, not {expected_shape}",
+                fix=FIX,
+            )
         return np.asarray(answer.double().cpu().numpy(), np.float64)
 
     def note(self) -> Mapping[str, Any]:

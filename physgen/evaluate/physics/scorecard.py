@@ -25,6 +25,7 @@ from physgen import pipeline
 from physgen.compile.world import Body, World
 from physgen.evaluate.measure import Bar, Findings, Section, Table
 from physgen.files import write_atomic
+from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.scene.write import scene_text
 from physgen.simulate.trajectory import Trajectory
@@ -202,8 +203,9 @@ def choose(rows: Sequence[Row], numbers: Sequence[int]) -> tuple[Row, ...]:
     known_numbers = [row.number for row in rows]
     for number in numbers:
         if number not in known_numbers:
-            fix = f"choose from 1 to {max(known_numbers)}"
-            raise InputError.of("--rows", str(number), "is no row", fix)
+            raise Message.UNKNOWN_ROW.error(
+                "--rows", str(number), last=max(known_numbers)
+            )
     return tuple(row for row in rows if row.number in numbers)
 
 
@@ -375,7 +377,7 @@ def evaluate(
     `steps` are those of the convergence columns, none to leave them out. With `keep`, scene files stay there.
     """
     if keep is not None and keep.exists() and not keep.is_dir():
-        raise InputError.of(str(keep), "", "is a file", "name a folder with -o")
+        raise Message.OUTPUT_IS_FILE.error(str(keep))
     results: dict[int, _Results] = {row.number: {} for row in rows}
     with tempfile.TemporaryDirectory(prefix="physgen-") as scratch:
         folder = keep or Path(scratch)

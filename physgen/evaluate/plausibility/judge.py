@@ -17,7 +17,7 @@ from physgen.evaluate.measure import Bar, Findings, Section, Table, number
 from physgen.evaluate.plausibility.motion import Impact, Motion, Turn
 from physgen.evaluate.plausibility.segments import Segment, find_runs
 from physgen.evaluate.plausibility.tracks import Array, Tracks
-from physgen.problems import InputError
+from physgen.messages import Message
 from physgen.scene.scene import View
 from physgen.text import counted
 
@@ -587,9 +587,9 @@ class Verdict:
 def judge(tracks: Tracks, skip: Collection[str] = ()) -> Verdict:
     """Ask all questions but those to skip. Raise InputError for fewer than MIN_FRAMES frames."""
     if len(tracks.times) < MIN_FRAMES:
-        value = f"{len(tracks.times)} frames"
-        fix = f"give {MIN_FRAMES} frames or more"
-        raise InputError.of(tracks.name, value, "are too few to judge motion by", fix)
+        raise Message.MOTION_TOO_SHORT.error(
+            tracks.name, f"{len(tracks.times)} frames", least=MIN_FRAMES
+        )
     motion = Motion(tracks)
     answers = {}
     for name, question in QUESTIONS.items():

@@ -13,9 +13,10 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.problems import InputError, Place, Problem
+from physgen.messages import Message
+from physgen.problems import InputError, Place
 from physgen.scene.scene import Motion, Solid, View
-from physgen.text import natural
+from physgen.text import listed, natural, quoted
 
 if TYPE_CHECKING:
     from physgen.batch.clips import Manifest
@@ -103,9 +104,11 @@ class Tracks:
     def hold(self, names: Sequence[str]) -> Tracks:
         """Return the tracks with these bodies guided. Raise InputError for unknown names."""
         if unknown_names := set(names) - set(self.names):
-            value = f'"{", ".join(sorted(unknown_names))}"'
-            fix = f"it has {', '.join(self.names[:8])}"
-            raise InputError.of(self.name, value, "is none of its bodies", fix)
+            raise Message.UNKNOWN_BODIES.error(
+                self.name,
+                f'"{", ".join(sorted(unknown_names))}"',
+                names=listed(self.names[:MAX_LISTED_BODIES]),
+            )
         bodies = {self.names.index(name) for name in names}
         return replace(self, guided_bodies=self.guided_bodies | bodies)
 
@@ -125,9 +128,9 @@ def read(
     elif scene.is_file() and scene.suffix.lower() in (".yaml", ".yml"):
         yield from_scene(scene)
     else:
-        fault = "is no kind of tracks" if path.exists() else "is not there"
-        fix = "give a clip's folder, a scene file, or a CSV of frame,name,x,y"
-        raise InputError.of(str(path), "", fault, fix)
+        if not path.exists():
+            raise Message.NO_SUCH_PATH.error(str(path))
+        raise Message.NOT_TRACKS.error(str(path))
 
 
 # ---- clips and scenes of physgen ---------------------------------------------------------------------------------
@@ -179,9 +182,7 @@ def _read_motion(path: Path) -> tuple[Array, tuple[str, ...], Array]:
         with np.load(path, allow_pickle=False) as file:
             times, names, poses = (file[key] for key in ("times", "names", "poses"))
     except (OSError, ValueError, KeyError, BadZipFile) as error:
-        fault = f"cannot be read: {error}"
-        fix = "render the clip again"
-        raise InputError.of(str(path), "", fault, fix) from None
+        raise Message.TRAJECTORY_UNREADABLE.error(str(path), reason=error) from None
     return times, tuple(map(str, names)), poses
 
 
@@ -265,6 +266,8 @@ RANGES = {
 }
 """Columns beside `name`, with their lowest and highest values: frames, px."""
 REQUIRED_COLUMNS = ("frame", "x", "y")
+MAX_LISTED_BODIES = 8
+"""Bodies that a message names."""
 
 
 def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
@@ -279,19 +282,20 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     first = min(row["frame"] for row in rows)
     count = int(max(row["frame"] for row in rows) - first) + 1
     if count == 1 or count * len(names) > LIMITS.cells:
-        value = f"{count:,} frames of {len(names):,} bodies"
-        fault = "are no motion, or too many"
-        fix = f"give 2 frames or more, up to {LIMITS.cells:,} cells"
-        raise InputError.of(str(path), value, fault, fix)
+        raise Message.TRACKS_SIZE.error(
+            str(path),
+            f"{count:,} frames of {len(names):,} bodies",
+            most=LIMITS.cells,
+        )
     places = np.full((count, len(names), 2), np.nan)
     radii: list[list[float]] = [[] for _ in names]
     for owner, row in zip(owners, rows, strict=True):
         frame = int(row["frame"] - first)
         k = names.index(owner)
         if np.isfinite(places[frame, k, 0]):
-            fault = f"is twice in frame {row['frame']:g}"
-            fix = "give each body a name of its own"
-            raise InputError.of(str(path), f'"{owner}"', fault, fix)
+            raise Message.BODY_TWICE_IN_FRAME.error(
+                str(path), f'"{owner}"', frame=row["frame"]
+            )
         places[frame, k] = row["x"], row["y"]
         if "radius" in row:
             radii[k].append(row["radius"])
@@ -325,18 +329,16 @@ def _read_lines(path: Path) -> list[dict[str, str]]:
             reader.fieldnames = columns
             lines = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        fault = f"cannot be read as CSV: {error}"
-        fix = "save it as UTF-8 with commas"
-        raise InputError.of(str(path), "", fault, fix) from None
+        raise Message.CSV_UNREADABLE.error(str(path), reason=error) from None
     missing_columns = [name for name in REQUIRED_COLUMNS if name not in columns]
     if missing_columns:
-        value = f'columns "{", ".join(columns)}"'
-        fault = f"lack {', '.join(missing_columns)}"
-        fix = "begin with frame,name,x,y,radius"
-        raise InputError.of(str(path), value, fault, fix)
+        raise Message.CSV_COLUMNS_MISSING.error(
+            str(path),
+            f'columns "{", ".join(columns)}"',
+            names=listed(missing_columns),
+        )
     if not lines:
-        fix = "write a line a frame and body"
-        raise InputError.of(str(path), "", "has no tracks", fix)
+        raise Message.NO_TRACKS.error(str(path))
     return lines
 
 
@@ -351,10 +353,14 @@ def _parse_row(path: Path, number: int, line: dict[str, str]) -> dict[str, float
         is_whole = column != "frame" or value % 1 == 0
         if not low <= value <= high or not is_whole:
             kind = "whole number" if column == "frame" else "number"
-            fault = f"is no {kind} from {low:g} to {high:g}"
-            fix = "write px, and count frames"
-            place = Place(str(path), number, 1)
-            raise InputError([Problem(place, column, f'"{cell[:40]}"', fault, fix)])
+            raise Message.NOT_TRACK_NUMBER.error_at(
+                Place(str(path), number, 1),
+                column,
+                quoted(cell),
+                kind=kind,
+                low=low,
+                high=high,
+            )
         values[column] = value
     return values
 

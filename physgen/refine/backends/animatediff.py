@@ -63,8 +63,8 @@ class AnimateDiff:
 
     def encode_text(self, text: str) -> Tensor:
         """Encode a text as (1, 77, width)."""
-        found: Tensor = self.pipe.encode_prompt(text, self._device, 1, False)[0]
-        return found
+        embedding: Tensor = self.pipe.encode_prompt(text, self._device, 1, False)[0]
+        return embedding
 
     def condition(self, frame: Tensor, latents: int) -> None:
         """Return nothing: it is guided by words alone."""
@@ -72,11 +72,11 @@ class AnimateDiff:
     def encode(self, video: Tensor) -> Tensor:
         """Encode (F, 3, H, W) in -1..1 on the processor as (F, C, h, w): the mean of each frame, some at a time."""
         vae = self.pipe.vae
-        found = [
+        latents_by_frame = [
             vae.encode(part.to(self._device)).latent_dist.mode()
             for part in video.split(CHUNK)
         ]
-        return torch.cat(found) * vae.config.scaling_factor
+        return torch.cat(latents_by_frame) * vae.config.scaling_factor
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
         """Decode (F, C, h, w) on the processor to (f, 3, H, W) in -1..1, some frames at a time."""
@@ -90,16 +90,16 @@ class AnimateDiff:
         """(F, C, h, w): the network takes (1, C, F, h, w)."""
         z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
         words = text.repeat_interleave(len(latents), dim=0)
-        found: Tensor = self.pipe.unet(
+        prediction: Tensor = self.pipe.unet(
             z, time.to(self._device), encoder_hidden_states=words
         ).sample
-        return found[0].transpose(0, 1)
+        return prediction[0].transpose(0, 1)
 
 
 def trained(weights: tuple[str, ...]) -> Trained:
-    """What the configurations say."""
+    """Return the settings of the configurations."""
     adapter, base = weights
-    found, motion = pipeline_index(base, WHAT), part_config(adapter, "", WHAT)
+    index, motion = pipeline_index(base, WHAT), part_config(adapter, "", WHAT)
     kind = str(motion.get("_class_name"))
     if kind != "MotionAdapter":
         raise Message.NOT_AN_ADAPTER.error(
@@ -108,26 +108,30 @@ def trained(weights: tuple[str, ...]) -> Trained:
             kind=kind,
             example=find("refine", "animatediff").weights[0].id,
         )
-    plain = (
-        found.get("unet", ["", ""])[1] == "UNet2DConditionModel"
-        and "text_encoder_2" not in found
+    base_classes = (
+        index.get("unet", ["", ""])[1] == "UNet2DConditionModel"
+        and "text_encoder_2" not in index
     )
-    unet = part_config(base, "unet", WHAT) if plain else {}
+    unet = part_config(base, "unet", WHAT) if base_classes else {}
     if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
         raise Message.BASE_DOES_NOT_FIT.error(
-            REFINE.name, f'"{base}"', kind=found.get("_class_name")
+            REFINE.name, f'"{base}"', kind=index.get("_class_name")
         )
-    vae, most = part_config(base, "vae", WHAT), motion.get("motion_max_seq_length", 32)
+    vae, most_frames = (
+        part_config(base, "vae", WHAT),
+        motion.get("motion_max_seq_length", 32),
+    )
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64
     return Trained(
-        Grid(cell, cell * levels, (side * cell) ** 2, min(FRAMES, most)), most
+        Grid(cell, cell * levels, (side * cell) ** 2, min(FRAMES, most_frames)),
+        most_frames,
     )
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDiff:
-    """The pipeline."""
+    """Return the pipeline."""
     adapter, base = weights
 
     def motion(path: str) -> Any:

@@ -158,10 +158,10 @@ class LtxVideo:
 
 def trained(weights: tuple[str, ...]) -> Trained:
     """Return what the configurations state."""
-    (one,) = weights
-    index = pipeline_index(one, WHAT)
-    check_pipeline_class(one, str(index.get("_class_name")), KNOWN, WHAT)
-    vae = part_config(one, "vae", WHAT)
+    (weights_name,) = weights
+    index = pipeline_index(weights_name, WHAT)
+    check_pipeline_class(weights_name, str(index.get("_class_name")), KNOWN, WHAT)
+    vae = part_config(weights_name, "vae", WHAT)
     halvings = sum(vae.get("spatio_temporal_scaling", [True, True, True]))
     cell = vae.get("spatial_compression_ratio") or vae["patch_size"] * 2**halvings
     stride = vae.get("temporal_compression_ratio") or vae["patch_size_t"] * 2**halvings

@@ -47,11 +47,11 @@ FULL = 0.7
 
 
 def pipeline_index(weights: str, what: str) -> dict[str, Any]:
-    """`model_index.json`: which pipeline weights are of, and of which classes its parts are."""
-    found = load_weights(
+    """Return `model_index.json`: which pipeline weights are of, and of which classes its parts are."""
+    index = load_weights(
         lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE
     )
-    for part, kind in found.items():
+    for part, kind in index.items():
         if isinstance(kind, list) and kind[0] not in (
             None,
             *LIBRARIES,
@@ -59,21 +59,24 @@ def pipeline_index(weights: str, what: str) -> dict[str, Any]:
             raise Message.WEIGHTS_RUN_CODE.error(
                 REFINE.name, f'"{weights}"', kind=kind[0], part=part
             )
-    return found
+    return index
 
 
 def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
-    """`config.json` of a part, `""` for weights that are one."""
-    at = {"subfolder": part} if part else {}
+    """Return `config.json` of a part, `""` for weights that are one."""
+    subfolder = {"subfolder": part} if part else {}
     return load_weights(
-        lambda path: dict(AutoencoderKL.load_config(path, **at)), weights, what, REFINE
+        lambda path: dict(AutoencoderKL.load_config(path, **subfolder)),
+        weights,
+        what,
+        REFINE,
     )
 
 
 def load_pipeline(
     kind: Any, weights: str, dtype: torch.dtype, what: str, vae: Any, **parts: Any
 ) -> Any:
-    """The pipeline, on the processor, its VAE (of the class `vae`) in float32.
+    """Return the pipeline, on the processor, its VAE (of the class `vae`) in float32.
 
     In a VAE of bfloat16 a grey level is as much as its numbers' last bit, and what is shown are differences.
     """
@@ -100,7 +103,7 @@ def check_pipeline_class(
 
 
 def revision(weights: str) -> str:
-    """Which weights exactly: the hub's commit; `""` of a folder."""
+    """Return the hub's commit of the weights, `""` for a folder."""
     main = hub_folder(weights) / "refs" / "main"
     return main.read_text(encoding="utf-8").strip() if main.is_file() else ""
 
@@ -120,7 +123,7 @@ def place_pipeline(pipe: Any, device: str) -> str:
 
 
 def _bytes(pipe: Any) -> int:
-    """Of all weights."""
+    """Return the number of bytes of all weights."""
     parts = [
         part for part in pipe.components.values() if isinstance(part, torch.nn.Module)
     ]
@@ -146,14 +149,17 @@ class Schedule:
 
 
 def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
-    """The last `count` of `steps` by DDIM (Song et al. 2021), deterministic; `scheduler` is left as it is.
+    """Return the last `count` of `steps` by DDIM (Song et al. 2021), deterministic; `scheduler` is left as it is.
 
     The libraries' own step goes 1000 // `steps` levels on, which is where the next begins only if `steps` divides 1000:
     else noise would stay. Here every step ends where the next begins, and the last at the picture itself.
     """
-    config, kept = scheduler.config, scheduler.alphas_cumprod.numpy().astype(np.float64)
-    times = levels(len(kept), steps, config.steps_offset)[-count:]
-    a = np.append(kept[times], 1.0)
+    config, alphas = (
+        scheduler.config,
+        scheduler.alphas_cumprod.numpy().astype(np.float64),
+    )
+    times = levels(len(alphas), steps, config.steps_offset)[-count:]
+    a = np.append(alphas[times], 1.0)
     signal, noise_part = (
         np.sqrt(a).astype(np.float32),
         np.sqrt(1 - a).astype(np.float32),
@@ -184,7 +190,7 @@ def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
 
 
 def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
-    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023).
+    """Return the last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023).
 
     `settings` are further arguments of the scheduler's `set_timesteps`.
     """
@@ -308,7 +314,7 @@ class Sampler:
         self._run: Run | None = None
 
     def _asked(self) -> Grid:
-        """The grid with what the options say."""
+        """Return the grid with what the options say."""
         grid, side, window = (
             self._trained.grid,
             self._options["resolution"],
@@ -318,8 +324,13 @@ class Sampler:
             grid = replace(grid, area=side * side)
         if window:
             if window > self._trained.most:
-                found, most = f"{self._kind.name}.window: {window}", self._trained.most
-                raise Message.TOO_MANY_FRAMES.error("physgen.toml", found, most=most)
+                window_text, most_frames = (
+                    f"{self._kind.name}.window: {window}",
+                    self._trained.most,
+                )
+                raise Message.TOO_MANY_FRAMES.error(
+                    "physgen.toml", window_text, most=most_frames
+                )
             grid = replace(grid, window=latent_frames(window, grid))
         return grid
 
@@ -374,13 +385,15 @@ class Sampler:
                 run.conditions[first] = network.condition(frame, len(latents))
             condition = run.conditions[first]
             z, time = torch.from_numpy(latents), run.schedule.times[k]
-            guided = _array(network.predict(z, time, run.text, condition))
+            guided_prediction = _array(network.predict(z, time, run.text, condition))
             if run.negative is None:
-                return guided
+                return guided_prediction
             free = _array(
                 network.predict(z, time, run.negative, condition)
             )  # in turn: half the memory of both at once
-        return np.asarray(free + np.float32(run.guidance) * (guided - free), np.float32)
+        return np.asarray(
+            free + np.float32(run.guidance) * (guided_prediction - free), np.float32
+        )
 
     def _frame(self, latent: int) -> int:
         """Return the frame from which a window that begins with this latent frame starts."""
@@ -406,7 +419,7 @@ class Sampler:
             yield frames
 
     def note(self) -> Mapping[str, Any]:
-        """For the record."""
+        """Return the note for the record."""
         run = self._run
         note = {
             **self._options,
@@ -425,7 +438,7 @@ class Sampler:
         _ = self._network
 
     def close(self) -> None:
-        """The model goes."""
+        """Drop the model."""
         self.__dict__.pop("_network", None)
         self._run = None
         free_memory()
@@ -452,13 +465,13 @@ def memory_errors() -> Iterator[None]:
 
 
 def _video(frames: Sequence[U8]) -> Tensor:
-    """(F, 3, H, W) in -1..1."""
-    shown = torch.empty((len(frames), 3, *frames[0].shape[:2]), dtype=torch.float32)
+    """Return the video, (F, 3, H, W) in -1..1."""
+    video = torch.empty((len(frames), 3, *frames[0].shape[:2]), dtype=torch.float32)
     for place, frame in zip(
-        shown, frames, strict=True
+        video, frames, strict=True
     ):  # one by one: the clip is held once
         place.copy_(torch.from_numpy(frame).permute(2, 0, 1)).div_(127.5).sub_(1)
-    return shown
+    return video
 
 
 def _array(values: Tensor) -> F32:

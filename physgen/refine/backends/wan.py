@@ -86,9 +86,9 @@ class Wan:
         The pipeline's own method first mends wrongly decoded letters, for which it needs
         ftfy; no prompt here is such text.
         """
-        clean = " ".join(html.unescape(html.unescape(text)).split())
+        words = " ".join(html.unescape(html.unescape(text)).split())
         tokens = self.pipe.tokenizer(
-            [clean],
+            [words],
             padding="max_length",
             max_length=TOKENS,
             truncation=True,
@@ -99,8 +99,8 @@ class Wan:
         mask = tokens.attention_mask.to(self._device)
         ids = tokens.input_ids.to(self._device)
         states = self.pipe.text_encoder(ids, mask).last_hidden_state
-        encoded: Tensor = states.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
-        return encoded
+        embedding: Tensor = states.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
+        return embedding
 
     def condition(self, frame: Tensor, latents: int) -> Condition | None:
         """Return what a window of so many latent frames gets of its first frame."""
@@ -111,9 +111,9 @@ class Wan:
         video = torch.zeros((1, 3, count, *frame.shape[1:]), device=self._device)
         video[0, :, 0] = frame
         encoded = self._encode(video)
-        given = torch.zeros((1, stride, *encoded.shape[2:]), device=self._device)
-        given[:, :, 0] = 1
-        channels = torch.cat([given, encoded], dim=1).to(self._dtype)
+        mask = torch.zeros((1, stride, *encoded.shape[2:]), device=self._device)
+        mask[:, :, 0] = 1
+        channels = torch.cat([mask, encoded], dim=1).to(self._dtype)
         return Condition(channels, self._embed(frame))
 
     def _embed(self, frame: Tensor) -> Tensor | None:
@@ -172,28 +172,34 @@ class Wan:
 
     def _network(self, time: float) -> Any:
         """Return the network for a noise level: Wan 2.2 has one for much and one for little."""
-        much, little = self.pipe.transformer, getattr(self.pipe, "transformer_2", None)
+        first_network, second_network = (
+            self.pipe.transformer,
+            getattr(self.pipe, "transformer_2", None),
+        )
         share = self.pipe.config.get("boundary_ratio")
-        if much is None or little is None or share is None:
-            return much if much is not None else little
+        if first_network is None or second_network is None or share is None:
+            return first_network if first_network is not None else second_network
         edge = share * self._scheduler.config.num_train_timesteps
-        return much if time >= edge else little
+        return first_network if time >= edge else second_network
 
 
 def trained(weights: tuple[str, ...]) -> Trained:
     """Return what the configurations state."""
-    (one,) = weights
-    index = pipeline_index(one, WHAT)
-    check_pipeline_class(one, str(index.get("_class_name")), KNOWN, WHAT)
+    (weights_name,) = weights
+    index = pipeline_index(weights_name, WHAT)
+    check_pipeline_class(weights_name, str(index.get("_class_name")), KNOWN, WHAT)
     has_first = index.get("transformer", [None, None])[1]
     part = "transformer" if has_first else "transformer_2"
-    vae, network = part_config(one, "vae", WHAT), part_config(one, part, WHAT)
+    vae, network = (
+        part_config(weights_name, "vae", WHAT),
+        part_config(weights_name, part, WHAT),
+    )
     cell = vae.get("scale_factor_spatial", 8)
     stride = vae.get("scale_factor_temporal", 4)
     side = cell * max(network.get("patch_size", [1, 2, 2])[1:])
     window = 1 + (FRAMES - 1) // stride
-    most = 1 + (network.get("rope_max_seq_len", 1024) - 1) * stride
-    return Trained(Grid(cell, side, AREA, window, stride), most)
+    most_frames = 1 + (network.get("rope_max_seq_len", 1024) - 1) * stride
+    return Trained(Grid(cell, side, AREA, window, stride), most_frames)
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
