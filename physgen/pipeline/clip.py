@@ -671,7 +671,9 @@ class _Run:
             first = next(render(film.stage, trajectory)).rgb
         section = None if draws is None else draws.section(world, first)
         text = scene_text(record.document)
-        parts = PageParts(self._player(), self._perceived(), changed, section)
+        parts = PageParts(
+            self._player(), self._perceived(), changed, section, self.final
+        )
         html = report_page(scene, world, record, first, shown, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 
