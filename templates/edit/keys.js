@@ -30,7 +30,7 @@ const SHEET = [
     "Playing",
     [
       ["space", "play, pause"],
-      ["r", "throw again"],
+      ["r", "play again"],
       [", .", "a frame back, on"],
       ["Home End", "beginning, end"],
       ["{ }", "slower, faster"],

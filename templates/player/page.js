@@ -192,6 +192,7 @@ function start(root, physics, data) {
     const inside = root.contains(target) || physics.contains(target);
     const run = moves[event.key];
     if (!run || !(free || inside)) return;
+    if (target.matches("input[type=range]") && target !== seek) return; // the seam of the photo has keys of its own
     if (target.matches("select, textarea, input:not([type=range]):not([type=checkbox])")) return;
     if ((event.key === " " || event.key === "Enter") && target.matches("button, summary, a, input[type=checkbox]")) return;
     if (target.matches("input[type=range]") && event.key.startsWith("Arrow")) clock.step(event.key === "ArrowRight" ? 1 : -1);

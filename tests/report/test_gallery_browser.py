@@ -318,8 +318,8 @@ def test_two_rows_of_cards_are_visible_at_once(browser: Any, tmp_path: Path) -> 
     ) as seen:
         assert seen.page.is_visible("[data-part=search]"), "14 clips are searched"
         rows = seen.page.evaluate(
-            "() => [...new Set([...document.querySelectorAll('.clip')]"
-            ".filter(c => c.getBoundingClientRect().bottom <= document.querySelector('.clock').getBoundingClientRect().top)"
+            "() => [...new Set([...document.querySelectorAll('.clip')].filter(c => c.getBoundingClientRect().bottom"
+            " <= document.querySelector('.clock').getBoundingClientRect().top)"
             ".map(c => c.offsetTop))].length"
         )
         assert rows >= 2

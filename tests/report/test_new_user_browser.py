@@ -60,7 +60,7 @@ def test_the_scale_is_on_top(browser: Any, pages: Path) -> None:
         assert "No scale in the scene file" in seen.page.inner_text(".top")
 
 
-@pytest.mark.parametrize("view", ["canvas", "video"])
+@pytest.mark.parametrize("view", ["canvas", "[data-part=film]"])
 def test_an_object_is_selected_everywhere(browser: Any, pages: Path, view: str) -> None:
     """The one with a velocity is selected first, then the one that is clicked; a click beside plays."""
     with opened(browser, report(pages, "fall"), preview=view == "canvas") as seen:
@@ -103,7 +103,9 @@ def test_the_report_leads_back_and_to_its_neighbours(
         assert seen.errors == []
 
 
-@pytest.mark.parametrize("page", ["javascript:alert(1).html", "//host/x.html", "/x.html"])
+@pytest.mark.parametrize(
+    "page", ["javascript:alert(1).html", "//host/x.html", "/x.html"]
+)
 def test_a_way_back_is_a_page_beside_the_clip(
     browser: Any, pages: Path, page: str
 ) -> None:
@@ -120,7 +122,7 @@ def test_two_clips_run_in_step(browser: Any, gallery: Path) -> None:
         page = seen.page
         page.goto(f"{report(gallery.parent, 'fall').as_uri()}?gallery=../index.html")
         page.wait_for_selector("#player[data-ready]")
-        page.get_by_label("Compare with", exact=True).select_option("back")
+        page.get_by_label("Compare with a clip").select_option("back")
         page.wait_for_function(
             "() => document.querySelector('[data-part=other]').readyState > 1"
         )
@@ -144,14 +146,17 @@ def test_charts_stand_at_the_frame_that_the_video_shows(
     with opened(
         browser, report(pages, "fall"), preview=False, reduced_motion="no-preference"
     ) as seen:
-        seen.page.wait_for_function("() => document.querySelector('video').currentTime > 0.2")
+        seen.page.wait_for_function(
+            "() => document.querySelector('video').currentTime > 0.2"
+        )
         off = seen.page.evaluate(
             """async () => {
               const video = document.querySelector('video'), lines = document.querySelectorAll('.cursor');
               const plot = document.querySelectorAll('.plot')[1], found = [];
               const span = plot.clientWidth - 56 - 10, end = +document.querySelector('[data-part=seek]').max;
               for (let k = 0; k < 10; k += 1) {
-                const shown = await new Promise(done => video.requestVideoFrameCallback((_, { mediaTime }) => done(mediaTime)));
+                const shown = await new Promise(done =>
+                  video.requestVideoFrameCallback((_, { mediaTime }) => done(mediaTime)));
                 await new Promise(requestAnimationFrame); await new Promise(requestAnimationFrame);
                 const x = new DOMMatrix(getComputedStyle(lines[1]).transform).e;
                 found.push((x - 56) / span * end - shown);
