@@ -118,7 +118,9 @@ function makeChart(what, data, motion, units, seek, hovering) {
       return { row, value, name: tag("dt", {}, swatch, tag(row.strong ? "b" : "bdi", { dir: "auto" }, row.name)) };
     });
     list.replaceChildren(...rows.map(({ name, value }) => tag("div", {}, name, value)));
-    if (list.scrollHeight > list.clientHeight + 1) list.tabIndex = 0; else list.removeAttribute("tabindex"); // keys scroll it
+    requestAnimationFrame(() => { // with its values; keys scroll it
+      if (list.scrollHeight > list.clientHeight) list.tabIndex = 0; else list.removeAttribute("tabindex");
+    });
     const described = series.slice(0, 6).map((row) => {
       const ends = [row.values[0], row.values[row.values.length - 1]].map((v) => digits(v / scale.per));
       return `${row.name} from ${ends[0]} to ${ends[1]}`;

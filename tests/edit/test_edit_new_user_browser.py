@@ -1,4 +1,4 @@
-"""Tasks of a new user of the editor: change a mass, several masses, hide and lock objects, find a contact, look closer."""
+"""Tasks of a new user of the editor: change masses, hide and lock objects, find a contact, look closer."""
 
 from __future__ import annotations
 
@@ -128,9 +128,7 @@ def test_no_dial_of_gravity_from_above(
         assert desk.errors == []
 
 
-def test_on_a_phone_photo_and_player_stay_in_view(
-    browser: Any, served: Served
-) -> None:
+def test_on_a_phone_photo_and_player_stay_in_view(browser: Any, served: Served) -> None:
     with seated(browser, served.address, viewport=PHONE) as desk:
         panel = desk.page.locator(".panel:visible")
         panel.evaluate("e => { e.scrollTop = e.scrollHeight; }")
