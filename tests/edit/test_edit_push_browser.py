@@ -176,6 +176,9 @@ def test_nothing_lies_over_the_photo(
             ".map(e => e.outerHTML)"
         )
         assert names == [], "controls without a name"
+        desk.page.evaluate(
+            "() => { document.querySelector('[data-part=name]').textContent = 'scene'; }"
+        )
         assert (
             looks_like(
                 desk.page,
