@@ -179,6 +179,20 @@ def picture(served: Served, key: str, motion: str | None = None) -> Response:
     return _present(found)
 
 
+@api.get("/api/frame/{key}", responses=PNG, response_class=Response)
+def frame(
+    served: Served,
+    key: str,
+    motion: str,
+    number: Annotated[int, Query(ge=0, le=MAX_SAMPLE)],
+) -> Response:
+    """A frame of a motion in the quality of the video, without its camera."""
+    found = served.session.pictures.frame(key, motion, number)
+    if found is None:
+        raise overtaken()
+    return Response(found, media_type="image/png")
+
+
 def _present(found: Mapping[str, Any] | None) -> Response:
     if found is None:
         raise overtaken()

@@ -24,6 +24,8 @@ from physgen.messages import Message
 from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
 from physgen.problems import InputError, Problem, as_warnings
+from physgen.render.camera import exposure_times
+from physgen.render.frames import render_frames
 from physgen.render.stage import Stage
 from physgen.report.perception import (
     doubt_text,
@@ -610,6 +612,27 @@ class Pictures:
             same = len(trajectory.names) == len(sight.scene.objects)
             rows = shadows(drawn, trajectory, range(len(drawn.sprites))) if same else []
             return {"key": key, "motion": motion, "shadows": rows}
+
+    def frame(self, key: str, motion: str, number: int) -> bytes | None:
+        """PNG of all of the photo at a frame of a motion, as the video shows it; None: one of the two is gone.
+
+        A number beyond the last frame means the last.
+        """
+        sight = self._live.sight(key)
+        seen = None if sight is None else self._live.whole(motion)
+        if sight is None or seen is None:
+            return None
+        trajectory, world = seen
+        with self._lock:
+            drawn = replace(self._stage(key, sight), starts=photo_poses(world))
+        blur = sight.scene.render.motion_blur
+        at_frames = trajectory.sampled(world.times)
+        moments, parts = exposure_times(at_frames, world, blur)
+        fine = at_frames if parts == 1 else trajectory.sampled(moments)
+        first = min(number, len(world.times) - 1) * parts
+        order = range(first, first + parts)
+        frame = next(render_frames(drawn, fine, order, parts))
+        return _png(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
 
     def _stage(self, key: str, sight: CompiledScene) -> Stage:
         """With the poses in which objects were cut out of the photo."""

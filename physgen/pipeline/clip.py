@@ -677,7 +677,12 @@ class _Run:
         section = None if draws is None else draws.section(world, first)
         text = scene_text(record.document)
         parts = PageParts(
-            self._player(), self._perceived(), changed, section, self._sound_section
+            self._player(),
+            self._perceived(),
+            changed,
+            section,
+            home=self.final,
+            sound=self._sound_section,
         )
         html = report_page(scene, world, record, first, shown, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")

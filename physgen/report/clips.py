@@ -19,6 +19,7 @@ from typing import Any
 from physgen.messages import Message
 from physgen.problems import InputError, Problem, Severity
 from physgen.report.record import write_json
+from physgen.report.scene_words import masks_from, sentence_of, title_of
 from physgen.text import natural
 
 ENDING = ".failed.json"
@@ -123,6 +124,26 @@ class Clip:
     report: Path | None = None
     time: float = 0.0
     """When it was made, s since 1970."""
+    source: Path | None = None
+    """The scene file; None where it is no longer."""
+    masks: str = ""
+    """Origin of the masks: `perceived`, `hand-made masks`, or empty."""
+
+    @property
+    def title(self) -> str:
+        """Return the scene's name in words; a name that holds settings stays."""
+        return title_of(self.scene)
+
+    @property
+    def sentence(self) -> str:
+        """Return the first sentence of the scene file."""
+        return "" if self.source is None else sentence_of(self.source)
+
+    @property
+    def slow(self) -> float:
+        """Return how many times slower than the motion the film is."""
+        slow = self.document.get("render", {}).get("slow", 1)
+        return float(slow) if isinstance(slow, int | float) else 1.0
 
     @property
     def scene(self) -> str:
@@ -246,9 +267,20 @@ def _rendered(folder: Path) -> Clip | None:
             seal="" if film is None else _seal(files, film),
             report=folder / "report.html" if "report.html" in files else None,
             time=path.stat().st_mtime,
+            source=_source(folder, data),
+            masks=masks_from(document, data["inputs"]),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
         return None
+
+
+def _source(folder: Path, data: Mapping[str, Any]) -> Path | None:
+    """Return the scene file of a clip; None if it is no longer there."""
+    name = str(data.get("source") or "")
+    if not name:
+        return None
+    path = Path(os.path.normpath(os.path.realpath(folder) + "/" + name))
+    return path if path.is_file() else None
 
 
 def _failed(file: Path, failure: Failure) -> Clip:

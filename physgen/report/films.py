@@ -64,3 +64,16 @@ def poster(film: Path) -> bytes:
     ) as error:  # SyntaxError: a broken PNG
         raise OSError(f"{film} cannot be read: {error}") from error
     return encoded(fitted(frame, SIDE), QUALITY)
+
+
+def result_still(film: Path, *, middle: bool = False) -> bytes:
+    """Encode the last frame of an MP4, or the middle one, as WebP.
+
+    Raise OSError if it cannot be read.
+    """
+    count = 3 if middle else 2
+    frames = sample_frames(film, count, SIDE)
+    if not frames:
+        raise OSError(f"{film} has no frames")
+    frame = frames[len(frames) // 2] if middle else frames[-1]
+    return encoded(fitted(frame, SIDE), QUALITY)

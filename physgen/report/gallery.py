@@ -6,7 +6,7 @@ creates only new ones. All text from outside is escaped.
 
 from __future__ import annotations
 
-import os
+import json
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, unquote
+from urllib.parse import unquote
 
 from physgen import __version__
 from physgen.files import back_up, check_writable, resource, write_atomic
@@ -23,9 +23,10 @@ from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.progress import Progress, silent
 from physgen.report.clips import Clip, clips_in
-from physgen.report.films import poster
+from physgen.report.films import poster, result_still
 from physgen.report.folders import remove_leftovers
 from physgen.report.html import script_json, template
+from physgen.report.links import document_links, link
 from physgen.report.listening import PAGE, sounds, write_listening_page
 from physgen.report.sweep_keys import SweptKey, swept_keys
 from physgen.text import counted, natural, rounded, value_text
@@ -43,15 +44,19 @@ class GalleryLimits:
     common_labels: int = 6
     """Labels that are offered at once, the most frequent."""
     many: int = 200
-    """Cards; of more, those out of sight are laid out as they come."""
+    """Cards; of more, those out of sight are laid out as they come, and no card has a picture of its result."""
+    searched: int = 12
+    """Clips from which on search, sorting and filters are shown; a sweep has them always."""
 
 
 LIMITS = GalleryLimits()
 
 MARK = '<meta name="generator" content="physgen gallery">'
-SCRIPTS = ("state", "choose", "shots", "clock", "sheet", "look", "page")
+SCRIPTS = ("state", "choose", "shots", "slide", "clock", "sheet", "look", "page")
 """In the order in which they build on each other."""
-_OURS = re.compile(r"[0-9a-f]{20}\.(photo|poster|strip)\.webp").fullmatch
+NEIGHBOURS = "clips.js"
+"""The list of clips for their reports, beside the pictures."""
+_OURS = re.compile(r"[0-9a-f]{20}\.(photo|result|poster|strip)\.webp").fullmatch
 
 
 @dataclass(frozen=True)
@@ -84,10 +89,11 @@ def write_gallery(
     clips = clips_in(roots)
     index.parent.mkdir(parents=True, exist_ok=True)
     files = index.with_name(f"{index.stem}.files")
-    shots = []
+    shots, results = [], []
     for k, clip in enumerate(clips):
         progress("gallery", k, len(clips))
         shots.append(clip_poster(clip, files))
+        results.append(clip_result(clip, files, len(clips)))
     if title is None:
         names = [
             root.resolve().name.replace("-", " ").replace("_", " ") for root in roots
@@ -98,13 +104,14 @@ def write_gallery(
             else "Gallery"
         )
         title = title[:1].upper() + title[1:]
-    text = gallery_page(clips, shots, index.parent, title or "Gallery")
+    text = gallery_page(clips, shots, index.parent, title or "Gallery", results)
     if index.exists() and not _ours(index):
         back_up(index, keep)
     data = text.encode("utf-8")
     write_atomic(index, data)
     write_listening_page(clips, index, title or "Gallery")
-    sweep_files(files, {Path(shot).name for shot in shots})
+    sweep_files(files, {Path(shot).name for shot in (*shots, *results)})
+    _write_neighbours(clips, files)
     return Gallery(
         index, len(clips), sum(bool(clip.problems) for clip in clips), len(data)
     )
@@ -121,15 +128,23 @@ def keep_pictures(home: Path, index: Path) -> None:
 
 
 def gallery_page(
-    clips: Sequence[Clip], shots: Sequence[str], home: Path, title: str
+    clips: Sequence[Clip],
+    shots: Sequence[str],
+    home: Path,
+    title: str,
+    results: Sequence[str] = (),
 ) -> str:
-    """Return the page's HTML; paths are relative to `home`."""
+    """Return the page's HTML; paths are relative to `home`.
+
+    `results` are pictures of the ends of the clips, empty where there is none.
+    """
     keys = swept_keys(clips)
     names = Counter(clip.name for clip in clips)
     cards = []
     for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
         values = [key.values[k] for key in keys]
         card = _card(k, clip, shot, keys, values, home)
+        card["result"] = results[k] if results and not clip.problems else ""
         folder = _folder(clip, home) if names[clip.name] > 1 else ""
         card["where"] = card["data"]["where"] = folder
         cards.append(card)
@@ -162,6 +177,8 @@ def gallery_page(
         listen=PAGE if any(map(sounds, clips)) else "",
         sentence=_sentence(clips, free_keys if is_sweep else []),
         hero=hero,
+        documents=document_links(home),
+        searchable=is_sweep or len(cards) >= LIMITS.searched,
         aspect=_aspect(clips),
         data=script_json(data),
         script=_script(),
@@ -225,6 +242,11 @@ def _card(
     width, height = clip.size
     return {
         "name": clip.name,
+        "title": data["title"],
+        "sentence": clip.sentence,
+        "masks": clip.masks,
+        "slow": value_text(clip.slow) if clip.slow != 1 else "",
+        "source": "" if clip.source is None else link(clip.source, home),
         "href": data["href"],
         "size": clip.size,
         "variant": clip.variant,
@@ -232,6 +254,7 @@ def _card(
         "number": number,
         "poster": shot,
         "facts": _facts(clip),
+        "picture": f"{width} × {height} px",
         "labels": labels[:3],
         "more": len(labels) - 3,
         "values": known_values[:4],
@@ -254,6 +277,8 @@ def _card_data(
     changes = list(dict.fromkeys(clip.overrides))
     return {
         "name": clip.name,
+        "title": clip.title,
+        "sentence": clip.sentence,
         "href": "" if clip.report is None else link(clip.report, home),
         "size": clip.size,
         "variant": clip.variant,
@@ -294,7 +319,7 @@ def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
         )
     photos = {clip.photo for clip in clips} - {""}
     source = f" from {counted(len(photos), 'photo')}" if photos else ""
-    return f"{count}, simulated{source}{failure_note}. Point at a card or tap it to play; open it for its report."
+    return f"{count}, simulated{source}{failure_note}."
 
 
 def _folder(clip: Clip, home: Path) -> str:
@@ -305,19 +330,11 @@ def _folder(clip: Clip, home: Path) -> str:
 def _facts(clip: Clip) -> str:
     if not clip.document:
         return "no clip"
-    width, high = clip.size
     parts = (
         counted(clip.objects, "object") if clip.objects else "no objects",
         f"{rounded(clip.duration)} s",
-        f"{width} × {high}",
     )
     return " · ".join(part.replace(" ", "\u00a0") for part in parts)
-
-
-def link(path: Path, home: Path) -> str:
-    """Return a relative URL from the folder `home` to a file."""
-    relative = Path(os.path.relpath(path.absolute(), home.absolute())).as_posix()
-    return quote(relative if relative.startswith("../") else f"./{relative}")
 
 
 def clip_poster(clip: Clip, files: Path) -> str:
@@ -333,6 +350,49 @@ def clip_poster(clip: Clip, files: Path) -> str:
         files.mkdir(parents=True, exist_ok=True)
         write_atomic(path, picture)
     return link(path, files.parent)
+
+
+def clip_result(clip: Clip, files: Path, count: int) -> str:
+    """Return the URL of a picture of the clip's end, made unless it exists.
+
+    Empty for one of too many clips, and if the film is not an MP4 that can be read. A clip that ends as it begins is
+    shown by its middle.
+    """
+    film = clip.film
+    if film is None or film.suffix != ".mp4" or count > LIMITS.many:
+        return ""
+    if not re.fullmatch("[0-9a-f]{20}", clip.seal):
+        return ""
+    path = files / f"{clip.seal}.result.webp"
+    if not path.is_file():
+        is_forward = clip.document.get("render", {}).get("play", "forward") == "forward"
+        try:
+            picture = result_still(film, middle=not is_forward)
+        except (OSError, ValueError):
+            return ""
+        files.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, picture)
+    return link(path, files.parent)
+
+
+def _write_neighbours(clips: Sequence[Clip], files: Path) -> None:
+    """Write the list of clips that a report reads when it is opened from the gallery.
+
+    A script, since pages that are opened from disk may read nothing else.
+    """
+    home = files.parent
+    rows = []
+    for clip in clips:
+        if clip.report is None:
+            continue
+        film = ""
+        if clip.film is not None and clip.film.suffix == ".mp4":
+            film = link(clip.film, home)
+        row = {"name": clip.name, "href": link(clip.report, home), "film": film}
+        rows.append(row | {"fps": clip.fps, "frames": clip.frames})
+    files.mkdir(parents=True, exist_ok=True)
+    text = f"window.physgenClips = {json.dumps(rows, separators=(',', ':'))};\n"
+    write_atomic(files / NEIGHBOURS, text.encode("ascii"))
 
 
 def sweep_files(files: Path, used: set[str]) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -18,17 +19,23 @@ from physgen import __version__
 from physgen.compile.world import World, pair_table
 from physgen.export.video import U8
 from physgen.files import resource
+from physgen.report.assumptions import assumptions, is_scaled
 from physgen.report.films import Film
 from physgen.report.html import fitted, script_json, template, webp
+from physgen.report.links import document_links
 from physgen.report.parameters import (
-    COLUMNS,
+    BOUNDARY,
+    METRIC_DIGITS,
     arrows,
     collapsed,
     constraint_rows,
+    differing,
     line,
     outlines,
     parameter_rows,
+    shared_cells,
     svg_points,
+    units_of,
 )
 from physgen.report.perception import Comparison, Perception
 from physgen.report.player import Data
@@ -64,6 +71,8 @@ SCRIPTS = (
     "layers",
     "quantities",
     "charts",
+    "select",
+    "compare",
     "page",
 )
 """Of the player, in the order in which they build on each other."""
@@ -82,6 +91,8 @@ class PageParts:
     """Variables of `fan.html.j2`."""
     sound: dict[str, Any] | None = None
     """Variables of `sound.html.j2`."""
+    home: Path | None = None
+    """The folder that the page will be in, for links to the documentation."""
 
 
 def report_page(
@@ -124,8 +135,11 @@ def report_page(
             for wall, item in zip(world.walls, scene.boundaries, strict=True)
         ],
         objects=outlines(world, {item.name: item.label for item in scene.objects}),
-        columns=COLUMNS,
-        parameters=collapsed(parameter_rows(scene, world, record.variant)),
+        assumptions=assumptions(scene, world),
+        source=quote(record.source),
+        documents=document_links(parts.home) if parts.home is not None else [],
+        columns=units_of(scene),
+        **_parameters(scene, world, record.variant),
         edits=record.overrides,
         played=_played(scene.render),
         count=len(world.times),
@@ -133,6 +147,7 @@ def report_page(
         impact_count=0 if player is None else len(player["impacts"]),
         touches=[] if player is None else _contacts(player, world),
         data=None if player is None else script_json(player),
+        data_camera=player is not None and player["camera"] is not None,
         script=_script(),
         arrows=[
             line(kind, tail, tip, title) for kind, tail, tip, title in arrows(world)
@@ -151,6 +166,18 @@ def report_page(
         version=__version__,
     )
     return page
+
+
+def _parameters(scene: Scene, world: World, variant: str | None) -> dict[str, Any]:
+    """Return what all objects share, and rows of what differs; boundaries have rows of their own."""
+    rows = parameter_rows(scene, world, variant)
+    shared = shared_cells(rows)
+    rows = collapsed(differing(rows, shared))
+    return {
+        "shared": shared,
+        "parameters": [row for row in rows if row.kind != BOUNDARY],
+        "boundaries": [row for row in rows if row.kind == BOUNDARY],
+    }
 
 
 @cache
@@ -174,7 +201,7 @@ def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
             "begin": begin,
             "pair": (names[first], names[second]),
             "lasts": None if end is None else f"{end - begin:.3f} s",
-            "impulse": f"{rounded(impulses / newton)} N·s"
+            "impulse": f"{rounded(impulses / newton, METRIC_DIGITS)} N·s"
             if newton
             else f"{rounded(impulses)} g·px/s",
         }
@@ -208,22 +235,22 @@ def _engine(record: RunRecord) -> list[str]:
 
 
 def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
-    """Name, value, and the value in SI units."""
+    """Name, value, and the value in px; in metres second if the scene has no scale."""
     scale, (width, high) = world.pixels_per_meter, world.size
     gravity = float(np.hypot(*world.gravity))
+    gravity_pair = (
+        f"{rounded(gravity / scale)} m/s²",
+        f"{value_text(world.gravity)} px/s²",
+    )
+    in_meters = [rounded(side / scale, METRIC_DIGITS) for side in world.size]
+    canvas_pair = f"{' × '.join(in_meters)} m", f"{width} × {high} px"
+    if not is_scaled(scene):
+        gravity_pair, canvas_pair = gravity_pair[::-1], canvas_pair[::-1]
     facts = [
         ("view", world.view.value, ""),
+        ("canvas", *canvas_pair),
         ("scale", f"{rounded(scale, 4)} px/m", ""),
-        (
-            "gravity",
-            f"{value_text(world.gravity)} px/s²",
-            f"{rounded(gravity / scale)} m/s²",
-        ),
-        (
-            "canvas",
-            f"{width} × {high} px",
-            f"{rounded(width / scale)} × {rounded(high / scale)} m",
-        ),
+        ("gravity", *gravity_pair),
         ("duration", f"{value_text(world.duration)} s", ""),
         (
             "video",

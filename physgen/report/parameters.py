@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
+from physgen.report.assumptions import is_scaled
 from physgen.scene.provenance import Provenance, Source
 from physgen.scene.scene import (
     Field,
@@ -39,6 +40,12 @@ COLUMNS = {
     "spin": "°/s",
 }
 """Of the table of parameters, with units."""
+METRIC = {"moment": "g·cm²", "velocity": "m/s"}
+"""Units of columns where the scene has a scale."""
+METRIC_DIGITS = 2
+"""Of values that follow the scale."""
+CENTIMETERS = 100
+"""In a metre."""
 
 
 def svg_points(points: Array) -> str:
@@ -203,12 +210,18 @@ def _strength(field: Field) -> str:
     return f"{value_text(field.strength)} px³/s², softened over {value_text(field.soften)} px"
 
 
+BOUNDARY = "boundary"
+"""Kind of a row that is no object's."""
+
+
 @dataclass(frozen=True)
 class Cell:
     """One number of the table; `text` has no unit."""
 
     text: str
     source: Source
+    small: str = ""
+    """The same in px."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +235,13 @@ class Row:
     cells: Mapping[str, Cell]
     also: str
     """Sources of other keys."""
+    names: tuple[str, ...] = ()
+    """Objects that share the row."""
+
+
+def units_of(scene: Scene) -> dict[str, str]:
+    """Return the columns with their units: metric ones where the scene has a scale."""
+    return COLUMNS | (METRIC if is_scaled(scene) else {})
 
 
 def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]:
@@ -243,8 +263,43 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
                 value_text(item.elasticity), sources.of(f"{path}.elasticity", None)
             ),
         }
-        rows.append(Row(item.name, "", "boundary", cells, ""))
+        rows.append(Row(item.name, "", BOUNDARY, cells, ""))
     return rows
+
+
+def shared_cells(rows: Sequence[Row]) -> dict[str, Cell]:
+    """Return the cells that all objects have in common, but for lines of the file.
+
+    Empty for fewer than two objects; boundaries do not count.
+    """
+    objects = [row for row in rows if row.kind != BOUNDARY]
+    if len(objects) < 2:
+        return {}
+    shared = {}
+    for name, cell in objects[0].cells.items():
+        cells = [row.cells.get(name) for row in objects]
+        if all(other is not None and _is_equal(cell, other) for other in cells):
+            shared[name] = _merged(cell, objects[-1].cells[name])
+    return shared
+
+
+def differing(rows: Sequence[Row], shared: Mapping[str, Cell]) -> list[Row]:
+    """Return rows of objects without the cells that all of them share; boundaries stay whole."""
+    result = []
+    for row in rows:
+        cells = row.cells
+        if row.kind != BOUNDARY:
+            cells = {name: cell for name, cell in cells.items() if name not in shared}
+        result.append(replace(row, cells=cells))
+    return result
+
+
+def _is_equal(first: Cell, second: Cell) -> bool:
+    """Return whether two cells are equal but for the line of the file."""
+    one, other = first.source, second.source
+    if (first.text, one.kind, one.sure) != (second.text, other.kind, other.sure):
+        return False
+    return one.kind == "file" or one.text == other.text
 
 
 def collapsed(rows: Sequence[Row]) -> list[Row]:
@@ -269,22 +324,27 @@ def collapsed(rows: Sequence[Row]) -> list[Row]:
 
 def _together(rows: Sequence[Row]) -> Row:
     first, last = rows[0], rows[-1]
-    cells = {}
-    for name, cell in first.cells.items():
-        text, end = cell.source.text, last.cells[name].source.text
-        if text != end:
-            text = f"{text} to {end}".replace("line ", "lines ", 1).replace(
-                " to line ", " to "
-            )
-        cells[name] = Cell(cell.text, replace(cell.source, text=text))
-    return replace(first, name=name_ranges([row.name for row in rows]), cells=cells)
+    cells = {
+        name: _merged(cell, last.cells[name]) for name, cell in first.cells.items()
+    }
+    names = [row.name for row in rows]
+    return replace(first, name=name_ranges(names), cells=cells, names=tuple(names))
+
+
+def _merged(cell: Cell, last: Cell) -> Cell:
+    """Return a cell whose source spans the lines from its own to those of `last`."""
+    text, end = cell.source.text, last.source.text
+    if text != end:
+        text = f"{text} to {end}".replace("line ", "lines ", 1)
+        text = text.replace(" to line ", " to ")
+    return replace(cell, source=replace(cell.source, text=text))
 
 
 def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
     item = scene.objects[index]
     path = f"objects.{item.name}"
 
-    def cell(text: str, key: str) -> Cell:
+    def cell(text: str, key: str, small: str = "") -> Cell:
         return Cell(
             text,
             sources.of(
@@ -292,19 +352,31 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
                 item.provenance.get(key),
                 written_at=f"{path}.from.{key}",
             ),
+            small,
         )
 
+    moment, small_moment = rounded(body.moment, 4), ""
+    speed, small_speed = value_text(body.velocity), ""
+    if is_scaled(scene):
+        meter = scene.world.pixels_per_meter
+        in_centimeters = body.moment * (CENTIMETERS / meter) ** 2
+        moment, small_moment = (
+            rounded(in_centimeters, METRIC_DIGITS),
+            f"{moment} g·px²",
+        )
+        speed, small_speed = _metric_pair(body.velocity / meter), f"{speed} px/s"
+    shape, small_shape = _shape(scene, body)
     cells = {
-        "shape": cell(_shape(body), "shape"),
+        "shape": cell(shape, "shape", small_shape),
         "mass": cell(
             rounded(body.mass, 4), "mass" if item.mass is not None else "density"
         ),
-        "moment": Cell(rounded(body.moment, 4), Source("computed", "computed")),
+        "moment": Cell(moment, Source("computed", "computed"), small_moment),
         **{
             key: cell(value_text(getattr(item, key)), key)
             for key in ("friction", "elasticity", "rolling")
         },
-        "velocity": cell(value_text(body.velocity), "velocity"),
+        "velocity": cell(speed, "velocity", small_speed if body.velocity.any() else ""),
         "spin": cell(value_text(degrees(body.spin)), "spin"),
     }
     if item.motion is Motion.STATIC:
@@ -319,10 +391,21 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
     return Row(item.name, item.label, item.motion.value, cells, also)
 
 
-def _shape(body: Body) -> str:
-    if body.radius is not None:
-        shape_name = body.solid.value if body.solid is not Solid.DISC else "circle"
-        return f"{shape_name}, r {rounded(body.radius, 4)} px"
-    corners = sum(len(ring) for ring in body.rings)
-    pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""
-    return f"polygon, {corners} corners{pieces}"
+def _metric_pair(vector: Array) -> str:
+    """Return a vector in m/s: two digits of each part."""
+    x, y = (rounded(float(part), METRIC_DIGITS) for part in vector)
+    return f"({x}, {y})"
+
+
+def _shape(scene: Scene, body: Body) -> tuple[str, str]:
+    """Return a body's shape in words, and its size in px where the words have it in cm."""
+    if body.radius is None:
+        corners = sum(len(ring) for ring in body.rings)
+        pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""
+        return f"polygon, {corners} corners{pieces}", ""
+    shape_name = body.solid.value if body.solid is not Solid.DISC else "circle"
+    pixels = f"r {rounded(body.radius, 4)} px"
+    if not is_scaled(scene):
+        return f"{shape_name}, {pixels}", ""
+    in_centimeters = CENTIMETERS * body.radius / scene.world.pixels_per_meter
+    return f"{shape_name}, r {rounded(in_centimeters, METRIC_DIGITS)} cm", pixels

@@ -94,6 +94,8 @@ class Perception:
     comparisons: tuple[Comparison, ...]
 
 
+PLAIN = 2
+"""Levels of a map that is of one value, as rounding leaves it."""
 Outlines = Sequence[tuple[int, Sequence[Array]]]
 """Number of the colour, and closed rings (K, 2) px of each object."""
 
@@ -146,11 +148,12 @@ def perception(
     if suits := written_suitability(scene.assets):
         seen += f". Suitability: {suits}"
     doubtful = list(doubtful_regions(maps.labels, scene.document))
+    map_pictures = _map_pictures(maps, scene.light)
     pictures = [
         *_photo_pictures(maps, compiled.labels, objects, walls, seen, doubtful),
-        *_map_pictures(maps, scene.light),
+        *(picture for picture in map_pictures if has_content(picture.rgb)),
     ]
-    if maps.shadows is not None:
+    if maps.shadows is not None and maps.shadows.any():
         text = "Each in the colour of the object that casts it."
         shown = _shadows(maps.rgb, _by_object(scene, maps.shadows))
         pictures.append(_picture("shadows", "Shadows by object", text, shown))
@@ -245,6 +248,11 @@ def _photo_pictures(
             outline_picture,
         ),
     ]
+
+
+def has_content(rgb: U8) -> bool:
+    """Return whether a picture (H, W, 3) shows anything: its codes differ within a channel."""
+    return bool(np.ptp(rgb, axis=(0, 1)).max(initial=0) > PLAIN)
 
 
 def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:

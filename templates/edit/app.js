@@ -243,12 +243,17 @@ async function asked() {
   asking = false;
 }
 
+// a scene has the name of its folder where the file is called scene.yaml, as its clip has
+const titleOf = ({ name, folder }) => (name === "scene.yaml" ? folder.split(/[\\/]/).pop() : name.replace(/\.ya?ml$/, "")) || name;
+
 // ---- the bar and the tabs
 part("undo").addEventListener("click", () => editor.undo());
 part("redo").addEventListener("click", () => editor.redo());
 editor.on("state", ({ state }) => {
-  part("name").textContent = state.file.name;
-  document.title = `${state.file.saved ? "" : "• "}${state.file.name} · physgen`;
+  const title = titleOf(state.file);
+  part("name").textContent = title;
+  part("name").title = `${state.file.folder}/${state.file.name}`;
+  document.title = `${state.file.saved ? "" : "• "}${title} · physgen`;
   part("saved").textContent = state.file.saved ? "saved" : "not saved";
   part("saved").classList.toggle("unsaved", !state.file.saved);
   for (const way of ["undo", "redo"]) {
@@ -276,7 +281,7 @@ part("tools").addEventListener("keydown", (event) => {
 });
 
 // ---- begin: each module is given the editor, and may be asked by the others
-const MODULES = ["stage", "listed", "player", "arrows", "pick", "walls", "joints", "inspect", "world", "measure", "light", "keys",
+const MODULES = ["stage", "listed", "player", "timeline", "final", "arrows", "pick", "walls", "joints", "inspect", "world", "measure", "light", "keys",
   "variants", "todo", "perceived", "masks", "yaml", "keep", "render", "hint"];
 async function begin() {
   for (const name of MODULES) {

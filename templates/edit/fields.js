@@ -4,7 +4,8 @@ import { element, icon } from "./elements.js";
 import { PAUSE, roundAbove, setting, written } from "./dragging.js";
 
 const BACK = "M12 5V2L7 6.5 12 11V8a5 5 0 1 1-5 5H4a8 8 0 1 0 8-8z";
-const DOUBT = 0.6;
+const DOUBT = 0.6,
+  DRAG = 4; // px of a drag that are one step
 let schema = null,
   count = 0;
 
@@ -216,6 +217,43 @@ export function makeRow(editor, path, name, options = {}) {
       }
     });
   }
+  // a number that is pressed and dragged sideways changes by steps; the motion follows, and one edit is made at the end
+  if (kind === "number")
+    for (const input of inputs) {
+      let from = null,
+        before = 0,
+        dragging = false;
+      input.classList.add("dragged");
+      const stepOf = (value) => (spec.type === "integer" ? 1 : options.step || (spec.maximum <= 1 ? 0.01 : roundAbove(Math.max(Math.abs(value) * 0.01, 1e-3))));
+      input.addEventListener("pointerdown", (event) => {
+        const now = parse(input.value || input.placeholder);
+        if (document.activeElement === input || event.button !== 0 || typeof now !== "number") return;
+        [from, before, dragging] = [event.clientX, now, false];
+        input.setPointerCapture(event.pointerId);
+      });
+      input.addEventListener("pointermove", (event) => {
+        if (from === null || (!dragging && Math.abs(event.clientX - from) < DRAG)) return;
+        dragging = true;
+        const step = stepOf(before), low = spec.minimum ?? (spec.exclusiveMinimum !== undefined ? step : -Infinity);
+        const value = before + step * Math.round((event.clientX - from) / DRAG);
+        input.value = short(+Math.min(Math.max(value, low), spec.maximum ?? Infinity).toPrecision(6));
+        input.dataset.touched = "true";
+        tried();
+        event.preventDefault();
+      });
+      const end = (event) => {
+        const done = from !== null && dragging;
+        from = null;
+        if (!done) return;
+        if (event.type === "pointercancel") {
+          editor.preview(null);
+          fill(true);
+        } else commit();
+        input.blur();
+      };
+      input.addEventListener("pointerup", end);
+      input.addEventListener("pointercancel", end);
+    }
   const row = element(
     "div.row",
     { "data-row": path.join(".") },

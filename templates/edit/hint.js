@@ -31,7 +31,7 @@ export function start(editor) {
       card.dataset.step = String(step + 1);
     }
     drawn();
-    part("run").prepend(card); // beside the photo: it covers no object
+    part("stage").append(card); // over the canvas: nothing moves when it goes
   }
 
   function close() {

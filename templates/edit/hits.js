@@ -106,6 +106,7 @@ export function makeHits(editor, view) {
       const now = editor.player.now(),
         found = [];
       run.motion.bodies.forEach((body, k) => {
+        if (editor.locked?.has(body.name) || editor.hidden?.has(body.name)) return;
         const pose = now.poses[k],
           rings = body.radius === undefined ? body.rings.map((ring) => turned(ring, pose)) : null;
         const inside = rings ? shapes.isPointInPath(pathOf(run, k, pose), x, y, "evenodd") : Math.hypot(pose.x - x, pose.y - y) <= body.radius;

@@ -4,12 +4,18 @@ import { button, element, isolated } from "./elements.js";
 import { named, pathOf, same } from "./app.js";
 import { loadSchema, makeRow } from "./fields.js";
 import { FIELDS, HOLDS, makePanels } from "./entries.js";
+import { makeObjects } from "./objects.js";
 
 export function start(editor) {
   const body = element("div.sheet", {});
   let rows = [],
     shown = "";
   editor.addPanel({ id: "object", title: "Object", element: body, order: 10 });
+  const objects = makeObjects(editor),
+    anew = () => {
+      shown = "";
+      show();
+    };
   const scene = () => editor.state?.scene,
     derived = (name) => editor.state?.derived?.objects?.[name];
   const meter = () => editor.state?.derived?.pixels_per_meter;
@@ -49,7 +55,11 @@ export function start(editor) {
     rows.push(made);
     return made.row;
   };
-  const title = (kind, name, about) => [element("h2", {}, isolated(name)), element("p.about", {}, about || kind)];
+  const title = (kind, name, about) => [
+    button("‹ All objects", () => editor.choose(null), { class: "link all" }),
+    element("h2", {}, isolated(name)),
+    element("p.about", {}, about || kind),
+  ];
   const heading = (text) => element("h3", {}, text);
   const deeds = (...all) => element("div.deeds", {}, ...all);
   const erase = (entry) => button("Delete", () => editor.acts.erase(entry), { class: "act bad", title: "Delete" });
@@ -136,7 +146,7 @@ export function start(editor) {
     const all = scene();
     return [
       element("p.about", {}, "Choose an object on the photo or here. Drag from an object to push it."),
-      ...group("object", Object.keys(all.objects || {}), (n) => all.objects[n].label),
+      ...(Object.keys(all.objects || {}).length ? objects(anew) : []),
       ...group("boundary", Object.keys(all.boundaries || {}), (n) =>
         all.boundaries[n].segment ? "one wall" : all.boundaries[n].polyline ? "chain" : "mask",
       ),

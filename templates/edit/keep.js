@@ -32,7 +32,7 @@ export function start(editor) {
     if (!file) return;
     const [kind, words] = !up ? ["lost", "no server"]
       : editor.pending || editor.typing?.() ? ["sending", "keeping …"]
-      : file.saved ? ["saved", "saved"] : ["draft", "draft kept, not saved"];
+      : file.saved ? ["saved", "saved"] : ["draft", "saved as draft"];
     if (saved.textContent !== words) saved.textContent = words;
     saved.className = `kept ${kind}`;
     saved.title = { draft: `Every edit is kept beside ${file.name} as it is made; Save writes the file itself`, saved: `${file.name} is as you see it` }[kind] ?? "";

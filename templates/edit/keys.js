@@ -30,11 +30,12 @@ const SHEET = [
     "Playing",
     [
       ["space", "play, pause"],
-      ["r", "throw again"],
+      ["r", "play again"],
       [", .", "a frame back, on"],
       ["Home End", "beginning, end"],
       ["{ }", "slower, faster"],
       ["l", "loop"],
+      ["q", "this frame as in the video"],
     ],
   ],
   [
@@ -134,6 +135,7 @@ export function start(editor) {
     ",": () => editor.player.step(-1),
     ".": () => editor.player.step(1),
     l: () => editor.player.loop(),
+    q: () => editor.showFinal?.(),
     Home: () => editor.player.rewind(),
     End: () => {
       editor.player.pause();

@@ -16,7 +16,8 @@ export const INKS = {
 };
 const MARGIN = 20,
   TOP = 78, // px: under the strip of a tool and the light
-  LARGEST = 1600;
+  LARGEST = 1600,
+  DIMMED = 0.22; // of paths while another object is chosen
 
 export function start(editor) {
   const stage = part("stage"),
@@ -45,6 +46,12 @@ export function start(editor) {
     redraw,
     size,
     drawn: () => pictures.whole,
+    photo: () => pictures.photo,
+    whenPhoto: (draw) => waiting.push(draw),
+    repaint() {
+      painted = null;
+      redraw();
+    },
     get unit() {
       return 1 / view.scale;
     }, // px of the photo that a px of the screen is
@@ -73,8 +80,10 @@ export function start(editor) {
     },
   });
 
+  const waiting = []; // drawings that need the photo
   const pictures = makePictures(editor, () => {
     painted = null;
+    if (pictures.photo) for (const draw of waiting.splice(0)) draw();
     if (view.fitted) fit();
     else redraw();
   });
@@ -155,7 +164,8 @@ export function start(editor) {
         large = scene.width / size()[0];
       ink.setTransform(large, 0, 0, large, 0.5 * large, 0.5 * large);
       ink.imageSmoothingQuality = "medium";
-      pictures.draw(ink, now, size(), shown?.has("shadows"));
+      const hidden = new Set([...(editor.hidden || [])].map((name) => run?.index.get(name)));
+      pictures.draw(ink, now && { ...now, hidden }, size(), shown?.has("shadows"));
     }
     const dense = over.width / (stage.clientWidth || 1),
       large = view.scale * dense;
@@ -168,7 +178,8 @@ export function start(editor) {
       if (shown.has("ways") && !editor.player.playing) ways(pen);
       if (editor.player.other) ghost(pen, editor.player.other, now);
       else if (shown.has("before") && editor.player.before) ghost(pen, editor.player.trying ? editor.player.own : editor.player.before, now);
-      for (const layer of run.layers) if (shown.has(layer.id)) layer.draw(pen, now);
+      const hidden = new Set([...(editor.hidden || [])].map((name) => run.index.get(name)));
+      for (const layer of run.layers) if (shown.has(layer.id)) layer.draw(pen, { ...now, hidden });
       if (shown.has("masses"))
         run.data.bodies.forEach((body, k) => {
           if (body.motion === "dynamic") pen.words(run.units.grams(body.mass), now.poses[k].x, now.poses[k].y, "#fff", { size: 11 });
@@ -209,7 +220,9 @@ export function start(editor) {
       const points = line(run.motion, body),
         mine = editor.selected?.kind === "object" && editor.selected.name === body.name;
       if (points.length < 2) return;
-      pen.stroke(lineOf(points), OBJECTS[k % OBJECTS.length], mine ? 1.8 : 1.2, mine ? 1 : many ? 0.4 : 0.7);
+      if (editor.hidden?.has(body.name)) return;
+      const others = editor.selected?.kind === "object" ? DIMMED : many ? 0.4 : 0.7; // paths of the others step back
+      pen.stroke(lineOf(points), OBJECTS[k % OBJECTS.length], mine ? 1.8 : 1.2, mine ? 1 : others);
       if (!trying || !mine) return;
       for (let step = 1; step <= 6; step += 1) {
         const pose = run.motion.pose(body, run.motion.locate((run.motion.end * step) / 6));

@@ -2,7 +2,7 @@
 
 import { button, element, part } from "./elements.js";
 import { makeGravity } from "./dial.js";
-import { setting } from "./dragging.js";
+import { setting, written } from "./dragging.js";
 import { loadSchema, makeRow } from "./fields.js";
 
 const PLANETS = [
@@ -44,12 +44,13 @@ export function start(editor) {
     dial = pull.makeDial();
     dial.fill();
     const top = world().view === "top",
+      pulled = written(editor, ["world", "gravity"]), // from above nothing falls, unless the file says so
       heading = (text) => element("h3", {}, text),
       light = editor.state.scene.light;
     body.replaceChildren(
       element("h2", {}, "World"),
-      heading("Gravity"),
-      element(
+      ...(top && !pulled ? [] : [heading("Gravity")]),
+      top ? "" : element(
         "div.dial",
         {},
         dial.svg,
@@ -70,7 +71,7 @@ export function start(editor) {
           ),
         ),
       ),
-      row(["world", "gravity"], "x, y", { get: gravity, called: "gravity", says: (v) => `${+(Math.hypot(...v) / meter()).toPrecision(3)} m/s²` }),
+      top && !pulled ? "" : row(["world", "gravity"], "x, y", { get: gravity, called: "gravity", says: (v) => `${+(Math.hypot(...v) / meter()).toPrecision(3)} m/s²` }),
       heading("View and scale"),
       row(["world", "view"], "view", {
         kind: "choice",

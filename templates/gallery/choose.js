@@ -1,7 +1,7 @@
 // State and clips -> which are shown, in which order.
 const plain = text => text.normalize("NFKD").replace(/\p{M}/gu, "").toLowerCase();
 const texts = []; // of each clip what is searched, once it was asked for
-const textOf = n => (texts[n] ??= plain([clips[n].name, clips[n].variant ?? "", clips[n].where, ...clips[n].labels, ...clips[n].notes].join("\n")));
+const textOf = n => (texts[n] ??= plain([clips[n].name, clips[n].title, clips[n].sentence, clips[n].variant ?? "", clips[n].where, ...clips[n].labels, ...clips[n].notes].join("\n")));
 const textsOf = keys.map(key => new Map(key.values.map((value, k) => [value, key.texts[k]])));
 const number = new Intl.Collator(undefined, { numeric: true, sensitivity: "base" });
 

@@ -115,16 +115,24 @@ function prepare() {
 
   cards.forEach((card, n) => {
     const box = card.firstElementChild;
-    if (box.classList.contains("shot") && clips[n].poster) makeShot(box, n, addRun);
+    if (box.classList.contains("shot") && clips[n].poster) makeShot(box, n, shot => { addRun(shot); addSlide(box); });
   });
   const hero = part("hero");
   if (hero) {
-    const shot = makeShot(hero.firstElementChild, Number(hero.dataset.n), () => { if (!still.matches) playAlone(shot); });
+    const shot = makeShot(hero.firstElementChild, Number(hero.dataset.n), () => { addSlide(hero.firstElementChild); if (!still.matches) playAlone(shot); });
     hero.addEventListener("click", event => { if (!event.target.closest("a")) (shot.alone ? stopAlone : playAlone)(shot); });
   }
+  for (const open of all("a.open, .hero figcaption a")) open.href = withWayBack(open.getAttribute("href"));
   attend();
   list.addEventListener("keydown", walk);
   addEventListener("hashchange", () => { readState(); fillIn(); redraw(); settleSoon(); });
+}
+
+/* the address of a report, which then knows this page, and by it the clips before and after */
+function withWayBack(href) {
+  const folders = href.match(/^\.\/((?:[^/]+\/)*)[^/]+$/)?.[1];
+  const name = location.pathname.split("/").pop() || "index.html";
+  return folders === undefined ? href : `${href}?gallery=${"../".repeat(folders.split("/").length - 1)}${name}`;
 }
 
 const frameTime = () => 1 / Math.max(...clips.map(clip => (clip.made ? clip.fps : 0)), 1);
@@ -188,4 +196,5 @@ if (clips.length) {
   fillIn();
   redraw();
 }
+part("page").focus({ preventScroll: true }); // its keys scroll at once
 document.documentElement.dataset.ready = "";

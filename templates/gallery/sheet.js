@@ -82,7 +82,7 @@ function cell(found) {
   const inside = clip.failed && !clip.poster
     ? make("div", { className: "why" }, [make("p", { className: "bad", text: "Failed" }), make("p", { text: clip.why })])
     : box ?? make("div", { className: "shot none" }, [make("span", { text: "no picture" })]);
-  const element = make(link ? "a" : "button", link ? { href: clip.href, className: "cell" } : { type: "button", className: "cell" }, [inside]);
+  const element = make(link ? "a" : "button", link ? { href: withWayBack(clip.href), className: "cell" } : { type: "button", className: "cell" }, [inside]);
   element.setAttribute("aria-label", clip.failed ? `${label}: failed` : clip.warned ? `${label}: with warnings` : label);
   if (clip.warned) inside.append(make("span", { className: "badge", text: "warning" }));
   if (several) element.append(make("span", { className: "more", text: `+${found.length - 1}` }));

@@ -1,6 +1,7 @@
 // Series over one time axis -> SVG with a cursor; hovering reads values, a click or a drag seeks.
 
 const SVG = "http://www.w3.org/2000/svg";
+const READ = 2; // digits beside the charts
 const GUTTER = 56, EDGE = 10, TOP = 8, FOOT = 22;
 
 function shape(name, attributes = {}, ...children) {
@@ -108,15 +109,18 @@ function makeChart(what, data, motion, units, seek, hovering) {
     for (const { n, below, top } of sums) plot.append(shape("path", { class: "area", d: path(top, up, below), style: `fill: var(${series[n].colour})` }));
     series.forEach((row) => {
       if (what.stacked && !row.line) return;
-      plot.append(shape("path", { class: row.dash ? "line dashed" : "line", d: path(row.values, up), style: `stroke: var(${row.colour})` }));
+      plot.append(shape("path", { class: `line${row.dash ? " dashed" : ""}${row.strong ? " strong" : ""}`, d: path(row.values, up), style: `stroke: var(${row.colour})` }));
     });
     if (!series.length) plot.append(shape("text", { class: "empty", x: (wide + GUTTER) / 2, y: (foot + TOP) / 2, "text-anchor": "middle" }, what.empty));
     lines.span(TOP, foot);
     rows = series.map((row) => {
       const value = tag("dd"), swatch = tag("i", { class: row.dash ? "swatch dashed" : "swatch", style: `--ink: var(${row.colour})` });
-      return { row, value, name: tag("dt", {}, swatch, tag("bdi", { dir: "auto" }, row.name)) };
+      return { row, value, name: tag("dt", {}, swatch, tag(row.strong ? "b" : "bdi", { dir: "auto" }, row.name)) };
     });
     list.replaceChildren(...rows.map(({ name, value }) => tag("div", {}, name, value)));
+    requestAnimationFrame(() => { // with its values; keys scroll it
+      if (list.scrollHeight > list.clientHeight) list.tabIndex = 0; else list.removeAttribute("tabindex");
+    });
     const described = series.slice(0, 6).map((row) => {
       const ends = [row.values[0], row.values[row.values.length - 1]].map((v) => digits(v / scale.per));
       return `${row.name} from ${ends[0]} to ${ends[1]}`;
@@ -137,7 +141,8 @@ function makeChart(what, data, motion, units, seek, hovering) {
       const where = motion.locate(time);
       for (const { row, value } of rows) {
         const found = motion.mix(row.values, where), also = units.both(what.kind, found);
-        value.textContent = joined(found / scale.per, scale.unit);
+        value.textContent = joined(found / scale.per, scale.unit, READ);
+        value.dataset.value = found / scale.per;
         if (also && what.also) value.append(tag("small", {}, also));
       }
     },

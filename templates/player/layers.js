@@ -97,6 +97,7 @@ function makeLayers(data, motion, clip, units, ranks) {
 
   function outlines(pen, now) {
     bodies.forEach((body, k) => {
+      if (now.hidden?.has(k)) return;
       const pose = now.poses[k], path = new Path2D();
       if (body.radius !== undefined) {
         path.arc(pose.x, pose.y, body.radius, 0, 2 * Math.PI);

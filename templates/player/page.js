@@ -8,6 +8,7 @@ function start(root, physics, data) {
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   const on = new Set(["shadows"]);
   let paint = null, charts = null, asked = false;
+  const selection = makeSelection(data, motion, quantities), marks = [...root.querySelectorAll('[data-part="marked"]')];
 
   // ---- the video, the preview, or both
   let follow = () => {};
@@ -24,11 +25,14 @@ function start(root, physics, data) {
     follow({ sought: true });
   }
 
-  const clock = makeClock(clip, (change) => { follow(change); show(change); });
+  const clock = makeClock(clip, (change) => { follow(change); second.follow(); show(change); });
+  const second = makeSecond(root, clock, clip);
+  makeSplit(root, view);
+  readGallery(root, document.querySelector("[data-part=ways]"));
   const film = $("film"), frames = film && film.dataset.frames;
   if (video) {
     video.removeAttribute("controls");
-    video.addEventListener("click", clock.toggle);
+    video.addEventListener("click", (event) => pick(event, viewed()));
     video.addEventListener("error", missing);
     if (video.error) missing();
     const driver = followVideo(video, clip, clock, () => root.dataset.view !== "preview");
@@ -36,9 +40,26 @@ function start(root, physics, data) {
     follow = driver.follow;
     video.addEventListener("loadeddata", () => follow({ sought: true }));
   } else if (frames) {
-    film.addEventListener("click", clock.toggle);
+    film.addEventListener("click", (event) => pick(event, viewed()));
     follow = followFrames(film, frames, clip, clock);
   }
+  // the part of the photo that the video shows, and a click into it: on an object it selects, elsewhere it plays
+  const PHOTO = [-0.5, -0.5, ...data.size];
+  const viewed = () => (data.camera ? data.camera[Math.round(clip.frameAt(clock.time))] : PHOTO);
+  function pick(event, [left, top, wide, high]) {
+    const box = event.currentTarget.getBoundingClientRect();
+    const x = left + ((event.clientX - box.left) / box.width) * wide, y = top + ((event.clientY - box.top) / box.height) * high;
+    const k = selection.at(x, y, clock.time);
+    if (k === null) clock.toggle(); else selection.set(k);
+  }
+  function markSelected() {
+    for (const svg of marks) selection.mark(svg, clock.time, svg.dataset.on === "clip" ? viewed() : null);
+  }
+  selection.listen((k) => {
+    markSelected();
+    const body = data.bodies[k];
+    $("picked").replaceChildren(...(body ? ["Selected: ", tag("b", {}, tag("bdi", { dir: "auto" }, body.name)), ...(body.motion === "dynamic" ? [`, ${digits(body.mass, 2)} g`] : [])] : []));
+  });
   function missing() {
     video.hidden = true;
     $("missing").hidden = false;
@@ -64,6 +85,7 @@ function start(root, physics, data) {
     context.imageSmoothingQuality = "medium";
     const now = { time: clock.time, where, poses };
     paint(context, now, on.has("shadows"));
+    markSelected();
     for (const layer of layers) if (on.has(layer.id)) layer.draw(pen, now);
   }
 
@@ -112,7 +134,16 @@ function start(root, physics, data) {
   for (const [name, run] of Object.entries(commands)) $(name).addEventListener("click", run);
   $("rate").addEventListener("change", () => { clock.rate = +$("rate").value; });
   seek.addEventListener("input", () => go(+seek.value));
-  canvas.addEventListener("click", clock.toggle);
+  canvas.addEventListener("click", (event) => pick(event, PHOTO));
+  $("save").addEventListener("click", () => {
+    const number = String(Math.round(clip.frameAt(clock.time)) + 1).padStart(4, "0"), where = motion.locate(clock.time);
+    const seen = root.dataset.view !== "preview" && video && !video.hidden && video.readyState > 1 ? video : null;
+    const draft = (fresh) => {
+      fresh.translate(0.5, 0.5);
+      paint(fresh, { time: clock.time, where, poses: motion.bodies.map((body) => motion.pose(body, where)) }, on.has("shadows"));
+    };
+    saveFrame(seen, data.size, draft, `${data.name}-${number}.png`, (text) => { announce.textContent = text; });
+  });
 
   const toggles = [...layers, ...(data.shadows.length ? [{ key: "s", id: "shadows", name: "Shadows", ink: "#556" }] : [])];
   const pressed = (id) => $("layers").querySelector(`[data-layer="${id}"]`);
@@ -161,6 +192,7 @@ function start(root, physics, data) {
     const inside = root.contains(target) || physics.contains(target);
     const run = moves[event.key];
     if (!run || !(free || inside)) return;
+    if (target.matches("input[type=range]") && target !== seek) return; // the seam of the photo has keys of its own
     if (target.matches("select, textarea, input:not([type=range]):not([type=checkbox])")) return;
     if ((event.key === " " || event.key === "Enter") && target.matches("button, summary, a, input[type=checkbox]")) return;
     if (target.matches("input[type=range]") && event.key.startsWith("Arrow")) clock.step(event.key === "ArrowRight" ? 1 : -1);
@@ -169,7 +201,8 @@ function start(root, physics, data) {
   });
 
   // ---- physics
-  charts = makePhysics(physics, data, motion, units, clock, go, quantities);
+  charts = makePhysics(physics, data, motion, units, clock, go, { quantities, selection, frame: 1000 / clip.fps });
+  for (const table of document.querySelectorAll("table.parameters")) tieTable(table, data.bodies, selection);
 
   // ---- begin
   return loadPictures(data).then((pictures) => {
@@ -190,20 +223,21 @@ function start(root, physics, data) {
     charts.resize();
     charts.move(0);
     charts.read();
+    selection.set(selection.pushed());
     follow({ sought: true });
     if (!still && clip.frames > 1) clock.play();
     root.dataset.ready = "true";
   });
 }
 
-function makePhysics(physics, data, motion, units, clock, go, quantities) {
+function makePhysics(physics, data, motion, units, clock, go, { quantities, selection, frame }) {
   const $ = (name) => physics.querySelector(`[data-part="${name}"]`);
   const chosen = new Set(quantities.movers);
   if (!chosen.size) quantities.objects.slice(0, 3).forEach((o) => chosen.add(o.k));
   const surfaces = [...data.bodies, ...data.walls], nameOf = (k) => surfaces[k].name;
   const rank = quantities.ranks, colours = (k) => `--object-${rank[k] % 10}`;
   const some = (values) => () => quantities.objects.filter((o) => chosen.has(o.k)).map((o) => (
-    { name: o.name, colour: colours(o.k), dash: rank[o.k] >= 10, values: values(o.k) }));
+    { name: o.name, colour: colours(o.k), dash: rank[o.k] >= 10, strong: o.k === selection.k, values: values(o.k) }));
   const { energy, momentum } = quantities;
   let over = null, lastRead = 0;
   const hovering = (time) => { over = time; for (const chart of charts) chart.hover(time); read(); };
@@ -239,7 +273,11 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
   const chips = quantities.objects.map((o) => {
     const chip = tag("button", { type: "button", class: "chip", "aria-pressed": chosen.has(o.k), title: o.label || o.name },
       tag("i", { class: rank[o.k] >= 10 ? "swatch dashed" : "swatch", style: `--ink: var(${colours(o.k)})` }), tag("bdi", { dir: "auto" }, o.name));
-    chip.addEventListener("click", () => choose(chosen.has(o.k) ? [...chosen].filter((k) => k !== o.k) : [...chosen, o.k]));
+    chip.addEventListener("click", () => { // select it; once more leaves it out
+      if (selection.k !== o.k) { selection.set(o.k); return; }
+      selection.set(null);
+      choose([...chosen].filter((k) => k !== o.k));
+    });
     return chip;
   });
   $("objects").replaceChildren(...chips);
@@ -252,6 +290,10 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
     move(clock.time);
     read();
   }
+  selection.listen((selected) => {
+    chips.forEach((chip, k) => { if (k === selected) chip.setAttribute("aria-current", "true"); else chip.removeAttribute("aria-current"); });
+    choose(selected === null || chosen.has(selected) ? [...chosen] : [...chosen, selected]);
+  });
   $("all").addEventListener("click", () => choose(quantities.objects.map((o) => o.k)));
   $("movers").addEventListener("click", () => choose(quantities.movers));
   for (const button of document.querySelectorAll("button[data-seek]")) button.addEventListener("click", () => { clock.pause(); go(+button.dataset.seek); });
@@ -264,7 +306,7 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
   function move(time) {
     for (const c of charts) c.move(time);
     const now = performance.now();
-    if (over === null && (!clock.playing || now - lastRead > 90)) { lastRead = now; read(); } // eyes read no faster
+    if (over === null && (!clock.playing || now - lastRead > 0.9 * frame)) { lastRead = now; read(); } // once a frame
   }
   const width = () => charts[0].element.querySelector(".plot-frame").clientWidth;
   return { move, read, resize: () => { const w = width(); if (w > 0) for (const c of charts) c.resize(w); } };

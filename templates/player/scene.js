@@ -90,9 +90,11 @@ function makeScene(data, motion, pictures) {
     context.restore();
   }
 
-  return (context, { time, poses, where }, shadows) => {
+  // `hidden`: bodies that are left out
+  return (context, { time, poses, where, hidden }, shadows) => {
     behind(context);
-    if (shadows) data.shadows.forEach((row, k) => shadow(context, row, pictures.shadows[k], time, poses[row.body]));
-    data.sprites.forEach((row, k) => sprite(context, row, pictures.sprites[k], poses[row.body], pictures.balls[k], where));
+    const shown = ({ body }) => !hidden?.has(body);
+    if (shadows) data.shadows.forEach((row, k) => shown(row) && shadow(context, row, pictures.shadows[k], time, poses[row.body]));
+    data.sprites.forEach((row, k) => shown(row) && sprite(context, row, pictures.sprites[k], poses[row.body], pictures.balls[k], where));
   };
 }

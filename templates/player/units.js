@@ -1,6 +1,7 @@
 // Numbers in g, px and s -> words, in SI where the scene has a scale.
 
 const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"]];
+const METRES = 0.1; // m and m/s from which on lengths and speeds are in metres
 const RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
 // three digits, thousands set apart, no exponent, a real minus
@@ -12,7 +13,7 @@ function digits(value, count = 3) {
 }
 
 // a number and its unit, which may begin with a power of ten
-const joined = (value, unit) => `${digits(value)}${/^10/.test(unit) ? "·" : " "}${unit}`;
+const joined = (value, unit, count = 3) => `${digits(value, count)}${/^10/.test(unit) ? "·" : " "}${unit}`;
 
 function readUnits(data) {
   const meter = data.scale, newton = meter ? 1000 * meter : null;
@@ -31,14 +32,15 @@ function readUnits(data) {
       return { per: 10 ** power, unit: sign + px[kind] };
     }
     const [name, one] = si[kind], value = most / one;
-    const [factor, prefix] = PREFIXES.find(([f]) => value >= f * 0.9999) || PREFIXES[PREFIXES.length - 1];
+    const least = kind === "length" || kind === "speed" ? METRES : 1; // 0.5 m, not 500 mm
+    const [factor, prefix] = PREFIXES.find(([f]) => value >= f * (f === 1 ? least : 1) * 0.9999) || PREFIXES[PREFIXES.length - 1];
     return { per: one * (value ? factor : 1), unit: (value ? prefix : "") + name };
   }
   function worded(kind, value) {
     const { per, unit } = axis(kind, Math.abs(value));
     return joined(value / per, unit);
   }
-  return { axis, worded, both: (kind, value) => (meter ? `${digits(value)} ${px[kind]}` : "") };
+  return { axis, worded, both: (kind, value) => (meter ? `${digits(value, 2)} ${px[kind]}` : "") };
 }
 
 // the largest of 1, 2, 5, 10, 20 ... that is not above a positive value

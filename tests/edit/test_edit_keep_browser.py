@@ -96,7 +96,7 @@ def test_leaving_with_work_that_is_not_saved_asks(desk: Desk) -> None:
     desk.page.on("dialog", lambda d: (asked.append(d.type), d.dismiss()))
     desk.page.click("#tab-yaml")
     edit(desk, "objects.ball.mass", 75)
-    words(desk, "draft kept, not saved")
+    words(desk, "saved as draft")
     desk.page.close(run_before_unload=True)
     desk.page.wait_for_timeout(200)
     assert asked == ["beforeunload"]

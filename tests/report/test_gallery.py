@@ -191,12 +191,55 @@ def test_pictures_are_made_once_and_go_with_their_films(tmp_path: Path) -> None:
     files = tmp_path / "index.files"
     (files / "mine.webp").write_bytes(b"mine")
     before = {path.name: path.stat().st_mtime_ns for path in files.iterdir()}
-    assert len(before) == 3
+    assert len(before) == 2 * 2 + 2, "photos, results, the list of clips and mine"
     shutil.rmtree(tmp_path / "a")
     write_gallery([tmp_path], tmp_path / "index.html")
     after = {path.name: path.stat().st_mtime_ns for path in files.iterdir()}
-    assert len(after) == 2
+    assert len(after) == 2 + 2
+    after.pop("clips.js")
     assert after.items() <= before.items()
+
+
+@pytest.mark.parametrize(("play", "expected"), [("forward", 10), ("there-and-back", 5)])
+def test_the_result_is_where_the_clip_ends(
+    tmp_path: Path, play: str, expected: int
+) -> None:
+    """A clip that comes back to its photo is shown by its middle."""
+    exhibit(tmp_path / "a", document(render__play=play))
+    write_gallery([tmp_path], tmp_path / "index.html")
+    (file,) = (tmp_path / "index.files").glob("*.result.webp")
+    still = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    assert still.mean() == approx(level(expected), abs=4)
+
+
+# ---- words of the scene file -----------------------------------------------------------------------------------------
+
+
+def test_a_card_has_the_words_of_its_scene_file(tmp_path: Path) -> None:
+    text = "# yaml-language-server: $schema=x\n# Two cups, one\n# on top. Ours.\n"
+    (tmp_path / "tall-cups.yaml").write_text(text + SCENE)
+    exhibit(
+        tmp_path / "out" / "tall-cups",
+        document(render__slow=2.5, objects__ball__mask=1),
+        source="../../tall-cups.yaml",
+    )
+    exhibit(
+        tmp_path / "out" / "seen",
+        document(objects__ball__mask=1),
+        inputs={"seen.assets/perceived.json": "0"},
+        source="../../none.yaml",
+    )
+    exhibit(tmp_path / "out" / "drawn")
+    found = {clip.name: clip for clip in clips_in([tmp_path / "out"])}
+    cups = found["tall-cups"]
+    assert (cups.title, cups.sentence) == ("Tall cups", "Two cups, one on top.")
+    assert (cups.masks, cups.slow) == ("hand-made masks", 2.5)
+    assert (found["seen"].masks, found["seen"].sentence) == ("perceived", "")
+    assert found["drawn"].masks == ""
+    write_gallery([tmp_path / "out"], tmp_path / "out" / "index.html")
+    html = (tmp_path / "out" / "index.html").read_text()
+    assert "slow motion 2.5 ×" in html
+    assert 'href="../tall-cups.yaml">scene file' in html
 
 
 # ---- the page --------------------------------------------------------------------------------------------------------
@@ -218,8 +261,10 @@ def test_paths_are_relative_to_the_page_and_lead_somewhere(tmp_path: Path) -> No
         == 0
     )
     paths = Page(tmp_path / "x" / "y" / "all.html").paths()
-    assert len(paths) == 2 * 4 + 2, "with the one on top"
-    for path in paths:
+    own = [path for path in paths if "docs/" not in path and "README" not in path]
+    own.remove("https://stevenlsw.github.io/physgen/")
+    assert len(own) == 2 * 5 + 3, "with the one on top"
+    for path in own:
         assert path.startswith(("./", "../"))
         assert (tmp_path / "x" / "y" / unquote(path)).is_file(), path
 

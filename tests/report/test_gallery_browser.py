@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -10,6 +11,7 @@ import pytest
 from browser import grave, opened, overflowing, unfolded
 from exhibits import document, exhibit, failure, sweep
 
+from physgen.report import gallery
 from physgen.report.gallery import write_gallery
 
 pytestmark = pytest.mark.slow
@@ -21,7 +23,7 @@ LONG = (
     "🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈",
     "<script>window.broken = 1</script><img src=x onerror='window.broken = 2'>",
 )
-SHOWN = "() => [...document.querySelectorAll('[data-part=cards] > .clip:not([hidden]) .open')].map(e => e.textContent)"
+SHOWN = "() => [...document.querySelectorAll('[data-part=cards] > .clip:not([hidden])')].map(e => e.dataset.name)"
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +44,9 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         warnings=[{"text": "the books rest on nothing"}],
     )
     failure(home, "broken", 'broken.yaml:3:1: "<b>heavy</b>" is not a number')
-    write_gallery([home], home / "index.html")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gallery, "LIMITS", replace(gallery.LIMITS, searched=1))
+        write_gallery([home], home / "index.html")
     return home / "index.html"
 
 
@@ -265,6 +269,70 @@ def test_a_card_plays_under_the_pointer_and_stops(browser: Any, mixed: Path) -> 
         assert seen.page.locator(".clip video").count() == 1
         seen.page.mouse.move(2, 2)
         seen.page.wait_for_selector(".clip video", state="detached")
+
+
+# ---- a new user ------------------------------------------------------------------------------------------------------
+
+
+def test_the_seam_moves_by_keys_and_by_the_pointer(browser: Any, mixed: Path) -> None:
+    """The seam of a card between photo and result: it neither opens the report nor moves other seams."""
+    with ready(browser, mixed) as seen:
+        card = seen.page.locator(".clip", has_text="Shelf")
+        slider = card.get_by_role("slider", name="Shelf: share of the photo")
+        slider.focus()
+        for _ in range(20):
+            seen.page.keyboard.press("ArrowLeft")
+        assert slider.get_attribute("aria-valuetext") == "30 % photo, 70 % result"
+        box = card.locator(".shot").bounding_box()
+        x, y = box["x"] + 0.3 * box["width"], box["y"] + box["height"] / 2
+        seen.page.mouse.move(x, y)
+        seen.page.mouse.down()
+        seen.page.mouse.move(box["x"] + 0.8 * box["width"], y, steps=4)
+        seen.page.mouse.up()
+        assert float(slider.input_value()) > 70
+        seam = card.locator(".seam").bounding_box()
+        middle = seam["x"] + seam["width"] / 2 - box["x"]
+        share = float(slider.input_value()) / 100
+        assert abs(middle / box["width"] - share) < 0.02
+        assert seen.page.url.startswith(mixed.as_uri())
+        assert seen.page.locator(".hero .slide").input_value() == "50"
+
+
+def test_the_player_covers_no_card_and_has_a_name(browser: Any, mixed: Path) -> None:
+    for viewport in ({"width": 1280, "height": 800}, {"width": 390, "height": 844}):
+        with ready(browser, mixed, viewport=viewport) as seen:
+            bar = seen.page.get_by_role("group", name="All clips together")
+            page = seen.page.locator(".page").bounding_box()
+            assert page["y"] + page["height"] <= bar.bounding_box()["y"] + 0.5
+            last = seen.page.locator(".clip .open").last
+            last.focus()
+            assert last.bounding_box()["y"] < bar.bounding_box()["y"]
+
+
+def test_two_rows_of_cards_are_visible_at_once(browser: Any, tmp_path: Path) -> None:
+    for k in range(14):
+        exhibit(tmp_path / f"clip-{k}", seed=k)
+    write_gallery([tmp_path], tmp_path / "index.html")
+    with ready(
+        browser, tmp_path / "index.html", viewport={"width": 1280, "height": 800}
+    ) as seen:
+        assert seen.page.is_visible("[data-part=search]"), "14 clips are searched"
+        rows = seen.page.evaluate(
+            "() => [...new Set([...document.querySelectorAll('.clip')].filter(c => c.getBoundingClientRect().bottom"
+            " <= document.querySelector('.clock').getBoundingClientRect().top)"
+            ".map(c => c.offsetTop))].length"
+        )
+        assert rows >= 2
+
+
+def test_few_clips_have_no_search(browser: Any, tmp_path: Path) -> None:
+    for k in range(11):
+        exhibit(tmp_path / f"clip-{k}", seed=k)
+    write_gallery([tmp_path], tmp_path / "index.html")
+    with ready(browser, tmp_path / "index.html") as seen:
+        for part in ("search", "sort", "facets"):
+            assert not seen.page.is_visible(f"[data-part={part}]"), part
+        assert seen.errors == []
 
 
 # ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------

@@ -17,8 +17,8 @@ from physgen.report.gallery import write_gallery
 pytestmark = pytest.mark.slow
 
 GOLDEN = Path(__file__).parent.parent / "golden_pages"
-MACHINE = """#provenance :is(dl, .facts, .copied, .hashes), .lead small, .shot *, footer { display: none; }
-.clock { position: static; }"""
+MACHINE = """#provenance :is(dl, .facts, .copied, .hashes), .intro small, .shot *, footer { display: none; }
+body.gallery { display: block; height: auto; overflow: visible; } .page { overflow: visible; }"""
 """What versions, paths, dates, the loading of pictures and the height of the window decide."""
 OTHER_LETTERS = "* { -webkit-text-stroke: .12px; }"
 """About what another font smoothing does."""

@@ -21,7 +21,8 @@ from physgen.report.page import SCRIPTS
 def readout(seen: Any, chart: int) -> dict[str, str]:
     rows = seen.page.evaluate(
         "n => [...document.querySelectorAll('.chart')[n].querySelectorAll('.readout > div')]"
-        ".map(d => [d.querySelector('dt').textContent, d.querySelector('dd').childNodes[0].textContent])",
+        ".map(d => [d.querySelector('dt').textContent, `${d.querySelector('dd').dataset.value} "
+        "${d.querySelector('dd').childNodes[0].textContent.split(' ').slice(1).join(' ')}`])",
         chart,
     )
     return dict(rows)

@@ -1,0 +1,78 @@
+"""Words about a scene for people: its title, its first sentence, and the origin of its masks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from physgen.scene.files import RECORD
+
+HEAD_BYTES = 4096
+"""Of a scene file that are read for its opening comment."""
+LONGEST_SENTENCE = 160
+"""Characters; a longer one is cut at a word."""
+PERCEIVED = "perceived"
+HAND_MADE = "hand-made masks"
+
+_PLAIN = re.compile(r"\w+(?:[-_]\w+)*").fullmatch
+"""Names of which words can be made; those of a sweep hold settings."""
+_SENTENCE = re.compile(r".+?[.!?](?=\s|$)")
+
+
+def title_of(name: str) -> str:
+    """Return a scene's name as a title.
+
+    >>> title_of("bottle-book"), title_of("mass=3,friction=0.1")
+    ('Bottle book', 'mass=3,friction=0.1')
+    """
+    if not _PLAIN(name):
+        return name
+    words = name.replace("-", " ").replace("_", " ")
+    return words[:1].upper() + words[1:]
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of the comment that opens a scene file; empty without one.
+
+    >>> first_sentence("# A break, from\\n# above. It is ours.\\nphysgen: 1\\n")
+    'A break, from above.'
+    """
+    lines = []
+    for line in text.splitlines():
+        if not line.startswith("#"):
+            break
+        words = line.removeprefix("#").strip()
+        if not words.startswith("yaml-language-server:"):
+            lines.append(words)
+    comment = " ".join(" ".join(lines).split())
+    sentence = _SENTENCE.match(comment)
+    words = sentence[0] if sentence else comment
+    if len(words) <= LONGEST_SENTENCE:
+        return words
+    return words[:LONGEST_SENTENCE].rsplit(" ", 1)[0] + " …"
+
+
+@lru_cache(maxsize=256)
+def sentence_of(file: Path) -> str:
+    """Return the first sentence of a scene file; empty if it cannot be read."""
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+    except (OSError, ValueError):
+        return ""
+    return first_sentence(head.decode("utf-8", "ignore"))
+
+
+def masks_from(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
+    """Return the origin of the masks of a rendered scene; empty without masks.
+
+    `perceive` leaves its record among the assets, which are inputs of the clip; masks without it are hand-made.
+    """
+    objects = document.get("objects", {}).values()
+    if not any(item.get("mask") is not None for item in objects):
+        return ""
+    has_record = any(Path(path).name == RECORD for path in inputs)
+    return PERCEIVED if has_record else HAND_MADE
