@@ -35,6 +35,11 @@ class EdgeTolerance:
 
 
 TOLERANCE = EdgeTolerance()
+ABOVE, BELOW = TOLERANCE.above, TOLERANCE.below
+LEVEL, GAP = TOLERANCE.level, TOLERANCE.gap
+# these lengths are read for each edge and point of each step
+ROUNDING = 1e-9
+"""px: more than two ways to compute a distance differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +159,8 @@ class Cover:
     """Points of a contact that edges of third shapes cover."""
 
     __slots__ = (
-        "_contact", "_exceptions", "_frame", "_shape", "_slope", "_surface", "edges",
-        "is_covered", "room",
+        "_contact", "_exceptions", "_frame", "_shape", "_sides", "_slope", "_surface",
+        "edges", "is_covered", "room",
     )  # fmt: skip
 
     def __init__(
@@ -165,11 +170,14 @@ class Cover:
         frame: Frame,
         contact: Contact,
         exceptions: Collection[tuple[int, int]],
+        sides: Sequence[Edge],
     ) -> None:
         """`frame`: of the owner of `surface`; the normal of the contact goes from `surface` to `shape`.
 
-        exceptions: pairs of owners, in both orders, that do not collide.
+        exceptions: pairs of owners, in both orders, that do not collide. sides: the
+        edges of `surface` in its owner's frame.
         """
+        self._sides = sides
         self._shape, self._surface, self._frame = shape, surface, frame
         self._contact, self._exceptions = contact, exceptions
         self._slope = TOLERANCE.slope_of_circles
@@ -191,37 +199,59 @@ class Cover:
         contact = self._contact
         if place is not WORLD:
             contact = place.locate_contact(contact)
-        (nx, ny), points, slope = contact.normal, contact.points, self._slope
-        is_covered = self.is_covered
+        (nx, ny), points, (center_x, center_y) = contact
+        slope = self._slope
         for edge in edges:
-            into = nx * edge.dx + ny * edge.dy
+            x, y, dx, dy, _, is_segment, _ = edge
+            into = nx * dx + ny * dy
             if -slope <= into <= slope:
                 continue
-            for k, point in enumerate(points):
-                if is_covered[k]:
-                    continue
-                spot = _spot_over(edge, contact, point)
-                if spot is None or self._passes_through(edge.owner):
-                    continue
-                self.room = min(self.room, abs(into))
-                is_covered[k] = self._is_clear(self._frame.locate(place.place(spot)))
-                if is_covered[k]:
-                    self.edges.append(edge)
+            is_behind = (center_x - x) * dy - (center_y - y) * dx < 0
+            if not is_behind:
+                self._cover_by(edge, into, (dy, -dx), place, points)
+            elif is_segment:
+                self._cover_by(edge, into, (-dy, dx), place, points)
+
+    def _cover_by(
+        self, edge: Edge, into: float, up: Spot, place: Frame, points: Sequence[Spot]
+    ) -> None:
+        """Cover points by an edge that continues the surface, unless something rises over it.
+
+        `into`: cosine between the normal and the edge. `up`: normal of the edge, to the
+        side on which the shape is. A point is covered if it is beside the edge.
+        """
+        x, y, dx, dy, length, _, owner = edge
+        ux, uy = up
+        is_covered = self.is_covered
+        for k, (point_x, point_y) in enumerate(points):
+            px, py = point_x - x, point_y - y
+            height = px * ux + py * uy
+            if not -BELOW <= height <= LEVEL or is_covered[k]:
+                continue
+            along = px * dx + py * dy
+            ahead = length - along if into > 0 else along
+            if not ABOVE < ahead <= length + GAP or self._passes_through(owner):
+                continue
+            self.room = min(self.room, abs(into))
+            lift = ABOVE - height
+            spot = place.place((point_x + lift * ux, point_y + lift * uy))
+            if self._is_clear(*self._frame.locate(spot)):
+                is_covered[k] = True
+                self.edges.append(edge)
 
     def _passes_through(self, owner: int) -> bool:
         """Return whether the shape belongs to an owner, or does not collide with it."""
         mine = self._shape.owner
         return mine == owner or (mine, owner) in self._exceptions
 
-    def _is_clear(self, point: Spot) -> bool:
+    def _is_clear(self, x: float, y: float) -> bool:
         """Return whether the other shape does not rise to a point, in the frame of its owner."""
-        least = TOLERANCE.above - TOLERANCE.level
-        outline = self._surface
-        x, y = outline.center
-        # the circle around it tells at once in most cases
-        if hypot(point[0] - x, point[1] - y) > outline.reach + 2 * least:
-            return True
-        return _distance(outline.corners, point) >= least
+        least = ABOVE - LEVEL
+        # a side of which the point is far outside tells at once in most cases
+        for side in self._sides:
+            if (x - side.x) * side.dy - (y - side.y) * side.dx > least + ROUNDING:
+                return True
+        return _distance(self._surface.corners, (x, y)) >= least
 
 
 class InternalEdges:
@@ -302,7 +332,8 @@ class InternalEdges:
         center = frames.of(shape.owner).place(shape.center)
         located = Contact(contact.normal, contact.points, center)
         frame = frames.of(surface.owner)
-        return Cover(shape, surface, frame, located, self._apart)
+        sides = self._edges[pair[1]]
+        return Cover(shape, surface, frame, located, self._apart, sides)
 
     def _room(
         self,
@@ -438,30 +469,6 @@ def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
         min(end_places) - max(corner_places), min(corner_places) - max(end_places)
     )
     return gap > NEIGHBOURS
-
-
-def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
-    """Return the place over an edge at which nothing may rise if it continues the surface at a point of a contact.
-
-    None if the edge does not continue the surface.
-    """
-    x, y, dx, dy, length, is_segment, _ = edge
-    px, py = point[0] - x, point[1] - y
-    along = px * dx + py * dy
-    into = contact.normal[0] * dx + contact.normal[1] * dy
-    ahead = length - along if into > 0 else along
-    if not TOLERANCE.above < ahead <= length + TOLERANCE.gap:
-        return None
-    ux, uy = dy, -dx
-    if (contact.center[0] - x) * ux + (contact.center[1] - y) * uy < 0:
-        if not is_segment:
-            return None
-        ux, uy = -ux, -uy
-    height = px * ux + py * uy
-    if not -TOLERANCE.below <= height <= TOLERANCE.level:
-        return None
-    lift = TOLERANCE.above - height
-    return point[0] + lift * ux, point[1] + lift * uy
 
 
 def _distance(corners: Sequence[Spot], point: Spot) -> float:
