@@ -14,23 +14,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from physgen.pipeline.cache_keys import CODE
 from physgen.problems import Place, Problem, Severity
 from physgen.scene.files import DATA
-
-CODE = (
-    "compile",
-    "export",
-    "geometry",
-    "perceive",
-    "pipeline",
-    "refine",
-    "render",
-    "report",
-    "scene",
-    "simulate",
-)
-"""Packages whose code makes clips and their pages."""
-
 
 def clip_mark(*options: Any) -> str:
     """Hash of the options of a clip, as plain data, and of the code that makes it; not of the files that are read."""

@@ -47,7 +47,7 @@ def clean(options: argparse.Namespace) -> int:
 
 def _unused_of(path: Path) -> list[UnusedPath]:
     """Return what is unused in a folder, or of one scene. Raises InputError."""
-    from physgen.scene.saving import assets_of
+    from physgen.scene.saving import UnusedKind, assets_of
 
     if path.is_dir():
         return _unused_in(path)
@@ -56,6 +56,7 @@ def _unused_of(path: Path) -> list[UnusedPath]:
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
     folder = _unused_in(path.parent, backup)
+    own = assets_of(path)
     backups = [one for one in folder if backup.fullmatch(one.path.name)]
     named = {assets_of(one.path) for one in backups}
     return [
@@ -65,6 +66,7 @@ def _unused_of(path: Path) -> list[UnusedPath]:
         or family.fullmatch(one.path.name)
         or one.path in named
         or one.path.name.startswith(f".{path.name}.")
+        or (one.kind is UnusedKind.CACHE and one.path.parent == own)
     ]
 
 
@@ -75,6 +77,7 @@ def _unused_in(
     from physgen.scene.saving import (
         UnusedKind,
         UnusedPath,
+        caches_of_assets,
         unused_assets,
         unused_backups,
     )
@@ -85,6 +88,7 @@ def _unused_in(
         if backup_names is None or backup_names.fullmatch(path.name)
     ]
     assets = unused_assets(folder, backups)
+    caches = [one for one in caches_of_assets(folder) if one.parent not in assets]
     partials = _partials(folder)
     for one in folder.glob("*.assets"):
         if one not in assets:
@@ -93,6 +97,7 @@ def _unused_in(
         *(UnusedPath(path, UnusedKind.BACKUP) for path in backups),
         *(UnusedPath(path, UnusedKind.ASSETS) for path in assets),
         *(UnusedPath(path, UnusedKind.PARTIAL) for path in partials),
+        *(UnusedPath(path, UnusedKind.CACHE) for path in caches),
     ]
 
 

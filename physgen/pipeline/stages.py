@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from physgen.maps import F32, U16, Percepts
     from physgen.render.camera import Shot
     from physgen.render.stage import Frame, Stage
+    from physgen.pipeline.asset_cache import AssetCache
     from physgen.report.record import RunRecord
     from physgen.scene.load import Opened
     from physgen.scene.scene import Scene
@@ -414,11 +415,23 @@ class Maps:
     key: str
     stamps: tuple[tuple[Path, Stamp], ...] = ()
 
+    @property
+    def is_large(self) -> bool:
+        """Return whether the photo is too large to stay in memory."""
+        maps = self.percepts
+        return maps is not None and maps.labels.size > MOST_PIXELS
+
 
 class Stages:
     """The stages above, each run only where its result is not known."""
 
-    def __init__(self, keep: Keep = Keep.RESULTS) -> None:
+    def __init__(
+        self, keep: Keep = Keep.RESULTS, *, reads_assets_cache: bool = False
+    ) -> None:
+        """`reads_assets_cache`: results may come from the cache in the assets folder."""
+        self._reads_cache = reads_assets_cache
+        self._cached: set[Path] = set()
+        """Assets folders to whose cache this process added a stage."""
         few = 0 if keep is Keep.NOTHING else 4
         self._editing = keep is Keep.EDITING
         self._opened: Recent[Opened] = Recent(few)
@@ -462,7 +475,34 @@ class Stages:
         width, height = scene.size
         if width * height > MOST_PIXELS and not self._editing:
             return Maps(percepts(scene), read, stamps)
-        return self._maps.of(read, lambda: Maps(percepts(scene), read, stamps))
+        return self._maps.of(
+            read, lambda: Maps(self._percepts(scene, files), read, stamps)
+        )
+
+    def _percepts(self, scene: Scene, files: Sequence[Path]) -> Percepts | None:
+        """Return the photo and its maps, from the cache in its assets folder if it has them."""
+        cache = self._assets_cache(scene)
+        if cache is None:
+            return percepts(scene)
+        from physgen.maps import PHOTO, percepts_of
+        from physgen.pipeline.cache_keys import assets_key
+
+        try:
+            pictures = cache.load(assets_key("maps", files, self.hash))
+        except OSError:
+            pictures = None
+        if not isinstance(pictures, dict) or PHOTO not in pictures:
+            return percepts(scene)
+        return percepts_of(pictures[PHOTO], pictures.get, scene.maps)
+
+    def _assets_cache(self, scene: Scene) -> AssetCache | None:
+        """Return the cache in a scene's assets folder, if it has one that may be read."""
+        if not self._reads_cache:
+            return None
+        from physgen.pipeline.asset_cache import AssetCache
+
+        cache = AssetCache(scene.assets)
+        return cache if cache.exists else None
 
     def compile(self, scene: Scene, maps: Maps) -> Compiled:
         """See `compile`."""
@@ -490,10 +530,41 @@ class Stages:
         drawn = compiled.outlines if maps.percepts is None else ()
         seen = appearance(scene, compiled.world)
         read = key("stage", maps.key, *seen, compiled.labels, compiled.scenery, drawn)
-        made = self._stages.of(read, lambda: stage(scene, compiled, maps.percepts))
+        depends = (dict(scene.maps), *seen, compiled.labels, compiled.scenery, drawn)
+        made = self._stages.of(
+            read, lambda: self._stage(scene, compiled, maps, depends)
+        )
         return replace(
             made, starts=photo_poses(compiled.world)
         )  # objects may have been moved since
+
+    def _stage(
+        self, scene: Scene, compiled: Compiled, maps: Maps, depends: Sequence[Any]
+    ) -> Stage:
+        """Return a stage, from the cache in the assets folder if it has it.
+
+        `depends` is what it depends on beside the photo and the maps.
+        """
+        cache = None if maps.is_large else self._assets_cache(scene)
+        if cache is None or scene.assets is None:
+            return stage(scene, compiled, maps.percepts)
+        from physgen.pipeline.cache_keys import assets_key
+        from physgen.render.stage import Stage
+
+        files = [file for file, _ in maps.stamps]
+        try:
+            entry = assets_key("stage", files, self.hash, *depends)
+        except OSError:
+            return stage(scene, compiled, maps.percepts)
+        cached = cache.load(entry)
+        if isinstance(cached, Stage):
+            return cached
+        made = stage(scene, compiled, maps.percepts)
+        is_current = all(file_stamp(file) == stamp for file, stamp in maps.stamps)
+        if is_current and scene.assets not in self._cached:
+            self._cached.add(scene.assets)
+            cache.save(entry, made)
+        return made
 
     def simulate(self, world: World, progress: Progress = silent) -> Trajectory:
         """See `simulate`."""
