@@ -18,6 +18,7 @@ from physgen.pipeline.cache_keys import CODE
 from physgen.problems import Place, Problem, Severity
 from physgen.scene.files import DATA
 
+
 def clip_mark(*options: Any) -> str:
     """Hash of the options of a clip, as plain data, and of the code that makes it; not of the files that are read."""
     from physgen.pipeline.cache_keys import code_version, key

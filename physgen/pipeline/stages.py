@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
     from physgen.maps import F32, U16, Percepts
+    from physgen.pipeline.asset_cache import AssetCache
     from physgen.render.camera import Shot
     from physgen.render.stage import Frame, Stage
-    from physgen.pipeline.asset_cache import AssetCache
     from physgen.report.record import RunRecord
     from physgen.scene.load import Opened
     from physgen.scene.scene import Scene
@@ -529,8 +529,13 @@ class Stages:
 
         drawn = compiled.outlines if maps.percepts is None else ()
         seen = appearance(scene, compiled.world)
-        read = key("stage", maps.key, *seen, compiled.labels, compiled.scenery, drawn)
-        depends = (dict(scene.maps), *seen, compiled.labels, compiled.scenery, drawn)
+        labels = [item.label for item in scene.objects]
+        doubtful = scene.document.get("doubtful", {})
+        depends = (
+            *(dict(scene.maps), labels, doubtful, *seen),
+            *(compiled.labels, compiled.scenery, drawn),
+        )
+        read = key("stage", maps.key, *depends)
         made = self._stages.of(
             read, lambda: self._stage(scene, compiled, maps, depends)
         )

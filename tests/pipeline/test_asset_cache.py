@@ -161,7 +161,8 @@ def test_shared_arrays_stay_shared() -> None:
     picture = np.zeros((2, 2))
     arrays: list[Any] = []
     one, other = decode_value(encode_value([picture, picture], arrays), arrays)
-    assert len(arrays) == 1 and one is other
+    assert len(arrays) == 1
+    assert one is other
 
 
 def test_folders_without_a_cache_get_none(tmp_path: Path) -> None:
