@@ -235,7 +235,9 @@ class Cover:
             self.room = min(self.room, abs(into))
             lift = ABOVE - height
             spot = place.place((point_x + lift * ux, point_y + lift * uy))
-            if self._is_clear(*self._frame.locate(spot)):
+            x_of_spot, y_of_spot = self._frame.locate(spot)
+            corners = self._surface.corners
+            if _is_outside(self._sides, corners, x_of_spot, y_of_spot):
                 is_covered[k] = True
                 self.edges.append(edge)
 
@@ -243,15 +245,6 @@ class Cover:
         """Return whether the shape belongs to an owner, or does not collide with it."""
         mine = self._shape.owner
         return mine == owner or (mine, owner) in self._exceptions
-
-    def _is_clear(self, x: float, y: float) -> bool:
-        """Return whether the other shape does not rise to a point, in the frame of its owner."""
-        least = ABOVE - LEVEL
-        # a side of which the point is far outside tells at once in most cases
-        for side in self._sides:
-            if (x - side.x) * side.dy - (y - side.y) * side.dx > least + ROUNDING:
-                return True
-        return _distance(self._surface.corners, (x, y)) >= least
 
 
 class InternalEdges:
@@ -313,13 +306,22 @@ class InternalEdges:
         edges = self._covering.get(pair)
         if edges is None:
             return False
-        surface = self._outlines[pair[1]]
-        place = WORLD
-        if not surface.is_static:
-            place = frames.of(surface.owner)
-        cover = self._begin_cover(frames, pair, contact)
-        cover.extend(place, edges)
-        return cover.is_whole
+        shape, surface = self._outlines[pair[0]], self._outlines[pair[1]]
+        frame = frames.of(surface.owner)
+        place = WORLD if surface.is_static else frame
+        center = place.locate(frames.of(shape.owner).place(shape.center))
+        nx, ny = contact.normal
+        c, s = place.cosine, place.sine
+        normal = c * nx + s * ny, c * ny - s * nx
+        slope = TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
+        for point in contact.points:
+            for spot in _spots_over(edges, normal, place.locate(point), center, slope):
+                x, y = frame.locate(place.place(spot))
+                if _is_outside(self._edges[pair[1]], surface.corners, x, y):
+                    break
+            else:
+                return False
+        return True
 
     def _begin_cover(
         self, frames: Frames, pair: tuple[int, int], contact: Contact
@@ -469,6 +471,49 @@ def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
         min(end_places) - max(corner_places), min(corner_places) - max(end_places)
     )
     return gap > NEIGHBOURS
+
+
+def _spots_over(
+    edges: Sequence[Edge], normal: Spot, point: Spot, center: Spot, slope: float
+) -> Iterator[Spot]:
+    """Yield the places over edges that continue the surface at a point of a contact.
+
+    Nothing may rise to one of them. All is in one frame, as for `Cover`.
+    """
+    (nx, ny), (point_x, point_y), (center_x, center_y) = normal, point, center
+    for x, y, dx, dy, length, is_segment, _ in edges:
+        into = nx * dx + ny * dy
+        if -slope <= into <= slope:
+            continue
+        ux, uy = dy, -dx
+        if (center_x - x) * ux + (center_y - y) * uy < 0:
+            if not is_segment:
+                continue
+            ux, uy = -dy, dx
+        px, py = point_x - x, point_y - y
+        height = px * ux + py * uy
+        if not -BELOW <= height <= LEVEL:
+            continue
+        along = px * dx + py * dy
+        ahead = length - along if into > 0 else along
+        if ABOVE < ahead <= length + GAP:
+            lift = ABOVE - height
+            yield point_x + lift * ux, point_y + lift * uy
+
+
+def _is_outside(
+    sides: Sequence[Edge], corners: Sequence[Spot], x: float, y: float
+) -> bool:
+    """Return whether a convex shape does not rise to a place over a surface.
+
+    sides: its edges, and corners: its corners, in the frame of the place.
+    """
+    least = ABOVE - LEVEL
+    # a side of which the place is far outside tells at once in most cases
+    for side in sides:
+        if (x - side[0]) * side[3] - (y - side[1]) * side[2] > least + ROUNDING:
+            return True
+    return _distance(corners, (x, y)) >= least
 
 
 def _distance(corners: Sequence[Spot], point: Spot) -> float:

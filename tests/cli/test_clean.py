@@ -143,6 +143,7 @@ def test_clean_lists_what_it_removes(
     assert rows == {
         ("scene.yaml~", "backup"),
         ("scene.assets", "assets"),
+        ("cache", "cache"),
         (partial.name, "partial"),
     }
     assert not listed["removed"]
