@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -20,18 +20,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.files import partial
+from physgen.files import MOST_PIXELS, partial
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import ShadowSetting, Silhouette
+from physgen.maps import PHOTO, Percepts, percepts_of, stored_pictures
 from physgen.photometry import DistantLight
+from physgen.pipeline.cache_keys import CODE, code_version, key
 from physgen.render.ball import Ball, Border, Pattern
 from physgen.render.shadow_decomposition import CastShadow, LitBackground
 from physgen.render.sprites import Relief, Sides, Sprite
 from physgen.render.stage import Mirror, ShadowBody, Stage
 from physgen.render.wheel_sprites import WheelSprite
+from physgen.report.record import file_hash
 from physgen.scene.files import CACHE_FOLDER
+from physgen.scene.saving import named_assets, named_photo
 
 Array = NDArray[Any]
+Digest = Callable[[Path], str]
+"""Returns the hash of a file."""
+Range = tuple[float, float]
 CLASSES: Mapping[str, type] = {
     one.__name__: one
     for one in (
@@ -72,6 +79,34 @@ class AssetCache:
             for entry in self._folder.glob("*.npz"):
                 entry.unlink()
 
+    def entry(
+        self, kind: str, files: Sequence[Path], digest: Digest, *parts: Any
+    ) -> str:
+        """Return the key of an entry.
+
+        `files` are the photo and the maps, whose hashes `digest` returns; `parts` is
+        what else the entry depends on. Raises OSError.
+        """
+        contents = [(file.name, digest(file)) for file in files]
+        return key(kind, code_version(CODE), contents, *parts)
+
+    def load_percepts(
+        self, files: Sequence[Path], digest: Digest, maps: Mapping[str, Range]
+    ) -> Percepts | None:
+        """Return the maps of these files, if they are in the cache; see `read_percepts`."""
+        try:
+            pictures = self.load(self.entry("maps", files, digest))
+        except OSError:
+            return None
+        if not isinstance(pictures, dict) or PHOTO not in pictures:
+            return None
+        return percepts_of(pictures[PHOTO], pictures.get, maps)
+
+    def load_stage(self, entry: str) -> Stage | None:
+        """Return the stage of a key, if it is in the cache."""
+        stage = self.load(entry)
+        return stage if isinstance(stage, Stage) else None
+
     def load(self, key: str) -> Any:
         """Return the value of a key; None if it is not in the cache, or damaged."""
         if self._folder is None:
@@ -94,7 +129,7 @@ class AssetCache:
         entry = self._folder / f"{key}.npz"
         arrays: list[Array] = []
         text = json.dumps(encode_value(value, arrays))
-        stored = {str(k): array for k, array in enumerate(arrays)}
+        stored: dict[str, Any] = {str(k): array for k, array in enumerate(arrays)}
         stored[TREE] = np.frombuffer(text.encode(), np.uint8)
         beside = partial(entry)
         with suppress(OSError):
@@ -106,6 +141,24 @@ class AssetCache:
                 beside.replace(entry)
             finally:
                 beside.unlink(missing_ok=True)
+
+
+def make_cache(percepts: Percepts, text: str, target: Path | None) -> None:
+    """Put the maps of a scene that was just written into the cache in its assets folder.
+
+    `text` is that of the scene, and `target` its file; None: it has none. Large photos
+    get no cache: it would take more room than all else.
+    """
+    folder, data = Path() if target is None else target.parent, text.encode("utf-8")
+    assets, photo = named_assets(data, folder), named_photo(data, folder)
+    if assets is None or photo is None or percepts.labels.size > MOST_PIXELS:
+        return
+    cache = AssetCache(assets)
+    cache.create()
+    with suppress(OSError):
+        files = [photo, *sorted(assets.glob("*.png"))]
+        pictures = stored_pictures(percepts)[0] | {PHOTO: percepts.rgb}
+        cache.save(cache.entry("maps", files, file_hash), pictures)
 
 
 def encode_value(value: Any, arrays: list[Array]) -> Any:

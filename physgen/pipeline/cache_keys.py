@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from hashlib import sha256
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,18 +46,6 @@ def key(stage: str, *parts: Any) -> str:
         allow_nan=False,
     )
     return f"{stage}-{sha256(text.encode()).hexdigest()}"
-
-
-def assets_key(
-    kind: str, files: Sequence[Path], digest: Callable[[Path], str], *parts: Any
-) -> str:
-    """Return the key of an entry of the cache in an assets folder.
-
-    `files` are the photo and the maps, whose hashes `digest` returns; `parts` is what
-    else the entry depends on. Raises OSError.
-    """
-    contents = [(file.name, digest(file)) for file in files]
-    return key(kind, code_version(CODE), contents, *parts)
 
 
 def motion_key(world: World) -> str:

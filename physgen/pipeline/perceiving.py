@@ -18,6 +18,8 @@ from physgen.pipeline.first_motion import (
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
+from physgen.scene.files import OVERVIEW
+from physgen.scene.saving import named_assets
 from physgen.text import listed
 
 if TYPE_CHECKING:
@@ -57,6 +59,8 @@ class PerceiveOptions:
     """`NAME=DIRECTION[@SPEED]`, in place of the push that perception chooses."""
     view: str | None = None
     """`side` or `top`; None: perception decides."""
+    makes_cache: bool = False
+    """Whether the assets get a cache, which `render` uses."""
 
 
 def perceive(
@@ -69,7 +73,6 @@ def perceive(
     keep: Keep = lambda kept: None,
     inform: Callable[[str], None] = lambda line: None,
     stdout: Path | None = None,
-    makes_cache: bool = False,
     **given: Any,
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
@@ -79,8 +82,7 @@ def perceive(
 
     Objects come from `masks`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
     the offline backends unless given. `given` are fields of PerceiveOptions. `inform` is called with a summary:
-    some lines, the first of which has the photo's suitability. `makes_cache`: whether the assets get a cache, which
-    `render` uses.
+    some lines, the first of which has the photo's suitability.
     """
     from physgen.perceive.document import write_scene
     from physgen.registry import Backends
@@ -103,37 +105,14 @@ def perceive(
         keep,
         stdout=stdout,
     )
-    if makes_cache:
-        _make_cache(perceived, text, output or stdout)
+    if options.makes_cache:
+        from physgen.pipeline.asset_cache import make_cache
+
+        make_cache(perceived.percepts, text, output or stdout)
     # last: nobody may read it any more
     lines = [*description.summary, *_overview_lines(text, output or stdout)]
     inform(f"{image}: " + "\n".join(lines))
     return text
-
-
-def _make_cache(perceived: PerceivedScene, text: str, target: Path | None) -> None:
-    """Put the maps of a scene that was just written into the cache in its assets folder.
-
-    Large photos get no cache: it would take more room than all else.
-    """
-    from physgen.maps import PHOTO, stored_pictures
-    from physgen.pipeline.asset_cache import AssetCache
-    from physgen.pipeline.cache_keys import assets_key
-    from physgen.pipeline.stages import MOST_PIXELS
-    from physgen.report.record import file_hash
-    from physgen.scene.saving import named_assets, named_photo
-
-    folder, data = Path() if target is None else target.parent, text.encode("utf-8")
-    assets, photo = named_assets(data, folder), named_photo(data, folder)
-    percepts = perceived.percepts
-    if assets is None or photo is None or percepts.labels.size > MOST_PIXELS:
-        return
-    cache = AssetCache(assets)
-    cache.create()
-    with suppress(OSError):
-        files = [photo, *sorted(assets.glob("*.png"))]
-        pictures = stored_pictures(percepts)[0] | {PHOTO: percepts.rgb}
-        cache.save(assets_key("maps", files, file_hash), pictures)
 
 
 def _description(perceived: PerceivedScene) -> Description:
@@ -153,9 +132,6 @@ def _description(perceived: PerceivedScene) -> Description:
 
 def _overview_lines(text: str, target: Path | None) -> list[str]:
     """Return the line of the summary that names the overview of a scene's text."""
-    from physgen.scene.files import OVERVIEW
-    from physgen.scene.saving import named_assets
-
     folder = Path() if target is None else target.parent
     assets = named_assets(text.encode("utf-8"), folder)
     if assets is None or not (assets / OVERVIEW).is_file():

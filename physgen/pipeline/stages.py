@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.files import Stamp, file_stamp
+from physgen.files import MOST_PIXELS, Stamp, file_stamp
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.progress import Progress, silent
 from physgen.text import quoted
@@ -45,8 +45,6 @@ T = TypeVar("T")
 
 MOST_HASHES = 20_000
 """Files whose hashes are remembered."""
-MOST_PIXELS = 2_000_000
-"""Of a photo that stays in memory with its maps; a larger one is released once sprites are cut out of it."""
 
 
 def load(
@@ -482,18 +480,10 @@ class Stages:
     def _percepts(self, scene: Scene, files: Sequence[Path]) -> Percepts | None:
         """Return the photo and its maps, from the cache in its assets folder if it has them."""
         cache = self._assets_cache(scene)
-        if cache is None:
-            return percepts(scene)
-        from physgen.maps import PHOTO, percepts_of
-        from physgen.pipeline.cache_keys import assets_key
-
-        try:
-            pictures = cache.load(assets_key("maps", files, self.hash))
-        except OSError:
-            pictures = None
-        if not isinstance(pictures, dict) or PHOTO not in pictures:
-            return percepts(scene)
-        return percepts_of(pictures[PHOTO], pictures.get, scene.maps)
+        cached = None
+        if cache is not None:
+            cached = cache.load_percepts(files, self.hash, scene.maps)
+        return percepts(scene) if cached is None else cached
 
     def _assets_cache(self, scene: Scene) -> AssetCache | None:
         """Return the cache in a scene's assets folder, if it has one that may be read."""
@@ -553,16 +543,13 @@ class Stages:
         cache = None if maps.is_large else self._assets_cache(scene)
         if cache is None or scene.assets is None:
             return stage(scene, compiled, maps.percepts)
-        from physgen.pipeline.cache_keys import assets_key
-        from physgen.render.stage import Stage
-
         files = [file for file, _ in maps.stamps]
         try:
-            entry = assets_key("stage", files, self.hash, *depends)
+            entry = cache.entry("stage", files, self.hash, *depends)
         except OSError:
             return stage(scene, compiled, maps.percepts)
-        cached = cache.load(entry)
-        if isinstance(cached, Stage):
+        cached = cache.load_stage(entry)
+        if cached is not None:
             return cached
         made = stage(scene, compiled, maps.percepts)
         is_current = all(file_stamp(file) == stamp for file, stamp in maps.stamps)

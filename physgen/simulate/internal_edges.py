@@ -199,47 +199,23 @@ class Cover:
         contact = self._contact
         if place is not WORLD:
             contact = place.locate_contact(contact)
-        (nx, ny), points, (center_x, center_y) = contact
-        slope = self._slope
-        for edge in edges:
-            x, y, dx, dy, _, is_segment, _ = edge
-            into = nx * dx + ny * dy
-            if -slope <= into <= slope:
-                continue
-            is_behind = (center_x - x) * dy - (center_y - y) * dx < 0
-            if not is_behind:
-                self._cover_by(edge, into, (dy, -dx), place, points)
-            elif is_segment:
-                self._cover_by(edge, into, (-dy, dx), place, points)
-
-    def _cover_by(
-        self, edge: Edge, into: float, up: Spot, place: Frame, points: Sequence[Spot]
-    ) -> None:
-        """Cover points by an edge that continues the surface, unless something rises over it.
-
-        `into`: cosine between the normal and the edge. `up`: normal of the edge, to the
-        side on which the shape is. A point is covered if it is beside the edge.
-        """
-        x, y, dx, dy, length, _, owner = edge
-        ux, uy = up
+        (nx, ny), points, _ = contact
         is_covered = self.is_covered
-        for k, (point_x, point_y) in enumerate(points):
-            px, py = point_x - x, point_y - y
-            height = px * ux + py * uy
-            if not -BELOW <= height <= LEVEL or is_covered[k]:
+        for edge in edges:
+            into = abs(nx * edge[2] + ny * edge[3])
+            if into <= self._slope:
                 continue
-            along = px * dx + py * dy
-            ahead = length - along if into > 0 else along
-            if not ABOVE < ahead <= length + GAP or self._passes_through(owner):
-                continue
-            self.room = min(self.room, abs(into))
-            lift = ABOVE - height
-            spot = place.place((point_x + lift * ux, point_y + lift * uy))
-            x_of_spot, y_of_spot = self._frame.locate(spot)
-            corners = self._surface.corners
-            if _is_outside(self._sides, corners, x_of_spot, y_of_spot):
-                is_covered[k] = True
-                self.edges.append(edge)
+            for k, point in enumerate(points):
+                if is_covered[k]:
+                    continue
+                spot = _spot_over(edge, contact, point)
+                if spot is None or self._passes_through(edge.owner):
+                    continue
+                self.room = min(self.room, into)
+                spot = self._frame.locate(place.place(spot))
+                is_covered[k] = _is_outside(self._sides, self._surface.corners, spot)
+                if is_covered[k]:
+                    self.edges.append(edge)
 
     def _passes_through(self, owner: int) -> bool:
         """Return whether the shape belongs to an owner, or does not collide with it."""
@@ -309,15 +285,21 @@ class InternalEdges:
         shape, surface = self._outlines[pair[0]], self._outlines[pair[1]]
         frame = frames.of(surface.owner)
         place = WORLD if surface.is_static else frame
-        center = place.locate(frames.of(shape.owner).place(shape.center))
-        nx, ny = contact.normal
-        c, s = place.cosine, place.sine
-        normal = c * nx + s * ny, c * ny - s * nx
-        slope = TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
-        for point in contact.points:
-            for spot in _spots_over(edges, normal, place.locate(point), center, slope):
-                x, y = frame.locate(place.place(spot))
-                if _is_outside(self._edges[pair[1]], surface.corners, x, y):
+        center = frames.of(shape.owner).place(shape.center)
+        located = Contact(contact.normal, contact.points, center)
+        if place is not WORLD:
+            located = place.locate_contact(located)
+        (nx, ny), points, _ = located
+        least = TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
+        sides, corners = self._edges[pair[1]], surface.corners
+        for point in points:
+            for edge in edges:
+                if abs(nx * edge[2] + ny * edge[3]) <= least:
+                    continue
+                spot = _spot_over(edge, located, point)
+                if spot is None:
+                    continue
+                if _is_outside(sides, corners, frame.locate(place.place(spot))):
                     break
             else:
                 return False
@@ -473,47 +455,42 @@ def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
     return gap > NEIGHBOURS
 
 
-def _spots_over(
-    edges: Sequence[Edge], normal: Spot, point: Spot, center: Spot, slope: float
-) -> Iterator[Spot]:
-    """Yield the places over edges that continue the surface at a point of a contact.
+def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
+    """Return the place over an edge at which nothing may rise if it continues the surface at a point of a contact.
 
-    Nothing may rise to one of them. All is in one frame, as for `Cover`.
+    None if the edge does not continue the surface.
     """
-    (nx, ny), (point_x, point_y), (center_x, center_y) = normal, point, center
-    for x, y, dx, dy, length, is_segment, _ in edges:
-        into = nx * dx + ny * dy
-        if -slope <= into <= slope:
-            continue
-        ux, uy = dy, -dx
-        if (center_x - x) * ux + (center_y - y) * uy < 0:
-            if not is_segment:
-                continue
-            ux, uy = -dy, dx
-        px, py = point_x - x, point_y - y
-        height = px * ux + py * uy
-        if not -BELOW <= height <= LEVEL:
-            continue
-        along = px * dx + py * dy
-        ahead = length - along if into > 0 else along
-        if ABOVE < ahead <= length + GAP:
-            lift = ABOVE - height
-            yield point_x + lift * ux, point_y + lift * uy
+    x, y, dx, dy, length, is_segment, _ = edge
+    px, py = point[0] - x, point[1] - y
+    ux, uy = dy, -dx
+    if (contact[2][0] - x) * ux + (contact[2][1] - y) * uy < 0:
+        if not is_segment:
+            return None
+        ux, uy = -ux, -uy
+    height = px * ux + py * uy
+    if not -BELOW <= height <= LEVEL:
+        return None
+    ahead = px * dx + py * dy
+    if contact[0][0] * dx + contact[0][1] * dy > 0:
+        ahead = length - ahead
+    if not ABOVE < ahead <= length + GAP:
+        return None
+    lift = ABOVE - height
+    return point[0] + lift * ux, point[1] + lift * uy
 
 
-def _is_outside(
-    sides: Sequence[Edge], corners: Sequence[Spot], x: float, y: float
-) -> bool:
+def _is_outside(sides: Sequence[Edge], corners: Sequence[Spot], spot: Spot) -> bool:
     """Return whether a convex shape does not rise to a place over a surface.
 
     sides: its edges, and corners: its corners, in the frame of the place.
     """
+    x, y = spot
     least = ABOVE - LEVEL
     # a side of which the place is far outside tells at once in most cases
     for side in sides:
         if (x - side[0]) * side[3] - (y - side[1]) * side[2] > least + ROUNDING:
             return True
-    return _distance(corners, (x, y)) >= least
+    return _distance(corners, spot) >= least
 
 
 def _distance(corners: Sequence[Spot], point: Spot) -> float:

@@ -341,16 +341,16 @@ class Space:
 
     def _room(self, frames: Frames, key: Pair) -> float:
         """Return `InternalEdges.room` of two shapes; 0 if they do not touch."""
-        touch = lib.cpShapesCollide(self._shapes[key[0]], self._shapes[key[1]])
+        touching = lib.cpShapesCollide(self._shapes[key[0]], self._shapes[key[1]])
         # to read its parts by name takes ten times as long
-        count, nx, ny, *rest = TOUCH.unpack(ffi.buffer(ffi.addressof(touch)))
+        count, *touch = TOUCH.unpack(ffi.buffer(ffi.addressof(touching)))
         if not count:
             return 0.0
-        ax, ay, bx, by, _, cx, cy, dx, dy, _ = rest
-        points = [((ax + bx) / 2, (ay + by) / 2)]
+        # places of a first point on both shapes and its distance, then of a second one
+        points = [((touch[2] + touch[4]) / 2, (touch[3] + touch[5]) / 2)]
         if count > 1:
-            points.append(((cx + dx) / 2, (cy + dy) / 2))
-        contact = Contact((nx, ny), points)
+            points.append(((touch[7] + touch[9]) / 2, (touch[8] + touch[10]) / 2))
+        contact = Contact((touch[0], touch[1]), points)
         return self._edges.room(frames, key, self._partners, contact)
 
     def _order(self, listed: bytes) -> Order:

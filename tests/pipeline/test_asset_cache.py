@@ -14,8 +14,12 @@ import pytest
 
 from physgen.maps import Percepts
 from physgen.pipeline import stages
-from physgen.pipeline.asset_cache import AssetCache, decode_value, encode_value
-from physgen.pipeline.perceiving import _make_cache
+from physgen.pipeline.asset_cache import (
+    AssetCache,
+    decode_value,
+    encode_value,
+    make_cache,
+)
 from physgen.pipeline.stages import Stages
 from physgen.render.stage import Stage
 
@@ -29,8 +33,8 @@ def copied(name: str, folder: Path) -> Path:
     shutil.copytree(ROOT / "scenes" / name, folder / name)
     scene = folder / name / "scene.yaml"
     percepts = stages.percepts(stages.load(scene))
-    perceived: Any = SimpleNamespace(percepts=percepts)
-    _make_cache(perceived, scene.read_text(), scene)
+    assert percepts is not None
+    make_cache(percepts, scene.read_text(), scene)
     return scene
 
 
@@ -97,7 +101,7 @@ def test_changed_files_give_no_old_result(changed: str, tmp_path: Path) -> None:
     before = drawn(scene, reads_cache=True)
     old_files = cache_files(scene)
     file = scene.parent / changed
-    picture = cv2.imread(str(file))
+    picture = np.asarray(cv2.imread(str(file)))
     cv2.imwrite(str(file), picture // 2 + 20)
     now = drawn(scene, reads_cache=True)
     true = drawn(scene, reads_cache=False)
@@ -147,7 +151,8 @@ def test_entries_run_no_code(tmp_path: Path) -> None:
     tree = np.frombuffer(b'{"items": ["id"], "class": "system"}', np.uint8)
     np.savez(file, tree=tree)
     assert AssetCache(tmp_path).load("stage-1") is None
-    np.savez(file, tree=np.frombuffer(b'{"array": 0}', np.uint8), **{"0": [{}]})
+    pickled: dict[str, Any] = {"0": [{}]}
+    np.savez(file, tree=np.frombuffer(b'{"array": 0}', np.uint8), **pickled)
     assert AssetCache(tmp_path).load("stage-1") is None
 
 
