@@ -27,6 +27,10 @@ _PACKAGE = Path(__file__).resolve().parent
 _ROOTS = (_PACKAGE / "_data", _PACKAGE.parent)
 
 
+MOST_PIXELS = 2_000_000
+"""Of a photo that stays in memory with its maps, or in a cache; a larger one is released once sprites are cut out."""
+
+
 def resource(*parts: str) -> Path:
     """Return the path of a file below `schemas/` or `templates/`.
 

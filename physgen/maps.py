@@ -212,24 +212,36 @@ def read_percepts(
         return None
     rgb = read_image(image)
     height, width = rgb.shape[:2]
-    reader = _MapReader(assets, (width, height))
-    labels = reader.read_ids("masks")
+    return percepts_of(rgb, _MapReader(assets, (width, height)).read, maps)
+
+
+PHOTO = "photo"
+"""The photo's name among stored maps."""
+
+
+def percepts_of(
+    rgb: U8,
+    read: Callable[[str], U8 | U16 | None],
+    maps: Mapping[str, tuple[float, float]],
+) -> Percepts:
+    """Return the maps of a photo (H, W, 3); `maps` as for `read_percepts`.
+
+    `read` returns the map of a name as it is stored, None if it is missing.
+    """
+    labels = read("masks")
     if labels is None:
-        labels = np.zeros((height, width), np.uint16)
-    coverage = reader.read_grey("coverage")
-    normals = reader.read_three("normals")
-    albedo = reader.read_three("albedo")
+        labels = np.zeros(rgb.shape[:2], np.uint16)
     return Percepts(
         rgb=rgb,
-        labels=labels,
-        coverage=coverage,
-        background=reader.read_colour("background"),
-        clean=reader.read_colour("clean"),
-        shadows=reader.read_ids("shadows"),
-        depth=reader.read_grey("depth", *maps.get("depth", (0.0, 1.0))),
-        normals=None if normals is None else _signed(normals),
-        albedo=None if albedo is None else _share_of_range(albedo),
-        shading=reader.read_grey("shading", *maps.get("shading", (0.0, 1.0))),
+        labels=np.asarray(labels, np.uint16),
+        coverage=_in_range(read("coverage")),
+        normals=_signed(read("normals")),
+        albedo=_in_range(read("albedo")),
+        background=_as_colour(read("background")),
+        clean=_as_colour(read("clean")),
+        shadows=_as_ids(read("shadows")),
+        depth=_in_range(read("depth"), *maps.get("depth", (0.0, 1.0))),
+        shading=_in_range(read("shading"), *maps.get("shading", (0.0, 1.0))),
     )
 
 
@@ -256,15 +268,25 @@ class _MapReader:
             raise differs.error(str(path), size_text, width=width, height=height)
         return path
 
-    def read_grey(self, name: str, low: float = 0.0, high: float = 1.0) -> F32 | None:
-        """Read one channel, whose range of integers becomes `low` to `high`."""
+    def read(self, name: str) -> U8 | U16 | None:
+        """Read a map as it is stored, integers."""
+        if name in ("masks", "shadows"):
+            return self.read_ids(name)
+        if name in ("normals", "albedo"):
+            return self.read_three(name)
+        if name in ("background", "clean"):
+            return self.read_colour(name)
+        return self.read_grey(name)
+
+    def read_grey(self, name: str) -> U8 | U16 | None:
+        """Read one channel of 8 or 16 bits as it is stored."""
         path = self.find(name)
         if path is None:
             return None
         picture = read_channels(path)
         if picture.ndim == 3:
             picture = picture[:, :, 0]
-        return (low + (high - low) * _share_of_range(picture)).astype(np.float32)
+        return picture
 
     def read_three(self, name: str) -> U8 | U16 | None:
         """Read three channels of 8 or 16 bits as they are stored."""
@@ -287,14 +309,38 @@ class _MapReader:
         return None if path is None else read_labels(path)
 
 
+def _in_range(
+    picture: U8 | U16 | None, low: float = 0.0, high: float = 1.0
+) -> F32 | None:
+    """Return integers of 8 or 16 bits as `low` to `high`."""
+    if picture is None:
+        return None
+    share = _share_of_range(picture)
+    if (low, high) == (0.0, 1.0):
+        return share
+    return (low + (high - low) * share).astype(np.float32)
+
+
+def _as_colour(picture: U8 | U16 | None) -> U8 | None:
+    """Return a picture as 8 bits."""
+    return None if picture is None else np.asarray(picture, np.uint8)
+
+
+def _as_ids(picture: U8 | U16 | None) -> U16 | None:
+    """Return a picture as ids."""
+    return None if picture is None else np.asarray(picture, np.uint16)
+
+
 def _share_of_range(picture: U8 | U16) -> F32:
     """Return integers of 8 or 16 bits as 0..1."""
     highest = np.float32(np.iinfo(picture.dtype).max)
     return picture.astype(np.float32) / highest
 
 
-def _signed(picture: U8 | U16) -> F32:
+def _signed(picture: U8 | U16 | None) -> F32 | None:
     """Return integers of 8 or 16 bits, whose middle is 0, as -1..1."""
+    if picture is None:
+        return None
     middle = (np.iinfo(picture.dtype).max + 1) // 2
     return (picture.astype(np.float32) - np.float32(middle)) / np.float32(middle - 1)
 
@@ -307,6 +353,15 @@ def write_assets(
     An existing map that differs, or that is missing this time, is kept as `NAME~`, and `keep` called with it.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    pictures, ranges = stored_pictures(percepts)
+    _write_pictures(pictures, folder, keep)
+    return ranges
+
+
+def stored_pictures(
+    percepts: Percepts,
+) -> tuple[dict[str, U8 | U16 | None], dict[str, tuple[float, float]]]:
+    """Return maps as they are stored, and the values of 0 and 65535 in depth and shading."""
     pictures: dict[str, U8 | U16 | None] = {
         "masks": percepts.labels,
         "background": percepts.background,
@@ -328,8 +383,7 @@ def write_assets(
     if percepts.albedo is not None:
         levels = np.clip(percepts.albedo, 0, 1) * 65535 + 0.5
         pictures["albedo"] = levels.astype(np.uint16)
-    _write_pictures(pictures, folder, keep)
-    return ranges
+    return pictures, ranges
 
 
 def _stretched(values: F32) -> tuple[U16, tuple[float, float]]:

@@ -14,22 +14,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from physgen.pipeline.cache_keys import CODE
 from physgen.problems import Place, Problem, Severity
 from physgen.scene.files import DATA
-
-CODE = (
-    "compile",
-    "export",
-    "geometry",
-    "perceive",
-    "pipeline",
-    "refine",
-    "render",
-    "report",
-    "scene",
-    "simulate",
-)
-"""Packages whose code makes clips and their pages."""
 
 
 def clip_mark(*options: Any) -> str:

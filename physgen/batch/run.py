@@ -220,7 +220,7 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
 @cache
 def _warm() -> pipeline.Stages:
     """Return the stages that this process keeps from one clip for the next."""
-    return pipeline.Stages()
+    return pipeline.Stages(reads_assets_cache=True)
 
 
 @cache

@@ -47,7 +47,7 @@ def clean(options: argparse.Namespace) -> int:
 
 def _unused_of(path: Path) -> list[UnusedPath]:
     """Return what is unused in a folder, or of one scene. Raises InputError."""
-    from physgen.scene.saving import assets_of
+    from physgen.scene.saving import UnusedKind, assets_of
 
     if path.is_dir():
         return _unused_in(path)
@@ -56,6 +56,7 @@ def _unused_of(path: Path) -> list[UnusedPath]:
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
     folder = _unused_in(path.parent, backup)
+    own = assets_of(path)
     backups = [item for item in folder if backup.fullmatch(item.path.name)]
     named_assets = {assets_of(item.path) for item in backups}
     return [
@@ -65,6 +66,7 @@ def _unused_of(path: Path) -> list[UnusedPath]:
         or family.fullmatch(item.path.name)
         or item.path in named_assets
         or item.path.name.startswith(f".{path.name}.")
+        or (item.kind is UnusedKind.CACHE and item.path.parent == own)
     ]
 
 
@@ -75,6 +77,7 @@ def _unused_in(
     from physgen.scene.saving import (
         UnusedKind,
         UnusedPath,
+        caches_of_assets,
         unused_assets,
         unused_backups,
     )
@@ -85,6 +88,7 @@ def _unused_in(
         if backup_names is None or backup_names.fullmatch(path.name)
     ]
     assets = unused_assets(folder, backups)
+    caches = [one for one in caches_of_assets(folder) if one.parent not in assets]
     partials = _partials(folder)
     for item in folder.glob("*.assets"):
         if item not in assets:
@@ -93,6 +97,7 @@ def _unused_in(
         *(UnusedPath(path, UnusedKind.BACKUP) for path in backups),
         *(UnusedPath(path, UnusedKind.ASSETS) for path in assets),
         *(UnusedPath(path, UnusedKind.PARTIAL) for path in partials),
+        *(UnusedPath(path, UnusedKind.CACHE) for path in caches),
     ]
 
 

@@ -114,7 +114,7 @@ def perceive_photo(
             options.refresh, output, allow_outside=options.allow_outside, **settings
         )
     settings |= {"masks": options.masks, "side": options.side, "story": options.story}
-    settings["stdout"] = redirected
+    settings |= {"stdout": redirected, "makes_cache": True}
     return pipeline.perceive(options.image[0], output, **settings)
 
 

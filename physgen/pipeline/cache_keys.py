@@ -19,6 +19,20 @@ import physgen
 from physgen.compile.world import World
 from physgen.report.record import versions
 
+CODE = (
+    "compile",
+    "export",
+    "geometry",
+    "perceive",
+    "pipeline",
+    "refine",
+    "render",
+    "report",
+    "scene",
+    "simulate",
+)
+"""Packages whose code makes clips and their pages."""
+
 
 def key(stage: str, *parts: Any) -> str:
     """`stage` and the SHA-256 of `parts`: plain data, arrays, dataclasses, enumerations; order of keys does not count.

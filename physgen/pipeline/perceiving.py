@@ -18,6 +18,8 @@ from physgen.pipeline.first_motion import (
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
+from physgen.scene.files import OVERVIEW
+from physgen.scene.saving import named_assets
 from physgen.text import listed
 
 if TYPE_CHECKING:
@@ -59,6 +61,8 @@ class PerceiveOptions:
     """What is to happen, in words, in place of that push."""
     view: str | None = None
     """`side` or `top`; None: perception decides."""
+    makes_cache: bool = False
+    """Whether the assets get a cache, which `render` uses."""
 
 
 def perceive(
@@ -103,6 +107,10 @@ def perceive(
         keep,
         stdout=stdout,
     )
+    if options.makes_cache:
+        from physgen.pipeline.asset_cache import make_cache
+
+        make_cache(perceived.percepts, text, output or stdout)
     # last: nobody may read it any more
     lines = [*description.summary, *_overview_lines(text, output or stdout)]
     inform(f"{image}: " + "\n".join(lines))
@@ -126,9 +134,6 @@ def _description(perceived: PerceivedScene) -> Description:
 
 def _overview_lines(text: str, target: Path | None) -> list[str]:
     """Return the line of the summary that names the overview of a scene's text."""
-    from physgen.scene.files import OVERVIEW
-    from physgen.scene.saving import named_assets
-
     folder = Path() if target is None else target.parent
     assets = named_assets(text.encode("utf-8"), folder)
     if assets is None or not (assets / OVERVIEW).is_file():

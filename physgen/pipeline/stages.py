@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.files import Stamp, file_stamp
+from physgen.files import MOST_PIXELS, Stamp, file_stamp
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.progress import Progress, silent
 from physgen.text import quoted
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
     from physgen.maps import F32, U16, Percepts
+    from physgen.pipeline.asset_cache import AssetCache
     from physgen.render.camera import Shot
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
@@ -44,8 +45,6 @@ T = TypeVar("T")
 
 MOST_HASHES = 20_000
 """Files whose hashes are remembered."""
-MOST_PIXELS = 2_000_000
-"""Of a photo that stays in memory with its maps; a larger one is released once sprites are cut out of it."""
 
 
 def load(
@@ -414,11 +413,23 @@ class Maps:
     key: str
     stamps: tuple[tuple[Path, Stamp], ...] = ()
 
+    @property
+    def is_large(self) -> bool:
+        """Return whether the photo is too large to stay in memory."""
+        maps = self.percepts
+        return maps is not None and maps.labels.size > MOST_PIXELS
+
 
 class Stages:
     """The stages above, each run only where its result is not known."""
 
-    def __init__(self, keep: Keep = Keep.RESULTS) -> None:
+    def __init__(
+        self, keep: Keep = Keep.RESULTS, *, reads_assets_cache: bool = False
+    ) -> None:
+        """`reads_assets_cache`: results may come from the cache in the assets folder."""
+        self._reads_cache = reads_assets_cache
+        self._cached: set[Path] = set()
+        """Assets folders to whose cache this process added a stage."""
         few = 0 if keep is Keep.NOTHING else 4
         self._editing = keep is Keep.EDITING
         self._opened: Recent[Opened] = Recent(few)
@@ -462,7 +473,26 @@ class Stages:
         width, height = scene.size
         if width * height > MOST_PIXELS and not self._editing:
             return Maps(percepts(scene), read, stamps)
-        return self._maps.of(read, lambda: Maps(percepts(scene), read, stamps))
+        return self._maps.of(
+            read, lambda: Maps(self._percepts(scene, files), read, stamps)
+        )
+
+    def _percepts(self, scene: Scene, files: Sequence[Path]) -> Percepts | None:
+        """Return the photo and its maps, from the cache in its assets folder if it has them."""
+        cache = self._assets_cache(scene)
+        cached = None
+        if cache is not None:
+            cached = cache.load_percepts(files, self.hash, scene.maps)
+        return percepts(scene) if cached is None else cached
+
+    def _assets_cache(self, scene: Scene) -> AssetCache | None:
+        """Return the cache in a scene's assets folder, if it has one that may be read."""
+        if not self._reads_cache:
+            return None
+        from physgen.pipeline.asset_cache import AssetCache
+
+        cache = AssetCache(scene.assets)
+        return cache if cache.exists else None
 
     def compile(self, scene: Scene, maps: Maps) -> Compiled:
         """See `compile`."""
@@ -489,11 +519,44 @@ class Stages:
 
         drawn = compiled.outlines if maps.percepts is None else ()
         seen = appearance(scene, compiled.world)
-        read = key("stage", maps.key, *seen, compiled.labels, compiled.scenery, drawn)
-        made = self._stages.of(read, lambda: stage(scene, compiled, maps.percepts))
+        labels = [item.label for item in scene.objects]
+        doubtful = scene.document.get("doubtful", {})
+        depends = (
+            *(dict(scene.maps), labels, doubtful, *seen),
+            *(compiled.labels, compiled.scenery, drawn),
+        )
+        read = key("stage", maps.key, *depends)
+        made = self._stages.of(
+            read, lambda: self._stage(scene, compiled, maps, depends)
+        )
         return replace(
             made, starts=photo_poses(compiled.world)
         )  # objects may have been moved since
+
+    def _stage(
+        self, scene: Scene, compiled: Compiled, maps: Maps, depends: Sequence[Any]
+    ) -> Stage:
+        """Return a stage, from the cache in the assets folder if it has it.
+
+        `depends` is what it depends on beside the photo and the maps.
+        """
+        cache = None if maps.is_large else self._assets_cache(scene)
+        if cache is None or scene.assets is None:
+            return stage(scene, compiled, maps.percepts)
+        files = [file for file, _ in maps.stamps]
+        try:
+            entry = cache.entry("stage", files, self.hash, *depends)
+        except OSError:
+            return stage(scene, compiled, maps.percepts)
+        cached = cache.load_stage(entry)
+        if cached is not None:
+            return cached
+        made = stage(scene, compiled, maps.percepts)
+        is_current = all(file_stamp(file) == stamp for file, stamp in maps.stamps)
+        if is_current and scene.assets not in self._cached:
+            self._cached.add(scene.assets)
+            cache.save(entry, made)
+        return made
 
     def simulate(self, world: World, progress: Progress = silent) -> Trajectory:
         """See `simulate`."""

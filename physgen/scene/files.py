@@ -42,6 +42,8 @@ OUTLINES = "outlines.json"
 """Of the same folder: id in masks.png -> the CRC-32 of its pixels, and a shape as in scene files."""
 RECORD = "perceived.json"
 """Of the same folder: which backend did each step of perceiving, and the values that it wrote."""
+CACHE_FOLDER = "cache"
+"""Of the same folder: decoded maps and sprites; all may be removed."""
 OVERVIEW = "overview.png"
 """Of the same folder: a picture of what perception found, for people; nothing reads it."""
 DATA = (OUTLINES, RECORD)

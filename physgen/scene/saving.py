@@ -24,7 +24,7 @@ import yaml
 
 from physgen.files import BACKUP, backup_path, write_atomic, write_with_backup
 from physgen.problems import Limit
-from physgen.scene.files import RECORD, SUFFIXES, read_record
+from physgen.scene.files import CACHE_FOLDER, RECORD, SUFFIXES, read_record
 
 WRITTEN_FILE = "written.json"
 """Of an assets folder: `scenes`, SHA-256 of texts, and `files`, CRC-32 by name."""
@@ -69,19 +69,30 @@ def assets_of(scene: Path) -> Path | None:
 
 def named_assets(data: bytes, folder: Path) -> Path | None:
     """Return the existing folder that the text of a scene in `folder` names, if any."""
+    assets = _named_path(data, "assets", folder)
+    return assets if assets is not None and assets.is_dir() else None
+
+
+def named_photo(data: bytes, folder: Path) -> Path | None:
+    """Return the existing photo that the text of a scene in `folder` names, if any."""
+    photo = _named_path(data, "image", folder)
+    return photo if photo is not None and photo.is_file() else None
+
+
+def _named_path(data: bytes, key: str, folder: Path) -> Path | None:
+    """Return the path below `folder` that a line of a scene's text names, if any."""
     # one line is read: a whole scene takes seconds, and may be damaged
-    line = re.search(rb"^assets:.*$", data, re.MULTILINE)
+    line = re.search(rb"^%s:.*$" % key.encode(), data, re.MULTILINE)
     if line is None or len(data) > Limit.BYTES.most:
         return None
     try:
-        name = yaml.safe_load(line[0])["assets"]
+        name = yaml.safe_load(line[0])[key]
     except (yaml.YAMLError, ValueError):
         return None
     if not isinstance(name, str) or "\0" in name:
         return None
-    assets = folder / name
-    inside = assets.resolve().is_relative_to(folder.resolve())
-    return assets if inside and assets.is_dir() else None
+    path = folder / name
+    return path if path.resolve().is_relative_to(folder.resolve()) else None
 
 
 def note_scene(path: Path, data: bytes) -> None:
@@ -146,6 +157,8 @@ def is_written_folder(assets: Path) -> bool:
         if file.name == WRITTEN_FILE or (
             file.name == RECORD and RECORD not in checksums
         ):
+            continue
+        if file.name == CACHE_FOLDER and file.is_dir() and not file.is_symlink():
             continue
         if file.is_symlink() or not file.is_file() or file.name not in checksums:
             return False
@@ -228,7 +241,7 @@ class UnusedKind(Enum):
     PARTIAL = "partial"
     """Left by a process that was killed."""
     CACHE = "cache"
-    """Answers of models, which can be requested again."""
+    """Decoded maps and sprites, or answers of models, which can be made again."""
 
 
 @dataclass(frozen=True)
@@ -276,3 +289,9 @@ def unused_assets(folder: Path, backups: Collection[Path] = ()) -> list[Path]:
     """
     folders = sorted(path for path in folder.glob("*.assets") if path.is_dir())
     return [path for path in folders if is_unused(path, backups)]
+
+
+def caches_of_assets(folder: Path) -> list[Path]:
+    """Return the caches in the assets folders of a folder."""
+    caches = sorted(folder.glob(f"*.assets/{CACHE_FOLDER}"))
+    return [path for path in caches if path.is_dir() and not path.is_symlink()]

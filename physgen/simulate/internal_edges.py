@@ -35,6 +35,11 @@ class EdgeTolerance:
 
 
 TOLERANCE = EdgeTolerance()
+ABOVE, BELOW = TOLERANCE.above, TOLERANCE.below
+LEVEL, GAP = TOLERANCE.level, TOLERANCE.gap
+# these lengths are read for each edge and point of each step
+ROUNDING = 1e-9
+"""px: more than two ways to compute a distance differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +159,8 @@ class Cover:
     """Points of a contact that edges of third shapes cover."""
 
     __slots__ = (
-        "_contact", "_exceptions", "_frame", "_shape", "_slope", "_surface", "edges",
-        "is_covered", "room",
+        "_contact", "_exceptions", "_frame", "_shape", "_sides", "_slope", "_surface",
+        "edges", "is_covered", "room",
     )  # fmt: skip
 
     def __init__(
@@ -165,11 +170,14 @@ class Cover:
         frame: Frame,
         contact: Contact,
         exceptions: Collection[tuple[int, int]],
+        sides: Sequence[Edge],
     ) -> None:
         """`frame`: of the owner of `surface`; the normal of the contact goes from `surface` to `shape`.
 
-        exceptions: pairs of owners, in both orders, that do not collide.
+        exceptions: pairs of owners, in both orders, that do not collide. sides: the
+        edges of `surface` in its owner's frame.
         """
+        self._sides = sides
         self._shape, self._surface, self._frame = shape, surface, frame
         self._contact, self._exceptions = contact, exceptions
         self._slope = TOLERANCE.slope_of_circles
@@ -191,11 +199,11 @@ class Cover:
         contact = self._contact
         if place is not WORLD:
             contact = place.locate_contact(contact)
-        (nx, ny), points, slope = contact.normal, contact.points, self._slope
+        (nx, ny), points, _ = contact
         is_covered = self.is_covered
         for edge in edges:
-            into = nx * edge.dx + ny * edge.dy
-            if -slope <= into <= slope:
+            into = abs(nx * edge[2] + ny * edge[3])
+            if into <= self._slope:
                 continue
             for k, point in enumerate(points):
                 if is_covered[k]:
@@ -203,8 +211,9 @@ class Cover:
                 spot = _spot_over(edge, contact, point)
                 if spot is None or self._passes_through(edge.owner):
                     continue
-                self.room = min(self.room, abs(into))
-                is_covered[k] = self._is_clear(self._frame.locate(place.place(spot)))
+                self.room = min(self.room, into)
+                spot = self._frame.locate(place.place(spot))
+                is_covered[k] = _is_outside(self._sides, self._surface.corners, spot)
                 if is_covered[k]:
                     self.edges.append(edge)
 
@@ -212,16 +221,6 @@ class Cover:
         """Return whether the shape belongs to an owner, or does not collide with it."""
         mine = self._shape.owner
         return mine == owner or (mine, owner) in self._exceptions
-
-    def _is_clear(self, point: Spot) -> bool:
-        """Return whether the other shape does not rise to a point, in the frame of its owner."""
-        least = TOLERANCE.above - TOLERANCE.level
-        outline = self._surface
-        x, y = outline.center
-        # the circle around it tells at once in most cases
-        if hypot(point[0] - x, point[1] - y) > outline.reach + 2 * least:
-            return True
-        return _distance(outline.corners, point) >= least
 
 
 class InternalEdges:
@@ -283,13 +282,28 @@ class InternalEdges:
         edges = self._covering.get(pair)
         if edges is None:
             return False
-        surface = self._outlines[pair[1]]
-        place = WORLD
-        if not surface.is_static:
-            place = frames.of(surface.owner)
-        cover = self._begin_cover(frames, pair, contact)
-        cover.extend(place, edges)
-        return cover.is_whole
+        shape, surface = self._outlines[pair[0]], self._outlines[pair[1]]
+        frame = frames.of(surface.owner)
+        place = WORLD if surface.is_static else frame
+        center = frames.of(shape.owner).place(shape.center)
+        located = Contact(contact.normal, contact.points, center)
+        if place is not WORLD:
+            located = place.locate_contact(located)
+        (nx, ny), points, _ = located
+        least = TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
+        sides, corners = self._edges[pair[1]], surface.corners
+        for point in points:
+            for edge in edges:
+                if abs(nx * edge[2] + ny * edge[3]) <= least:
+                    continue
+                spot = _spot_over(edge, located, point)
+                if spot is None:
+                    continue
+                if _is_outside(sides, corners, frame.locate(place.place(spot))):
+                    break
+            else:
+                return False
+        return True
 
     def _begin_cover(
         self, frames: Frames, pair: tuple[int, int], contact: Contact
@@ -302,7 +316,8 @@ class InternalEdges:
         center = frames.of(shape.owner).place(shape.center)
         located = Contact(contact.normal, contact.points, center)
         frame = frames.of(surface.owner)
-        return Cover(shape, surface, frame, located, self._apart)
+        sides = self._edges[pair[1]]
+        return Cover(shape, surface, frame, located, self._apart, sides)
 
     def _room(
         self,
@@ -447,21 +462,35 @@ def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
     """
     x, y, dx, dy, length, is_segment, _ = edge
     px, py = point[0] - x, point[1] - y
-    along = px * dx + py * dy
-    into = contact.normal[0] * dx + contact.normal[1] * dy
-    ahead = length - along if into > 0 else along
-    if not TOLERANCE.above < ahead <= length + TOLERANCE.gap:
-        return None
     ux, uy = dy, -dx
-    if (contact.center[0] - x) * ux + (contact.center[1] - y) * uy < 0:
+    if (contact[2][0] - x) * ux + (contact[2][1] - y) * uy < 0:
         if not is_segment:
             return None
         ux, uy = -ux, -uy
     height = px * ux + py * uy
-    if not -TOLERANCE.below <= height <= TOLERANCE.level:
+    if not -BELOW <= height <= LEVEL:
         return None
-    lift = TOLERANCE.above - height
+    ahead = px * dx + py * dy
+    if contact[0][0] * dx + contact[0][1] * dy > 0:
+        ahead = length - ahead
+    if not ABOVE < ahead <= length + GAP:
+        return None
+    lift = ABOVE - height
     return point[0] + lift * ux, point[1] + lift * uy
+
+
+def _is_outside(sides: Sequence[Edge], corners: Sequence[Spot], spot: Spot) -> bool:
+    """Return whether a convex shape does not rise to a place over a surface.
+
+    sides: its edges, and corners: its corners, in the frame of the place.
+    """
+    x, y = spot
+    least = ABOVE - LEVEL
+    # a side of which the place is far outside tells at once in most cases
+    for side in sides:
+        if (x - side[0]) * side[3] - (y - side[1]) * side[2] > least + ROUNDING:
+            return True
+    return _distance(corners, spot) >= least
 
 
 def _distance(corners: Sequence[Spot], point: Spot) -> float:

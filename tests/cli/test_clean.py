@@ -143,13 +143,14 @@ def test_clean_lists_what_it_removes(
     assert rows == {
         ("scene.yaml~", "backup"),
         ("scene.assets", "assets"),
+        ("cache", "cache"),
         (partial.name, "partial"),
     }
     assert not listed["removed"]
     assert listed["bytes"] == sum(row["bytes"] for row in listed["unused"])
     assert main(["clean", str(home)]) == 0
     shown = capsys.readouterr()
-    assert len(shown.out.splitlines()) == 3
+    assert len(shown.out.splitlines()) == 4
     assert "--yes" in shown.err
     assert main(["clean", str(scene), "--yes"]) == 0
     assert {path.name for path in home.iterdir()} == {"scene.yaml", assets}
@@ -177,11 +178,12 @@ def test_clean_spares_all_that_users_made(
     (home / ".scene.yaml.editing" / "draft.json").write_text("{}")
     running = home / f".out.{1}-{machine_id()}.part"
     running.mkdir()
-    before = {path for path in home.rglob("*") if path.name != "scene.yaml~2"}
+    removed = {home / "scene.yaml~2", *home.rglob("cache"), *home.rglob("cache/*")}
+    before = set(home.rglob("*")) - removed
     capsys.readouterr()
     assert main(["clean", str(home), "--yes", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["unused"]
-    assert [Path(row["path"]).name for row in rows] == ["scene.yaml~2"]
+    assert {Path(row["path"]).name for row in rows} == {"scene.yaml~2", "cache"}
     assert set(home.rglob("*")) == before
 
 

@@ -188,6 +188,7 @@ def test_refresh_rebuilds_emptied_assets(scene: Path) -> None:
     scene = scene.with_name("boxes.yaml")
     masks = scene.parent / "boxes.assets" / "masks.png"
     labels = read_labels(masks)
+    shutil.rmtree(masks.parent / "cache")
     for file in masks.parent.iterdir():
         file.unlink()
     assert refresh(scene) == 0
