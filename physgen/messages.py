@@ -325,11 +325,11 @@ class Message(Enum):
     OUTPUT_NAME_EMPTY = ("is not a name", "write the path of a new file or folder")
     OUTPUT_NAME_LONG = ("has a name of {length} bytes", "write at most {most}")
     NOT_WHOLE_NUMBER = ("is not a whole number", "write one from {low} to {high}")
-    NOT_ABOVE_ZERO = ("is not a number above 0", "write one up to {most:,}")
+    NOT_ABOVE_ZERO = ("is not a number above 0", "write one up to {most:,.0f}")
     NOT_AMONG = ("is not among the choices", "write some of {names}")
     NOT_NUMBERS = ("is not a list of numbers", "write e.g. 1,5,12")
     NOT_SPEEDS = (
-        "is not a list of {fewest} to {most} different speeds",
+        "is not a list of 2 to {most} different speeds",
         "write e.g. 50,100,200",
     )
     NOT_A_CLUSTER = (

@@ -64,10 +64,10 @@ def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
     Folders whose names begin with a dot, and folders within a clip's, are passed over.
     """
     for root in roots:
-        yield from _below(root, root.resolve().name)
+        yield from _find_below(root, root.resolve().name)
 
 
-def _below(folder: Path, name: str) -> Iterator[FoundClip]:
+def _find_below(folder: Path, name: str) -> Iterator[FoundClip]:
     try:
         with os.scandir(folder) as entries:
             visible_entries = (
@@ -96,7 +96,7 @@ def _below(folder: Path, name: str) -> Iterator[FoundClip]:
         if not (
             path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve())
         ):  # no endless loop
-            yield from _below(path, f"{name}/{subfolders}")
+            yield from _find_below(path, f"{name}/{subfolders}")
 
 
 def _read(path: Path) -> Mapping[str, Any] | None:

@@ -185,7 +185,7 @@ def run_on_cluster(
             address, *shipped(Store(ship), work, items, lost), report=report
         )
         return
-    with _connected(address) as client:
+    with _connect(address) as client:
         try:
             client.wait_for_workers(1, timeout=TIMEOUT)
         except TimeoutError:
@@ -295,7 +295,7 @@ class _ClusterRun:
 
 
 @contextmanager
-def _connected(address: str) -> Iterator[Client]:
+def _connect(address: str) -> Iterator[Client]:
     """Yield a client of the scheduler at `address`, of the one in a FILE.json, or of a cluster of this machine."""
     with ExitStack() as stack:
         stack.enter_context(_quiet())

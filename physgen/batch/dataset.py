@@ -118,7 +118,7 @@ def read_sample(
         raise Message.NO_MANIFEST.error(str(clip.folder))
     try:
         members = _members(clip.folder, manifest["files"])
-        return members, _about(clip, manifest, members, splits)
+        return members, _metadata(clip, manifest, members, splits)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
         raise Message.SAMPLE_MANIFEST_DAMAGED.error(str(clip.folder)) from None
 
@@ -142,7 +142,7 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     return {name: folder / file for name, file in members.items()}
 
 
-def _about(
+def _metadata(
     clip: FoundClip,
     manifest: Mapping[str, Any],
     members: Collection[str],

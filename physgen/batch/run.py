@@ -189,7 +189,7 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
         options = replace(job.options, name=job.name, mark=job.mark)
         if options.cached:
             manifest = unchanged_clip(
-                job.folder, job.mark, Path(job.scene), _warm().hash
+                job.folder, job.mark, Path(job.scene), _stages().hash
             )
             if manifest and manifest["source"] == source_of(
                 Path(job.scene), job.folder
@@ -202,7 +202,7 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
             job.out,
             options,
             refiners=_refiners(job.refiner),
-            stages=_warm(),
+            stages=_stages(),
             progress=progress,
             warn=warnings.append,
         )
@@ -218,7 +218,7 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
 
 
 @cache
-def _warm() -> pipeline.Stages:
+def _stages() -> pipeline.Stages:
     """Return the stages that this process keeps from one clip for the next."""
     return pipeline.Stages(reads_assets_cache=True)
 

@@ -355,7 +355,7 @@ def gather_stored(
     target = Path(Shipper(store).name(out))
     if store.holds(target.as_posix()):
         raise Message.IN_STORE_ALREADY.error(str(out), url=store.url)
-    how = replace(how, root=target, fetched=partial(_fetched, store))
+    how = replace(how, root=target, fetched=partial(_fetch_members, store))
     clips = _found_clips(store, roots)
     with tempfile.TemporaryDirectory(prefix="physgen-") as name:
         folder = Path(name)
@@ -387,7 +387,7 @@ def _found_clips(store: Store, roots: Sequence[Path]) -> list[FoundClip]:
 
 
 @contextmanager
-def _fetched(store: Store, members: Members) -> Iterator[Members]:
+def _fetch_members(store: Store, members: Members) -> Iterator[Members]:
     """Bring the files of a clip here, and remove them afterwards."""
     with tempfile.TemporaryDirectory(prefix="physgen-") as name:
         copies = {}

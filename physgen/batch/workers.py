@@ -164,10 +164,10 @@ def child_main(line: Connection, parent: int) -> None:
                 answer: tuple[Any, Exception | None] = work(item), None
             except Exception as error:
                 answer = None, error
-            line.send_bytes(_pickled(answer))
+            line.send_bytes(_pickle_result(answer))
 
 
-def _pickled(answer: tuple[Any, Exception | None]) -> bytes:
+def _pickle_result(answer: tuple[Any, Exception | None]) -> bytes:
     """Return the answer; a RuntimeError with the reason if it cannot be pickled."""
     try:
         data = pickle.dumps(answer)

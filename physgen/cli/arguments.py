@@ -30,8 +30,6 @@ FILE_SUFFIXES = (
 """Endings of files: nobody means a new folder by such a name."""
 LONGEST_NAME = 200
 """Bytes of an output's name: a file system takes 255, and partial and backed-up files have longer names."""
-MOST_NUMBER = 1_000_000
-"""The largest number that a flag takes."""
 LONGEST_MESSAGE = 500
 """Characters of a message about wrong flags, which repeats what was written."""
 
@@ -240,8 +238,9 @@ def positive(text: str) -> float:
         value = float(text)
     except ValueError:
         value = 0.0
-    if not 0 < value <= MOST_NUMBER:
-        raise wrong_value(text, Message.NOT_ABOVE_ZERO.refusal(most=MOST_NUMBER))
+    most = 1e6
+    if not 0 < value <= most:
+        raise wrong_value(text, Message.NOT_ABOVE_ZERO.refusal(most=most))
     return value
 
 
@@ -306,13 +305,13 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
             pieces.append(text)
         if flag.startswith("--") and len(pieces) > 1:
             is_key = flag == "--set" and "=" not in "".join(pieces)
-            value = "=".join(pieces) if is_key else _joined(pieces)
+            value = "=".join(pieces) if is_key else _join_pieces(pieces)
             raise Message.VALUE_SPLIT.error(
                 flag, quoted(" ".join(pieces)), flag=flag, value=quoted(value, "")
             )
 
 
-def _joined(pieces: Sequence[str]) -> str:
+def _join_pieces(pieces: Sequence[str]) -> str:
     """Return the pieces of a value as it was meant: numbers with commas between."""
     if not all(
         re.fullmatch(r"[-+]?[\d.]+(px|cm|mm|m|%)?,?", piece) for piece in pieces

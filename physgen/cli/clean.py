@@ -23,7 +23,7 @@ KILOBYTE = 1000
 def clean(options: argparse.Namespace) -> int:
     by_place: dict[Path, UnusedPath] = {}
     for path in options.paths or [Path()]:
-        for item in _unused_of(path):
+        for item in _find_unused(path):
             place = item.path.parent.resolve() / item.path.name
             by_place.setdefault(place, item)
     unused_files = list(by_place.values())
@@ -45,17 +45,17 @@ def clean(options: argparse.Namespace) -> int:
     return OK
 
 
-def _unused_of(path: Path) -> list[UnusedPath]:
+def _find_unused(path: Path) -> list[UnusedPath]:
     """Return what is unused in a folder, or of one scene. Raises InputError."""
     from physgen.scene.saving import UnusedKind, assets_of
 
     if path.is_dir():
-        return _unused_in(path)
+        return _find_unused_in_folder(path)
     if not path.is_file():
         raise Message.NOTHING_TO_CLEAN.error(str(path))
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
-    folder = _unused_in(path.parent, backup)
+    folder = _find_unused_in_folder(path.parent, backup)
     own = assets_of(path)
     backups = [item for item in folder if backup.fullmatch(item.path.name)]
     named_assets = {assets_of(item.path) for item in backups}
@@ -70,7 +70,7 @@ def _unused_of(path: Path) -> list[UnusedPath]:
     ]
 
 
-def _unused_in(
+def _find_unused_in_folder(
     folder: Path, backup_names: re.Pattern[str] | None = None
 ) -> list[UnusedPath]:
     """Return what is unused in a folder; of its backups, only those of these names."""

@@ -78,7 +78,7 @@ def _motion_edits(
     from physgen.pipeline.pushes import motion_edits
     from physgen.scene.write import flow_text, scene_text
 
-    scene = _opened(path, options.allow_outside).scene(options.set, variant)
+    scene = _open_scene(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
         compilation = pipeline.compile(scene, pipeline.percepts(scene))
     if options.story:
@@ -125,7 +125,7 @@ def preview_edits(
     from physgen import pipeline
 
     try:
-        scene_file = _opened(path, options.allow_outside)
+        scene_file = _open_scene(path, options.allow_outside)
         scene = scene_file.scene((*options.set, *further), variant)
         has_fixed_end = not scene.world.until_rest
         world = (
@@ -156,7 +156,7 @@ def preview_edits(
     return tuple(edits)
 
 
-def _opened(path: str, allow_outside: bool) -> Opened:
+def _open_scene(path: str, allow_outside: bool) -> Opened:
     """Read a file once for many clips, until it is written."""
     scene_file = _read(path, allow_outside, os.getcwd())
     if not scene_file.stale():
@@ -240,7 +240,7 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
     if options.variant != "all":
         return [options.variant]
     try:
-        return [None, *_opened(path, options.allow_outside).variants]
+        return [None, *_open_scene(path, options.allow_outside).variants]
     except InputError:  # reported when it is rendered
         return [None]
 
@@ -248,7 +248,7 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
 def problems_of_variants(path: str, allow_outside: bool) -> Sequence[Problem]:
     """Return the errors of all variants of a file, none if the file itself cannot be read."""
     try:
-        return _opened(path, allow_outside).variant_problems
+        return _open_scene(path, allow_outside).variant_problems
     except InputError:  # reported when the file is loaded
         return ()
 

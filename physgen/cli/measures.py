@@ -60,16 +60,12 @@ def add_controllability(parser: Parser) -> None:
     add_overlays(parser)
 
 
-FEWEST_SPEEDS, MOST_SPEEDS = 2, 100
-
-
 def read_speeds(text: str) -> list[float]:
     """Return the speeds in `50,100,200`, px/s above 0, each once, in order."""
     speeds = sorted({positive(part.strip()) for part in text.split(",")})
-    if not FEWEST_SPEEDS <= len(speeds) <= MOST_SPEEDS:
-        raise wrong_value(
-            text, Message.NOT_SPEEDS.refusal(fewest=FEWEST_SPEEDS, most=MOST_SPEEDS)
-        )
+    most = 100
+    if not 2 <= len(speeds) <= most:
+        raise wrong_value(text, Message.NOT_SPEEDS.refusal(most=most))
     return speeds
 
 

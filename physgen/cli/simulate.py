@@ -113,7 +113,7 @@ def check(options: argparse.Namespace) -> int:
     for path in options.scenes:
         file_problems = dict.fromkeys(_problems_of_file(path, options))
         report += [problem for problem in file_problems if problem not in report]
-        lines.append(f"{path}: {_counted(file_problems)}")
+        lines.append(f"{path}: {_count_text(file_problems)}")
     has_errors = any(p.severity is Severity.ERROR or options.strict for p in report)
     if options.json:
         print_json(
@@ -142,7 +142,7 @@ def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Proble
     yield from problems_of_variants(path, options.allow_outside)
 
 
-def _counted(problems: Iterable[Problem]) -> str:
+def _count_text(problems: Iterable[Problem]) -> str:
     """Return the counts of each kind as text."""
     kinds = [problem.severity for problem in problems]
     parts = [

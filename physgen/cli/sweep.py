@@ -59,10 +59,14 @@ def sweep(options: argparse.Namespace) -> int:
     )
     plan = planned(read_axes(options.axes), variants, options.samples, options.seed)
     objects = check_values(plan, scene_file, options.set)
-    return _listed(plan, options) if options.dry_run else _made(plan, objects, options)
+    return (
+        _list_clips(plan, options)
+        if options.dry_run
+        else _make_sweep(plan, objects, options)
+    )
 
 
-def _listed(plan: Sweep, options: argparse.Namespace) -> int:
+def _list_clips(plan: Sweep, options: argparse.Namespace) -> int:
     """Print all clips with their values; nothing is made."""
     import csv
 
@@ -79,7 +83,9 @@ def _listed(plan: Sweep, options: argparse.Namespace) -> int:
     return OK
 
 
-def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) -> int:
+def _make_sweep(
+    plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace
+) -> int:
     from physgen import pipeline
     from physgen.batch import sweep as files
     from physgen.batch.outcomes import columns
@@ -88,7 +94,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     variant = None if len(plan.variants) > 1 else plan.variants[0]
     sweep_name = f"{pipeline.output_name(options.scene, variant)}-sweep"
     options.output = options.output or str(Path("out", sweep_name))
-    tracked_names = _tracked(objects, options.track)
+    tracked_names = _tracked_names(objects, options.track)
     make = job_maker(options)
     table = files.table_columns(plan, columns(tracked_names))
     out = Path(options.output)
@@ -157,7 +163,9 @@ class Previews:
         return edits
 
 
-def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, ...]:
+def _tracked_names(
+    objects: tuple[str, ...], chosen: list[str] | None
+) -> tuple[str, ...]:
     if chosen is None:
         return objects if len(objects) <= MOST_TRACKED else ()
     problems = []

@@ -483,10 +483,10 @@ def _path(item: Object, center: Array, scene: Scene) -> Array:
                 scene.place(key), key, "the first knot", x=x, y=y, time=path[0, 0]
             )
         path[:, 1:3] -= offset
-    return _repeated(path, scene) if item.loop else path
+    return _repeat_path(path, scene) if item.loop else path
 
 
-def _repeated(path: Array, scene: Scene) -> Array:
+def _repeat_path(path: Array, scene: Scene) -> Array:
     """Return a path (K, 4) that begins again until the end of the clip. Raises InputError if it has too many knots."""
     period, turn = path[-1, 0], path[-1, 3] - path[0, 3]
     rounds = int(np.ceil(scene.world.duration / period)) + 1

@@ -248,7 +248,7 @@ class Shapes:
 
 def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
     """Return the shapes; `labels` (H, W) is the photo's label map, None without one. Raise InputError."""
-    written_outlines = [_written(item, labels) for item in scene.objects]
+    written_outlines = [_written_outline(item, labels) for item in scene.objects]
     of_objects = object_labels(scene, labels, written_outlines)
     fits = fit_masks(
         scene,
@@ -256,7 +256,7 @@ def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
         of_objects,
         [k + 1 for k, it in enumerate(written_outlines) if it is None],
     )
-    wholes = [_stored_whole(item, labels) for item in scene.objects]
+    wholes = [_stored_whole_outline(item, labels) for item in scene.objects]
     if not any(whole_outline is not None for whole_outline in wholes):
         wholes = []
     return Shapes(tuple(written_outlines), of_objects, fits, tuple(wholes))
@@ -267,7 +267,7 @@ def mask_crc(labels: U16, id_: int) -> int:
     return crc32(np.packbits(labels == id_).tobytes())
 
 
-def _written(item: Object, labels: U16 | None) -> Outline | None:
+def _written_outline(item: Object, labels: U16 | None) -> Outline | None:
     """Return the outline of an explicit shape, or the one stored for its mask.
 
     None if the outline must be fitted: no shape is given, or the mask was edited.
@@ -278,7 +278,7 @@ def _written(item: Object, labels: U16 | None) -> Outline | None:
     return None if shape is None else shape_outline(shape)
 
 
-def _stored_whole(item: Object, labels: U16 | None) -> Outline | None:
+def _stored_whole_outline(item: Object, labels: U16 | None) -> Outline | None:
     """Return the whole outline that was stored for an object's mask if it is unchanged."""
     shape = item.shape
     if not isinstance(shape, Auto) or shape.whole is None:
@@ -371,13 +371,14 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
         if is_above and len(depths) and -BAND <= depths.min() <= BAND:
             outline = Region(
                 tuple(
-                    Ring(_flat(ring.outer, line), ring.holes) for ring in outline.rings
+                    Ring(_flatten(ring.outer, line), ring.holes)
+                    for ring in outline.rings
                 )
             )
     return outline
 
 
-def _flat(points: Array, line: Line) -> Array:
+def _flatten(points: Array, line: Line) -> Array:
     """Return the points within the band brought onto the line."""
     is_along, height = line.near(points)
     is_touching = is_along & (np.abs(height) <= BAND)

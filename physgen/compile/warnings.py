@@ -97,14 +97,14 @@ def lint(
     """Return every warning, sorted by place; those of the photo's maps where `maps` are given."""
     rules = (
         _overlaps,
-        _unsupported,
+        _unsupported_objects,
         _without_effect,
         _excluded_starts,
         _weak_gravity,
         _invisible,
         _missed_masks,
         _views,
-        _followed,
+        _outdated_values,
         _long,
     )
     problems = [problem for rule in rules for problem in rule(scene, compiled)]
@@ -276,7 +276,7 @@ def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         yield warning(scene, path, size_text, Message.SHAPE_INVISIBLE)
 
 
-def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _outdated_values(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Yield warnings of numbers that follow a label or a scale, where the file still has those for another."""
     record, scale = scene.record, scene.world.pixels_per_meter
     stated = "world.pixels_per_meter" in scene.places
@@ -354,7 +354,7 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
         return False
     if maps.coverage is None or not scenery.any():
         return True
-    reachable = _grown(labels > 0, LIMITS.reach)
+    reachable = _grow(labels > 0, LIMITS.reach)
     return not (maps.coverage[scenery & ~reachable] > 0.5).any()
 
 
@@ -376,7 +376,7 @@ def photo_differs(
         maps, compiled.labels, compiled.scenery
     ):  # it is made anew, of the photo
         return
-    background_mask = ~_grown(
+    background_mask = ~_grow(
         (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0),
         round(LIMITS.near * max(scene.size)),
     )
@@ -441,7 +441,7 @@ def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
     return np.asarray(cv2.blur(difference, (LIMITS.over, LIMITS.over)), np.int16)
 
 
-def _grown(mask: Mask, by: int) -> Mask:
+def _grow(mask: Mask, by: int) -> Mask:
     """Return (H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
     return np.asarray(
         cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8))
@@ -494,7 +494,7 @@ def _shape_differences(
     inside_hull = np.zeros(mask.shape, np.uint8)
     cv2.fillPoly(inside_hull, [corners - np.array([left, top], np.int32)], 1)
     occupied = compiled.labels[window] > 0
-    occupied |= compiled.scenery[window] | _filled(mask)
+    occupied |= compiled.scenery[window] | _fill_holes(mask)
     if isinstance(item.shape, Auto):
         # perception lays a flat base under what the photo shows from above
         occupied |= np.logical_or.accumulate(mask, axis=0)
@@ -510,7 +510,7 @@ def _opened_area(mask: Mask) -> float:
     return float(opened.sum())
 
 
-def _filled(mask: Mask) -> Mask:
+def _fill_holes(mask: Mask) -> Mask:
     """Return (H, W): the mask with its holes, such as the one of a handle."""
     outside = np.pad((~mask).astype(np.uint8), 1, constant_values=1)
     cv2.floodFill(outside, None, (0, 0), 2)
@@ -606,7 +606,7 @@ def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
     return [met(i) for i in range(len(shapes))]
 
 
-def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _unsupported_objects(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Objects of a photo, at rest where they are in it, with nothing under them or under what they are joined to."""
     if (
         scene.image is None
@@ -617,7 +617,7 @@ def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     supports_by_object = supports(scene, compiled)
     hanging = [
         i
-        for group in _joined(scene)
+        for group in _joined_groups(scene)
         if not any(supports_by_object[k] for k in group)
         for i in group
     ]
@@ -627,7 +627,7 @@ def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             yield warning(scene, path, item.name, Message.UNSUPPORTED)
 
 
-def _joined(scene: Scene) -> list[set[int]]:
+def _joined_groups(scene: Scene) -> list[set[int]]:
     """Return the dynamic objects that joints hold together; those that are held to what does not fall are left out."""
     index = {item.name: k for k, item in enumerate(scene.objects)}
     root = list(range(len(scene.objects) + 1))

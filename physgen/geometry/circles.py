@@ -196,7 +196,7 @@ class _Problem:
         self.count = len(rough)
         self.group = _groups([float(r.disc.radius) for r in rough], contacts)
         touching = {(min(pair), max(pair)) for pair in contacts}
-        self.pairs = _near([r.disc for r in rough])
+        self.pairs = _neighbours_of([r.disc for r in rough])
         self.touching = np.array(
             [(int(i), int(j)) in touching for i, j in self.pairs], dtype=bool
         )
@@ -356,7 +356,7 @@ def _groups(
     return np.unique(group, return_inverse=True)[1].astype(np.intp)
 
 
-def _near(discs: Sequence[Disc]) -> NDArray[np.intp]:
+def _neighbours_of(discs: Sequence[Disc]) -> NDArray[np.intp]:
     """Return pairs `(m, 2)` of discs that could come to overlap while they are moved by a few px."""
     centers = np.array([disc.center for disc in discs])
     radii = np.array([disc.radius for disc in discs])

@@ -62,13 +62,13 @@ def convex_pieces(outline: Region) -> tuple[Array, ...]:
     numbered_pieces = []
     for number, ring in enumerate(outline.rings):
         numbered_pieces += [(number, piece) for piece in _ring_pieces(ring)]
-    pieces = tuple(piece for _, piece in _joined(numbered_pieces))
+    pieces = tuple(piece for _, piece in _join(numbered_pieces))
     for piece in pieces:
         piece.flags.writeable = False
     return pieces
 
 
-def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
+def _join(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
     """Replace neighbours of different rings by their hull if it adds no more than the seam between them."""
     if len({ring for ring, _ in pieces}) < 2 or len(pieces) > PIECES.many:
         return pieces
@@ -139,7 +139,7 @@ def _ring_pieces(ring: Ring) -> list[Array]:
     indices = mapbox_earcut.triangulate_float64(local, ends)
     triangles = indices.reshape(-1, 3).astype(np.int64)
     pieces = []
-    for face in _merge(local, _oriented(local, triangles)):
+    for face in _merge(local, _orient(local, triangles)):
         piece = _without_straight_corners(points[face])
         if _area(piece) >= SLIVER:
             pieces.append(piece)
@@ -165,7 +165,7 @@ def _without_straight_corners(points: Array) -> Array:
     return points
 
 
-def _oriented(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
+def _orient(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
     a, b, c = (points[triangles[:, k]] for k in range(3))
     turn = cross(b - a, c - a)
     faces = np.where((turn < 0)[:, None], triangles[:, ::-1], triangles)
@@ -198,8 +198,8 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
         left, right = edges[start, end], edges[end, start]
         if left == right:
             continue
-        face = _rotated(faces[left], end)  # end ... start
-        other = _rotated(faces[right], start)  # start ... end
+        face = _rotate(faces[left], end)  # end ... start
+        other = _rotate(faces[right], start)  # start ... end
         if len(set(face) & set(other)) > 2:
             continue
         meets = is_convex(face[-2], start, other[1])
@@ -212,7 +212,7 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     return [face for face in faces if face]
 
 
-def _rotated(face: list[int], first: int) -> list[int]:
+def _rotate(face: list[int], first: int) -> list[int]:
     """Return the same face from the corner `first` on."""
     place = face.index(first)
     return face[place:] + face[:place]

@@ -156,7 +156,7 @@ def fit_outlines(
     while True:
         others = np.where(np.isin(owners, list(rough_shapes)), 0, owners)
         regions = fit_regions(close_gaps(others))
-        discs = _together(owners, views, rough_shapes, regions)
+        discs = _fit_together(owners, views, rough_shapes, regions)
         lost_ids = []
         for i, disc in discs.items():
             if _iou(disc, owners[views[i]] == i, views[i]) < FIT.keep_iou:
@@ -252,7 +252,7 @@ def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]
     return owners
 
 
-def _together(
+def _fit_together(
     owned: NDArray[np.int64],
     views: dict[int, View],
     rough: dict[int, Disc],
@@ -272,7 +272,7 @@ def _together(
             if _is_near(rough[i], region):
                 touches = (min(i, j), max(i, j)) in pairs
                 obstacles.setdefault(place[i], []).append((region, touches))
-    rough_discs = [_rough(owned, i, views[i], rough[i]) for i in ids]
+    rough_discs = [_rough_shape(owned, i, views[i], rough[i]) for i in ids]
     return dict(zip(ids, fit_discs(rough_discs, contacts, obstacles), strict=True))
 
 
@@ -291,7 +291,7 @@ def _could_touch(a: Disc, b: Disc) -> bool:
     return gap <= max(2.0 * FIT.touch, 0.1 * min(a.radius, b.radius))
 
 
-def _rough(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDisc:
+def _rough_shape(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDisc:
     """Return a disc with its mask's border, of which hidden and cut parts have little weight."""
     part = owned[view]
     local = long_border(part == i)

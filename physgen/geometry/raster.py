@@ -141,13 +141,13 @@ HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
 
 def double_resolution(picture: F32) -> F32:
     """Return (2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
-    rows = _halved(picture, 0)
+    rows = _halve(picture, 0)
     # In bands of rows, which stay in the processor's cache.
-    bands = [_halved(rows[k : k + 64], 1) for k in range(0, len(rows), 64)]
+    bands = [_halve(rows[k : k + 64], 1) for k in range(0, len(rows), 64)]
     return np.concatenate(bands)
 
 
-def _halved(values: F32, axis: int) -> F32:
+def _halve(values: F32, axis: int) -> F32:
     """Sample at half steps along an axis, by Lanczos' kernel of three lobes; the ends are far from any light.
 
     Each is held between the least and the greatest of its four neighbours: no rings.

@@ -376,14 +376,14 @@ def photo_scale(
             witnesses.setdefault(object_kind.noun, []).append((extent.per_mm, spread))
     if not witnesses:
         return None
-    middle, spread = _combined(list(witnesses.values()))
+    middle, spread = _combine(list(witnesses.values()))
     confidence = 0.95 * exp(-((spread / LIMITS.vague) ** 2))
     digits = 3 if spread < 0.05 else 2
     value = float(f"{exp(middle) * 1000:.{digits}g}")
     return Scale(value, round(confidence, 2), _reason(witnesses, kinds, spread))
 
 
-def _combined(
+def _combine(
     witnesses: Sequence[Sequence[tuple[float, float]]],
 ) -> tuple[float, float]:
     """Return the log of the scale, px/mm, and its standard deviation, by the scales and spreads of each witness."""

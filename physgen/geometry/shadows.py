@@ -451,30 +451,30 @@ def _blocked_by_silhouette(
     profiles = np.maximum.reduceat(
         sheared_coverage[: last_row + 1], bands.first, axis=0
     )
-    # The softness grows evenly with the height.
     height = bands.height
-    smallest_width = penumbra_width(setting, 0.0, rise)
-    soft_x = (
-        smallest_width
-        + (penumbra_width(setting, 1.0, rise, ax) - smallest_width) * height
-    )
-    soft_z = (
-        smallest_width
-        + (penumbra_width(setting, 1.0, rise, az) - smallest_width) * height
-    )
-    lines = _softened(profiles, soft_x)
+    lines = _soften(profiles, _penumbra_widths(setting, rise, ax, height))
+    depth_widths = _penumbra_widths(setting, rise, az, height)
     # Distance in depth from a band's shadow, in widths of its soft edge.
     gap = np.abs(depths.T - (az * height)[:, None].astype(np.float32))
     reach = contact.half + abs(az) * (bands.upper - bands.lower) / 2
     gap -= reach[:, None].astype(np.float32)
-    gap /= 0.55 * soft_z[:, None].astype(np.float32)
+    gap /= 0.55 * depth_widths[:, None].astype(np.float32)
     fade = 1 / (1 + np.exp(np.clip(gap, -30, 30)))
     fade_weights = np.where(gap < 5, fade, 0).astype(np.float32)
     shares = fade_weights[:, :, None] * lines[:, None]
     return np.asarray(shares.max(axis=0, initial=0), np.float32)
 
 
-def _softened(profiles: F32, sigma: NDArray[np.float64]) -> F32:
+def _penumbra_widths(
+    setting: ShadowSetting, rise: float, slope: float, height: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the widths of the soft edges of bands, px; the softness grows evenly with the height."""
+    smallest_width = penumbra_width(setting, 0.0, rise)
+    growth = penumbra_width(setting, 1.0, rise, slope) - smallest_width
+    return smallest_width + growth * height
+
+
+def _soften(profiles: F32, sigma: NDArray[np.float64]) -> F32:
     """Return rows (n, w), each blurred by its own Gaussian of `sigma` (n,) px.
 
     Beyond their ends is nothing.

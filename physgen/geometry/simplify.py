@@ -48,7 +48,7 @@ def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
     pinned_corners: set[int] = set()
     for _ in range(12):
         corners = _corners(points, runs, pinned_corners, closed, tolerance)
-        distant_runs = _off(points, runs, corners, tolerance)
+        distant_runs = _deviation(points, runs, corners, tolerance)
         if not distant_runs:
             return np.array([corner for pair in corners for corner in pair])
         for first, last in distant_runs:
@@ -219,7 +219,7 @@ def _meet(
     return [p + u * ((here - p) @ u), q + v * ((here - q) @ v)]
 
 
-def _off(
+def _deviation(
     points: Array, runs: list[int], corners: list[list[Array]], tolerance: float
 ) -> list[tuple[int, int]]:
     """Return runs (first and last index) farther off their edge than the tolerance, or against its direction."""

@@ -236,9 +236,9 @@ class _Reader:
                 or kind is MappingStartEvent
             ):
                 if event.anchor is not None or event.tag is not None:
-                    raise self._refused(event)
+                    raise self._refusal(event)
             elif kind is AliasEvent:
-                raise self._refused(event)
+                raise self._refusal(event)
             elif kind is DocumentStartEvent:
                 documents += 1
                 if documents > 1:
@@ -313,7 +313,7 @@ class _Reader:
     def _error(self, message: Message, event: Any, **values: object) -> InputError:
         return message.error_at(self._place(event), **values)
 
-    def _refused(self, event: Any) -> InputError:
+    def _refusal(self, event: Any) -> InputError:
         if getattr(event, "tag", None) is not None:
             return self._error(Message.TAG, event, tag=quoted(event.tag, ""))
         kind = "an alias" if type(event) is AliasEvent else "an anchor"

@@ -111,7 +111,7 @@ class Opened:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         report = Findings()
         edits = _edits(self._root, overrides, variant, self._source)
-        edited_root = _edited(self._root, edits)
+        edited_root = _apply_edits(self._root, edits)
         ground = _check(in_numbers(edited_root), report, self._files)
         if report.problems:
             raise InputError(self._at_causes(report, edits))
@@ -172,7 +172,7 @@ def _edits(
     if not problems:
         return edits
     try:
-        _edited(root, edits)
+        _apply_edits(root, edits)
     except InputError as error:
         problems += error.problems
     raise InputError(dict.fromkeys(problems))
@@ -185,7 +185,7 @@ def _unknown_variant(variant: str, known: Sequence[str]) -> Problem:
     return Message.UNKNOWN_VARIANT.problem(place, "", quoted(variant), fix=fix)
 
 
-def _edited(root: Node, edits: Sequence[Edit]) -> Node:
+def _apply_edits(root: Node, edits: Sequence[Edit]) -> Node:
     """Return the tree after the edits; raises InputError with every edit that cannot be made."""
     problems: list[Problem] = []
     left = Limit.SET.most
@@ -358,7 +358,7 @@ def _problems_of_variant(
     from physgen.scene.causes import name_edits
 
     try:
-        problems = _problems(_edited(root, edits), files)
+        problems = _problems(_apply_edits(root, edits), files)
     except InputError as error:
         return error.problems
     new = [problem for problem in problems if problem not in own.problems]
@@ -493,7 +493,7 @@ def scene_from_tree(
             until_rest=isinstance(world["duration"], _Open),
         ),
         objects=tuple(
-            _outlined(item, ground) for item in _named(data["objects"], _object)
+            _add_stored_shape(item, ground) for item in _named(data["objects"], _object)
         ),
         boundaries=_named(data["boundaries"], _boundary),
         forces=tuple(map(_force, data["forces"])),
@@ -630,7 +630,7 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
     )
 
 
-def _outlined(item: parts.Object, ground: Ground) -> parts.Object:
+def _add_stored_shape(item: parts.Object, ground: Ground) -> parts.Object:
     """Return the object with the shape that is stored for its mask."""
     stored_shape = (
         ground.outlines.get(item.mask.id)

@@ -34,7 +34,7 @@ def scale_scene(data: dict[str, Any], factor: float) -> dict[str, Any]:
     Units of the schema decide: speeds in px/s grow as lengths do, torques in g·px²/s²
     with the square, and 1 m/s stays. Keys of variants are read as paths.
     """
-    scaled_data: dict[str, Any] = _scaled(data, expanded(), "", (), factor)
+    scaled_data: dict[str, Any] = _scale(data, expanded(), "", (), factor)
     variants = data.get("variants")
     if isinstance(variants, dict):
         scaled_data["variants"] = {
@@ -53,7 +53,7 @@ def scale_part(value: Any, path: KeyPath, factor: float) -> Any:
     schema = schema_at(path)
     for candidate in (schema, schema_at(parent_path)):
         unit = unit or (candidate or {}).get("x-unit", "")
-    return value if schema is None else _scaled(value, schema, unit, path, factor)
+    return value if schema is None else _scale(value, schema, unit, path, factor)
 
 
 def _scaled_variant(edits: Any, factor: float) -> Any:
@@ -72,7 +72,7 @@ def _path_of(key: str) -> KeyPath:
     return tuple(int(part) if part.isdecimal() else part for part in parts)
 
 
-def _scaled(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) -> Any:
+def _scale(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) -> Any:
     if path == VIDEO_SIZE or isinstance(value, bool):
         return value
     if isinstance(value, dict):
@@ -90,9 +90,9 @@ def _scaled(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float)
     if not isinstance(value, int | float):
         return value
     if _is_position(unit, path):
-        return _rounded(factor * (value + 0.5) - 0.5, value)
+        return _round(factor * (value + 0.5) - 0.5, value)
     power = pixel_power(unit) if unit else 0
-    return value if power == 0 else _rounded(value * factor**power, value)
+    return value if power == 0 else _round(value * factor**power, value)
 
 
 def _is_position(unit: str, path: KeyPath) -> bool:
@@ -105,7 +105,7 @@ def _is_position(unit: str, path: KeyPath) -> bool:
     return unit == "px" and bool(names) and names[-1] in POSITION_KEYS
 
 
-def _rounded(value: float, before: float) -> float:
+def _round(value: float, before: float) -> float:
     """Return a value without digits that no estimate has; whole if it was and is."""
     rounded = float(f"{value:.{DIGITS}g}")
     is_whole = isinstance(before, int) and rounded.is_integer()
@@ -119,4 +119,4 @@ def _scaled_child(
     child_schema = inner(schema, path[-1])
     if child_schema is None:
         return value
-    return _scaled(value, child_schema, child_schema.get("x-unit", unit), path, factor)
+    return _scale(value, child_schema, child_schema.get("x-unit", unit), path, factor)

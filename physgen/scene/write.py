@@ -71,7 +71,7 @@ class _Writer:
         path: KeyPath,
         schema: Schema | None,
     ) -> Iterator[str]:
-        for key in _ordered(value, schema):
+        for key in _order_keys(value, schema):
             part = inner(schema, key)
             yield from self.entry(
                 value[key],
@@ -115,7 +115,7 @@ class _Writer:
         elif comment:
             first = f"{first}  {_comment_lines(comment, '')[0]}"
         if not block:
-            yield from _wrapped(first, start, indent, text)
+            yield from _wrap_line(first, start, indent, text)
         elif isinstance(value, Mapping):
             inner = list(self.mapping(value, indent, path, schema))
             if dash:
@@ -140,7 +140,7 @@ def _comment_lines(text: str, indent: str) -> list[str]:
     return [f"{indent}# {line}".rstrip() for line in words]
 
 
-def _wrapped(first: str, start: str, indent: str, text: str) -> Iterator[str]:
+def _wrap_line(first: str, start: str, indent: str, text: str) -> Iterator[str]:
     """A line with a value's `text`, over several lines where it is long: broken between points, keys or numbers."""
     comment = first[len(start) + 1 + len(text) :]
     if len(first) - len(comment) <= WIDTH + 8 or text[:1] not in "[{":
@@ -179,7 +179,7 @@ def _data(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _ordered(value: Mapping[str, Any], schema: Schema | None) -> list[str]:
+def _order_keys(value: Mapping[str, Any], schema: Schema | None) -> list[str]:
     schema_keys = list(schema.get("properties", {})) if schema else []
     return [key for key in schema_keys if key in value] + [
         key for key in value if key not in schema_keys
@@ -192,7 +192,7 @@ def _flow(value: Any, schema: Schema | None) -> str:
     if isinstance(value, Mapping):
         pairs = (
             f"{key_text(key)}: {_flow(value[key], inner(schema, key))}"
-            for key in _ordered(value, schema)
+            for key in _order_keys(value, schema)
         )
         return "{" + ", ".join(pairs) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):
@@ -226,10 +226,10 @@ def _text(text: str) -> str:
                 return text
         except RefusedError:
             pass
-    return '"' + "".join(map(_escaped, text)) + '"'
+    return '"' + "".join(map(_escape, text)) + '"'
 
 
-def _escaped(char: str) -> str:
+def _escape(char: str) -> str:
     if char in '"\\':
         return "\\" + char
     if char.isprintable():

@@ -93,10 +93,10 @@ def marked(text: str) -> Marked:
         raise Message.EDITOR_UNREADABLE.impossible(
             where=line_text, reason=reason
         ) from None
-    return _marked(yaml.compose(text, Loader=LOADER), text)
+    return _mark_tree(yaml.compose(text, Loader=LOADER), text)
 
 
-def _marked(node: Any, text: str) -> Marked:
+def _mark_tree(node: Any, text: str) -> Marked:
     begin, end, column = (
         node.start_mark.index,
         node.end_mark.index,
@@ -114,9 +114,9 @@ def _marked(node: Any, text: str) -> Marked:
             (key.value, key.start_mark.index, key.end_mark.index)
             for key, _ in node.value
         ]
-        children = [_marked(child, text) for _, child in node.value]
+        children = [_mark_tree(child, text) for _, child in node.value]
     else:
-        children = [_marked(child, text) for child in node.value]
+        children = [_mark_tree(child, text) for child in node.value]
     flow = bool(node.flow_style)
     kind = dict if isinstance(node, yaml.MappingNode) else list
     return Marked(
@@ -260,9 +260,11 @@ def written_anew(text: str, path: KeyPath, value: Any) -> str:
 def put(text: str, path: KeyPath, value: Any) -> str:
     """Set the value at a path whose holder is there."""
     if path and find(text, path[:-1]).place(path[-1]) is None:
-        return _made(text, path, value)
+        return _make_entry(text, path, value)
     return (
-        text if same(find(text, path).data(), value) else _replaced(text, path, value)
+        text
+        if same(find(text, path).data(), value)
+        else _replace_value(text, path, value)
     )
 
 
@@ -373,7 +375,7 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
     parent_path, index = path[:-1], int(path[-1])
     node = find(text, parent_path)
     if not node.children:
-        return _replaced(text, parent_path, [value])
+        return _replace_value(text, parent_path, [value])
     if node.is_flow:
         inner, before = _inline(text, value, path), node.children[max(index - 1, 0)]
         if index == 0:
@@ -398,14 +400,14 @@ def _rename(text: str, path: KeyPath, to: str) -> str:
     return patched(text, (begin, end, _quoted_as(text, text[begin], to, key_text(to))))
 
 
-def _made(text: str, path: KeyPath, value: Any) -> str:
+def _make_entry(text: str, path: KeyPath, value: Any) -> str:
     """Add a key, or an item at the end."""
     parent_path, key = path[:-1], path[-1]
     node = find(text, parent_path)
     if isinstance(key, int):
         return _insert(text, path, value)
     if not node.children:
-        return _replaced(text, parent_path, {key: value})
+        return _replace_value(text, parent_path, {key: value})
     after = node.children[_before(node, parent_path, key)]
     if node.is_flow:
         inner = f"{_key(text, key)}: {_inline(text, value, path)}"
@@ -433,12 +435,12 @@ def _before(node: Marked, path: KeyPath, key: str) -> int:
     return max(places, default=len(node.keys) - 1)
 
 
-def _replaced(text: str, path: KeyPath, value: Any) -> str:
+def _replace_value(text: str, path: KeyPath, value: Any) -> str:
     """Replace a value; of a collection only what differs."""
     node = find(text, path)
     is_block = bool(node.children) and not node.is_flow
     if path and is_block and isinstance(value, node.kind) and not value:
-        empty_text = _emptied(text, path)
+        empty_text = _empty_collection(text, path)
         if empty_text is not None:
             return empty_text
     patches = _differences(text, node, value, path) if node.is_flow else None
@@ -461,7 +463,7 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
     )
 
 
-def _emptied(text: str, path: KeyPath) -> str | None:
+def _empty_collection(text: str, path: KeyPath) -> str | None:
     """Remove all entries of a section; its own comments stay. None if it is an item."""
     parent, index = parent_of(text, path)
     node = parent.children[index]
@@ -736,7 +738,9 @@ def with_true_comments(
         return text
     counts = _label_counts(labels)
     if counts != _label_counts(labels_before):
-        text = _with_comment(text, ("objects",), lambda words: _counted(words, counts))
+        text = _with_comment(
+            text, ("objects",), lambda words: _count_objects(words, counts)
+        )
     if len(labels) != len(labels_before):
         for name in old.get("boundaries") or {}:
             text = _with_comment(text, ("boundaries", str(name)), _without_support)
@@ -746,7 +750,7 @@ def with_true_comments(
         text = _with_comment(
             text,
             ("objects", name, "layer"),
-            lambda words: _hidden(words, labels, renamed),
+            lambda words: _hidden_names(words, labels, renamed),
         )
     return text
 
@@ -774,7 +778,7 @@ def _label_counts(labels: Mapping[str, str]) -> str:
     return ", ".join(f"{number} x {label}" for label, number in ordered_counts)
 
 
-def _counted(words: str, counts: str) -> str:
+def _count_objects(words: str, counts: str) -> str:
     """Return perception's comment on all objects with other counts."""
     match = _COUNTS.fullmatch(words)
     if match is None:
@@ -787,7 +791,9 @@ def _without_support(words: str) -> str:
     return "" if _SUPPORTED.fullmatch(words) else words
 
 
-def _hidden(words: str, names: Collection[str], renamed: Mapping[str, str]) -> str:
+def _hidden_names(
+    words: str, names: Collection[str], renamed: Mapping[str, str]
+) -> str:
     """Return a comment on a layer with the names that hidden objects have now."""
     match = _HIDDEN.fullmatch(words)
     if match is None:

@@ -98,8 +98,8 @@ def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
     for reason in (
         "a.json: answers.c1.physical: 9 is not a score", "a.json: answers.c99: is not a clip of this study",
         'b.json: "other" is another study than the key\'s "abc123"', "c.json: cannot be read as JSON",
-        "d.json: cannot be read as JSON", "e.json: physgen-study-answers 2 is of a form", "f.json: no such file",
-        "g.json: is not a rater's answers", "h.json: names no rater",
+        "d.json: cannot be read as JSON", "e.json: physgen-study-answers 2 is not a version", "f.json: no such file",
+        "g.json: is not a rater's answers", "h.json: has no rater",
     ):  # fmt: skip
         assert reason in text
 
