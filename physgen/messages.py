@@ -469,6 +469,10 @@ class Message(Enum):
     )
     WHEELS_FROM_ABOVE = ("have no effect seen from above", "remove them")
     ROLLING_HAS_NO_EFFECT = ("has no effect: only {shapes} roll", "remove it")
+    ROCKING_HAS_NO_EFFECT = (
+        "has no effect: only dynamic objects with corners, seen from the side, rock",
+        "remove it",
+    )
     ROLL_HAS_NO_EFFECT = (
         "has no effect: only dynamic spheres on a tabletop with friction roll",
         "remove it",

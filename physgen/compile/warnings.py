@@ -151,6 +151,10 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             else:
                 message = Message.NO_EFFECT_ON_MOTION
                 yield warning(scene, where, found, message, motion=motion_name)
+        rocks = dynamic and body.radius is None and not above
+        if item.rocking and not rocks:
+            where, found = f"{path}.rocking", f"{item.rocking:g}"
+            yield warning(scene, where, found, Message.ROCKING_HAS_NO_EFFECT)
         if item.roll != "natural" and not (
             dynamic and sphere and above and scene.world.table_friction > 0
         ):

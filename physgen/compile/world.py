@@ -126,6 +126,8 @@ class Body:
     """1/s."""
     gravity_scale: float = 1.0
     """How many times gravity acts on it."""
+    rocking: float = 0.0
+    """px: lever of the normal force's moment against turning on a corner."""
     passage: Passage = Passage()
     wheels: tuple[Wheel, ...] = ()
     """They carry it instead of its pieces, which end above them; mass and moment include them."""

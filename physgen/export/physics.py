@@ -69,6 +69,7 @@ CONTACT_KEYS = (
     "collides_with",
     "damping",
     "gravity_scale",
+    "rocking",
     "center_of_mass",
 )
 """Keys by which an object or a boundary differs from most others."""

@@ -317,6 +317,8 @@ class Object:
     """1/s; None: none."""
     gravity_scale: float | None = None
     """None: 1."""
+    rocking: float | None = None
+    """Resistance to turning on a corner; None: none."""
     static_friction: float | None = None
     """None: as friction."""
     conveyor: float | None = None

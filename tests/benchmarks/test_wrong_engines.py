@@ -153,6 +153,7 @@ WRONG: dict[int, Simulate] = {
     56: scaled("fields", drag=1.02, linear=1.02), 57: scaled("fields", density=1.01),
     58: scaled("fields", pull=1.02), 59: scaled("joints", stiffness=1.03),
     60: bodies(lambda b: replace(b, radius=0.9 * (b.radius or 0.0))), 61: gravity(1.02),
+    62: bodies(lambda b: replace(b, rocking=b.rocking * 1.4)),
 }  # fmt: skip
 """By row. Surfaces of bodies change, those of walls do not: a coefficient between the two changes as written."""
 

@@ -35,6 +35,9 @@ LINTS = {
     "joints.g: g turns b without a pin: only the turning is coupled; hold each of the two by a pivot": f"""\
 {TOP}objects: {{a: {{shape: {BALL}}}, b: {{shape: {BOX}}}}}
 joints: {{p: {{objects: [a], pivot: [50, 60]}}, g: {{objects: [a, b], gear: -2}}}}""",
+    "objects.a.rocking: 0.1 has no effect: only dynamic objects with corners": f"""\
+objects: {{a: {{shape: {BALL}, rocking: 0.1}}}}
+boundaries: {{floor: {{segment: [[0, 70], [200, 70]]}}}}""",
     "objects.b.shape: b overlaps a by 5.0 px at t = 0; ": f"""\
 {TOP}objects:
   a: {{shape: {BALL}}}
