@@ -459,6 +459,10 @@ class Message(Enum):
     RANGE_ORDER = ("has the larger number first", "write the smaller number first")
 
     # Warnings of a scene
+    CARRIES_NOTHING = (
+        "carries nothing: it needs a view from above and friction of the table",
+        "write view: top and table: {{friction: 0.3}}, or remove it",
+    )
     TABLE_FROM_SIDE = (
         "has no effect seen from the side",
         "remove it, or write view: top",

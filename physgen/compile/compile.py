@@ -199,6 +199,8 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
                 item.density,
                 item.pull,
                 item.extent,
+                np.array(item.velocity, np.float64),
+                radians(item.spin),
             )
         )
     pulls = sum(len(field.bodies) for field in fields)

@@ -23,6 +23,7 @@ from physgen.scene.files import equal
 from physgen.scene.load import EARTH
 from physgen.scene.scene import (
     Auto,
+    FieldKind,
     JointKind,
     Motion,
     Scene,
@@ -182,6 +183,10 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
             where, nothing = f"fields.{field.name}", Message.MOVES_NO_OBJECT
             yield warning(scene, where, field.name, nothing)
+        has_table = above and scene.world.table_friction > 0
+        if field.kind in (FieldKind.BELT, FieldKind.TURNTABLE) and not has_table:
+            where, idle = f"fields.{field.name}", Message.CARRIES_NOTHING
+            yield warning(scene, where, field.name, idle)
 
 
 def _gears_without_pins(

@@ -287,7 +287,11 @@ class Field:
     density: float = 0.0
     pull: float = 0.0
     extent: tuple[float, float] = (0.0, 0.0)
-    """px: width and height of water from the corner `vector`."""
+    """px: width and height of water or a belt from the corner `vector`; of a turntable, its radius, twice."""
+    velocity: Array | None = None
+    """(2,) px/s of a belt."""
+    spin: float = 0.0
+    """rad/s of a turntable."""
 
 
 @dataclass(frozen=True)

@@ -431,6 +431,8 @@ class FieldKind(Enum):
     AIR = "air"
     WATER = "water"
     MAGNET = "magnet"
+    BELT = "belt"
+    TURNTABLE = "turntable"
 
 
 @dataclass(frozen=True)
@@ -456,7 +458,11 @@ class Field:
     pull: float = 0.0
     """Magnet, g·px³/s²."""
     extent: Point = (0.0, 0.0)
-    """Water, px: its width and height from the corner `vector`."""
+    """Water and belt, px: width and height from the corner `vector`. Turntable: twice its radius."""
+    velocity: Point = (0.0, 0.0)
+    """Belt, px/s."""
+    spin: float = 0.0
+    """Turntable, degrees/s."""
 
 
 class ProfileKind(Enum):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from physgen.evaluate.physics import (
     barriers,
     bodies,
+    carried,
     conserved,
     curves,
     energy,
@@ -35,6 +36,7 @@ _GROUPS = (
     curves,
     barriers,
     bodies,
+    carried,
     tabletop,
     stacks,
     surfaces,
