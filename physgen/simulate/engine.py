@@ -77,6 +77,8 @@ LEFT = 0.5
 """Closing speed, in units of gravity x step, that contacts of bodies on joints may keep."""
 HIDINGS = 4
 """Times that a step is taken again because contacts at internal edges acted in it."""
+JUST_BEFORE = 4e-9
+"""s by which an event is earlier than the sample at a step's end that shows it."""
 LOOK = 8
 """Steps after which speeds are looked at again."""
 
@@ -617,7 +619,8 @@ class Stepper:
                 exact[:, 3:] = held.velocity[moving]
                 if held.lost:
                     exact[:, :3] += held.shift[moving]
-                    kicks.append(EnergyEvent(end, held.lost, 0.0))
+                    kicks.append(EnergyEvent(end - JUST_BEFORE, held.early, 0.0))
+                    kicks.append(EnergyEvent(end, held.lost - held.early, 0.0))
                 within = self.state()[:, 3:] if before is None else before
                 carried = self._carry(exact, within, order, numbers, h)
                 if carried is not None:
@@ -643,6 +646,8 @@ class Stepper:
                 begun = state[:, 3:]
             contacts = order, numbers
             kicks += self._break(begun, states, end, h, load, contacts, impacts)
+        if self._space.parting:
+            self._space.separate_broken()
         self.stirred |= not self._calm
         self._last = h, load, 0.5 if first else 1.0
         self._within = before, self._states

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import Joint, World
 from physgen.scene.scene import SPRINGS, JointKind, Motion
 from physgen.simulate.bounds import (
+    TAUT_IN_IMPACT,
     Bound,
     BoundedGroup,
     BoundedMotion,
@@ -50,6 +51,8 @@ class HeldMotion(NamedTuple):
     lost: float
     """g·px²/s² that joints took which contradict each other."""
     shift: Array  # (N, 3): px, px, rad by which gaps are closed at once
+    early: float
+    """Part of `lost` that the mean of the velocities before and after lacks already."""
 
 
 class Assemblies:
@@ -155,7 +158,8 @@ class Assemblies:
         `strength`; None: what the pins allow now.
         """
         work, motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
-        lost, shift = 0.0, np.zeros_like(pose)
+        lost = early = 0.0
+        shift = np.zeros_like(pose)
         speeds = dict(
             zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True)
         )
@@ -167,6 +171,7 @@ class Assemblies:
                     number, place, spots, before_all, h, strength, within
                 )
                 work, lost = work + bounded.work, lost + bounded.lost
+                early += bounded.early
                 speeds.update(
                     zip(bodies, bounded.velocity.reshape(-1, 3).tolist(), strict=True)
                 )
@@ -240,7 +245,7 @@ class Assemblies:
             speeds.update(zip(bodies, after.reshape(-1, 3).tolist(), strict=True))
         velocity = velocity.copy()
         velocity[self._all] = list(speeds.values())
-        return HeldMotion(velocity, work, lost, shift)
+        return HeldMotion(velocity, work, lost, shift, early)
 
     def _hold_bounded(
         self,
@@ -268,6 +273,26 @@ class Assemblies:
         begun = None if within is None else within[bodies].ravel()
         group = self._bounded[number]
         return group.hold(rows, speeds, bounds, light, before, begun)
+
+    def taut_rows(self, bodies: list[int], pose: Array) -> Array:
+        """Return speeds (B, 3n) of n bodies that ropes and limits keep from falling below 0 at a pose (N, 3).
+
+        Whole groups must be among the bodies.
+        """
+        size = 3 * len(bodies)
+        found: list[list[float]] = []
+        if self._bounded:
+            spots, place = _Spots(pose, self._all), {b: 3 * k for k, b in enumerate(bodies)}
+            for number in self._bounded:
+                joints, members, _ = self._held[number]
+                if not place.keys() & set(members):
+                    continue
+                for joint in joints:
+                    bounds = bounds_of(
+                        joint, place, spots, size, inf, None, TAUT_IN_IMPACT
+                    )
+                    found += [bound.row for bound in bounds]
+        return np.array(found).reshape(-1, size)
 
     def reactions(
         self, pose: Array, impulse: Array, is_linear: bool
