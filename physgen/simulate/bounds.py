@@ -21,6 +21,8 @@ TAUT = 1e-6
 """px or rad: a bound that is nearer holds at once."""
 TAUT_IN_IMPACT = 0.05
 """px: a bound that is nearer takes part in impacts; between two steps a rope's way is straight, not round."""
+MET_IN_STEP = 8.0
+"""px: a bound that is farther cannot be met within a step."""
 ANGLE_NEAR = 0.02
 """rad per px."""
 CATCH = 2
