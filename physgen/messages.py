@@ -505,6 +505,16 @@ class Message(Enum):
         "px/s² is {strength:.2g} m/s², in which objects float",
         "did you mean m/s²? write [{x:g} m/s², {y:g} m/s²]",
     )
+    STEPS_COARSE = (
+        "steps a second are too few: gravity moves objects by {fall:.2g} px in a step, "
+        "in which stacks sink or fall",
+        "write {steps} or more, or a smaller world.pixels_per_meter",
+    )
+    SCALE_TOO_FINE = (
+        "steps a second are too few: gravity moves objects by {fall:.2g} px in a step, "
+        "in which stacks sink or fall",
+        "write a smaller world.pixels_per_meter",
+    )
     SHAPE_INVISIBLE = (
         "is smaller than a pixel and is not visible",
         "sizes are in pixels; did you mean meters? write e.g. 0.5 m",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import ceil, sqrt
 
 import cv2
 import numpy as np
@@ -73,6 +74,10 @@ class WarningLimits:
     )
     weak: float = 0.1
     """Of the Earth's gravity: the Moon's is 0.17 of it; a weaker one is m/s² without the unit."""
+    fall: float = 0.2
+    """px by which gravity moves an object within a step, from which on stacks sink by 0.4 px and more."""
+    most_steps: float = 1e5
+    """1/s: steps that a scene may ask for."""
     visible: float = 0.5  # px from the centre: a smaller object fills no pixel
     draws: float = (
         0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
@@ -98,6 +103,7 @@ def lint(
         _without_effect,
         _excluded_starts,
         _weak_gravity,
+        _coarse_steps,
         _invisible,
         _missed_masks,
         _views,
@@ -251,6 +257,21 @@ def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             x=x,
             y=y,
         )
+
+
+def _coarse_steps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Steps in which gravity moves objects so far that stacks sink or fall."""
+    world = compiled.world
+    strength = float(np.hypot(*world.gravity))
+    fall = strength / world.steps_per_second**2
+    if fall <= LIMITS.fall:
+        return
+    steps = 100 * ceil(sqrt(strength / LIMITS.fall) / 100)
+    message = Message.STEPS_COARSE
+    if steps > LIMITS.most_steps:
+        message = Message.SCALE_TOO_FINE
+    path, found = "world.steps_per_second", f"{world.steps_per_second:g}"
+    yield warning(scene, path, found, message, fall=fall, steps=steps)
 
 
 def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

@@ -42,6 +42,10 @@ boundaries: {{floor: {{segment: [[0, 70], [200, 70]]}}}}""",
 objects: {{a: {{shape: {BALL}}}}}
 boundaries: {{floor: {{segment: [[0, 70], [200, 70]]}}}}
 fields: {{f: {{belt: [0, 0, 90, 90], velocity: [10, 0]}}}}""",
+    "world.steps_per_second: 960 steps a second are too few": f"""\
+world: {{pixels_per_meter: 1.0e5}}
+objects: {{a: {{shape: {BALL}}}}}
+boundaries: {{floor: {{segment: [[0, 70], [200, 70]]}}}}""",
     "objects.b.shape: b overlaps a by 5.0 px at t = 0; ": f"""\
 {TOP}objects:
   a: {{shape: {BALL}}}
