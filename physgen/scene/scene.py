@@ -531,6 +531,10 @@ class Overlay(Enum):
     """Walls and floors."""
     NAMES = "names"
     """At the centres."""
+    JOINTS = "joints"
+    """Pins, ropes, rails, springs and pulleys."""
+    FIELDS = "fields"
+    """Water, belts, turntables and magnets."""
 
 
 class Play(Enum):

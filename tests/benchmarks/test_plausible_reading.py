@@ -138,8 +138,16 @@ size: [640, 480]
 world: {view: side, duration: 1.5}
 objects:
   jumper: {shape: {circle: {center: [100, 200], radius: 15}}, mass: 100, elasticity: 1.3}
-  left: {shape: {circle: {center: [300, 200], radius: 15}}, mass: 100, velocity: [120, -300], collision_group: back, collides_with: [main]}
-  right: {shape: {circle: {center: [460, 200], radius: 15}}, mass: 100, velocity: [-120, -300], collision_group: back, collides_with: [main]}
+  left:
+    shape: {circle: {center: [300, 200], radius: 15}}
+    velocity: [120, -300]
+    collision_group: back
+    collides_with: [main]
+  right:
+    shape: {circle: {center: [460, 200], radius: 15}}
+    velocity: [-120, -300]
+    collision_group: back
+    collides_with: [main]
 boundaries:
   trampoline: {segment: [[40, 300], [160, 300]], elasticity: 1.3}
   floor: {segment: [[200, 460], [640, 460]]}
