@@ -642,27 +642,26 @@ class Stepper:
                 kicks.append(EnergyEvent(end, -returned, 0.0))
                 self._space.place(exact)
                 states = exact.tobytes()
-        begun = self.state()[:, 3:] if len(self._states) else None
-        if original is not None:
-            begun = original
-        elif state is not None:
-            begun = state[:, 3:]
-        contacts = order, numbers
-        if self._joined.has_scripts and begun is not None:
-            span = h / 2 if first else h
-            led, early = self._scripted_work(
-                begun, states, span, load, contacts, impacts
-            )
-            if self.suspicious or kicks:
-                # at once: the mean of the velocities shows a part of it
-                kicks += [
-                    EnergyEvent(end - JUST_BEFORE, 0.0, early),
-                    EnergyEvent(end, 0.0, led - early),
-                ]
-            else:
-                driven += led
-        if self._breakages.busy and not first and begun is not None:
-            kicks += self._break(begun, states, end, h, load, contacts, impacts)
+        if (self._joined.has_scripts or self._breakages.busy) and len(self._states):
+            entry = original
+            if entry is None:
+                entry = (self.state() if state is None else state)[:, 3:]
+            contacts = order, numbers
+            if self._joined.has_scripts:
+                span = h / 2 if first else h
+                led, early = self._scripted_work(
+                    entry, states, span, load, contacts, impacts
+                )
+                if self.suspicious or kicks:
+                    # at once: the mean of the velocities shows a part of it
+                    kicks += [
+                        EnergyEvent(end - JUST_BEFORE, 0.0, early),
+                        EnergyEvent(end, 0.0, led - early),
+                    ]
+                else:
+                    driven += led
+            if self._breakages.busy and not first:
+                kicks += self._break(entry, states, end, h, load, contacts, impacts)
         if self._space.parting:
             self._space.separate_broken()
         self.stirred |= not self._calm
