@@ -33,7 +33,7 @@ class Demand(Enum):
     MACHINES = "gears, fingers and joints that break"
     SURFACES = "belts, static friction, one-way surfaces and collision groups"
     NUMBERS = "own damping or gravity, rocking, and forces with a profile"
-    CURVES = "smooth curves and solid scenery"
+    CURVES = "smooth curves, solid scenery and discs with a centre of mass elsewhere"
     TABLE_JOINTS = "a joint on a ball that rolls over a table"
 
 
@@ -77,7 +77,8 @@ def demands(world: World) -> frozenset[Demand]:
         found.add(Demand.SURFACES)
     if any(map(has_own_numbers, dynamic)) or any(push.profile for push in world.pushes):
         found.add(Demand.NUMBERS)
-    if any(wall.is_smooth or wall.pieces or wall.disc for wall in world.walls):
+    curved = any(wall.is_smooth or wall.pieces or wall.disc for wall in world.walls)
+    if curved or any(body.disc for body in dynamic):
         found.add(Demand.CURVES)
     if world.fields:
         found.add(Demand.FIELDS)
