@@ -676,6 +676,10 @@ class Message(Enum):
     RANGE_ORDER = ("has the larger number first", "write the smaller number first")
 
     # Warnings of a scene
+    CARRIES_NOTHING = (
+        "carries nothing: it needs a view from above and friction of the table",
+        "write view: top and table: {{friction: 0.3}}, or remove it",
+    )
     TABLE_FROM_SIDE = (
         "has no effect seen from the side",
         "remove it, or write view: top",
@@ -686,6 +690,10 @@ class Message(Enum):
     )
     WHEELS_FROM_ABOVE = ("have no effect seen from above", "remove them")
     ROLLING_HAS_NO_EFFECT = ("has no effect: only {shapes} roll", "remove it")
+    ROCKING_HAS_NO_EFFECT = (
+        "has no effect: only dynamic objects with corners, seen from the side, rock",
+        "remove it",
+    )
     ROLL_HAS_NO_EFFECT = (
         "has no effect: only dynamic spheres on a tabletop with friction roll",
         "remove it",
@@ -713,6 +721,16 @@ class Message(Enum):
     GRAVITY_WEAK = (
         "px/s² is {strength:.2g} m/s², in which objects float",
         "did you mean m/s²? write [{x:g} m/s², {y:g} m/s²]",
+    )
+    STEPS_COARSE = (
+        "steps a second are too few: gravity moves objects by {fall:.2g} px in a step, "
+        "in which stacks sink or fall",
+        "write {steps} or more, or a smaller world.pixels_per_meter",
+    )
+    SCALE_TOO_FINE = (
+        "steps a second are too few: gravity moves objects by {fall:.2g} px in a step, "
+        "in which stacks sink or fall",
+        "write a smaller world.pixels_per_meter",
     )
     SHAPE_INVISIBLE = (
         "is smaller than a pixel and is not visible",

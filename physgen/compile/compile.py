@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import inf, radians
+from math import inf, pi, radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,6 +203,8 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
                 item.density,
                 item.pull,
                 item.extent,
+                np.array(item.velocity, np.float64),
+                radians(item.spin),
             )
         )
     pulls = sum(len(field.bodies) for field in fields)
@@ -445,7 +447,13 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         disc=form.disc,
         damping=item.damping or 0.0,
         gravity_scale=1.0 if item.gravity_scale is None else item.gravity_scale,
+        rocking=0.0 if radius is not None else _rocking_lever(item, properties.area),
     )
+
+
+def _rocking_lever(item: Object, area: float) -> float:
+    """Return px of the moment by which corners resist turning: of a circle of its area."""
+    return (item.rocking or 0.0) * sqrt(area / pi)
 
 
 def set_velocity(body: Body, item: Object, view: View) -> Body:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from math import ceil, sqrt
 
 import cv2
 import numpy as np
@@ -26,6 +27,7 @@ from physgen.scene.files import equal
 from physgen.scene.load import EARTH
 from physgen.scene.scene import (
     Auto,
+    FieldKind,
     JointKind,
     Motion,
     Object,
@@ -76,6 +78,10 @@ class WarningLimits:
     )
     weak: float = 0.1
     """Of the Earth's gravity: the Moon's is 0.17 of it; a weaker one is m/s² without the unit."""
+    fall: float = 0.2
+    """px by which gravity moves an object within a step, from which on stacks sink by 0.4 px and more."""
+    most_steps: float = 1e5
+    """1/s: steps that a scene may ask for."""
     visible: float = 0.5  # px from the centre: a smaller object fills no pixel
     draws: float = (
         0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
@@ -101,6 +107,7 @@ def lint(
         _without_effect,
         _excluded_starts,
         _weak_gravity,
+        _coarse_steps,
         _invisible,
         _missed_masks,
         _views,
@@ -139,6 +146,18 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
             path = f"fields.{field.name}"
             yield warning(scene, path, field.name, Message.MOVES_NO_OBJECT)
+    yield from _belts_without_table(scene)
+
+
+def _belts_without_table(scene: Scene) -> Iterator[Problem]:
+    """Yield warnings of belts and turntables that carry nothing."""
+    is_from_above = scene.world.view is View.TOP
+    if is_from_above and scene.world.table_friction > 0:
+        return
+    for field in scene.fields:
+        if field.kind in (FieldKind.BELT, FieldKind.TURNTABLE):
+            path = f"fields.{field.name}"
+            yield warning(scene, path, field.name, Message.CARRIES_NOTHING)
 
 
 def _object_keys_without_effect(
@@ -173,6 +192,11 @@ def _object_keys_without_effect(
             shapes="spheres" if is_from_above else "circles",
         )
     rolls_on_table = is_sphere and is_from_above and scene.world.table_friction > 0
+    rocks = is_dynamic and body.radius is None and not is_from_above
+    if item.rocking and not rocks:
+        rocking = f"{item.rocking:g}"
+        message = Message.ROCKING_HAS_NO_EFFECT
+        yield warning(scene, f"{path}.rocking", rocking, message)
     if item.roll != "natural" and not (is_dynamic and rolls_on_table):
         yield warning(scene, f"{path}.roll", "roll", Message.ROLL_HAS_NO_EFFECT)
 
@@ -264,6 +288,21 @@ def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             x=x,
             y=y,
         )
+
+
+def _coarse_steps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Steps in which gravity moves objects so far that stacks sink or fall."""
+    world = compiled.world
+    strength = float(np.hypot(*world.gravity))
+    fall = strength / world.steps_per_second**2
+    if fall <= LIMITS.fall:
+        return
+    steps = 100 * ceil(sqrt(strength / LIMITS.fall) / 100)
+    message = Message.STEPS_COARSE
+    if steps > LIMITS.most_steps:
+        message = Message.SCALE_TOO_FINE
+    path, found = "world.steps_per_second", f"{world.steps_per_second:g}"
+    yield warning(scene, path, found, message, fall=fall, steps=steps)
 
 
 def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

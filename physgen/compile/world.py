@@ -126,6 +126,8 @@ class Body:
     """1/s."""
     gravity_scale: float = 1.0
     """How many times gravity acts on it."""
+    rocking: float = 0.0
+    """px: lever of the normal force's moment against turning on a corner."""
     passage: Passage = Passage()
     wheels: tuple[Wheel, ...] = ()
     """They carry it instead of its pieces, which end above them; mass and moment include them."""
@@ -287,7 +289,11 @@ class Field:
     density: float = 0.0
     pull: float = 0.0
     extent: tuple[float, float] = (0.0, 0.0)
-    """px: width and height of water from the corner `vector`."""
+    """px: width and height of water or a belt from the corner `vector`; of a turntable, its radius, twice."""
+    velocity: Array | None = None
+    """(2,) px/s of a belt."""
+    spin: float = 0.0
+    """rad/s of a turntable."""
 
 
 @dataclass(frozen=True)

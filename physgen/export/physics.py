@@ -17,7 +17,7 @@ from physgen.compile.world import (
     pairings,
 )
 from physgen.export.labels import Clip, Scale, Writer, write_json
-from physgen.scene.scene import Boundary, JointKind, Load, Object, Scene
+from physgen.scene.scene import Boundary, FieldKind, JointKind, Load, Object, Scene
 
 UNITS = {
     "size, place, radius, length": "px",
@@ -59,8 +59,8 @@ class Physics(Writer):
         write_json(self._folder / "physics.json", physics(self._clip))
 
 
-FIELD_KEYS = ("linear", "density", "pull", "extent")
-"""Numbers of air, water and magnets."""
+FIELD_KEYS = ("linear", "density", "pull", "extent", "spin")
+"""Numbers of air, water, magnets and turntables."""
 CONTACT_KEYS = (
     "static_friction",
     "conveyor",
@@ -69,6 +69,7 @@ CONTACT_KEYS = (
     "collides_with",
     "damping",
     "gravity_scale",
+    "rocking",
     "center_of_mass",
 )
 """Keys by which an object or a boundary differs from most others."""
@@ -187,7 +188,15 @@ def _field(field: Field, world: World) -> dict[str, Any]:
         "strength": field.strength,
         "soften": field.soften,
         **_stated(field, FIELD_KEYS, (0, (0, 0))),
+        **_belt(field),
     }
+
+
+def _belt(field: Field) -> dict[str, Any]:
+    """Return the velocity of a belt."""
+    if field.kind is not FieldKind.BELT or field.velocity is None:
+        return {}
+    return {"velocity": field.velocity.tolist()}
 
 
 def _stated(

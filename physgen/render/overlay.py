@@ -28,6 +28,7 @@ from physgen.render.drawing import (
     straight_arrow,
     text_width,
 )
+from physgen.render.machines import field_lines, joint_lines
 from physgen.render.scales import COLOURS, Entry, Scales, key_entries, scales
 from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View
@@ -402,8 +403,20 @@ def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
         layer.words(body.name, (x, y), sheet.letter * min(max(room, STYLE.least), 1.0))
 
 
+def _joints(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
+    for chain in joint_lines(clip.world, _poses(clip, sheet), sheet.time):
+        layer.line(sheet.at(chain), sheet.pen)
+
+
+def _fields(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
+    for chain in field_lines(clip.world, _poses(clip, sheet), sheet.time):
+        layer.line(sheet.at(chain), sheet.pen)
+
+
 DRAW: Mapping[Overlay, Callable[[OverlayClip, Sheet, Layer], None]] = {
     Overlay.BOUNDARIES: _boundaries,
+    Overlay.FIELDS: _fields,
+    Overlay.JOINTS: _joints,
     Overlay.TRAILS: _trails,
     Overlay.OUTLINES: _outlines,
     Overlay.WEIGHT: _weights,

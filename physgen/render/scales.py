@@ -43,6 +43,8 @@ COLOURS = {
     Overlay.CONTACTS: (255, 255, 255),
     Overlay.BOUNDARIES: (230, 140, 185),
     Overlay.NAMES: (255, 255, 255),
+    Overlay.JOINTS: (255, 190, 60),
+    Overlay.FIELDS: (90, 200, 220),
 }
 """sRGB, after Okabe and Ito's palette for all kinds of colour vision, lightened for video."""
 

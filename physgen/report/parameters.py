@@ -116,6 +116,15 @@ def line(kind: str, start: Array, end: Array, title: str) -> dict[str, Any]:
     return {"kind": kind, "title": title, "x1": x1, "y1": y1, "x2": x2, "y2": y2}
 
 
+PLACED = (
+    FieldKind.ATTRACTOR,
+    FieldKind.WATER,
+    FieldKind.BELT,
+    FieldKind.TURNTABLE,
+)
+"""Fields that are at one place."""
+
+
 def constraint_rows(scene: Scene) -> list[dict[str, str]]:
     """Return a row for each joint and field: `name`, `kind`, `on`, `at`, `how`."""
     rows = []
@@ -134,7 +143,7 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
         names = ", ".join(field.objects[:8])
         if len(field.objects) > 8:
             names += ", ..."
-        has_place = field.kind in (FieldKind.ATTRACTOR, FieldKind.WATER)
+        has_place = field.kind in PLACED
         place = value_text(field.vector) if has_place else "everywhere"
         if field.kind is FieldKind.MAGNET:
             place = "between each two"
@@ -207,6 +216,11 @@ def _strength(field: Field) -> str:
         return ", ".join([size, *drag])
     if field.kind is FieldKind.MAGNET:
         return f"{value_text(field.pull)} g·px³/s²"
+    if field.kind is FieldKind.BELT:
+        return f"{value_text(field.extent)} px, {value_text(field.velocity)} px/s"
+    if field.kind is FieldKind.TURNTABLE:
+        radius = value_text(field.extent[0])
+        return f"radius {radius} px, {value_text(field.spin)} °/s"
     return f"{value_text(field.strength)} px³/s², softened over {value_text(field.soften)} px"
 
 

@@ -753,18 +753,29 @@ def _joint(name: str, item: Mapping[str, Any]) -> parts.Joint:
 def _field(name: str, item: Mapping[str, Any]) -> parts.Field:
     (kind,) = (kind for kind in parts.FieldKind if kind.value in item)
     zeros = dict.fromkeys(NUMBERS_OF_FIELD, 0)
-    item = {"objects": (), **zeros, **item}
+    item = {"objects": (), "velocity": (0, 0), **zeros, **item}
     vector = extent = (0.0, 0.0)
     if kind is parts.FieldKind.MAGNET:
         item["objects"] = item["magnet"]
     elif kind is not parts.FieldKind.AIR:
         vector = _pair(item[kind.value][:2])
-    if kind is parts.FieldKind.WATER:
-        extent = _pair(item["water"][2:])
+    if kind in REGIONS:
+        lengths = item[kind.value][2:]
+        extent = _pair((lengths[0], lengths[-1]))
     return _make(parts.Field, item, name=name, kind=kind, vector=vector, extent=extent)
 
 
-NUMBERS_OF_FIELD = ("drag", "strength", "soften", "linear", "density", "pull")
+REGIONS = (parts.FieldKind.WATER, parts.FieldKind.BELT, parts.FieldKind.TURNTABLE)
+"""Fields with a width and a height, or a radius."""
+NUMBERS_OF_FIELD = (
+    "drag",
+    "strength",
+    "soften",
+    "linear",
+    "density",
+    "pull",
+    "spin",
+)
 
 
 def _light(item: Mapping[str, Any]) -> parts.Light:

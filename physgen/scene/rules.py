@@ -45,7 +45,15 @@ KINDS = {
         "gear",
         "finger",
     ),
-    "fields": ("wind", "air", "water", "attractor", "magnet"),
+    "fields": (
+        "wind",
+        "air",
+        "water",
+        "attractor",
+        "magnet",
+        "belt",
+        "turntable",
+    ),
 }
 NEEDED = {
     "spring": "stiffness",
@@ -55,6 +63,8 @@ NEEDED = {
     "motor": "speed",
     "wind": "drag",
     "attractor": "strength",
+    "belt": "velocity",
+    "turntable": "spin",
 }
 """Kind of a joint or field -> the key without which it has no effect."""
 OWNER = {
@@ -71,6 +81,8 @@ OWNER = {
     "pull": ("magnet",),
     "strength": ("attractor",),
     "soften": ("attractor", "magnet"),
+    "velocity": ("belt",),
+    "spin": ("turntable",),
 }
 """Key of a joint or field -> the only kinds that it belongs to."""
 LEAST_AREA = 0.01

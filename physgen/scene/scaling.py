@@ -21,6 +21,8 @@ POSITION_KEYS = {
     *("bezier", "center_of_mass"),
 }
 """Keys whose numbers in px are positions. Boxes begin at the border of a pixel."""
+REGIONS = ("water", "belt", "turntable")
+"""Keys with a place and lengths in one list."""
 PATH_KEYS = ("path", "finger")
 """Keys of knots [s, px, px, degrees], which have no unit in the schema."""
 DIGITS = 9
@@ -100,8 +102,8 @@ def _is_position(unit: str, path: KeyPath) -> bool:
     names = [key for key in path if isinstance(key, str)]
     if names and names[-1] in PATH_KEYS:
         return path[-1] in (1, 2)
-    if names and names[-1] == "water":
-        return path[-1] in (0, 1)  # its corner, then its width and height
+    if names and names[-1] in REGIONS:
+        return path[-1] in (0, 1)  # a corner or a middle, then lengths
     return unit == "px" and bool(names) and names[-1] in POSITION_KEYS
 
 

@@ -317,6 +317,8 @@ class Object:
     """1/s; None: none."""
     gravity_scale: float | None = None
     """None: 1."""
+    rocking: float | None = None
+    """Resistance to turning on a corner; None: none."""
     static_friction: float | None = None
     """None: as friction."""
     conveyor: float | None = None
@@ -429,6 +431,8 @@ class FieldKind(Enum):
     AIR = "air"
     WATER = "water"
     MAGNET = "magnet"
+    BELT = "belt"
+    TURNTABLE = "turntable"
 
 
 @dataclass(frozen=True)
@@ -454,7 +458,11 @@ class Field:
     pull: float = 0.0
     """Magnet, g·px³/s²."""
     extent: Point = (0.0, 0.0)
-    """Water, px: its width and height from the corner `vector`."""
+    """Water and belt, px: width and height from the corner `vector`. Turntable: twice its radius."""
+    velocity: Point = (0.0, 0.0)
+    """Belt, px/s."""
+    spin: float = 0.0
+    """Turntable, degrees/s."""
 
 
 class ProfileKind(Enum):
@@ -523,6 +531,10 @@ class Overlay(Enum):
     """Walls and floors."""
     NAMES = "names"
     """At the centres."""
+    JOINTS = "joints"
+    """Pins, ropes, rails, springs and pulleys."""
+    FIELDS = "fields"
+    """Water, belts, turntables and magnets."""
 
 
 class Play(Enum):

@@ -19,6 +19,12 @@ UNIFORM = (JointKind.PIVOT, JointKind.MOTOR)
 """Joints whose turning has limits and friction."""
 TAUT = 1e-6
 """px or rad: a bound that is nearer holds at once."""
+TAUT_IN_IMPACT = 0.05
+"""px: a bound that is nearer takes part in impacts; between two steps a rope's way is straight, not round."""
+MET_IN_STEP = 8.0
+"""px: a bound that is farther cannot be met within a step."""
+ANGLE_NEAR = 0.02
+"""rad per px."""
 CATCH = 2
 """Steps in a row in which a bound takes energy: it is met within the first and reached at the end of the second."""
 JERK = 0.1
@@ -26,6 +32,8 @@ JERK = 0.1
 EXCHANGES = 8
 """Changes of all bounds at a time, before they change one by one: that always ends (Murty 1974)."""
 MOST_EXCHANGES = 200
+WHEEL = 4.0
+"""px: radius of a pulley's wheels, at which ends stop; nearer, they would turn around the point within a step."""
 LEEWAY = 1e-9
 """Of the largest impulse or speed: a bound is met within it."""
 SINGULAR = 1e-10
@@ -155,10 +163,12 @@ def bounds_of(
     size: int,
     h: float,
     strength: float | None,
+    near: float = TAUT,
 ) -> list[Bound]:
     """Return the bounds of a joint in a step of h seconds; motors have `strength` times their limit.
 
-    strength None: those that hold at once.
+    strength None: those that hold at once, being nearer than `near`, px; of angles,
+    that many rad times ANGLE_NEAR.
     """
     rows: list[tuple[list[float], float]] = []
     found: list[Bound] = []
@@ -171,6 +181,8 @@ def bounds_of(
             found.append(Bound(along, speed, -most, most, True))
     elif joint.kind in (JointKind.ROPE, JointKind.PULLEY):
         rows = [_rope(joint, place, spots, size)]
+        if joint.kind is JointKind.PULLEY:
+            rows += _stops(joint, place, spots, size)
     elif joint.kind in UNIFORM:
         turning = _turning(joint, place, size, 1.0)
         angle = _angle(joint.first, spots) - _angle(joint.second, spots)
@@ -180,10 +192,11 @@ def bounds_of(
         if joint.friction > 0 and strength is not None:
             most = joint.friction * h * strength
             found.append(Bound(turning, 0.0, -most, most, True))
+    unit = ANGLE_NEAR if joint.kind in UNIFORM else 1.0
     for row, room in rows:
         if strength is not None:
             found.append(Bound(row, -room / h, 0.0, inf))
-        elif room <= TAUT:
+        elif room <= max(TAUT, near * unit):
             found.append(Bound(row, 0.0, 0.0, inf))
     return found
 
@@ -237,6 +250,24 @@ def _rope(
     return row, joint.length - length
 
 
+def _stops(
+    joint: Joint, place: dict[int, int], spots: Places, size: int
+) -> list[tuple[list[float], float]]:
+    """Return the speeds at which the ends of a pulley leave their points, and px to where the wheels stop them."""
+    found = []
+    for number in (0, 1):
+        body, x, y, *arm = end(joint, number, spots)
+        x0, y0 = joint.guide[number].tolist()
+        apart = hypot(x - x0, y - y0)
+        if body is None or apart <= 0:
+            continue
+        row = [0.0] * size
+        way = (x - x0) / apart, (y - y0) / apart
+        _add(row, place, body, way, (arm[0], arm[1]))
+        found.append((row, apart - WHEEL))
+    return found
+
+
 def bounded_impulses(
     give: Array, goal: Array, low: Array, high: Array
 ) -> tuple[Array, Array]:
@@ -288,6 +319,8 @@ class BoundedMotion(NamedTuple):
     """g·px²/s² of motors."""
     lost: float
     """g·px²/s² taken by friction and by bounds that are met."""
+    early: float = 0.0
+    """Part of it that the mean of the velocities before and after lacks already."""
 
 
 class BoundedGroup:
@@ -328,6 +361,7 @@ class BoundedGroup:
         driven = [k for k, bound in enumerate(bounds) if bound.is_driven]
         work = sum(max(done[k], 0.0) for k in driven)
         lost = sum(max(-done[k], 0.0) for k in driven)
+        early = 0.0
         if within is not None:
             closing = (J @ within)[count:]
             # as contacts, a bound that is met does its work at the mean of the step's two velocities
@@ -336,20 +370,25 @@ class BoundedGroup:
             size = float((within[moves] ** 2 / weight[moves]).sum())
             is_jerk = closing < -JERK * np.sqrt(np.diag(give)[count:] * size)
             holds = (impulse[count:] > 0) & (low[count:] == 0)
-            lost -= self._caught(met, holds, is_jerk)
-        return BoundedMotion(after, work, lost)
+            counts = self._catches(holds, is_jerk)
+            lost -= float(met[counts].sum())
+            # the energy of the mean is less by half the impulse's work, from the
+            # velocity before to the mean
+            mean = (closing + (J @ after)[count:]) / 2
+            halfway = impulse[count:] * (closing + mean) / 4
+            early -= float(halfway[counts].sum())
+        return BoundedMotion(after, work, lost, early)
 
-    def _caught(self, energy: Array, holds: Flags, is_jerk: Flags) -> float:
-        """Return the energy of the bounds that are met in a step, g·px²/s²; all (B,).
+    def _catches(self, holds: Flags, is_jerk: Flags) -> Flags:
+        """Return which of the bounds (B,) are met in a step.
 
         is_jerk: an end that passes the point of a pulley meets its bound again.
         """
-        caught = 0.0
-        for k in range(len(energy)):
+        is_caught = np.zeros(len(holds), bool)
+        for k in range(len(holds)):
             steps = self._steps.get(k, 0) + 1 if holds[k] else 0
             if steps > CATCH and is_jerk[k]:
                 steps = 1
             self._steps[k] = steps
-            if 0 < steps <= CATCH:
-                caught += float(energy[k])
-        return caught
+            is_caught[k] = 0 < steps <= CATCH
+        return is_caught

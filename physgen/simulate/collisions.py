@@ -567,12 +567,19 @@ class ImpactSolver:
                     k = place[body]
                     J[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * turn
                     J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
-        elasticity, friction = (
-            [p.elasticity for p in points],
-            [p.friction for p in points],
-        )
+        taut = self._joined.taut_rows(bodies, self._middle)
+        bare = [0.0] * len(taut)
+        elasticity = [p.elasticity for p in points] + bare
+        friction = [p.friction for p in points] + bare
         exact = TUNING.nearly if self._budget.exceeded_by else self._exact
         approach = np.array(was).ravel()
+        if len(taut):
+            # ropes and limits act as contacts without rebound and friction
+            pulls = np.zeros((2 * len(taut), len(inverse)))
+            pulls[::2] = taut
+            speeds = np.array([self._speeds(body) for body in bodies]).ravel()
+            J = np.concatenate([J, pulls])
+            approach = np.concatenate([approach, pulls @ speeds])
         removed = np.zeros(len(inverse))
         for attempt in range(TUNING.aheads):
             spread = response @ J.T
@@ -588,13 +595,18 @@ class ImpactSolver:
             response = self._joined.response(bodies, inverse, self._middle, ahead)
             removed = self._excluded_speeds(bodies, inverse, response)
         change = spread @ found + removed
-        moved = spread @ (found * np.repeat(times, 2)) + removed * max(times)
+        acted = np.repeat([*times, *[max(times)] * len(taut)], 2)
+        moved = spread @ (found * acted) + removed * max(times)
         for body, k in place.items():
             v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])
             for axis in range(3):
                 v[axis] += float(change[k + axis])
                 shift[axis] += float(moved[k + axis])
-        return _as_pairs(found), _as_pairs(approach + J @ removed)
+        closing, count = approach + J @ removed, 2 * len(points)
+        if len(taut):
+            leaving = closing + J @ (spread @ found)
+            self._lost -= float((found * (closing + leaving))[count:].sum()) / 2
+        return _as_pairs(found[:count]), _as_pairs(closing[:count])
 
     def _excluded_speeds(
         self, bodies: list[int], inverse: Array, response: Array

@@ -77,6 +77,8 @@ LEFT = 0.5
 """Closing speed, in units of gravity x step, that contacts of bodies on joints may keep."""
 HIDINGS = 4
 """Times that a step is taken again because contacts at internal edges acted in it."""
+JUST_BEFORE = 4e-9
+"""s by which an event is earlier than the sample at a step's end that shows it."""
 LOOK = 8
 """Steps after which speeds are looked at again."""
 
@@ -617,7 +619,12 @@ class Stepper:
                 exact[:, 3:] = held.velocity[moving]
                 if held.lost:
                     exact[:, :3] += held.shift[moving]
-                    kicks.append(EnergyEvent(end, held.lost, 0.0))
+                    late = held.lost - held.early
+                    part = held.led / held.lost
+                    kicks += [
+                        EnergyEvent(end - JUST_BEFORE, held.early, part * held.early),
+                        EnergyEvent(end, late, part * late),
+                    ]
                 within = self.state()[:, 3:] if before is None else before
                 carried = self._carry(exact, within, order, numbers, h)
                 if carried is not None:
@@ -635,14 +642,28 @@ class Stepper:
                 kicks.append(EnergyEvent(end, -returned, 0.0))
                 self._space.place(exact)
                 states = exact.tobytes()
-        if self._breakages.busy and not first:
-            begun = self.state()[:, 3:]
-            if original is not None:
-                begun = original
-            elif state is not None:
-                begun = state[:, 3:]
+        if (self._joined.has_scripts or self._breakages.busy) and len(self._states):
+            entry = original
+            if entry is None:
+                entry = (self.state() if state is None else state)[:, 3:]
             contacts = order, numbers
-            kicks += self._break(begun, states, end, h, load, contacts, impacts)
+            if self._joined.has_scripts:
+                span = h / 2 if first else h
+                led, early = self._scripted_work(
+                    entry, states, span, load, contacts, impacts
+                )
+                if self.suspicious or kicks:
+                    # at once: the mean of the velocities shows a part of it
+                    kicks += [
+                        EnergyEvent(end - JUST_BEFORE, 0.0, early),
+                        EnergyEvent(end, 0.0, led - early),
+                    ]
+                else:
+                    driven += led
+            if self._breakages.busy and not first:
+                kicks += self._break(entry, states, end, h, load, contacts, impacts)
+        if self._space.parting:
+            self._space.separate_broken()
         self.stirred |= not self._calm
         self._last = h, load, 0.5 if first else 1.0
         self._within = before, self._states
@@ -672,6 +693,30 @@ class Stepper:
             braked,
             kicks,
         )
+
+    def _scripted_work(
+        self,
+        begun: Array,
+        states: bytes,
+        h: float,
+        load: Forces | None,
+        contacts: tuple[Order, bytes],
+        impacts: list[Impacts],
+    ) -> tuple[float, float]:
+        """Return what scripted partners of joints did in a step that began with the velocities `begun` (M, 3).
+
+        And the part of it that the mean of the velocities before and after shows.
+        """
+        state = np.frombuffer(states, np.float64).reshape(-1, 6)
+        pose, change = self.everybody(
+            np.concatenate([state[:, :3], state[:, 3:] - begun], axis=1)
+        )
+        _, after = self.everybody(state)
+        total = None if load is None else load.total
+        impulse = self._breakages.unexplained(change, pose, h, total, contacts, impacts)
+        speeds = np.stack([after - change / 2, after - 3 / 4 * change])
+        led, early = self._joined.scripted_work(pose, impulse, speeds, bool(impacts))
+        return float(led), float(early) / 2
 
     def _break(
         self,

@@ -23,6 +23,7 @@ from physgen.scene.scene import (
     ProfileKind,
 )
 from physgen.simulate.friction import Resistance, Table
+from physgen.simulate.moving_tables import MovingTable
 
 
 def spring_joints(world: World) -> list[Joint]:
@@ -510,6 +511,7 @@ class Forces(NamedTuple):
     drive: Array | None  # the part that does work
     spend: Array | None  # the part that takes energy out
     rolled: Array | None  # (N, 2) rad/s: change of the spheres' roll on the table
+    carried: float = 0.0  # g·px²/s² that belts and turntables do in the step
 
 
 class StepForces:
@@ -520,6 +522,7 @@ class StepForces:
     ) -> None:
         bodies = world.bodies
         self._moving, self._loads, self._table = moving, loads, Table(world)
+        self._belts = MovingTable(world)
         self.resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
@@ -582,13 +585,22 @@ class StepForces:
                 else velocity
             )
             trial = trial + self._fall * part if self._falls else trial
-            alone &= not (self._loads.busy or self._falls)
+            alone &= not (self._loads.busy or self._falls or self._belts.busy)
+            ground = None
+            if self._belts.busy:
+                # where bodies are when they have their new velocities
+                middle = self._spread(
+                    state[:, :3] + 1.5 * h * state[:, 3:], self._center
+                )
+                ground = self._belts.velocities(middle[:, :2])
+                trial = trial - ground
             if not (alone and self._foreseen):
                 self._foreseen = self._table.foreseen(
                     trial, self.roll, part, 32 if alone else 1
                 )
             change, rolled = self._foreseen.pop()
             grip = change * self._weight
+            carried = 0.0 if ground is None else float((grip * ground).sum())
             grip /= h
             spend = grip if load.spend is None else load.spend + grip
             load = Forces(
@@ -596,6 +608,7 @@ class StepForces:
                 load.drive,
                 spend,
                 rolled,
+                carried,
             )
         return load
 

@@ -20,11 +20,11 @@ from physgen.simulate.contacts import Array, Brakes, Order, Pair, impulses_and_n
 
 
 class Resistance:
-    """Brakes between round bodies and what they roll on; solved with the contacts, so that they hold at rest."""
+    """Brakes between bodies and what they roll or rock on; solved with the contacts, so that they hold at rest."""
 
     def __init__(self, world: World) -> None:
         levers = [
-            b.rolling * (b.radius or 0.0) * (b.motion is Motion.DYNAMIC)
+            (b.rolling * (b.radius or 0.0) + b.rocking) * (b.motion is Motion.DYNAMIC)
             for b in world.bodies
         ]
         self._lever = levers + [0.0] * len(world.walls)

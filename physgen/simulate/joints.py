@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from physgen.compile.world import Joint, World
 from physgen.scene.scene import SPRINGS, JointKind, Motion
 from physgen.simulate.bounds import (
+    MET_IN_STEP,
+    TAUT_IN_IMPACT,
     Bound,
     BoundedGroup,
     BoundedMotion,
@@ -50,6 +52,10 @@ class HeldMotion(NamedTuple):
     lost: float
     """g·px²/s² that joints took which contradict each other."""
     shift: Array  # (N, 3): px, px, rad by which gaps are closed at once
+    early: float
+    """Part of `lost` that the mean of the velocities before and after lacks already."""
+    led: float
+    """Part of `lost` in groups that scripted bodies lead: these bodies did that work."""
 
 
 class Assemblies:
@@ -115,6 +121,14 @@ class Assemblies:
                 for m in own
             ]
             self._held.append((joints, bodies, light))
+        self._scripted = {
+            body
+            for _, bodies, _ in self._held
+            for body in bodies
+            if world.bodies[body].motion is Motion.SCRIPTED
+        }
+        self.has_scripts = bool(self._scripted)
+        """Whether joints hold a dynamic body on a scripted one."""
         self._jolt = float(np.hypot(*world.gravity))
         """px/s² of gravity: slower gaps close at any speed."""
         self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
@@ -155,7 +169,8 @@ class Assemblies:
         `strength`; None: what the pins allow now.
         """
         work, motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
-        lost, shift = 0.0, np.zeros_like(pose)
+        lost = early = led = 0.0
+        shift = np.zeros_like(pose)
         speeds = dict(
             zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True)
         )
@@ -167,6 +182,9 @@ class Assemblies:
                     number, place, spots, before_all, h, strength, within
                 )
                 work, lost = work + bounded.work, lost + bounded.lost
+                early += bounded.early
+                if not self._scripted.isdisjoint(bodies):
+                    led += bounded.lost
                 speeds.update(
                     zip(bodies, bounded.velocity.reshape(-1, 3).tolist(), strict=True)
                 )
@@ -240,7 +258,7 @@ class Assemblies:
             speeds.update(zip(bodies, after.reshape(-1, 3).tolist(), strict=True))
         velocity = velocity.copy()
         velocity[self._all] = list(speeds.values())
-        return HeldMotion(velocity, work, lost, shift)
+        return HeldMotion(velocity, work, lost, shift, early, led)
 
     def _hold_bounded(
         self,
@@ -268,6 +286,64 @@ class Assemblies:
         begun = None if within is None else within[bodies].ravel()
         group = self._bounded[number]
         return group.hold(rows, speeds, bounds, light, before, begun)
+
+    def scripted_work(
+        self, pose: Array, impulse: Array, velocities: Array, is_linear: bool
+    ) -> Array:
+        """Return what scripted partners of joints did in a step (K,), g·px²/s², at some velocities (K, N, 3).
+
+        impulse (N, 3) of all joints on bodies; is_linear: angular impulses are not known.
+        """
+        spots, work = _Spots(pose, self._all), np.zeros(len(velocities))
+        for joints, bodies, light in self._held:
+            scripted = {b for b in bodies if b in self._scripted}
+            if not scripted:
+                continue
+            place = {body: 3 * k for k, body in enumerate(bodies)}
+            rows: list[list[float]] = []
+            by_script: list[bool] = []
+            for joint in joints:
+                mine, _ = _rows(joint, place, spots, 3 * len(bodies))
+                bounds = bounds_of(
+                    joint, place, spots, 3 * len(bodies), inf, None, MET_IN_STEP
+                )
+                mine += [bound.row for bound in bounds]
+                rows += mine
+                is_led = not scripted.isdisjoint((joint.first, joint.second))
+                by_script += [is_led] * len(mine)
+            if not rows:
+                continue
+            J, weight = np.array(rows), np.sqrt(np.array(light))
+            known = weight * np.tile([1.0, 1.0, float(not is_linear)], len(bodies))
+            goal = known * impulse[bodies].ravel()
+            given = np.linalg.lstsq((J * known).T, goal, rcond=SINGULAR)[0]
+            of_group = velocities[:, bodies].reshape(len(velocities), -1)
+            speeds = of_group @ (J * (weight > 0)).T
+            work += (given * speeds)[:, by_script].sum(axis=1)
+        return work
+
+    def taut_rows(self, bodies: list[int], pose: Array) -> Array:
+        """Return speeds (B, 3n) of n bodies that ropes and limits keep from falling below 0 at a pose (N, 3).
+
+        Whole groups must be among the bodies.
+        """
+        size = 3 * len(bodies)
+        found: list[list[float]] = []
+        if self._bounded:
+            spots, place = (
+                _Spots(pose, self._all),
+                {b: 3 * k for k, b in enumerate(bodies)},
+            )
+            for number in self._bounded:
+                joints, members, _ = self._held[number]
+                if not place.keys() & set(members):
+                    continue
+                for joint in joints:
+                    bounds = bounds_of(
+                        joint, place, spots, size, inf, None, TAUT_IN_IMPACT
+                    )
+                    found += [bound.row for bound in bounds]
+        return np.array(found).reshape(-1, size)
 
     def reactions(
         self, pose: Array, impulse: Array, is_linear: bool

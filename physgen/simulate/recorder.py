@@ -350,6 +350,7 @@ class Recorder:
         loads = [step.load for step in steps if step.load is not None]
         both[0] -= work([load.spend for load in loads])
         both[1] += work([load.drive for load in loads])
+        both += [load.carried for load in loads] if loads else 0.0
         scripted = self._scripted[: mean.shape[1], None]
         if scripted.any():  # a spring on a scripted body hands on what its script does
             both[1] -= work([load.total * scripted for load in loads])

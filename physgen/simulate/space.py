@@ -179,6 +179,8 @@ class Space:
 
         The px that they may move before this is looked at again, and where they are.
         """
+        self.parting: list[Joint] = []
+        """Broken joints with bodies that still pass through each other."""
         LIVING.add(self)
 
     def _watch(self, world: World, parts: list[pymunk.Body]) -> SpecialSurfaces | None:
@@ -365,9 +367,29 @@ class Space:
         return self._orders[listed]
 
     def release(self, joint: Joint) -> None:
-        """Let a joint hold no more; its bodies go on passing through each other."""
+        """Let a joint hold no more; its bodies collide once they are apart."""
         for part in self._parts.get(joint.name, ()):
             part.max_force = 0.0
+        if joint.second is not None and not joint.collide:
+            self.parting.append(joint)
+
+    def separate_broken(self) -> None:
+        """Let the parts of broken joints collide that no longer overlap."""
+        self.parting = [joint for joint in self.parting if not self._part(joint)]
+
+    def _part(self, joint: Joint) -> bool:
+        """Let the two bodies of a broken joint collide if they do not overlap; return whether they do now."""
+        assert joint.second is not None
+        first, second = (self._bodies[k] for k in (joint.first, joint.second))
+        for one in first.shapes:
+            for other in second.shapes:
+                touch = lib.cpShapesCollide(one._shape, other._shape)
+                depths = [-touch.points[k].distance for k in range(touch.count)]
+                if max(depths, default=0.0) > SEAM:
+                    return False
+        for part in self._parts.get(joint.name, ()):
+            part.collide_bodies = True
+        return True
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""

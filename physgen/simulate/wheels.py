@@ -93,6 +93,7 @@ def _wheel_body(vehicle: Body, wheel: Wheel) -> Body:
         spin=float(speed[0]) / wheel.radius,
         wheels=(),
         rest=None,
+        rocking=0.0,
     )
 
 

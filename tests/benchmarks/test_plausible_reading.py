@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,3 +130,35 @@ def test_a_scene_and_its_clip_are_judged_by_their_places(tmp_path: Path) -> None
     assert alone.forms[0].reach == 0
     for tracks in (by_scene, by_clip, alone):
         assert judge(tracks).is_wrong is False
+
+
+SPECIAL = """\
+physgen: 1
+size: [640, 480]
+world: {view: side, duration: 1.5}
+objects:
+  jumper: {shape: {circle: {center: [100, 200], radius: 15}}, mass: 100, elasticity: 1.3}
+  left:
+    shape: {circle: {center: [300, 200], radius: 15}}
+    velocity: [120, -300]
+    collision_group: back
+    collides_with: [main]
+  right:
+    shape: {circle: {center: [460, 200], radius: 15}}
+    velocity: [-120, -300]
+    collision_group: back
+    collides_with: [main]
+boundaries:
+  trampoline: {segment: [[40, 300], [160, 300]], elasticity: 1.3}
+  floor: {segment: [[200, 460], [640, 460]]}
+"""
+
+
+def test_bumpers_and_groups_of_a_scene_are_known(tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(SPECIAL)
+    (tracks,) = read(tmp_path / "scene.yaml")
+    assert tracks.passing_pairs == {(1, 2)}
+    assert tracks.bumped_bodies == {0}
+    assert judge(tracks).is_wrong is not True
+    unknown = replace(tracks, passing_pairs=frozenset(), bumped_bodies=frozenset())
+    assert judge(unknown).is_wrong is True

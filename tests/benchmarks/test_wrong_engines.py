@@ -153,6 +153,8 @@ WRONG: dict[int, Simulate] = {
     56: scaled("fields", drag=1.02, linear=1.02), 57: scaled("fields", density=1.01),
     58: scaled("fields", pull=1.02), 59: scaled("joints", stiffness=1.03),
     60: bodies(lambda b: replace(b, radius=0.9 * (b.radius or 0.0))), 61: gravity(1.02),
+    62: bodies(lambda b: replace(b, rocking=b.rocking * 1.4)),
+    63: scaled("fields", velocity=1.01, spin=1.01),
 }  # fmt: skip
 """By row. Surfaces of bodies change, those of walls do not: a coefficient between the two changes as written."""
 
@@ -200,6 +202,7 @@ GROSSLY_WRONG: dict[str, tuple[Simulate, ...]] = {
     "stick-slip": (gravity(1.1), friction(1.2)),
     "bumper": (elasticity(1.1),),
     "passing": (asleep,),
+    "carried": (scaled("fields", velocity=1.1, spin=1.1), friction(1.1)),
     "buoyancy": (scaled("fields", density=1.1),),
     "loop": (asleep, WRONG[60]),
 }

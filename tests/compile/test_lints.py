@@ -35,6 +35,17 @@ LINTS = {
     "joints.g: g turns b without a pin: only the turning is coupled; hold each of the two by a pivot": f"""\
 {TOP}objects: {{a: {{shape: {BALL}}}, b: {{shape: {BOX}}}}}
 joints: {{p: {{objects: [a], pivot: [50, 60]}}, g: {{objects: [a, b], gear: -2}}}}""",
+    "objects.a.rocking: 0.1 has no effect: only dynamic objects with corners": f"""\
+objects: {{a: {{shape: {BALL}, rocking: 0.1}}}}
+boundaries: {{floor: {{segment: [[0, 70], [200, 70]]}}}}""",
+    "fields.f: f carries nothing: it needs a view from above": f"""\
+objects: {{a: {{shape: {BALL}}}}}
+boundaries: {{floor: {{segment: [[0, 70], [200, 70]]}}}}
+fields: {{f: {{belt: [0, 0, 90, 90], velocity: [10, 0]}}}}""",
+    "world.steps_per_second: 960 steps a second are too few": f"""\
+world: {{pixels_per_meter: 1.0e5}}
+objects: {{a: {{shape: {BALL}}}}}
+boundaries: {{floor: {{segment: [[0, 70], [200, 70]]}}}}""",
     "objects.b.shape: b overlaps a by 5.0 px at t = 0; ": f"""\
 {TOP}objects:
   a: {{shape: {BALL}}}

@@ -59,6 +59,9 @@ CANNOT = {
     Demand.ROLLING: "Box2D has friction of sliding only",
     Demand.FIELDS: "they would be our own formula again",
     Demand.MACHINES: "they are not written for it",
+    Demand.SURFACES: "they are not written for it",
+    Demand.NUMBERS: "they are not written for it",
+    Demand.CURVES: "they are not written for it",
 }
 
 
@@ -203,6 +206,9 @@ class _World:
         if joint.kind is JointKind.WELD:
             self._world.CreateJoint(Box2D.b2WeldJointDef(referenceAngle=0.0, **ends))
             return
+        if joint.kind in (JointKind.SLIDER, JointKind.ROPE, JointKind.PULLEY):
+            self._line(joint, first, second, ends)
+            return
         limit = (
             joint.limit * u.time**2 / u.moment
             if isfinite(joint.limit)
@@ -213,9 +219,66 @@ class _World:
             "motorSpeed": joint.speed * u.time,
             "maxMotorTorque": limit,
         }
-        turns = joint.kind is JointKind.MOTOR
+        turns = motor if joint.kind is JointKind.MOTOR else {}
+        if joint.friction > 0:
+            grip = joint.friction * u.time**2 / u.moment
+            turns = {"enableMotor": True, "motorSpeed": 0.0, "maxMotorTorque": grip}
+        if joint.limits is not None:
+            low, high = joint.limits
+            turns |= {"enableLimit": True, "lowerAngle": low, "upperAngle": high}
+        self._world.CreateJoint(Box2D.b2RevoluteJointDef(**ends, **turns))
+
+    def _line(
+        self, joint: Joint, first: Any, second: Any, ends: dict[str, Any]
+    ) -> None:
+        """Add a rope, a pulley or a rail with its ends and its drive."""
+        u = self._units
+        if joint.kind is JointKind.ROPE:
+            length = joint.length / u.length
+            self._world.CreateJoint(Box2D.b2RopeJointDef(maxLength=length, **ends))
+            return
+        if joint.kind is JointKind.PULLEY:
+            anchors = (joint.second_at, joint.first_at)
+            bodies = (second, first)
+            places = [
+                np.array(body.GetWorldPoint(_vector(at / u.length)))
+                for body, at in zip(bodies, anchors, strict=True)
+            ]
+            points = [point / u.length for point in joint.guide[::-1]]
+            spans = [
+                float(np.hypot(*(place - point)))
+                for place, point in zip(places, points, strict=True)
+            ]
+            self._world.CreateJoint(
+                Box2D.b2PulleyJointDef(
+                    bodyA=second,
+                    bodyB=first,
+                    groundAnchorA=_vector(points[0]),
+                    groundAnchorB=_vector(points[1]),
+                    localAnchorA=ends["localAnchorA"],
+                    localAnchorB=ends["localAnchorB"],
+                    lengthA=spans[0],
+                    lengthB=spans[1],
+                    ratio=1.0,
+                )
+            )
+            return
+        length = float(np.hypot(*joint.guide[0]))
+        rail = {
+            "localAxisA": _vector(joint.guide[0] / length),
+            "enableLimit": True,
+            "lowerTranslation": 0.0,
+            "upperTranslation": length / u.length,
+        }
+        if joint.drive is not None:
+            force = joint.force / (u.mass * u.speed / u.time)
+            rail |= {
+                "enableMotor": True,
+                "motorSpeed": joint.drive / u.speed,
+                "maxMotorForce": force if isfinite(force) else TORQUE_WITHOUT_END,
+            }
         self._world.CreateJoint(
-            Box2D.b2RevoluteJointDef(**ends, **(motor if turns else {}))
+            Box2D.b2PrismaticJointDef(referenceAngle=0.0, **ends, **rail)
         )
 
     def _pull(self, joint: Joint) -> None:

@@ -46,6 +46,10 @@ CANNOT = {
     Demand.MACHINES: "they are not written for it",
     Demand.FACES: "its contacts load what slips fastest most, so spin and slide are not shared over an area",
     Demand.TABLE_JOINTS: "a pinned ball would have to hold its axis upright",
+    Demand.LINES: "they are not written for it",
+    Demand.SURFACES: "they are not written for it",
+    Demand.NUMBERS: "they are not written for it",
+    Demand.CURVES: "they are not written for it",
 }
 
 

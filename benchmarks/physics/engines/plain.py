@@ -28,6 +28,10 @@ CANNOT = {
     Demand.ROLLING: "Chipmunk has friction of sliding only",
     Demand.FIELDS: "they would be our own formula again",
     Demand.MACHINES: "they are not written for it",
+    Demand.LINES: "they are not written for it",
+    Demand.SURFACES: "they are not written for it",
+    Demand.NUMBERS: "they are not written for it",
+    Demand.CURVES: "they are not written for it",
 }
 
 

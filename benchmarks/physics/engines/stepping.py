@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Body, Joint, Push, World
+from physgen.compile.world import Body, Joint, Passage, Push, Wall, World
 from physgen.scene.scene import JointKind, Load, Motion, Solid
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
@@ -29,7 +29,11 @@ class Demand(Enum):
     FACES = "bodies that rub on a table with a face"
     ROLLING = "rolling resistance"
     FIELDS = "force fields"
-    MACHINES = "rails, ropes, gears and pins with limits"
+    LINES = "rails, ropes, pulleys and pins with limits or friction"
+    MACHINES = "gears, fingers and joints that break"
+    SURFACES = "belts, static friction, one-way surfaces and collision groups"
+    NUMBERS = "own damping or gravity, rocking, and forces with a profile"
+    CURVES = "smooth curves, solid scenery and discs with a centre of mass elsewhere"
     TABLE_JOINTS = "a joint on a ball that rolls over a table"
 
 
@@ -67,18 +71,43 @@ def demands(world: World) -> frozenset[Demand]:
             found.add(Demand.TABLE_JOINTS)
     if any(body.rolling > 0 for body in dynamic):
         found.add(Demand.ROLLING)
-    if any(map(has_extras, world.joints)):
-        found.add(Demand.MACHINES)
+    found |= {demand for joint in world.joints if (demand := joint_demand(joint))}
+    parts = (*world.bodies, *world.walls)
+    if any(has_special_surface(part) for part in parts):
+        found.add(Demand.SURFACES)
+    if any(map(has_own_numbers, dynamic)) or any(push.profile for push in world.pushes):
+        found.add(Demand.NUMBERS)
+    curved = any(wall.is_smooth or wall.pieces or wall.disc for wall in world.walls)
+    if curved or any(body.disc for body in dynamic):
+        found.add(Demand.CURVES)
     if world.fields:
         found.add(Demand.FIELDS)
     return frozenset(found)
 
 
-def has_extras(joint: Joint) -> bool:
-    """Whether a joint is more than a pin, a spring, a weld or a motor."""
+def joint_demand(joint: Joint) -> Demand | None:
+    """What a joint asks for; None of a pin, a spring, a weld or a motor."""
     plain = JointKind.PIVOT, JointKind.SPRING, JointKind.WELD, JointKind.MOTOR
+    lines = JointKind.SLIDER, JointKind.ROPE, JointKind.PULLEY
+    if isfinite(joint.breaks) or joint.kind not in (*plain, *lines):
+        return Demand.MACHINES
     is_plain = joint.kind in plain and joint.limits is None and joint.friction == 0
-    return not is_plain or isfinite(joint.breaks)
+    return None if is_plain else Demand.LINES
+
+
+def has_special_surface(part: Body | Wall) -> bool:
+    """Whether contacts of a body or a wall are more than friction and elasticity."""
+    surface = part.surface
+    return bool(
+        surface.conveyor
+        or surface.static_friction is not None
+        or part.passage != Passage()
+    )
+
+
+def has_own_numbers(body: Body) -> bool:
+    """Whether a body is damped, rocks, or falls in its own way."""
+    return bool(body.damping or body.rocking or body.gravity_scale != 1)
 
 
 def lies_on_table(world: World) -> bool:

@@ -211,6 +211,8 @@ def ask_energy(motion: Motion) -> list[Evidence]:
         forms = motion.tracks.forms
         if not all(forms[part.body].is_round for part in visible_parts):
             continue
+        if not motion.tracks.bumped_bodies.isdisjoint(impact.bodies):
+            continue
         gain = max(_own_gain(motion, part) for part in visible_parts)
         if len(impact.parts) == 2:
             # they touched each other, or each something without a track: the kinder reading counts
@@ -289,7 +291,7 @@ def ask_overlap(motion: Motion) -> list[Evidence]:
         other_outline = tracks.forms[second]
         gap = motion.gap(first, second)
         width = min(outline.width, other_outline.width)
-        is_guided = set(pair) <= tracks.guided_bodies
+        is_guided = set(pair) <= tracks.guided_bodies or motion.passes(*pair)
         if is_guided or width <= 0 or not np.isfinite(gap).any():
             continue
         depth = float(-np.nanmin(gap))

@@ -275,7 +275,7 @@ class Motion:
         """Return whether other bodies are farther away than a margin (px) in all but the first and last frame."""
         inner_frames = slice(segment.first + 1, segment.last)
         for k, outline in enumerate(self.tracks.forms):
-            if k == body or outline.reach <= 0:
+            if k == body or outline.reach <= 0 or self.passes(body, k):
                 continue
             gap = self.gap(body, k)[inner_frames]
             if np.nanmin(gap, initial=np.inf) <= margin:
@@ -296,6 +296,11 @@ class Motion:
         """Return whether nothing but gravity and contacts acts on a body."""
         return body not in self.tracks.guided_bodies
 
+    def passes(self, first: int, second: int) -> bool:
+        """Return whether two bodies are known to pass through each other."""
+        pair = (min(first, second), max(first, second))
+        return pair in self.tracks.passing_pairs
+
     # distances
 
     def distance_noise(self, first: int, second: int) -> float:
@@ -312,7 +317,7 @@ class Motion:
         last = min(last, len(self.tracks.times) - 1)
         neighbours = []
         for other in range(len(self.tracks.names)):
-            if other == body:
+            if other == body or self.passes(body, other):
                 continue
             gap = self.gap(body, other)[first : last + 1]
             margin = self.margin(body, other, first, last)

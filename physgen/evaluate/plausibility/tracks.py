@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import BadZipFile
@@ -90,6 +91,10 @@ class Tracks:
     """Moved by a hand, joints, wind, a script or pushes, or struck with spin: only jumps and overlap are asked."""
     is_weightless: bool = False
     """Whether gravity is known to be none, as in a scene that says so."""
+    passing_pairs: frozenset[tuple[int, int]] = frozenset()
+    """Bodies that pass through each other, the lesser first: their collision groups differ."""
+    bumped_bodies: frozenset[int] = frozenset()
+    """They meet a surface of an elasticity above 1, which gives them energy."""
 
     @property
     def step(self) -> float:
@@ -217,7 +222,31 @@ def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
         masses=np.array([body.mass for body in world.bodies]),
         guided_bodies=_guided_bodies(world),
         is_weightless=world.view is View.SIDE and not np.any(world.gravity),
+        passing_pairs=_passing_pairs(world),
+        bumped_bodies=_bumped_bodies(world),
     )
+
+
+def _passing_pairs(world: World) -> frozenset[tuple[int, int]]:
+    """Return the pairs of bodies that their collision groups or one-way surfaces let pass."""
+    found = []
+    for pair in combinations(range(len(world.bodies)), 2):
+        one, other = (world.bodies[k].passage for k in pair)
+        meets = one.group & other.collides_with and other.group & one.collides_with
+        if not meets or one.one_way or other.one_way:
+            found.append(pair)
+    return frozenset(found)
+
+
+def _bumped_bodies(world: World) -> frozenset[int]:
+    """Return the bodies of which a pair with another body or a wall has an elasticity above 1."""
+    factors = [surface.elasticity for _, surface in world.surfaces]
+    found = set()
+    for k in range(len(world.bodies)):
+        others = factors[:k] + factors[k + 1 :]
+        if factors[k] * max(others, default=0.0) > 1:
+            found.add(k)
+    return frozenset(found)
 
 
 def _outline(body: Body) -> Outline:
@@ -235,6 +264,7 @@ def _guided_bodies(world: World) -> frozenset[int]:
     bodies: set[int] = set()
     for k, body in enumerate(world.bodies):
         is_scripted = body.motion is not Motion.DYNAMIC
+        is_scripted |= body.damping > 0 or body.gravity_scale != 1
         has_extra_spin = world.view is View.TOP and _has_extra_spin(body)
         if is_scripted or has_extra_spin:
             bodies.add(k)
