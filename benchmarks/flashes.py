@@ -7,7 +7,7 @@
 A pixel jumps if it changes by more than 18 grey levels between two frames. The first count is of jumps that no object
 passed within 7 px, from one frame before to one frame after. Shadows of fast objects make such jumps, too: the second
 count, of flashes, leaves out those in the shadow of an object that moved, unless they are brighter than the photo and
-the background without shadows are nearby. Frame 1 is compared with frame 0 farther than 20 px from what moved.
+the background without shadows are nearby. Frame 1 is compared with frame 0 farther than 20 px from what moved, and from its shadows.
 
 The paper's scenes are read from the folder in PHYSGEN_PEER_SCENES.
 """
@@ -75,8 +75,8 @@ class Flashes:
     """Those that no shadow of a moving object explains."""
     worst: tuple[int, int]
     """The frame with the most flashes, and its number of them."""
-    first: int
-    """px that changed in frame 1 far from what moved."""
+    first: tuple[int, int]
+    """px that changed in frame 1 far from what moved, and those of them far from its shadows."""
     pictures: tuple[Rgb, ...] = ()
     """The frame with the most flashes, those before and after it, and flashes in red."""
 
@@ -118,14 +118,17 @@ def open_clip(path: Path, overrides: Sequence[str] = ()) -> ClipFrames:
 
 def measure(clip: ClipFrames, has_pictures: bool = False) -> Flashes:
     """Count the flashes of a clip."""
-    jumps, flashes, worst, first = 0, 0, (0, 0), 0
+    jumps, flashes, worst, first = 0, 0, (0, 0), (0, 0)
     pictures: tuple[Rgb, ...] = ()
     shade, ceiling = _Shade(clip), _ceiling(clip)
     window: deque[tuple[Rgb, Mask]] = deque(maxlen=4)
     for frame, matte in zip(clip.frames(), clip.mattes(), strict=True):
         window.append((frame.rgb, matte.rgb[..., 0] > 0))
+        if frame.index == 0:
+            opening = frame
         if frame.index == 1:
-            first = _far_changes(clip.trajectory, frame, window)
+            shadows = shade.between(1)
+            first = _far_changes(clip.trajectory, (opening, frame), shadows)
         if len(window) < 3:
             continue
         # Two frames are compared, beside one before and one after.
@@ -205,18 +208,22 @@ def _ceiling(clip: ClipFrames) -> NDArray[np.int16]:
 
 
 def _far_changes(
-    trajectory: Trajectory, frame: Frame, window: Sequence[tuple[Rgb, Mask]]
-) -> int:
-    """Count px of frame 1 that differ from frame 0, far from all objects that moved."""
+    trajectory: Trajectory, frames: Sequence[Frame], shade: Mask
+) -> tuple[int, int]:
+    """Count px of frame 1 that differ from frame 0, far from all objects that moved.
+
+    The second count leaves out those near their shadows, `shade` (H, W).
+    """
     moved = (trajectory.poses[1] != trajectory.poses[0]).any(axis=1)
-    near = np.zeros(frame.rgb.shape[:2], np.bool_)
-    for cover in frame.covers:
-        if moved[cover.body]:
-            near[cover.box] |= cover.mask
-    if not near.any():
-        near = window[0][1] & bool(moved.any())
-    change = _change(window[0][0], window[1][0]) > CHANGE
-    return int(np.count_nonzero(change & ~_grown(near, FAR)))
+    near = np.zeros(frames[0].rgb.shape[:2], np.bool_)
+    for frame in frames:
+        for cover in frame.covers:
+            if moved[cover.body]:
+                near[cover.box] |= cover.mask
+    change = _change(frames[0].rgb, frames[1].rgb) > CHANGE
+    is_far = change & ~_grown(near, FAR)
+    unexplained = is_far & ~_grown(shade, FAR)
+    return int(np.count_nonzero(is_far)), int(np.count_nonzero(unexplained))
 
 
 def _change(before: Rgb, after: Rgb) -> NDArray[np.uint8]:
@@ -255,14 +262,14 @@ def main() -> None:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--pictures", type=Path)
     arguments = parser.parse_args()
-    print("| scene | jumps | flashes | most in a frame | changed in frame 1 |")
-    print("|---|---|---|---|---|")
+    print("| scene | jumps | flashes | most in a frame | changed in frame 1 | without shadows |")
+    print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for name, path in scene_paths(arguments.names, Path(folder)):
             found = measure(open_clip(path), arguments.pictures is not None)
             frame, count = found.worst
             most = f"{count} in {frame}" if count else "0"
-            counts = f"{found.jumps} | {found.flashes} | {most} | {found.first}"
+            counts = f"{found.jumps} | {found.flashes} | {most} | {found.first[0]} | {found.first[1]}"
             print(f"| {name} | {counts} |", flush=True)
             for k, picture in enumerate(found.pictures):
                 arguments.pictures.mkdir(parents=True, exist_ok=True)

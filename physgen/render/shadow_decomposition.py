@@ -244,6 +244,10 @@ class LitBackground:
                 _, beyond = shifted_picture(cast.beyond, (x0, y0), shift, size)
                 np.maximum(upon, beyond, out=upon)
             carried *= upon
+            # What is upright behind the floor gets no shadow of an object that moves.
+            rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+            end = now.floor - self.setting.tilt * size[0]
+            carried *= np.clip(rows - np.float32(end) + 0.5, 0, 1)
         return box, carried
 
     def _on_wall(self, start: Silhouette) -> bool:
