@@ -7,7 +7,8 @@
 A pixel jumps if it changes by more than 18 grey levels between two frames. The first count is of jumps that no object
 passed within 7 px, from one frame before to one frame after. Shadows of fast objects make such jumps, too: the second
 count, of flashes, leaves out those in the shadow of an object that moved, unless they are brighter than the photo and
-the background without shadows are nearby. Frame 1 is compared with frame 0 farther than 20 px from what moved, and from its shadows.
+the background without shadows are nearby. Frame 1 is compared with frame 0 farther than 20 px from what moved, and
+from its shadows.
 
 The paper's scenes are read from the folder in PHYSGEN_PEER_SCENES.
 """
@@ -262,7 +263,9 @@ def main() -> None:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--pictures", type=Path)
     arguments = parser.parse_args()
-    print("| scene | jumps | flashes | most in a frame | changed in frame 1 | without shadows |")
+    print(
+        "| scene | jumps | flashes | most in a frame | changed in frame 1 | without shadows |"
+    )
     print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for name, path in scene_paths(arguments.names, Path(folder)):

@@ -183,10 +183,12 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     with scene.located():
         now = warm.simulate(compiled.world, progress)
     film = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
+    if manifest.delivered:
+        film.deliver()
     hashes = []
-    for frame in film.annotated(film.frames(now), now):
+    for frame in film.finished(film.frames(now), now):
         hashes.append(frame_hash(frame.rgb))
-        progress("render", len(hashes), len(film.shot(now).order))
+        progress("render", len(hashes), film.count(now))
     motion = _motion_difference(folder, manifest.samples, now)
     pictures = _frame_difference(manifest.frames, hashes)
     same = motion is None and pictures is None and not damaged

@@ -115,6 +115,7 @@ def preview_edits(
     edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
     edits += [] if fixed else [f"world.duration={world.duration}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
+    edits += ["render.hold=0", "render.grain=none"]
     given = [
         edit.partition("=")[0] for edit in (*options.set, *further)
     ]  # the user's own edits stay

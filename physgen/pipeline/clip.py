@@ -492,7 +492,10 @@ class _Run:
 
         def sample() -> Data | None:
             template("report.html.j2")  # compiled meanwhile
-            return player_data(self.scene, *parts)
+            data = player_data(self.scene, *parts)
+            if data is not None and film.hold:
+                data["clip"]["hold"] = film.hold
+            return data
 
         self._player = self.aside.start("report", sample)
 
@@ -591,6 +594,8 @@ class _Run:
         """Write the video and the labels; returns the first frame."""
         film, record = self.film, self.record
         film.exposed(trajectory)
+        if not self.options.export:
+            record.video |= film.deliver()
         if self.paged:
             self._sample_player(trajectory)
         files = VideoFiles(
@@ -601,9 +606,9 @@ class _Run:
             self.progress,
             self._failures,
         )
-        count = len(film.shot(trajectory).order)
+        count = film.count(trajectory)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
-            frames = film.annotated(tap(film.frames(trajectory)), trajectory)
+            frames = film.finished(tap(film.frames(trajectory)), trajectory)
             record.frames, first = files.write(frames, count)
         return first
 

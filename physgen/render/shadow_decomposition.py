@@ -172,7 +172,7 @@ class LitBackground:
             return self._added(cast, now, start, pose)
         turn = pose.angle - start.angle
         strength, shift = self._kept(cast, now, turn)
-        share = 0.0
+        share = np.float32(0)
         if cast.whole is not None:
             share = _photo_share(cast, start, pose)
         shadows = []

@@ -533,6 +533,13 @@ class Play(Enum):
     THERE_AND_BACK = "there-and-back"
 
 
+class Noise(Enum):
+    """Noise of the video."""
+
+    NONE = "none"
+    MATCH = "match"
+
+
 @dataclass(frozen=True)
 class CameraView:
     """One view of the camera; one alone holds from the first frame to the last."""
@@ -565,6 +572,11 @@ class Render:
     camera: tuple[CameraView, ...]
     """In the order of their times; empty: all of the photo."""
     supersample: int
+    grain: Noise = Noise.NONE
+    hold: int = 0
+    """Frames of the photo before the motion."""
+    handheld: float = 0.0
+    """px of the video, standard deviation of the camera's drift."""
 
 
 @dataclass(frozen=True)
