@@ -122,18 +122,19 @@ def measure(clip: ClipFrames, has_pictures: bool = False) -> Flashes:
     jumps, flashes, worst, first = 0, 0, (0, 0), (0, 0)
     pictures: tuple[Rgb, ...] = ()
     shade, ceiling = _Shade(clip), _ceiling(clip)
+    opening: Frame | None = None
+    # Two frames are compared, beside one before and one after.
     window: deque[tuple[Rgb, Mask]] = deque(maxlen=4)
-    for frame, matte in zip(clip.frames(), clip.mattes(), strict=True):
-        window.append((frame.rgb, matte.rgb[..., 0] > 0))
-        if frame.index == 0:
+    for number, (rgb, covered, frame) in enumerate(_frames_and_end(clip), -1):
+        window.append((rgb, covered))
+        if number == -1:
             opening = frame
-        if frame.index == 1:
+            continue
+        if number == 0:
+            assert opening is not None
             shadows = shade.between(1)
             first = _far_changes(clip.trajectory, (opening, frame), shadows)
-        if len(window) < 3:
             continue
-        # Two frames are compared, beside one before and one after.
-        number = frame.index - 1
         before, after = window[-3][0], window[-2][0]
         passed = np.logical_or.reduce([mask for _, mask in window])
         is_jump = (_change(before, after) > JUMP) & ~_grown(passed, PASSED)
@@ -149,8 +150,16 @@ def measure(clip: ClipFrames, has_pictures: bool = False) -> Flashes:
             if has_pictures:
                 marked = after.copy()
                 marked[is_flash] = (255, 0, 0)
-                pictures = (before, after, frame.rgb, marked)
+                pictures = (before, after, rgb, marked)
     return Flashes(jumps, flashes, worst, first, pictures)
+
+
+def _frames_and_end(clip: ClipFrames) -> Iterator[tuple[Rgb, Mask, Frame]]:
+    """Yield each frame with the pixels that objects cover, and the last one twice."""
+    for frame, matte in zip(clip.frames(), clip.mattes(), strict=True):
+        last = frame.rgb, matte.rgb[..., 0] > 0, frame
+        yield last
+    yield last
 
 
 class _Shade:
