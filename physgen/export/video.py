@@ -11,6 +11,7 @@ from contextlib import AbstractContextManager, contextmanager
 from enum import Enum
 from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
+from functools import partial
 from math import floor
 from pathlib import Path
 from types import TracebackType
@@ -32,6 +33,10 @@ if platform.machine().lower() in ("x86_64", "amd64"):
     X264["x264-params"] = "asm=SSE4.2"
 PALETTE_FRAMES = 8
 """First frames that decide a GIF's palette, since frames are streamed."""
+
+
+SUBSAMPLED = 420
+"""Layout of colours that every browser plays: one value for four pixels."""
 
 
 class Format(Enum):
@@ -86,10 +91,16 @@ WAITING = 4
 
 @contextmanager
 def open_video(
-    folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str = "video"
+    folder: Path,
+    kind: Format,
+    size: tuple[int, int],
+    fps: float,
+    name: str = "video",
+    chroma: int = SUBSAMPLED,
 ) -> Iterator[Write]:
     """Yield a function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s.
 
+    `chroma` is 420 or 444: an mp4 has colour at every second pixel of each side, or at all.
     Above the rate of `MAX_RATES`, frames are left out; the clip's duration stays.
     """
     max_side = MAX_SIDES.get(kind)
@@ -106,7 +117,10 @@ def open_video(
         # PyAV crashes if a disk has no room for the header
         path.write_bytes(bytes(HEADER))
     try:
-        with _opener(kind)(path, size, rate) as write:
+        opener = _opener(kind)
+        if kind is Format.MP4:
+            opener = partial(_mp4, chroma=chroma)
+        with opener(path, size, rate) as write:
             yield write if rate == source_rate else _resample(write, source_rate, rate)
     except FFmpegError as error:
         if error.errno in NO_ROOM:
@@ -151,12 +165,18 @@ class FormatWriter:
     """
 
     def __init__(
-        self, folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str
+        self,
+        folder: Path,
+        kind: Format,
+        size: tuple[int, int],
+        fps: float,
+        name: str,
+        chroma: int = SUBSAMPLED,
     ) -> None:
         self.problems: Sequence[Problem] = ()
         self._format = kind.value
         self._path = folder / kind.file_name(name)
-        self._video = open_video(folder, kind, size, fps, name)
+        self._video = open_video(folder, kind, size, fps, name, chroma)
         self._put: Write | None = None
 
     def __enter__(self) -> FormatWriter:
@@ -249,8 +269,10 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
 
 
 @contextmanager
-def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
-    """Yield a writer of H.264, 4:2:0, BT.709; odd sizes are padded by repeating the last column and row."""
+def _mp4(
+    path: Path, size: tuple[int, int], rate: Fraction, chroma: int = SUBSAMPLED
+) -> Iterator[Write]:
+    """Yield a writer of H.264, BT.709; odd sizes are padded by repeating the last column and row."""
     import av
 
     width = size[0] + size[0] % 2
@@ -258,7 +280,8 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     options = {"fflags": "+bitexact", "movflags": "+faststart"}
     with av.open(str(path), "w", format="mp4", options=options) as container:
         stream = container.add_stream("libx264", rate=rate)
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        layout = f"yuv{chroma}p"
+        stream.width, stream.height, stream.pix_fmt = width, height, layout
         stream.options = dict(X264)
         context = stream.codec_context
         context.color_range, context.colorspace = 1, 1
@@ -271,7 +294,7 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
                 rgb = np.pad(rgb, border, mode="edge")
             even = np.ascontiguousarray(rgb)
             frame = av.VideoFrame.from_ndarray(even, format="rgb24")
-            frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
+            frame = frame.reformat(format=layout, dst_colorspace="ITU709")
             container.mux(stream.encode(frame))
 
         yield write

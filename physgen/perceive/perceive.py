@@ -237,6 +237,7 @@ def perceive(
             "motion_blur": document.MOTION_BLUR,
             "grain": "match",
             "hold": document.HOLD,
+            "contact_shade": True,
         }
         if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:
             scene["render"]["relight"] = False

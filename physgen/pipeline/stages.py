@@ -229,6 +229,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     """
     from physgen.compile.world import photo_poses, world_as_drawn, world_in_photo
     from physgen.render.camera import canvas_scale
+    from physgen.render.contact_shade import contact_depth
     from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
     from physgen.render.stage import Stage
@@ -277,7 +278,10 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
             toward,
         )
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
-    return replace(made, supersample=fine, starts=begin)
+    depth = 0.0
+    if scene.render.contact_shade and scene.light is not None:
+        depth = contact_depth(scene.light)
+    return replace(made, supersample=fine, starts=begin, contact_depth=depth)
 
 
 def _put_back(

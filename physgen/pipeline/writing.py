@@ -53,7 +53,9 @@ class VideoFiles:
                 size = self.scene.video_size
                 writers = [
                     files.enter_context(
-                        FormatWriter(self.folder, kind, size, render.fps, name)
+                        FormatWriter(
+                            self.folder, kind, size, render.fps, name, render.chroma
+                        )
                     )
                     for kind in self.formats
                 ]

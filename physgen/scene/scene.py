@@ -577,6 +577,9 @@ class Render:
     """Frames of the photo before the motion."""
     handheld: float = 0.0
     """px of the video, standard deviation of the camera's drift."""
+    chroma: int = 420
+    """420 or 444: colours of an mp4 at every second pixel of each side, or at all."""
+    contact_shade: bool = False
 
 
 @dataclass(frozen=True)
