@@ -186,7 +186,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     if manifest.delivered:
         film.deliver()
     hashes = []
-    for frame in film.finished(film.frames(now), now):
+    for frame in film.deliver_frames(film.frames(now), now):
         hashes.append(frame_hash(frame.rgb))
         progress("render", len(hashes), film.count(now))
     motion = _motion_difference(folder, manifest.samples, now)

@@ -608,7 +608,7 @@ class _Run:
         )
         count = film.count(trajectory)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
-            frames = film.finished(tap(film.frames(trajectory)), trajectory)
+            frames = film.deliver_frames(tap(film.frames(trajectory)), trajectory)
             record.frames, first = files.write(frames, count)
         return first
 

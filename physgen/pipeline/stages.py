@@ -229,7 +229,6 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     """
     from physgen.compile.world import photo_poses, world_as_drawn, world_in_photo
     from physgen.render.camera import canvas_scale
-    from physgen.render.contact_shade import contact_depth
     from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
     from physgen.render.stage import Stage
@@ -278,10 +277,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
             toward,
         )
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
-    depth = 0.0
-    if scene.render.contact_shade and scene.light is not None:
-        depth = contact_depth(scene.light)
-    return replace(made, supersample=fine, starts=begin, contact_depth=depth)
+    return replace(made, supersample=fine, starts=begin)
 
 
 def _put_back(
@@ -604,7 +600,7 @@ class Film:
         photo = maps.percepts
         if self._delivery is None or photo is None or self._delivery.grain is None:
             return maps
-        clean = self._delivery.denoised(photo)
+        clean = self._delivery.remove_noise(photo)
         return replace(maps, percepts=clean, key=f"{maps.key} without noise")
 
     def deliver(self) -> dict[str, Any]:
@@ -628,12 +624,12 @@ class Film:
         """Frames of the photo before the motion."""
         return 0 if self._delivery is None else self._delivery.hold
 
-    def finished(
+    def deliver_frames(
         self, frames: Iterator[Frame], trajectory: Trajectory
     ) -> Iterator[Frame]:
         """Yield the video's frames: with hold, noise and overlays."""
         if self._delivery is not None:
-            frames = self._delivery.finished(frames, self.shot(trajectory))
+            frames = self._delivery.deliver_frames(frames, self.shot(trajectory))
         return self.annotated(frames, trajectory)
 
     def shot(self, trajectory: Trajectory) -> Shot:

@@ -207,7 +207,7 @@ class Shot:
         """
         center, zoom = self._view(time)
         if self.handheld:
-            center, zoom = self._drifted(center, zoom, time * self.pace)
+            center, zoom = self._drift_view(center, zoom, time * self.pace)
         large, (x, y) = affine(self.photo, self.video, center, zoom)
         return np.array([[large, 0.0, x], [0.0, large, y]])
 
@@ -248,7 +248,9 @@ class Shot:
         # Within the photo but for the last bit.
         return held(center, self.photo, self.video, zoom), zoom
 
-    def _drifted(self, center: Point, zoom: float, time: float) -> tuple[Point, float]:
+    def _drift_view(
+        self, center: Point, zoom: float, time: float
+    ) -> tuple[Point, float]:
         """Return centre and zoom of a view in a hand, at a time of the video."""
         start = min(time / HAND.rise, 1.0)
         share = start * start * (3 - 2 * start)

@@ -12,7 +12,7 @@ import numpy as np
 from physgen.arrays import F32
 from physgen.render.sprites import Sprite
 from physgen.render.stage import Slices, three_channels
-from physgen.scene.scene import Light
+from physgen.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,11 @@ Part = tuple[Slices, F32]
 """Box of the canvas, and coverage (h, w) on it."""
 
 
-def contact_depth(light: Light) -> float:
-    """Return the share of light that is lost at a contact."""
+def contact_depth(scene: Scene) -> float:
+    """Return the share of light that is lost at a contact; 0 if the scene does not ask for it."""
+    light = scene.light
+    if light is None or not scene.render.contact_shade:
+        return 0.0
     straight = light.intensity * max(light.direction[2], 0.0)
     return SHADE.depth * light.ambient / max(light.ambient + straight, 1e-6)
 
@@ -118,7 +121,7 @@ def _shades(first: Part, second: Part) -> tuple[Part | None, Part | None]:
         soft = cv2.GaussianBlur(other, (0, 0), SHADE.spread)
         # An edge of a plane hides half of the blur's weight.
         values = np.minimum(2 * np.asarray(soft), 1) * (own > 0)
-        shades.append(_placed(part, values.astype(np.float32), corners))
+        shades.append(_own_part(part, values.astype(np.float32), corners))
     return shades[0], shades[1]
 
 
@@ -137,7 +140,7 @@ def _cut(part: Part, corners: Sequence[int], ends: Sequence[int]) -> F32:
     return view
 
 
-def _placed(part: Part, values: F32, corners: Sequence[int]) -> Part | None:
+def _own_part(part: Part, values: F32, corners: Sequence[int]) -> Part | None:
     """Return values in the box of a part's picture that they cover; None if they are faint."""
     if float(values.max(initial=0)) < 0.01:
         return None
@@ -152,6 +155,6 @@ def _placed(part: Part, values: F32, corners: Sequence[int]) -> Part | None:
     return (own[0], own[1]), values[place[0], place[1]]
 
 
-def multiplied(light: F32, factor: F32) -> F32:
+def multiply_light(light: F32, factor: F32) -> F32:
     """Return light (h, w, 3) multiplied by a factor (h, w)."""
     return np.asarray(cv2.multiply(light, three_channels(factor)), np.float32)

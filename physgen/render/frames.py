@@ -22,7 +22,7 @@ from physgen.geometry.polygon import rotation
 from physgen.geometry.shadows import Silhouette
 from physgen.photometry import decode, encode_u8
 from physgen.render.atlas import BallSprites, ShadowSprites
-from physgen.render.contact_shade import ContactShade, multiplied
+from physgen.render.contact_shade import ContactShade, multiply_light
 from physgen.render.occlusion import (
     add_shadow,
     occlusion_factors,
@@ -359,7 +359,7 @@ class _Painter:
         for picture in pictures:
             factor = factors.get(picture.stand.k)
             if factor is not None:
-                picture.light = multiplied(picture.light, factor)
+                picture.light = multiply_light(picture.light, factor)
 
     def _restore(self, changed: Sequence[Slices], shaded_tiles: Sequence[int]) -> None:
         """Restore the background in tiles of the last frame that shadows have not shaded again."""

@@ -89,7 +89,7 @@ def measure_grain(rgb: U8) -> Grain | None:
     texture = squares.sum(axis=1)
     is_flat = np.zeros(len(blocks), np.bool_)
     curve = []
-    for group in _by_brightness(means.mean(axis=1)):
+    for group in _brightness_groups(means.mean(axis=1)):
         flattest = group[texture[group] <= np.quantile(texture[group], GRAIN.flat)]
         is_flat[flattest] = True
         deviation = GRAIN.low * np.sqrt(squares[flattest].mean(axis=0))
@@ -109,7 +109,7 @@ def _blocks(picture: F32) -> F32:
     return np.asarray(tiles.swapaxes(1, 2).reshape(-1, size, size, 3), np.float32)
 
 
-def _by_brightness(brightness: F32) -> Iterator[NDArray[np.intp]]:
+def _brightness_groups(brightness: F32) -> Iterator[NDArray[np.intp]]:
     """Yield the indices of blocks in each range of brightness that has enough."""
     ranges = (brightness * (GRAIN.bins / 256)).astype(int)
     for number in range(GRAIN.bins):
@@ -148,21 +148,21 @@ def _neighbour_correlation(blocks: F32) -> float:
     return min(max(share, 0.0), GRAIN.correlation)
 
 
-def denoised_maps(maps: Percepts, grain: Grain) -> Percepts:
+def remove_map_noise(maps: Percepts, grain: Grain) -> Percepts:
     """Return photo and backgrounds without noise; pixels that were equal stay equal."""
-    photo = denoised(maps.rgb, grain)
+    photo = remove_noise(maps.rgb, grain)
     pictures: list[U8 | None] = []
     for picture in (maps.background, maps.clean):
         if picture is None:
             pictures.append(None)
             continue
         is_photo = (picture == maps.rgb).all(axis=2, keepdims=True)
-        pictures.append(np.where(is_photo, photo, denoised(picture, grain)))
+        pictures.append(np.where(is_photo, photo, remove_noise(picture, grain)))
     background, clean = pictures
     return replace(maps, rgb=photo, background=background, clean=clean)
 
 
-def denoised(rgb: U8, grain: Grain) -> U8:
+def remove_noise(rgb: U8, grain: Grain) -> U8:
     """Return a picture (H, W, 3) sRGB without noise, by a filter that keeps edges.
 
     Levels are spaced by their noise first, so that it is 1 everywhere.
@@ -204,10 +204,10 @@ class GrainField:
         for top in range(0, height, GRAIN.tile):
             for left in range(0, width, GRAIN.tile):
                 box = np.s_[top : top + GRAIN.tile, left : left + GRAIN.tile]
-                result[box] = self._grained(rgb[box], chance)
+                result[box] = self._add_noise(rgb[box], chance)
         return result
 
-    def _grained(self, part: U8, chance: np.random.Generator) -> U8:
+    def _add_noise(self, part: U8, chance: np.random.Generator) -> U8:
         """Return a part of a frame with noise."""
         y, x = chance.integers(0, GRAIN.room, 2).tolist()
         height, width = part.shape[:2]
@@ -231,7 +231,7 @@ def _neighbour_weight(correlation: float) -> float:
     return (1 - sqrt(max(1 - 2 * correlation**2, 0))) / (2 * correlation)
 
 
-def held_frames(frames: Iterator[Frame], count: int) -> Iterator[Frame]:
+def hold_frames(frames: Iterator[Frame], count: int) -> Iterator[Frame]:
     """Yield the first frame `count` times more."""
     for number, frame in enumerate(frames):
         if number == 0:
@@ -239,7 +239,7 @@ def held_frames(frames: Iterator[Frame], count: int) -> Iterator[Frame]:
         yield frame
 
 
-def grained_frames(
+def add_grain(
     frames: Iterator[Frame],
     grain: Grain,
     share: float,
@@ -284,20 +284,20 @@ class Delivery:
             parts["grain"] = Noise.MATCH.value
         return parts
 
-    def denoised(self, maps: Percepts) -> Percepts:
+    def remove_noise(self, maps: Percepts) -> Percepts:
         """Return the maps that are drawn; call it before the first frame."""
         if self.grain is None:
             return maps
-        clean = denoised_maps(maps, self.grain)
+        clean = remove_map_noise(maps, self.grain)
         self._photos = maps.rgb, clean.rgb
         return clean
 
-    def finished(self, frames: Iterator[Frame], shot: Shot) -> Iterator[Frame]:
+    def deliver_frames(self, frames: Iterator[Frame], shot: Shot) -> Iterator[Frame]:
         """Yield the frames of the video."""
         if self.hold:
-            frames = held_frames(frames, self.hold)
+            frames = hold_frames(frames, self.hold)
         if self.grain is None:
             return frames
         share = min(float(shot.affine(0.0)[0, 0]), 1.0)
         photos = self._photos if shot.opens_on_photo else None
-        return grained_frames(frames, self.grain, share, photos)
+        return add_grain(frames, self.grain, share, photos)

@@ -169,7 +169,7 @@ class LitBackground:
         if now is None:
             return []
         if not self.lifted:
-            return self._added(cast, now, start, pose)
+            return self._late_shadow(cast, now, start, pose)
         turn = pose.angle - start.angle
         strength, shift = self._kept(cast, now, turn)
         share = np.float32(0)
@@ -193,7 +193,7 @@ class LitBackground:
             shadows.append(own)
         return shadows
 
-    def _added(
+    def _late_shadow(
         self, cast: CastShadow, now: Silhouette, start: Pose, pose: Pose
     ) -> list[tuple[PixelBox, F32]]:
         """Return the predicted shadow, which comes as the object leaves the photo's shadow behind."""
@@ -571,11 +571,11 @@ def _cast(
     whole = None if box is None else (box, visible)
     # An object far outside of the photo has no visible shadow that could slide.
     sliding = ((x, y), everything) if slides and everything.size else None
-    beyond = _beyond_floor(start, own, setting)
+    beyond = _share_beyond_floor(start, own, setting)
     return CastShadow(start, step, whole, own, sliding, is_round, beyond)
 
 
-def _beyond_floor(
+def _share_beyond_floor(
     start: Silhouette, own: tuple[PixelBox, F32], setting: ShadowSetting
 ) -> F32 | None:
     """Return (h, w) the share of an object's own shadow that lies beyond its floor's ends.

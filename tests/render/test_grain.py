@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from physgen import pipeline
 from physgen.pipeline.clip import RenderOptions
+from physgen.pipeline.stages import Film, Stages
 from physgen.render.camera import HAND, shot_of
-from physgen.render.grain import GRAIN, GrainField, denoised, measure_grain
+from physgen.render.grain import GRAIN, GrainField, measure_grain, remove_noise
+from physgen.report.record import RunRecord
 from physgen.scene.scene import Noise
 from physgen.videos import video_frames
 
@@ -47,7 +50,7 @@ def test_denoising_removes_noise_and_keeps_edges() -> None:
     picture = _noisy(2.0)
     grain = measure_grain(picture)
     assert grain is not None
-    error = denoised(picture, grain) - _plain()
+    error = remove_noise(picture, grain) - _plain()
     assert error[8:-8, 8:-8].std() < 0.6 * 2.0
     beside = error[SIDE // 2 + 20 : -20, SIDE // 2 - 2 : SIDE // 2 + 2]
     assert np.abs(beside.mean(axis=0)).max() < 2
@@ -83,8 +86,6 @@ render: {grain: match, hold: 4}
 
 @pytest.fixture
 def scene_file(tmp_path: Path) -> Path:
-    from PIL import Image
-
     Image.fromarray(_noisy(3.0)[:160]).save(tmp_path / "photo.png")
     path = tmp_path / "scene.yaml"
     path.write_text(SCENE)
@@ -92,9 +93,6 @@ def scene_file(tmp_path: Path) -> Path:
 
 
 def _film(path: Path, *overrides: str):
-    from physgen.pipeline.stages import Film, Stages
-    from physgen.report.record import RunRecord
-
     stages = Stages()
     scene = stages.load(path, list(overrides), None, False)
     maps = stages.maps(scene)
@@ -107,7 +105,7 @@ def test_delivery_holds_the_photo_with_living_noise(scene_file: Path) -> None:
     film, stages, maps = _film(scene_file)
     trajectory = stages.simulate(film.compiled.world)
     assert film.deliver() == {"hold": 4, "grain": "match"}
-    frames = [f.rgb for f in film.finished(film.frames(trajectory), trajectory)]
+    frames = [f.rgb for f in film.deliver_frames(film.frames(trajectory), trajectory)]
     assert len(frames) == film.count(trajectory) == len(trajectory.times) + 4
     assert maps.percepts is not None
     assert (frames[0] == maps.percepts.rgb).all()
@@ -121,7 +119,7 @@ def test_delivery_holds_the_photo_with_living_noise(scene_file: Path) -> None:
 def test_frames_without_delivery_are_free_of_grain(scene_file: Path) -> None:
     film, stages, _ = _film(scene_file)
     trajectory = stages.simulate(film.compiled.world)
-    frames = [f.rgb for f in film.finished(film.frames(trajectory), trajectory)]
+    frames = [f.rgb for f in film.deliver_frames(film.frames(trajectory), trajectory)]
     assert len(frames) == len(trajectory.times)
     assert (frames[1][110:] == frames[2][110:]).all()
 
