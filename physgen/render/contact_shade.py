@@ -27,6 +27,8 @@ class ContactShadeTuning:
     """px between boxes beyond which there is none."""
     overlap: float = 0.05
     """Of the smaller object: more in common is one object before another, not a contact."""
+    least: float = 0.01
+    """Share of the darkening that nobody sees."""
     faint: float = 0.1
     """Share of the darkening from which objects touch in the photo."""
 
@@ -116,13 +118,18 @@ def _shades(first: Part, second: Part) -> tuple[Part | None, Part | None]:
     least = min(float(first[1].sum()), float(second[1].sum()))
     if common > SHADE.overlap * least:
         return None, None
-    shades: list[Part | None] = []
-    for part, own, other in ((first, *views), (second, *views[::-1])):
-        soft = cv2.GaussianBlur(other, (0, 0), SHADE.spread)
-        # An edge of a plane hides half of the blur's weight.
-        values = np.minimum(2 * np.asarray(soft), 1) * (own > 0)
-        shades.append(_own_part(part, values.astype(np.float32), corners))
-    return shades[0], shades[1]
+    return (
+        _shade(first, views[0], views[1], corners),
+        _shade(second, views[1], views[0], corners),
+    )
+
+
+def _shade(part: Part, own: F32, other: F32, corners: Sequence[int]) -> Part | None:
+    """Return the darkening of a part by another one; both coverages are seen from `corners` on."""
+    soft = np.asarray(cv2.GaussianBlur(other, (0, 0), SHADE.spread), np.float32)
+    # An edge of a plane hides half of the blur's weight.
+    values = np.minimum(2 * soft, 1) * (own > 0)
+    return _own_part(part, np.asarray(values, np.float32), corners)
 
 
 def _cut(part: Part, corners: Sequence[int], ends: Sequence[int]) -> F32:
@@ -142,7 +149,7 @@ def _cut(part: Part, corners: Sequence[int], ends: Sequence[int]) -> F32:
 
 def _own_part(part: Part, values: F32, corners: Sequence[int]) -> Part | None:
     """Return values in the box of a part's picture that they cover; None if they are faint."""
-    if float(values.max(initial=0)) < 0.01:
+    if float(values.max(initial=0)) < SHADE.least:
         return None
     box, coverage = part
     own, place = [], []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import flashes
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 from flashes import Flashes
 from PIL import Image
+
+from physgen.render.stage import Frame
 
 MOST_CHANGED = 40
 """px that may change in frame 1 far from what moved and from its shadows."""
@@ -63,7 +66,7 @@ def test_a_light_that_goes_on_is_a_flash(tmp_path: Path) -> None:
         frame.rgb[lamp] += 30
 
     class Lamp(flashes.ClipFrames):
-        def frames(self):
+        def frames(self) -> Iterator[Frame]:
             return iter(frames)
 
     assert flashes.measure(clip).jumps == 0

@@ -10,7 +10,7 @@ from PIL import Image
 
 from physgen import pipeline
 from physgen.pipeline.clip import RenderOptions
-from physgen.pipeline.stages import Film, Stages
+from physgen.pipeline.stages import Film, Maps, Stages
 from physgen.render.camera import HAND, shot_of
 from physgen.render.grain import GRAIN, GrainField, measure_grain, remove_noise
 from physgen.report.record import RunRecord
@@ -92,7 +92,7 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
-def _film(path: Path, *overrides: str):
+def _film(path: Path, *overrides: str) -> tuple[Film, Stages, Maps]:
     stages = Stages()
     scene = stages.load(path, list(overrides), None, False)
     maps = stages.maps(scene)
