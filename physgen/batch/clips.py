@@ -132,6 +132,10 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
     )
 
 
+DELIVERED = {"hold", "grain"}
+"""Keys of `video` in a manifest: see `render.grain.Delivery`."""
+
+
 @dataclass(frozen=True)
 class Manifest:
     """What a manifest records of a run; see `report.record.RunRecord`."""
@@ -146,6 +150,7 @@ class Manifest:
     samples: tuple[str, ...]
     frames: tuple[str, ...]  # of the clip before refinement
     refined: bool  # a model refined it, or was to
+    delivered: bool = False  # the video has the hold and the noise of its scene
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -168,6 +173,7 @@ def read_manifest(folder: Path) -> Manifest:
             samples=tuple(map(str, data["samples"])),
             frames=tuple(map(str, data["unrefined" if is_refined else "frames"])),
             refined=is_refined,
+            delivered=bool(DELIVERED & set(data["video"])),
         )
     except (
         OSError,

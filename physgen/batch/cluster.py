@@ -37,13 +37,12 @@ from distributed import (
 )
 from distributed.comm import CommClosedError
 
-from physgen.batch.resume import CODE
 from physgen.batch.shipping import Store, shipped
 from physgen.batch.workers import LostError
 from physgen.environment import keep_freed_memory
 from physgen.messages import Message
 from physgen.operating_system import available_cores
-from physgen.pipeline.cache_keys import code_version
+from physgen.pipeline.cache_keys import CODE, code_version
 from physgen.problems import InputError
 from physgen.report.record import versions
 

@@ -144,6 +144,7 @@ def preview_edits(
     ]
     edits += [] if has_fixed_end else [f"world.duration={world.duration}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
+    edits += ["render.hold=0", "render.grain=none"]
     stated_edits = [
         edit.partition("=")[0] for edit in (*options.set, *further)
     ]  # the user's own edits stay

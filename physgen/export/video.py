@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from enum import Enum
 from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
@@ -39,6 +40,23 @@ if platform.machine().lower() in ("x86_64", "amd64"):
     X264["x264-params"] = "asm=SSE4.2"
 PALETTE_FRAMES = 8
 """First frames that decide a GIF's palette, since frames are streamed."""
+
+
+SUBSAMPLED = 420
+"""Layout of colours that every browser plays: one value for four pixels."""
+
+
+@dataclass(frozen=True)
+class Mp4Options:
+    """What an MP4 has beside its frames."""
+
+    chroma: int = SUBSAMPLED
+    """420 or 444: colours at every second pixel of each side, or at all."""
+    sound: I16 | None = None
+    """(N, 2): left and right, `SOUND_RATE` samples/s."""
+
+
+PLAIN_MP4 = Mp4Options()
 
 
 class Format(Enum):
@@ -98,12 +116,12 @@ def open_video(
     size: tuple[int, int],
     fps: float,
     name: str = "video",
-    sound: I16 | None = None,
+    mp4: Mp4Options = PLAIN_MP4,
 ) -> Iterator[Write]:
     """Yield a function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s.
 
-    Above the rate of `MAX_RATES`, frames are left out; the clip's duration stays. An MP4
-    gets `sound` (N, 2), left and right, `SOUND_RATE` samples/s.
+    Above the rate of `MAX_RATES`, frames are left out; the clip's duration stays. `mp4` has
+    the options of an MP4; other formats ignore them.
     """
     max_side = MAX_SIDES.get(kind)
     place = f"--format {kind.value}"
@@ -120,7 +138,7 @@ def open_video(
         path.write_bytes(bytes(HEADER))
     try:
         open_format: Callable[..., AbstractContextManager[Write]] = partial(
-            _mp4, sound=sound
+            _mp4, mp4=mp4
         )
         if kind is not Format.MP4:
             open_format = _opener(kind)
@@ -174,12 +192,12 @@ class FormatWriter:
         size: tuple[int, int],
         fps: float,
         name: str,
-        sound: I16 | None = None,
+        mp4: Mp4Options = PLAIN_MP4,
     ) -> None:
         self.problems: Sequence[Problem] = ()
         self._format = kind.value
         self._path = folder / kind.file_name(name)
-        self._video = open_video(folder, kind, size, fps, name, sound)
+        self._video = open_video(folder, kind, size, fps, name, mp4)
         self._put: Write | None = None
 
     def __enter__(self) -> FormatWriter:
@@ -273,9 +291,9 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
 
 @contextmanager
 def _mp4(
-    path: Path, size: tuple[int, int], rate: Fraction, sound: I16 | None
+    path: Path, size: tuple[int, int], rate: Fraction, mp4: Mp4Options
 ) -> Iterator[Write]:
-    """Yield a writer of H.264, 4:2:0, BT.709; odd sizes are padded by repeating the last column and row."""
+    """Yield a writer of H.264, BT.709; odd sizes are padded by repeating the last column and row."""
     import av
 
     width = size[0] + size[0] % 2
@@ -283,14 +301,17 @@ def _mp4(
     options = {"fflags": "+bitexact", "movflags": "+faststart"}
     with av.open(str(path), "w", format="mp4", options=options) as container:
         stream = container.add_stream("libx264", rate=rate)
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        layout = f"yuv{mp4.chroma}p"
+        stream.width, stream.height, stream.pix_fmt = width, height, layout
         stream.options = dict(X264)
         context = stream.codec_context
         context.color_range, context.colorspace = 1, 1
         context.color_primaries, context.color_trc = 1, 13
         context.flags |= BITEXACT
         border = _padding(size)
-        track = None if sound is None else _SoundWriter(container, av.AudioFrame, sound)
+        track = None
+        if mp4.sound is not None:
+            track = _SoundWriter(container, av.AudioFrame, mp4.sound)
         frame_count = 0
 
         def write(rgb: U8) -> None:
@@ -299,7 +320,7 @@ def _mp4(
                 rgb = np.pad(rgb, border, mode="edge")
             even = np.ascontiguousarray(rgb)
             frame = av.VideoFrame.from_ndarray(even, format="rgb24")
-            frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
+            frame = frame.reformat(format=layout, dst_colorspace="ITU709")
             container.mux(stream.encode(frame))
             frame_count += 1
             if track is not None:

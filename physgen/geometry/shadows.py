@@ -286,16 +286,25 @@ def floor_contact(silhouette: Silhouette, tilt: float) -> FloorContact | None:
     if not len(rows):
         return None
     top = silhouette.corner[1] + rows[0] - 0.5
-    bottom = silhouette.corner[1] + rows[-1] + 0.5
+    bottom = silhouette.corner[1] + rows[-1] + _row_share(silhouette)
     # An object is no deeper than a disc of its area.
     thickness = min(silhouette.thick, 1.13 * silhouette.area**0.5)
     # A floor may be drawn where the plane of motion meets it, or at the visible ends of objects.
     hidden_height = min(max(bottom - floor, 0.0), tilt * thickness / 2 + MODEL.sunk)
     half_depth = max(thickness / 2, hidden_height / tilt)
     foot = floor + hidden_height
-    rise = tilt * half_depth if bottom > foot - 1 else tilt * half_depth / 2
+    raised = min(max(foot - bottom, 0.0), 1.0)
+    rise = tilt * half_depth * (1 - raised / 2)
     low, high = max(foot - bottom, 0.0), max(foot - top, 1.0)
     return FloorContact(min(floor, foot - rise), foot, half_depth, low, high)
+
+
+def _row_share(silhouette: Silhouette) -> float:
+    """Return px from the last row's middle to the lower edge of an object, where its coverage falls to a half."""
+    last = int(silhouette.rows[-1])
+    most = silhouette.coverage.max(axis=1)
+    below = float(most[last + 1]) if last + 1 < len(most) else 0.0
+    return (float(most[last]) - 0.5) / max(float(most[last]) - below, 0.5)
 
 
 def shadow_on_floor(

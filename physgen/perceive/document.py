@@ -82,6 +82,8 @@ BARE = {"mask", "from", "confidence"}
 """Keys of an object that the user took from `doubtful:`, or gave by its mask alone: a refresh fills in the rest."""
 MOTION_BLUR = 0.5
 """Of new files: a shutter that is open for half of a frame's time, as film cameras have."""
+HOLD = 10
+"""Frames of new files that show the photo before the motion: a third of a second."""
 
 
 @dataclass(frozen=True)

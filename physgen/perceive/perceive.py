@@ -234,7 +234,11 @@ def perceive(
         }
         slow = slow_motion(side, per_meter)
         scene["render"] = ({"slow": slow} if slow > 1 else {}) | {
-            "motion_blur": document.MOTION_BLUR
+            "motion_blur": document.MOTION_BLUR,
+            "grain": "match",
+            "hold": document.HOLD,
+            "contact_shade": True,
+            "sound": True,
         }
         if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:
             scene["render"]["relight"] = False

@@ -483,7 +483,10 @@ class _Run:
 
         def sample() -> Data | None:
             template("report.html.j2")  # compiled meanwhile
-            return player_data(self.scene, *parts)
+            data = player_data(self.scene, *parts)
+            if data is not None and film.hold:
+                data["clip"]["hold"] = film.hold
+            return data
 
         self._player = self.aside.start("report", sample)
 
@@ -582,6 +585,8 @@ class _Run:
         """Write the video and the labels; returns the first frame."""
         film, record = self.film, self.record
         film.exposed(trajectory)
+        if not self.options.export:
+            record.video |= film.deliver()
         if self.paged:
             self._sample_player(trajectory)
         files = VideoFiles(
@@ -593,9 +598,9 @@ class _Run:
             self._failures,
             self._write_sound(trajectory, folder),
         )
-        count = len(film.shot(trajectory).order)
+        count = film.count(trajectory)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
-            frames = film.annotated(tap(film.frames(trajectory)), trajectory)
+            frames = film.deliver_frames(tap(film.frames(trajectory)), trajectory)
             record.frames, first = files.write(frames, count)
         return first
 

@@ -33,6 +33,7 @@ def write_sound(
         sound = sound_track(clip, render.sound)
         if sound is None:
             return None
+        sound = sound.delayed(film.hold / render.fps)
         (folder / WAV).write_bytes(sound.wav())
         (folder / CAPTIONS).write_text(sound.vtt(), "utf-8")
     return sound

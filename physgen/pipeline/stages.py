@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from physgen.maps import F32, U16, Percepts
     from physgen.pipeline.asset_cache import AssetCache
     from physgen.render.camera import Shot
+    from physgen.render.grain import Delivery
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
     from physgen.scene.load import Opened
@@ -635,6 +636,7 @@ class Film:
         self.scene, self.compiled = scene, compiled
         self.keeps_layers = False
         """Whether frames can be taken apart."""
+        self._delivery: Delivery | None = None
         self._maps: Maps | None = maps
         self._record, self._stages = record, stages
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
@@ -651,9 +653,47 @@ class Film:
         """The sprites and the background."""
         with self._record.stage("cut out", time.thread_time):
             assert self._maps is not None
-            made = self._stages.stage(self.scene, self.compiled, self._maps)
+            maps = self._clean_maps(self._maps)
+            made = self._stages.stage(self.scene, self.compiled, maps)
         self._maps = None
         return made
+
+    def _clean_maps(self, maps: Maps) -> Maps:
+        """Return the maps without the photo's noise if frames get noise of their own."""
+        photo = maps.percepts
+        if self._delivery is None or photo is None or self._delivery.grain is None:
+            return maps
+        clean = self._delivery.remove_noise(photo)
+        return replace(maps, percepts=clean, key=f"{maps.key} without noise")
+
+    def deliver(self) -> dict[str, Any]:
+        """Let the video have hold and noise as the scene asks, for the manifest.
+
+        Call it before a frame is drawn.
+        """
+        from physgen.render.grain import Delivery
+
+        photo = None if self._maps is None else self._maps.percepts
+        rgb = None if photo is None else photo.rgb
+        self._delivery = Delivery.of(self.scene.render, rgb)
+        return self._delivery.as_dict()
+
+    def count(self, trajectory: Trajectory) -> int:
+        """Return the number of the video's frames."""
+        return len(self.shot(trajectory).order) + self.hold
+
+    @property
+    def hold(self) -> int:
+        """Frames of the photo before the motion."""
+        return 0 if self._delivery is None else self._delivery.hold
+
+    def deliver_frames(
+        self, frames: Iterator[Frame], trajectory: Trajectory
+    ) -> Iterator[Frame]:
+        """Yield the video's frames: with hold, noise and overlays."""
+        if self._delivery is not None:
+            frames = self._delivery.deliver_frames(frames, self.shot(trajectory))
+        return self.annotated(frames, trajectory)
 
     def shot(self, trajectory: Trajectory) -> Shot:
         """Camera and playing order; `trajectory` has one sample a frame."""

@@ -8,7 +8,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from physgen.export.video import I16, U8, Format, FormatWriter, encode_in_thread
+from physgen.export.video import (
+    I16,
+    U8,
+    Format,
+    FormatWriter,
+    Mp4Options,
+    encode_in_thread,
+)
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress
 from physgen.render.stage import Frame
@@ -53,11 +60,10 @@ class VideoFiles:
         with ExitStack() as files:
             with record.stage("encode", time.thread_time):
                 size = self.scene.video_size
+                mp4 = Mp4Options(render.chroma, self.sound)
                 writers = [
                     files.enter_context(
-                        FormatWriter(
-                            self.folder, kind, size, render.fps, name, self.sound
-                        )
+                        FormatWriter(self.folder, kind, size, render.fps, name, mp4)
                     )
                     for kind in self.formats
                 ]

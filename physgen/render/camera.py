@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import ceil, exp, expm1, floor, log, sqrt
+from math import ceil, exp, expm1, floor, log, pi, sin, sqrt
 
 import cv2
 import numpy as np
@@ -147,6 +147,31 @@ MOST_DRAWN = 16_000_000
 
 
 @dataclass(frozen=True)
+class Hand:
+    """How a hand moves a camera."""
+
+    rise: float = 0.7
+    """s of the video until the drift has its full size."""
+    rates: tuple[float, ...] = (0.31, 0.73, 1.37)
+    """Hz: slow sway and tremor, without a common period."""
+    phases: tuple[float, float] = (0.4, 2.1)
+    """rad, of the drift to the right and down."""
+    most: float = 2.5
+    """Standard deviations that the drift reaches, at most."""
+
+
+HAND = Hand()
+
+
+def _sway(time: float, phase: float) -> float:
+    """Return a drift of standard deviation 1 at a time of the video."""
+    waves = [
+        sin(2 * pi * rate * time + (k + 1) * phase) for k, rate in enumerate(HAND.rates)
+    ]
+    return sum(waves) * sqrt(2 / len(waves))
+
+
+@dataclass(frozen=True)
 class Aim:
     """A view that the camera reaches at a time."""
 
@@ -170,6 +195,10 @@ class Shot:
     """In the order of their times; at least one."""
     order: tuple[int, ...]
     """The sample of every frame."""
+    handheld: float = 0.0
+    """px of the video, standard deviation of a drift."""
+    pace: float = 1.0
+    """s of the video that show a second of the motion."""
 
     def affine(self, time: float) -> Array:
         """Return (2, 3): photo px -> video px of a frame at `time` (s of the motion, `Frame.time`).
@@ -177,6 +206,8 @@ class Shot:
         Anything drawn on the finished frame goes through it: `x, y = shot.affine(frame.time) @ (px, py, 1)`.
         """
         center, zoom = self._view(time)
+        if self.handheld:
+            center, zoom = self._drift_view(center, zoom, time * self.pace)
         large, (x, y) = affine(self.photo, self.video, center, zoom)
         return np.array([[large, 0.0, x], [0.0, large, y]])
 
@@ -217,6 +248,20 @@ class Shot:
         # Within the photo but for the last bit.
         return held(center, self.photo, self.video, zoom), zoom
 
+    def _drift_view(
+        self, center: Point, zoom: float, time: float
+    ) -> tuple[Point, float]:
+        """Return centre and zoom of a view in a hand, at a time of the video."""
+        start = min(time / HAND.rise, 1.0)
+        share = start * start * (3 - 2 * start)
+        # Room for the drift within the photo.
+        most = 2 * HAND.most * self.handheld / min(self.video)
+        zoom *= 1 + share * most
+        amount = share * self.handheld / magnification(self.photo, self.video, zoom)
+        x, y = (amount * _sway(time, phase) for phase in HAND.phases)
+        center = center[0] + x, center[1] + y
+        return held(center, self.photo, self.video, zoom), zoom
+
     def _center(self, aim: Aim, time: float) -> Point:
         if len(aim.way) == 1:
             return float(aim.way[0, 0]), float(aim.way[0, 1])
@@ -232,8 +277,13 @@ def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
     for sight in scene.render.camera or (WHOLE_PHOTO,):
         way = _way(sight, photo, video, trajectory, scene.render.fps)
         aims.append(Aim(sight.time, sight.zoom, way))
-    order = play_order(scene.render.play, len(trajectory.times))
-    return Shot(photo, video, trajectory.times, tuple(aims), order)
+    times = trajectory.times
+    order = play_order(scene.render.play, len(times))
+    pace = 1.0
+    if len(times) > 1 and times[-1] > times[0]:
+        pace = (len(times) - 1) / float(times[-1] - times[0]) / scene.render.fps
+    handheld = scene.render.handheld
+    return Shot(photo, video, times, tuple(aims), order, handheld, pace)
 
 
 def play_order(play: Play, count: int) -> tuple[int, ...]:

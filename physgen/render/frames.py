@@ -22,6 +22,7 @@ from physgen.geometry.polygon import rotation
 from physgen.geometry.shadows import Silhouette
 from physgen.photometry import decode, encode_u8
 from physgen.render.atlas import BallSprites, ShadowSprites
+from physgen.render.contact_shade import ContactShade, multiply_light
 from physgen.render.occlusion import (
     add_shadow,
     occlusion_factors,
@@ -316,6 +317,7 @@ class _Painter:
         self._background = BackgroundCache(stage)
         self._canvas: F32 = self._background.light.copy()
         self._shadows = _Shadows(stage, self._background)
+        self._contacts = ContactShade(stage.sprites, stage.contact_depth)
         self.balls = BallSprites(stage.sprites)
         height, width = stage.background.shape[:2]
         self.size = (width, height)
@@ -334,6 +336,7 @@ class _Painter:
         shaded_tiles = self._shadows.throw(
             self._canvas, stands, pictures, trails, changed
         )
+        self._darken_contacts(pictures)
         _add_sides(self._stage, pictures)
         self._restore(changed, shaded_tiles)
         if self._stage.keeps_layers:
@@ -346,6 +349,17 @@ class _Painter:
         for box in boxes_of_tiles(self._painted_tiles, self.size):
             rgb[box] = encode_picture(self._canvas[box])
         return rgb
+
+    def _darken_contacts(self, pictures: Sequence[Picture]) -> None:
+        """Darken the pictures where objects have come to touch each other."""
+        parts = {}
+        for picture in pictures:
+            parts[picture.stand.k] = picture.where.box, picture.coverage
+        factors = self._contacts.factors(parts)
+        for picture in pictures:
+            factor = factors.get(picture.stand.k)
+            if factor is not None:
+                picture.light = multiply_light(picture.light, factor)
 
     def _restore(self, changed: Sequence[Slices], shaded_tiles: Sequence[int]) -> None:
         """Restore the background in tiles of the last frame that shadows have not shaded again."""

@@ -319,12 +319,14 @@ def _behind_slab(
 
 SUNK = 3.0
 """px by which an object's pixels may reach below the floor that it stands on."""
+NARROW = 0.5
+"""Of an object's thickness: a floor that is less wide, such as the top of a log, shows nothing of its shadow."""
 
 
 def ground_below(
-    grounds: Sequence[Array], x: float, y: float
+    grounds: Sequence[Array], x: float, y: float, width: float = 0.0
 ) -> tuple[float, Array] | None:
-    """Return the highest floor below a point, and before it its row there, px.
+    """Return the highest floor below a point, at least `width` px wide, and before it its row there, px.
 
     None if there is none.
     """
@@ -332,6 +334,8 @@ def ground_below(
     for ground in grounds:
         ax, ay, bx, by = ground[:4]
         if ax == bx or not min(ax, bx) <= x <= max(ax, bx):
+            continue
+        if width and ground[5] - ground[4] < width:
             continue
         row = float(ay + (by - ay) * (x - ax) / (bx - ax))
         if row >= y and (highest is None or row < highest[0]):
@@ -372,7 +376,8 @@ def silhouette(
         last_row = int(rows[-1]) if len(rows) else 0
     # From its middle, as an impact presses it into the floor for a while; a thin one may reach below the floor's line.
     bottom = float(corner[1] + last_row)
-    floor = ground_below(grounds, x, min(y, bottom - SUNK - tilt * actor.thick / 2))
+    highest = min(y, bottom - SUNK - tilt * actor.thick / 2)
+    floor = ground_below(grounds, x, highest, NARROW * actor.thick)
     if floor is None:
         return shape
     row, ground = floor

@@ -42,6 +42,10 @@ class ShadowTuning:
     """Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
     comes: float = 0.5
     """Of an object's size: moved by as much, it has mostly left an old shadow that was not removed."""
+    parts: float = 0.1
+    """Of an object's size: moved by as much, it has mostly left the photo's shadow for the predicted one."""
+    still: float = 0.995
+    """Share of the photo's shadow from which the predicted one is left out."""
     flies: float = 2.0
     """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
     turn: float = 0.35
@@ -100,6 +104,8 @@ class CastShadow:
     """Where the shadow never changes its shape: its corner, and all of it, beyond the photo's border too."""
     round: bool
     """Whether turning changes nothing."""
+    beyond: F32 | None = None
+    """(h, w): the share of `own` that lies beyond the ends of the object's floor at t = 0; None: none of it."""
     lean: float = 0.0
     """px that a sliding shadow moves beyond its object for each px of the object's way: a lamp is near."""
 
@@ -129,7 +135,11 @@ class LitBackground:
         return shaded_background(self.plate, self.total, self.tint)
 
     def limited(self, darkness: F32, box: tuple[slice, slice]) -> F32:
-        """Limit the sum `darkness` (h, w) of shadows: direct light that one keeps away, others keep away no more."""
+        """Limit the sum `darkness` (h, w) of shadows, in place: it is at least that of the photo, or none.
+
+        Direct light that one shadow keeps away, others keep away no more.
+        """
+        cv2.max(darkness, self._least[box], dst=darkness)
         over = darkness - self._most[box]
         if over.max() <= 0:
             return darkness
@@ -138,6 +148,11 @@ class LitBackground:
         kept -= cv2.exp(-over)
         np.copyto(kept, darkness, where=over <= 0)
         return np.asarray(kept, np.float32)
+
+    @cached_property
+    def _least(self) -> F32:
+        """Return (H, W) the least darkness: nothing is brighter than the photo, or the plate."""
+        return np.minimum(self.total, 0)
 
     @cached_property
     def _most(self) -> F32:
@@ -153,18 +168,40 @@ class LitBackground:
             return self._slid(cast, cast.sliding, start, pose)
         if now is None:
             return []
-        shadows: list[tuple[PixelBox, F32]] = []
+        if not self.lifted:
+            return self._late_shadow(cast, now, start, pose)
+        turn = pose.angle - start.angle
+        strength, shift = self._kept(cast, now, turn)
+        share = np.float32(0)
+        if cast.whole is not None:
+            share = _photo_share(cast, start, pose)
+        shadows = []
+        if share > 0 and cast.whole is not None:
+            (x0, y0, _, _), picture = cast.whole
+            box, moved = shifted_picture(picture, (x0, y0), shift, self.setting.size)
+            if box is not None:
+                shadows.append((box, moved if share == 1 else share * moved))
+        if share == 1:
+            return shadows
+        rest = np.float32(1 - share)
         predicted = predicted_shadow(now, self.setting, cast.step)
         if predicted is not None:
             box, picture = predicted
-            if not self.lifted:
-                # The photo's shadow is still there: today's comes as the object leaves it behind.
-                picture = picture * _departure(now, start, pose)
-            shadows.append((box, picture))
-        own = self._carried_shadow(cast, now, pose.angle - start.angle)
+            shadows.append((box, picture if share == 0 else rest * picture))
+        own = self._carried_shadow(cast, now, float(rest) * strength, shift)
         if own is not None:
             shadows.append(own)
         return shadows
+
+    def _late_shadow(
+        self, cast: CastShadow, now: Silhouette, start: Pose, pose: Pose
+    ) -> list[tuple[PixelBox, F32]]:
+        """Return the predicted shadow, which comes as the object leaves the photo's shadow behind."""
+        predicted = predicted_shadow(now, self.setting, cast.step)
+        if predicted is None:
+            return []
+        box, picture = predicted
+        return [(box, picture * _departure(now, start, pose))]
 
     def _slid(
         self,
@@ -181,14 +218,18 @@ class LitBackground:
         return [] if box is None else [(box, moved)]
 
     def _carried_shadow(
-        self, cast: CastShadow, now: Silhouette, turn: float
+        self,
+        cast: CastShadow,
+        now: Silhouette,
+        strength: float,
+        shift: tuple[float, float],
     ) -> tuple[PixelBox, F32] | None:
         """Return the part of the photo's shadow that geometry does not explain, as it moves with its object."""
-        strength, shift = self._kept(cast, now, turn)
         if strength <= LEAST_STRENGTH:
             return None
         (x0, y0, _, _), own = cast.own
-        box, carried = shifted_picture(own, (x0, y0), shift, self.setting.size)
+        size = self.setting.size
+        box, carried = shifted_picture(own, (x0, y0), shift, size)
         if box is None:
             return None
         carried *= np.float32(strength)
@@ -197,7 +238,16 @@ class LitBackground:
             rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
             carried *= np.clip(wall_foot - rows + 0.5, 0, 1)
         elif now.floor is not None and not np.isfinite(self.setting.backdrop):
-            carried *= floor_share(now.ends, self.setting, box, now.floor)
+            upon = floor_share(now.ends, self.setting, box, now.floor)
+            if cast.beyond is not None:
+                # What the photo shows beyond the floor has another ground.
+                _, beyond = shifted_picture(cast.beyond, (x0, y0), shift, size)
+                np.maximum(upon, beyond, out=upon)
+            carried *= upon
+            # What is upright behind the floor gets no shadow of an object that moves.
+            rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+            end = now.floor - self.setting.tilt * size[0]
+            carried *= np.clip(rows - np.float32(end) + 0.5, 0, 1)
         return box, carried
 
     def _on_wall(self, start: Silhouette) -> bool:
@@ -233,6 +283,18 @@ LEAST_STRENGTH = 0.02
 def _bell(distance: float) -> float:
     """Return 1 at 0 and 0 far away, as a Gaussian."""
     return float(np.exp(-(distance**2)))
+
+
+def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
+    """Return 1 if an object is where it started, and 0 if it has left the photo's shadow."""
+    shape = cast.start.coverage.shape
+    distance = np.hypot(pose.x - start.x, pose.y - start.y)
+    if not cast.round:
+        distance += abs(pose.angle - start.angle) * max(shape) / 2
+    share = _bell(distance / (SHADOW.parts * max(min(shape), 1)))
+    if share >= SHADOW.still:
+        return np.float32(1)
+    return np.float32(share if share > LEAST_STRENGTH else 0)
 
 
 def _departure(now: Silhouette, start: Pose, pose: Pose) -> np.float32:
@@ -509,7 +571,22 @@ def _cast(
     whole = None if box is None else (box, visible)
     # An object far outside of the photo has no visible shadow that could slide.
     sliding = ((x, y), everything) if slides and everything.size else None
-    return CastShadow(start, step, whole, own, sliding, is_round)
+    beyond = _share_beyond_floor(start, own, setting)
+    return CastShadow(start, step, whole, own, sliding, is_round, beyond)
+
+
+def _share_beyond_floor(
+    start: Silhouette, own: tuple[PixelBox, F32], setting: ShadowSetting
+) -> F32 | None:
+    """Return (h, w) the share of an object's own shadow that lies beyond its floor's ends.
+
+    None if none does, or if a wall behind ends the floor.
+    """
+    box, picture = own
+    if start.floor is None or np.isfinite(setting.backdrop) or not picture.size:
+        return None
+    beyond = 1 - floor_share(start.ends, setting, box, start.floor)
+    return beyond if beyond.any() else None
 
 
 def _leaning(casts: list[CastShadow]) -> list[CastShadow]:

@@ -438,6 +438,8 @@ class Stage:
     mirror: Mirror | None = None
     scale: float = 1.0
     """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
+    contact_depth: float = 0.0
+    """Share of light that objects lose where they come to touch each other."""
     keeps_layers: bool = False
     """Whether frames can be taken apart into layers."""
 

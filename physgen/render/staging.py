@@ -24,6 +24,7 @@ from physgen.maps import U8, Percepts
 from physgen.materials import is_billiard_ball
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, in_one_light, sphere_shading
+from physgen.render.contact_shade import contact_depth
 from physgen.render.occlusion import (
     SUNK,
     ground_below,
@@ -391,6 +392,7 @@ def lit_stage(
         grounds,
         None if maps.clean is None else veils,
         mirror=mirror,
+        contact_depth=contact_depth(scene),
     )
 
 

@@ -792,12 +792,14 @@ def _render(item: Mapping[str, Any]) -> parts.Render:
     views = (
         [{"time": 0, **camera}] if isinstance(camera, dict) else camera
     )  # one view holds all the time
+    handheld = camera.get("handheld", 0.0) if isinstance(camera, dict) else 0.0
     return _make(
         parts.Render,
         {"slow": 1, **item},
         overlay=tuple(map(parts.Overlay, dict.fromkeys(item["overlay"]))),
         camera=tuple(_make(parts.CameraView, view) for view in views),
         sound=_sound_level(item.get("sound", False)),
+        handheld=handheld,
     )
 
 

@@ -554,6 +554,13 @@ class SoundLevel(Enum):
     """The same pressure gives the same sample in all clips."""
 
 
+class Noise(Enum):
+    """Noise of the video."""
+
+    NONE = "none"
+    MATCH = "match"
+
+
 @dataclass(frozen=True)
 class CameraView:
     """One view of the camera; one alone holds from the first frame to the last."""
@@ -588,6 +595,14 @@ class Render:
     supersample: int
     sound: SoundLevel | None = None
     """None: silent."""
+    grain: Noise = Noise.NONE
+    hold: int = 0
+    """Frames of the photo before the motion."""
+    handheld: float = 0.0
+    """px of the video, standard deviation of the camera's drift."""
+    chroma: int = 420
+    """420 or 444: colours of an mp4 at every second pixel of each side, or at all."""
+    contact_shade: bool = False
 
 
 @dataclass(frozen=True)

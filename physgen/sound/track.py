@@ -6,7 +6,7 @@ import io
 import wave
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,16 @@ class SoundTrack:
     """(N, 2): left and right, RATE samples/s."""
     captions: tuple[Caption, ...]
     """By time."""
+
+    def delayed(self, seconds: float) -> SoundTrack:
+        """Return the track after a silence, as long as the photo is held."""
+        if not seconds:
+            return self
+        silence = np.zeros((round(seconds * RATE), 2), np.int16)
+        captions = []
+        for caption in self.captions:
+            captions.append(replace(caption, time=caption.time + seconds))
+        return SoundTrack(np.concatenate([silence, self.samples]), tuple(captions))
 
     def wav(self) -> bytes:
         """Return the samples as a WAV file, 16 bits, stereo."""

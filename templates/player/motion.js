@@ -51,6 +51,7 @@ function readClip(data, motion) {
   const shown = data.frames.map((sample) => motion.times[sample]);
   const count = shown.length, fps = data.clip.fps, order = data.clip.order;
   const frames = order === "there-and-back" ? 2 * count - 1 : count;
+  const hold = data.clip.hold ?? 0; // frames of the photo before the motion
   const pace = count > 1 ? ((shown[count - 1] - shown[0]) * fps) / (count - 1) : 1;
 
   const folded = (k) => (order === "backward" ? count - 1 - k : k > count - 1 ? 2 * (count - 1) - k : k);
@@ -62,14 +63,14 @@ function readClip(data, motion) {
     return k + clamp((time - shown[k]) / (shown[k + 1] - shown[k]), 0, 1);
   }
   return {
-    fps, frames, count, shown,
+    fps, frames: frames + hold, count, shown,
     pace, // seconds of motion that a second of the clip shows
-    length: frames / fps,
+    length: (frames + hold) / fps,
     timeAt(c) {
-      const at = folded(clamp(c * fps, 0, frames - 1)), k = Math.min(Math.floor(at), Math.max(count - 2, 0));
+      const at = folded(clamp(c * fps - hold, 0, frames - 1)), k = Math.min(Math.floor(at), Math.max(count - 2, 0));
       return count < 2 ? shown[0] : shown[k] + (at - k) * (shown[k + 1] - shown[k]);
     },
-    clipAt: (time) => folded(frameAt(time)) / fps,
+    clipAt: (time) => (folded(frameAt(time)) + hold) / fps,
     frameAt,
   };
 }

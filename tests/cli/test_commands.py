@@ -465,7 +465,8 @@ def test_wrong_flags_get_one_line_and_exit_2(capsys) -> None:
     assert stop.value.code == 2
     assert (
         capsys.readouterr().err
-        == "physgen render: argument --format: avi is not among the choices; write some of mp4, gif, webp, png; see physgen render --help\n"
+        == "physgen render: argument --format: avi is not among the choices; "
+        "write some of mp4, gif, webp, png; see physgen render --help\n"
     )
 
 

@@ -222,7 +222,10 @@ def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(
             ["scene.yaml", "--port", "99999"],
             "99999 is not a whole number; write one from 0 to 65535",
         ),
-        (["scene.yaml", "--port", "x"], "x is not a whole number; write one from 0 to 65535"),
+        (
+            ["scene.yaml", "--port", "x"],
+            "x is not a whole number; write one from 0 to 65535",
+        ),
         (
             ["scene.yaml", "--host", "no.such.host.example"],
             "--host no.such.host.example: cannot be listened on",
