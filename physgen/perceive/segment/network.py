@@ -29,6 +29,8 @@ OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 """(rows, columns) px of the output: offsets of the pixel pairs whose affinity (same object) is predicted."""
 SIDE = 192  # px of the crop that the head looks at
 MARGIN = 0.25  # of a box's sides: seen around it
+LOOKS = 24
+"""Crops whose first look is cached: those of a photo's candidates."""
 OUTPUTS = "seen", "level-32", "level-16", "level-8", "level-4", "level-2"
 POOLED = {"level-32": 32, "level-16": 16}
 """Levels of the encoder that describe the whole photo, and their strides in px: finer ones describe texture."""
@@ -247,7 +249,7 @@ def rough_mask_in_box(
     `mask_in_box`. None where nothing is seen.
     """
     left, top, right, bottom = bounds(box)
-    chances = _chances(crop(rgb, box, SIDE), at_point=False)
+    chances = _first_chances(crop(rgb, box, SIDE).tobytes(), at_point=False)
     scale = np.array([shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]])
     low = np.floor(np.array([left, top]) * scale).astype(int)
     high = np.ceil(np.array([right, bottom]) * scale).astype(int)
@@ -286,7 +288,7 @@ def _segment(
     if end <= x or foot <= y:
         return PromptedMask(mask, 0.0)
     view = crop(rgb, box, SIDE)
-    small = _chances(view, at_point)
+    small = _first_chances(view.tobytes(), at_point)
     # errors of the mirror image differ
     other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
     affine: NDArray[Any] = follow_edges(
@@ -357,6 +359,15 @@ def _solve_symmetric(diagonal: F32, beside: F32, right: F32) -> F32:
         (ac * x + bc * y + cc * z) * inverse,
     ]
     return np.stack(solution, axis=-1).astype(np.float32)
+
+
+@lru_cache(maxsize=LOOKS)
+def _first_chances(codes: bytes, at_point: bool) -> F32:
+    """Return `_chances` of the codes of a crop, read-only; a photo's last are cached."""
+    view = np.frombuffer(codes, np.uint8).reshape(SIDE, SIDE, 3)
+    chances = _chances(view, at_point)
+    chances.setflags(write=False)
+    return chances
 
 
 def _chances(rgb: NDArray[np.uint8], at_point: bool) -> F32:
