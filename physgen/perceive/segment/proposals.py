@@ -264,8 +264,8 @@ def _outline_terms(
         free[k] = _is_free(contour[_sample_places(contour)] + (one.x, one.y), shape)
         area, length = cv2.contourArea(contour), cv2.arcLength(contour, True)
         hull = cv2.contourArea(cv2.convexHull(contour))
-        solidity = (area + length / 2 + 1) / (hull + length / 2 + 1)
-        forms[k] = solidity, float(4 * np.pi * area / max(length, 1) ** 2)
+        forms[k, 0] = (area + length / 2 + 1) / (hull + length / 2 + 1)
+        forms[k, 1] = 4 * np.pi * area / max(length, 1) ** 2
     solidity, compactness = forms.T
     terms = {
         "solidity": solidity,
