@@ -347,18 +347,20 @@ def _solve_symmetric(diagonal: F32, beside: F32, right: F32) -> F32:
     `beside` (h, w, 3) has the elements 01, 12 and 20 of the matrices; `right` is the
     right side. By cofactors: a general solver takes four times as long.
     """
+    first, second, third = _cofactors(diagonal, beside)
+    row = np.dstack([diagonal[..., 0], beside[..., 0], beside[..., 2]])
+    x, y, z = np.moveaxis(right.astype(np.float64), -1, 0)
+    factor = 1 / (row.astype(np.float64) * np.stack(first, axis=-1)).sum(axis=-1)
+    parts = [one[0] * x + one[1] * y + one[2] * z for one in (first, second, third)]
+    return np.stack([part * factor for part in parts], axis=-1).astype(np.float32)
+
+
+def _cofactors(diagonal: F32, beside: F32) -> list[list[NDArray[np.float64]]]:
+    """Return the rows of cofactors (h, w) of symmetric matrices."""
     a, b, c = np.moveaxis(diagonal.astype(np.float64), -1, 0)
     d, e, f = np.moveaxis(beside.astype(np.float64), -1, 0)
-    x, y, z = np.moveaxis(right.astype(np.float64), -1, 0)
-    aa, bb, cc = b * c - e * e, a * c - f * f, a * b - d * d
     ab, bc, ac = e * f - c * d, d * f - a * e, d * e - b * f
-    inverse = 1 / (a * aa + d * ab + f * ac)
-    solution = [
-        (aa * x + ab * y + ac * z) * inverse,
-        (ab * x + bb * y + bc * z) * inverse,
-        (ac * x + bc * y + cc * z) * inverse,
-    ]
-    return np.stack(solution, axis=-1).astype(np.float32)
+    return [[b * c - e * e, ab, ac], [ab, a * c - f * f, bc], [ac, bc, a * b - d * d]]
 
 
 @lru_cache(maxsize=LOOKS)

@@ -319,17 +319,24 @@ def _edge_terms(
     ]
     weakest = np.array(quarters)
     weakest[free.sum(1) <= 8] = 0
-
-    soft = cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32)
-    side = np.maximum(3, reach)
-    inside, outside = (sample(soft, x + s * nx, y + s * ny) for s in (-side, side))
-    step = np.linalg.norm(inside - outside, axis=2)
-    contrast = (step / (step + 8) * free).sum(1) / count
+    contrast = (_contrasts(rim, np.maximum(3, reach), colour) * free).sum(1) / count
     return {
         "cover": cover + 1e-3,
         "weakest": weakest + 0.05,
         "contrast": contrast + 0.01,
     }
+
+
+def _contrasts(rim: Array, side: Array, colour: NDArray[np.float32]) -> Array:
+    """Return (n, POINTS) 0..1: the colour steps between the two sides of outlines.
+
+    Colours are compared `side` px from the outline.
+    """
+    soft = cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32)
+    x, y, nx, ny = np.moveaxis(rim, 2, 0)
+    inside, outside = (sample(soft, x + s * nx, y + s * ny) for s in (-side, side))
+    step = np.linalg.norm(inside - outside, axis=2)
+    return np.asarray(step / (step + 8))
 
 
 def _likeness(mask: Mask, contour: NDArray[np.int32]) -> float:
