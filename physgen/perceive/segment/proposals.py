@@ -211,9 +211,9 @@ def score_proposals(
     if not proposals:
         return Scores(np.zeros(0), np.zeros(0))
     contours = [outline(proposal.mask) for proposal in proposals]
-    shape = gradient.strength.shape
-    terms, compactness = _outline_terms(proposals, contours, shape)
-    factor = np.where(_crosses(proposals, shape), CROSSING, 1)
+    terms, compactness = _outline_terms(proposals, contours, gradient.strength.shape)
+    is_crossing = _crosses(proposals, gradient.strength.shape)
+    factor = np.where(is_crossing, CROSSING, 1)
     places = _in_reach(terms, factor, least)
     some = [proposals[k] for k in places.tolist()]
     loops = [contours[k] for k in places.tolist()]
@@ -221,9 +221,8 @@ def score_proposals(
     terms |= _edge_terms(some, loops, colour, gradient)
     again = _in_reach(terms, factor[places], least)
     terms = {name: values[again] for name, values in terms.items()}
-    pairs = [(some[k].mask, loops[k]) for k in again.tolist()]
-    likeness = np.array([_likeness(mask, loop) for mask, loop in pairs])
-    terms["likeness"] = likeness + 1e-3
+    alike = [_likeness(some[k].mask, loops[k]) for k in again.tolist()]
+    terms["likeness"] = np.array(alike) + 1e-3
     places = places[again]
     score = np.zeros(len(proposals))
     score[places] = factor[places] * _mean_score(terms)
@@ -313,11 +312,7 @@ def _edge_terms(
         edge = np.maximum(edge, here * (1 - 0.25 * step * step))
     support = np.where(free, gradient.support(edge), np.inf)
     cover = np.where(free, support, 0).sum(1) / count
-    rising = np.sort(support, 1)
-    quarters = [
-        row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)
-    ]
-    weakest = np.array(quarters)
+    weakest = _weakest_quarters(support, count)
     weakest[free.sum(1) <= 8] = 0
     contrast = (_contrasts(rim, np.maximum(3, reach), colour) * free).sum(1) / count
     return {
@@ -325,6 +320,15 @@ def _edge_terms(
         "weakest": weakest + 0.05,
         "contrast": contrast + 0.01,
     }
+
+
+def _weakest_quarters(support: Array, count: NDArray[np.int64]) -> Array:
+    """Return the mean support (n,) of the weakest of `count` (n,) samples, a quarter."""
+    rising = np.sort(support, 1)
+    quarters = [
+        row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)
+    ]
+    return np.array(quarters)
 
 
 def _contrasts(rim: Array, side: Array, colour: NDArray[np.float32]) -> Array:
