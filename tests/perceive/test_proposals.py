@@ -12,6 +12,7 @@ from physgen.perceive.segment.proposals import (
     Proposal,
     contour_normals,
     cut_out,
+    score_proposals,
 )
 from physgen.perceive.segment.regions import colour_tree, discs
 from physgen.perceive.segment.selection import best_set, exclusions
@@ -92,6 +93,18 @@ def test_the_best_set_prefers_two_to_the_one_that_excludes_both() -> None:
     assert best_set(gain, excludes).tolist() == [False, True, True, False]
     gain[0] = 5
     assert best_set(gain, excludes).tolist() == [True, False, False, False]
+
+
+def test_scores_out_of_reach_are_zero() -> None:
+    colour = disc_image(61.3, 54.6, 25.2)
+    gradient = colour_gradient(colour)
+    forms = [*discs(gradient, 300, 5000), rectangle(30, 20, 60, 5)]
+    every = score_proposals(forms, colour, gradient).score
+    least = float(np.median(every))
+    some = score_proposals(forms, colour, gradient, least).score
+    assert every.min() < least < every.max()
+    assert np.array_equal(some[every > least], every[every > least])
+    assert set(some[every <= least]) <= {0.0, least}
 
 
 @pytest.mark.parametrize(("roughness", "is_searched"), [(0.5, True), (25.0, False)])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from physgen.perceive.roles import Doubt, Segment, Segments
 from physgen.perceive.segment.candidates import Candidates
+from physgen.perceive.segment.detector import box_overlap
 from physgen.perceive.segment.evidence import COLOUR_STEPS, FEATURES, colour_steps
 from physgen.perceive.segment.focus import blur_shares, rim_sharpness
 from physgen.perceive.segment.judge import (
@@ -55,6 +56,9 @@ class LearnedConstants:
     """Score of its own box from which a candidate is no gap in part, and for sure."""
     doubtful: float = 0.1  # confidence from which a candidate is a doubtful object
     doubts: int = 8  # doubtful objects at most
+    same_box: float = 0.7
+    """IoU of a candidate's box with the one that it was cut out in, from which it is cut
+    out there again; on 200 objects the masks are as good, in less time."""
     same: float = 0.5  # IoU below which what is cut out again is another object
     round: float = 0.9
     """Share of its smallest enclosing circle from which an object is round."""
@@ -246,6 +250,10 @@ def _cut_out_again(rgb: NDArray[np.uint8], found: Candidates, k: int) -> Mask:
     """Return the mask (H, W) of a candidate on the photo."""
     across, down = _scale_to(found.shape, rgb)
     corners = found.proposals[k].box / np.array([across, down, across, down])
+    if k in found.corners:
+        fit = box_overlap(corners[None], found.corners[k][None])[0, 0]
+        # the first look into the box of the candidate is known
+        corners = found.corners[k] if fit >= LEARNED.same_box else corners
     own = found.on_photo(k, (rgb.shape[0], rgb.shape[1]))
     return better_mask(own, mask_in_box(rgb, corners.tolist()).mask)
 

@@ -71,6 +71,14 @@ class Outlined:
 
 
 @dataclass(frozen=True, eq=False)
+class CutOut:
+    """A candidate that was cut out in a box."""
+
+    mask: Proposal  # on the network's grid
+    corners: Array  # (4,) px: the box on the photo
+
+
+@dataclass(frozen=True, eq=False)
 class Candidates:
     """Candidates on the network's grid of `shape` (h, w), with what the judge reads."""
 
@@ -81,6 +89,8 @@ class Candidates:
     """(n,) 0..1: confidence of the selection by edges; 0 where it did not select it."""
     outlined: Mapping[int, Outlined] = field(default_factory=dict)
     """What edges selected, by index."""
+    corners: Mapping[int, Array] = field(default_factory=dict)
+    """Boxes (4,) on the photo in which candidates were cut out, by index."""
 
     def on_photo(self, k: int, size: tuple[int, int]) -> Mask:
         """Return the mask of a candidate on a photo of `size` (H, W)."""
@@ -107,7 +117,8 @@ def find_candidates(
     cut_outs = cut_out_boxes(rgb, evidence, groups)
     first = len(groups) + len(cut_outs)
     outlined = edge_candidates(edges, seen) if edges else []
-    proposals = [*groups, *cut_outs, *(one.rough for one in outlined)]
+    cut_masks = [one.mask for one in cut_outs]
+    proposals = [*groups, *cut_masks, *(one.rough for one in outlined)]
     agreement = np.array([0.0] * first + [one.confidence for one in outlined])
     return Candidates(
         shape,
@@ -115,6 +126,7 @@ def find_candidates(
         judge_features(proposals, evidence),
         agreement,
         {first + k: one for k, one in enumerate(outlined)},
+        {len(groups) + k: one.corners for k, one in enumerate(cut_outs)},
     )
 
 
@@ -146,7 +158,7 @@ def find_groups(seen: NetworkMaps) -> list[Proposal]:
 
 def cut_out_boxes(
     rgb: NDArray[np.uint8], evidence: Evidence, groups: Sequence[Proposal]
-) -> list[Proposal]:
+) -> list[CutOut]:
     """Cut out the best boxes, without those that a group already fits."""
     boxes, shape = evidence.boxes, evidence.colours.shape
     group_boxes = np.array([one.box for one in groups], np.float64).reshape(-1, 4)
@@ -156,8 +168,12 @@ def cut_out_boxes(
     likely = np.count_nonzero(boxes.movable[free] > CANDIDATES.likely)
     count = max(CANDIDATES.cut_outs, min(int(likely), CANDIDATES.likely_cut_outs))
     best = free[np.argsort(-promise, kind="stable")][:count]
-    masks = [rough_mask_in_box(rgb, boxes.corners[k], shape) for k in best.tolist()]
-    return [one for one in masks if one is not None]
+    cut_outs = []
+    for k in best.tolist():
+        mask = rough_mask_in_box(rgb, boxes.corners[k], shape)
+        if mask is not None:
+            cut_outs.append(CutOut(mask, boxes.corners[k]))
+    return cut_outs
 
 
 def _mean(values: F32, one: Proposal) -> float:

@@ -76,7 +76,8 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     regions = stable_regions(colour, gradient, smallest, largest)
     circles = discs(gradient, smallest, largest)
     proposals = distinct(regions + circles)
-    scores = score_proposals(proposals, colour, gradient)
+    least = SELECTION.threshold - SELECTION.set_bonus
+    scores = score_proposals(proposals, colour, gradient, least)
     chosen, final = select(proposals, scores, shape)
     return EdgeSearch(shape, chosen, final)
 

@@ -29,6 +29,8 @@ OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 """(rows, columns) px of the output: offsets of the pixel pairs whose affinity (same object) is predicted."""
 SIDE = 192  # px of the crop that the head looks at
 MARGIN = 0.25  # of a box's sides: seen around it
+LOOKS = 24
+"""Crops whose first look is cached: those of a photo's candidates."""
 OUTPUTS = "seen", "level-32", "level-16", "level-8", "level-4", "level-2"
 POOLED = {"level-32": 32, "level-16": 16}
 """Levels of the encoder that describe the whole photo, and their strides in px: finer ones describe texture."""
@@ -247,7 +249,7 @@ def rough_mask_in_box(
     `mask_in_box`. None where nothing is seen.
     """
     left, top, right, bottom = bounds(box)
-    chances = _chances(crop(rgb, box, SIDE), at_point=False)
+    chances = _first_chances(crop(rgb, box, SIDE).tobytes(), at_point=False)
     scale = np.array([shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]])
     low = np.floor(np.array([left, top]) * scale).astype(int)
     high = np.ceil(np.array([right, bottom]) * scale).astype(int)
@@ -286,7 +288,7 @@ def _segment(
     if end <= x or foot <= y:
         return PromptedMask(mask, 0.0)
     view = crop(rgb, box, SIDE)
-    small = _chances(view, at_point)
+    small = _first_chances(view.tobytes(), at_point)
     # errors of the mirror image differ
     other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
     affine: NDArray[Any] = follow_edges(
@@ -332,16 +334,42 @@ def follow_edges(
     colours, known = rgb.astype(np.float32), cv2.resize(chances, rgb.shape[1::-1])
     middle, level = mean(colours), mean(known)
     shared = mean(colours * known[..., None]) - middle * level[..., None]
-    pairs = (colours[..., :, None] * colours[..., None, :]).reshape(*known.shape, 9)
-    spread = np.dstack([mean(part) for part in np.split(pairs, 3, axis=-1)]).reshape(
-        *known.shape, 3, 3
-    )
-    spread += (
-        noise**2 * np.eye(3, dtype=np.float32)
-        - middle[..., :, None] * middle[..., None, :]
-    )
-    weights = np.linalg.solve(spread, shared[..., None])[..., 0]
+    other = np.roll(colours, -1, axis=-1)  # green, blue, red
+    squares = mean(colours * colours) - middle * middle + np.float32(noise**2)
+    products = mean(colours * other) - middle * np.roll(middle, -1, axis=-1)
+    weights = _solve_symmetric(squares, products, shared)
     return mean(np.dstack([weights, level - (weights * middle).sum(-1)]))
+
+
+def _solve_symmetric(diagonal: F32, beside: F32, right: F32) -> F32:
+    """Return the solutions (h, w, 3) of symmetric systems of three equations.
+
+    `beside` (h, w, 3) has the elements 01, 12 and 20 of the matrices; `right` is the
+    right side. By cofactors: a general solver takes four times as long.
+    """
+    first, second, third = _cofactors(diagonal, beside)
+    row = np.dstack([diagonal[..., 0], beside[..., 0], beside[..., 2]])
+    x, y, z = np.moveaxis(right.astype(np.float64), -1, 0)
+    factor = 1 / (row.astype(np.float64) * np.stack(first, axis=-1)).sum(axis=-1)
+    parts = [one[0] * x + one[1] * y + one[2] * z for one in (first, second, third)]
+    return np.stack([part * factor for part in parts], axis=-1).astype(np.float32)
+
+
+def _cofactors(diagonal: F32, beside: F32) -> list[list[NDArray[np.float64]]]:
+    """Return the rows of cofactors (h, w) of symmetric matrices."""
+    a, b, c = np.moveaxis(diagonal.astype(np.float64), -1, 0)
+    d, e, f = np.moveaxis(beside.astype(np.float64), -1, 0)
+    ab, bc, ac = e * f - c * d, d * f - a * e, d * e - b * f
+    return [[b * c - e * e, ab, ac], [ab, a * c - f * f, bc], [ac, bc, a * b - d * d]]
+
+
+@lru_cache(maxsize=LOOKS)
+def _first_chances(codes: bytes, at_point: bool) -> F32:
+    """Return `_chances` of the codes of a crop, read-only; a photo's last are cached."""
+    view = np.frombuffer(codes, np.uint8).reshape(SIDE, SIDE, 3)
+    chances = _chances(view, at_point)
+    chances.setflags(write=False)
+    return chances
 
 
 def _chances(rgb: NDArray[np.uint8], at_point: bool) -> F32:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -13,6 +13,7 @@ from physgen.perceive.roles import Doubt
 from physgen.perceive.segment.gradient import Gradient, sample
 
 Mask = NDArray[np.bool_]
+Array = NDArray[np.float64]
 STRAIGHT = 0.01
 """Of an outline's length: tolerance of a doubtful object's polygon."""
 
@@ -164,7 +165,8 @@ def contour_normals(contour: NDArray[np.int32]) -> NDArray[np.float64]:
     """(n, 2): the outward unit normals of a closed contour (n, 2) of pixels, its steps smoothed."""
     sigma = max(1.0, 0.012 * len(contour))
     ends = int(3 * sigma) + 3
-    closed = np.pad(contour, ((ends, ends), (0, 0)), mode="wrap").astype(np.float64)
+    around = np.arange(-ends, len(contour) + ends) % len(contour)
+    closed = contour[around].astype(np.float64)
     smooth = cv2.GaussianBlur(closed, (1, 2 * ends - 3), sigmaX=0.1, sigmaY=sigma)
     along = (smooth[4:] - smooth[:-4])[ends - 2 : ends - 2 + len(contour)]
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-6
@@ -173,89 +175,187 @@ def contour_normals(contour: NDArray[np.int32]) -> NDArray[np.float64]:
     return turn * np.stack([along[:, 1], -along[:, 0]], 1)
 
 
+EXPONENTS = {
+    "cover": 1.2,  # edges along all of the outline
+    "weakest": 0.6,  # and along its weakest quarter
+    "contrast": 0.6,  # between the two sides of the outline
+    "solidity": 2.0,
+    "likeness": 1.0,  # to an ellipse or a polygon of few corners
+    "compactness": 0.5,
+    "free": 1.5,  # share of the outline that the photo's border does not cut off
+}
+"""Of the terms of a score, chosen on photos."""
+EXPONENT_SUM = 2.4
+"""Divides the sum of their logarithms, chosen on photos."""
+HIGHEST = {"cover": 1.001, "weakest": 1.05, "contrast": 1.01, "likeness": 1.001}
+"""Values that the terms that take time cannot exceed."""
+ROUNDING = 1e-6  # of the highest score possible
+CROSSING = 0.6
+"""Factor of the score of what reaches from border to border of the photo."""
+BORDER = 2.5  # px from the photo's border, below which an outline has no edge
+Terms = dict[str, Array]
+"""Values (n,) by the name of their exponent."""
+
+
 def score_proposals(
-    proposals: Sequence[Proposal], colour: NDArray[np.float32], gradient: Gradient
+    proposals: Sequence[Proposal],
+    colour: NDArray[np.float32],
+    gradient: Gradient,
+    least: float = 0.0,
 ) -> Scores:
-    """The looks of each proposal, from its outline and shape. The score is a weighted geometric mean (weights
-    chosen on photos): edges along all of the outline and along its weakest quarter, contrast between its two
-    sides, solidity, likeness to an ellipse or a polygon of few corners, not being a mere line, and how little
-    the border of the photo cuts off."""
+    """Return the scores of proposals, from their outlines and shapes.
+
+    A score is a weighted geometric mean of the terms in EXPONENTS. Scores that
+    cannot exceed `least` are 0: costly terms are left out as soon as this is known.
+    """
     if not proposals:
         return Scores(np.zeros(0), np.zeros(0))
-    height, width = gradient.strength.shape
     contours = [outline(proposal.mask) for proposal in proposals]
-    rim = np.zeros((len(proposals), POINTS, 4))
-    for i, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
-        at = np.linspace(0, len(contour), POINTS, endpoint=False).astype(int)
-        rim[i] = np.hstack(
-            [np.add(contour, (proposal.x, proposal.y)), contour_normals(contour)]
-        )[at]
-    x, y, nx, ny = np.moveaxis(rim, 2, 0)
-    free = (x >= 2.5) & (y >= 2.5) & (x <= width - 3.5) & (y <= height - 3.5)
-    count = np.maximum(free.sum(1), 1)
+    terms, compactness = _outline_terms(proposals, contours, gradient.strength.shape)
+    is_crossing = _crosses(proposals, gradient.strength.shape)
+    factor = np.where(is_crossing, CROSSING, 1)
+    places = _in_reach(terms, factor, least)
+    some = [proposals[k] for k in places.tolist()]
+    loops = [contours[k] for k in places.tolist()]
+    terms = {name: values[places] for name, values in terms.items()}
+    terms |= _edge_terms(some, loops, colour, gradient)
+    again = _in_reach(terms, factor[places], least)
+    terms = {name: values[again] for name, values in terms.items()}
+    alike = [_likeness(some[k].mask, loops[k]) for k in again.tolist()]
+    terms["likeness"] = np.array(alike) + 1e-3
+    places = places[again]
+    score = np.zeros(len(proposals))
+    score[places] = factor[places] * _mean_score(terms)
+    return Scores(score, compactness)
 
-    reach = np.clip(0.03 * np.sqrt([[proposal.area] for proposal in proposals]), 1.5, 4)
+
+def _mean_score(terms: Mapping[str, Array | float]) -> Array:
+    """Return the weighted geometric mean (n,) of all terms."""
+    total = sum(power * np.log(terms[name]) for name, power in EXPONENTS.items())
+    return np.asarray(np.exp(total / EXPONENT_SUM))
+
+
+def _in_reach(terms: Terms, factor: Array, least: float) -> NDArray[np.intp]:
+    """Return the indices of proposals whose score may exceed `least`."""
+    highest = factor * _mean_score({**HIGHEST, **terms})
+    return np.flatnonzero(highest > least - ROUNDING)
+
+
+def _crosses(
+    proposals: Sequence[Proposal], shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return (n,) which proposals reach from one border of the photo to the other."""
+    left, top, right, bottom = np.array([proposal.box for proposal in proposals]).T
+    across = (left <= 2) & (right >= shape[1] - 2)
+    down = (top <= 2) & (bottom >= shape[0] - 2)
+    return np.asarray(across | down)
+
+
+def _outline_terms(
+    proposals: Sequence[Proposal],
+    contours: Sequence[NDArray[np.int32]],
+    shape: tuple[int, int],
+) -> tuple[Terms, Array]:
+    """Return the terms that outlines alone tell, and the compactness (n,)."""
+    free = np.zeros((len(proposals), POINTS), np.bool_)
+    forms = np.zeros((len(proposals), 2))
+    for k, (one, contour) in enumerate(zip(proposals, contours, strict=True)):
+        free[k] = _is_free(contour[_sample_places(contour)] + (one.x, one.y), shape)
+        area, length = cv2.contourArea(contour), cv2.arcLength(contour, True)
+        hull = cv2.contourArea(cv2.convexHull(contour))
+        forms[k, 0] = (area + length / 2 + 1) / (hull + length / 2 + 1)
+        forms[k, 1] = 4 * np.pi * area / max(length, 1) ** 2
+    solidity, compactness = forms.T
+    terms = {
+        "solidity": solidity,
+        "compactness": np.clip(5 * compactness, 0.01, 1),
+        "free": np.maximum(free.mean(1), 0.01),
+    }
+    return terms, compactness
+
+
+def _sample_places(contour: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the indices (POINTS,) of samples along an outline."""
+    return np.linspace(0, len(contour), POINTS, endpoint=False).astype(int)
+
+
+def _is_free(
+    points: NDArray[np.integer] | Array, shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return whether points (..., 2) of an outline are away from the photo's border."""
+    x, y = np.moveaxis(points, -1, 0)
+    low, right, bottom = BORDER, shape[1] - 1, shape[0] - 1
+    is_inside = (x >= low) & (y >= low) & (x <= right - low) & (y <= bottom - low)
+    return np.asarray(is_inside)
+
+
+def _edge_terms(
+    proposals: Sequence[Proposal],
+    contours: Sequence[NDArray[np.int32]],
+    colour: NDArray[np.float32],
+    gradient: Gradient,
+) -> Terms:
+    """Return the terms that the edges and colours along outlines tell."""
+    rim = np.zeros((len(proposals), POINTS, 4))
+    for k, (one, contour) in enumerate(zip(proposals, contours, strict=True)):
+        places = _sample_places(contour)
+        rim[k, :, :2] = contour[places] + (one.x, one.y)
+        rim[k, :, 2:] = contour_normals(contour)[places]
+    x, y, nx, ny = np.moveaxis(rim, 2, 0)
+    free = _is_free(rim[..., :2], gradient.strength.shape)
+    count = np.maximum(free.sum(1), 1)
+    areas = np.array([one.area for one in proposals]).reshape(-1, 1)
+    reach = np.clip(0.03 * np.sqrt(areas), 1.5, 4)
     angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
     for step in np.linspace(-1, 1, 7):
         here = gradient.across(x + step * reach * nx, y + step * reach * ny, angle)
         edge = np.maximum(edge, here * (1 - 0.25 * step * step))
     support = np.where(free, gradient.support(edge), np.inf)
     cover = np.where(free, support, 0).sum(1) / count
-    rising = np.sort(support, 1)
-    weakest = np.array(
-        [row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)]
-    )
+    weakest = _weakest_quarters(support, count)
     weakest[free.sum(1) <= 8] = 0
+    contrast = (_contrasts(rim, np.maximum(3, reach), colour) * free).sum(1) / count
+    return {
+        "cover": cover + 1e-3,
+        "weakest": weakest + 0.05,
+        "contrast": contrast + 0.01,
+    }
 
-    soft, side = (
-        cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32),
-        np.maximum(3, reach),
-    )
+
+def _weakest_quarters(support: Array, count: NDArray[np.int64]) -> Array:
+    """Return the mean support (n,) of the weakest of `count` (n,) samples, a quarter."""
+    rising = np.sort(support, 1)
+    quarters = [
+        row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)
+    ]
+    return np.array(quarters)
+
+
+def _contrasts(rim: Array, side: Array, colour: NDArray[np.float32]) -> Array:
+    """Return (n, POINTS) 0..1: the colour steps between the two sides of outlines.
+
+    Colours are compared `side` px from the outline.
+    """
+    soft = cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32)
+    x, y, nx, ny = np.moveaxis(rim, 2, 0)
     inside, outside = (sample(soft, x + s * nx, y + s * ny) for s in (-side, side))
     step = np.linalg.norm(inside - outside, axis=2)
-    contrast = (step / (step + 8) * free).sum(1) / count
-
-    shapes = [_shape(p.mask, c) for p, c in zip(proposals, contours, strict=True)]
-    solidity, likeness, compactness = np.array(shapes).T
-    terms = (
-        (1.2, cover + 1e-3),
-        (0.6, weakest + 0.05),
-        (0.6, contrast + 0.01),
-        (2.0, solidity),
-        (1.0, likeness + 1e-3),
-        (0.5, np.clip(5 * compactness, 0.01, 1)),
-        (1.5, np.maximum(free.mean(1), 0.01)),
-    )
-    score = np.exp(sum(weight * np.log(term) for weight, term in terms) / 2.4)
-    left, top, right, bottom = np.array([proposal.box for proposal in proposals]).T
-    crosses = ((left <= 2) & (right >= width - 2)) | (
-        (top <= 2) & (bottom >= height - 2)
-    )
-    return Scores(np.where(crosses, 0.6, 1) * score, compactness)
+    return np.asarray(step / (step + 8))
 
 
-def _shape(mask: Mask, contour: NDArray[np.int32]) -> tuple[float, float, float]:
-    """Solidity, likeness (intersection over union) to the ellipse or polygon that fits best, compactness."""
-    area, length = cv2.contourArea(contour), cv2.arcLength(contour, True)
-    solidity = (area + length / 2 + 1) / (
-        cv2.contourArea(cv2.convexHull(contour)) + length / 2 + 1
-    )
+def _likeness(mask: Mask, contour: NDArray[np.int32]) -> float:
+    """Return the IoU with the ellipse or polygon of few corners that fits best."""
     y, x = np.nonzero(mask)
     spread = np.cov(x, y) + 0.08 * np.eye(2)
-    along, down = (
-        np.arange(mask.shape[1]) - x.mean(),
-        np.arange(mask.shape[0])[:, None] - y.mean(),
-    )
+    along = np.arange(mask.shape[1]) - x.mean()
+    down = np.arange(mask.shape[0])[:, None] - y.mean()
     form = np.linalg.inv(spread)
-    shapes = [
+    distance = (
         form[0, 0] * along**2 + 2 * form[0, 1] * along * down + form[1, 1] * down**2
-        <= 4
-    ]
+    )
+    shapes = [distance <= 4]
     blank = np.zeros(mask.shape, np.uint8)
     shapes += [
         cv2.fillPoly(blank.copy(), [corners], 1) > 0 for corners in polygons(contour)
     ]
-    likeness = max(
-        float((shape & mask).sum() / (shape | mask).sum()) for shape in shapes
-    )
-    return float(solidity), likeness, float(4 * np.pi * area / max(length, 1) ** 2)
+    return max(float((shape & mask).sum() / (shape | mask).sum()) for shape in shapes)
