@@ -70,7 +70,7 @@ from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.perceive.wheels import find_vehicles
 from physgen.photometry import decode, encode_u8
-from physgen.problems import Place, Problem
+from physgen.problems import THIS_PHOTO, Place, Problem
 from physgen.progress import Progress, silent
 from physgen.registry import Backends
 from physgen.scene.scene import View
@@ -556,7 +556,7 @@ def remain_problem(remain: Remain, name: str) -> Problem:
     x, y = remain.place
     found = f"something narrow at {x}, {y}"
     path = f"objects.{name}.mask"
-    return Message.REMAINS_BEHIND.warning(Place("the photo"), path, found)
+    return Message.REMAINS_BEHIND.warning(THIS_PHOTO, path, found)
 
 
 def outline_as_named(
