@@ -55,6 +55,7 @@ from physgen.perceive.roles import (
     Shadows,
     Suitability,
 )
+from physgen.perceive.segment.plain_ground import shows_ground_beyond
 from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.backgrounds import (
     Backgrounds,
@@ -545,6 +546,7 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
             found.mask_sources.get(i) or found.source
         ).startswith(by_hand)
         ends = not exact and not isinstance(outlines[i], Disc) and i in beside
+        ends = ends and not shows_ground_beyond(rgb, labels == i, near)
         objects.append(
             PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
         )

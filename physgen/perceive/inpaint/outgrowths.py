@@ -1,0 +1,151 @@
+"""What hangs on an object outside its mask: rims of a base, a wheel, a heel tab.
+
+A mask of a network may end before its object does. Parts of the object and its contact
+shadow that are left out look like the object, unlike the ground beside them, and start
+at its outline. They belong to the hole: the fill would copy them, and they would stay
+behind. Colours of object and ground are two mixtures of Gaussians, the border a minimal
+cut (Rother et al. 2004, GrabCut), at reduced size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from physgen.maps import F32
+from physgen.perceive.roles import Mask, Rgb
+
+
+@dataclass(frozen=True)
+class OutgrowthConstants:
+    """Constants of the search, chosen on six photos of one object each."""
+
+    side: int = 224  # px: longer side of an object's surroundings when it is searched
+    around: float = 0.3  # of an object's size (root of its area): these surroundings
+    reach: float = 0.22  # of its size: how far a part reaches
+    least: float = 0.01  # of the photo's area: of smaller objects parts are too small
+    objects: int = 5  # the largest ones; more are a heap
+    rounds: int = 2  # of GrabCut, from its first guess
+    seed: int = 1  # of its first clusters
+    touches: float = 2.0  # px between a part and the object, at reduced size
+    smallest: int = 12  # px of a part, at reduced size
+    part: float = 0.12  # of the object's area, at most: more is background like it
+    every: float = 0.2  # of its area, all parts together
+    thin: float = 0.05  # of its size: reach of a part of its upper half, as of a rim
+    longest: float = 0.9  # of the reach: what goes on is background like the object
+    ring: int = 4  # px around a part with which it is compared
+    unlike: float = 18.0  # 8-bit codes between a part and the ground beside it
+
+
+OUTGROWTHS = OutgrowthConstants()
+
+
+def outgrowths(photo: Rgb, hole: Mask) -> Mask:
+    """Return parts (H, W) of what is in `hole` (H, W) that lie outside it."""
+    result = np.zeros_like(hole)
+    for own, box in _large_pieces(hole):
+        result[box] |= _parts(photo[box], own, hole[box])
+    return result & ~hole
+
+
+def _large_pieces(hole: Mask) -> Iterator[tuple[Mask, tuple[slice, slice]]]:
+    """Yield the largest pieces of `hole`, each in the box of its surroundings."""
+    _, names, stats, _ = cv2.connectedComponentsWithStats(
+        hole.astype(np.uint8), connectivity=8
+    )
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    for k in np.argsort(-areas, kind="stable")[: OUTGROWTHS.objects].tolist():
+        left, top, width, height, area = (int(value) for value in stats[k + 1])
+        if area < OUTGROWTHS.least * hole.size:
+            break
+        margin = round(OUTGROWTHS.around * float(np.sqrt(area)))
+        rows = slice(max(0, top - margin), top + height + margin)
+        columns = slice(max(0, left - margin), left + width + margin)
+        yield names[rows, columns] == k + 1, (rows, columns)
+
+
+def _parts(photo: Rgb, own: Mask, hole: Mask) -> Mask:
+    """Return the parts (h, w) beside one object in the box of its surroundings."""
+    height, width = own.shape
+    scale = min(1.0, OUTGROWTHS.side / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
+    mine = _reduced(own, size)
+    blocked = _reduced(hole & ~own, size)
+    reach = OUTGROWTHS.reach * float(np.sqrt(np.count_nonzero(mine)))
+    away = cv2.distanceTransform((~mine).view(np.uint8), cv2.DIST_L2, 5)
+    if not mine.any() or not (away > reach).any():
+        return np.zeros_like(own)
+    like = _like_object(small, mine, (away <= reach) & ~blocked)
+    parts = _accepted(small, like, away, mine | blocked, reach)
+    large = cv2.resize(
+        parts.view(np.uint8), (width, height), interpolation=cv2.INTER_LINEAR
+    )
+    return np.asarray(large > 0)
+
+
+def _reduced(mask: Mask, size: tuple[int, int]) -> Mask:
+    reduced = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(reduced > 0)
+
+
+def _like_object(photo: Rgb, own: Mask, band: Mask) -> Mask:
+    """Return the pixels (h, w) of a `band` that look like an object, not like ground."""
+    known = np.full(own.shape, cv2.GC_BGD, np.uint8)
+    known[own] = cv2.GC_FGD
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.setRNGSeed(OUTGROWTHS.seed)
+    # models are learnt without the band: a wheel there is no colour of the ground
+    ground = np.where(band[..., None], _nearest_outside(photo, band | own), photo)
+    cv2.grabCut(ground, known, None, *models, 1, cv2.GC_INIT_WITH_MASK)
+    classes = np.full(own.shape, cv2.GC_BGD, np.uint8)
+    classes[band] = cv2.GC_PR_BGD
+    classes[own] = cv2.GC_FGD
+    cv2.grabCut(photo, classes, None, *models, 1, cv2.GC_EVAL_FREEZE_MODEL)
+    cv2.grabCut(photo, classes, None, *models, OUTGROWTHS.rounds, cv2.GC_EVAL)
+    like = ((classes == cv2.GC_PR_FGD) & ~own).view(np.uint8)
+    opened = cv2.morphologyEx(like, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return np.asarray(opened > 0)
+
+
+def _nearest_outside(photo: Rgb, mask: Mask) -> Rgb:
+    """Return the photo (h, w, 3), each pixel of a mask as the nearest outside it."""
+    _, nearest = cv2.distanceTransformWithLabels(
+        mask.view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    places = np.zeros((int(nearest.max()) + 1, 2), np.int64)
+    places[nearest[~mask]] = np.argwhere(~mask)
+    source = places[nearest]
+    return np.asarray(photo[source[..., 0], source[..., 1]])
+
+
+def _accepted(photo: Rgb, like: Mask, away: F32, taken: Mask, reach: float) -> Mask:
+    """Return the pieces of `like` (h, w) that are parts; none if they are too many."""
+    area = np.count_nonzero(taken)
+    middle = float(np.nonzero(away == 0)[0].mean())
+    parts = np.zeros_like(like)
+    count, names, stats, _ = cv2.connectedComponentsWithStats(
+        like.view(np.uint8), connectivity=8
+    )
+    kernel = np.ones((2 * OUTGROWTHS.ring + 1,) * 2, np.uint8)
+    for k in range(1, count):
+        piece = names == k
+        size = int(stats[k, cv2.CC_STAT_AREA])
+        if not OUTGROWTHS.smallest <= size <= OUTGROWTHS.part * area:
+            continue
+        distance = away[piece]
+        is_low = np.nonzero(piece)[0].mean() >= middle
+        farthest = reach if is_low else reach * OUTGROWTHS.thin / OUTGROWTHS.reach
+        ends = distance.max() <= OUTGROWTHS.longest * farthest
+        if distance.min() > OUTGROWTHS.touches or not ends:
+            continue
+        ring = (cv2.dilate(piece.view(np.uint8), kernel) > 0) & ~like & ~taken
+        if ring.any():
+            colours = np.median(photo[piece], axis=0), np.median(photo[ring], axis=0)
+            if np.abs(colours[0] - colours[1]).max() >= OUTGROWTHS.unlike:
+                parts |= piece
+    is_texture = np.count_nonzero(parts) > OUTGROWTHS.every * area
+    return np.zeros_like(parts) if is_texture else parts
