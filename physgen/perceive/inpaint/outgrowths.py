@@ -37,6 +37,8 @@ class OutgrowthConstants:
     thin: float = 0.05  # of its size: reach of a part of its upper half, as of a rim
     longest: float = 0.9  # of the reach: what goes on is background like the object
     ring: int = 4  # px around a part with which it is compared
+    alike: float = 45.0  # 8-bit codes from a part's colour, with which it goes on
+    highlight: int = 5  # px at reduced size: a bright line across a part is narrower
     unlike: float = 18.0  # 8-bit codes between a part and the ground beside it
 
 
@@ -80,7 +82,7 @@ def _parts(photo: Rgb, own: Mask, hole: Mask) -> Mask:
     if not mine.any() or not (away > reach).any():
         return np.zeros_like(own)
     like = _like_object(small, mine, (away <= reach) & ~blocked)
-    parts = _accepted(small, like, away, mine | blocked, reach)
+    parts = _Beside(small, away, mine | blocked, reach).parts(like)
     large = cv2.resize(
         parts.view(np.uint8), (width, height), interpolation=cv2.INTER_LINEAR
     )
@@ -122,30 +124,71 @@ def _nearest_outside(photo: Rgb, mask: Mask) -> Rgb:
     return np.asarray(photo[source[..., 0], source[..., 1]])
 
 
-def _accepted(photo: Rgb, like: Mask, away: F32, taken: Mask, reach: float) -> Mask:
-    """Return the pieces of `like` (h, w) that are parts; none if they are too many."""
-    area = np.count_nonzero(taken)
-    middle = float(np.nonzero(away == 0)[0].mean())
-    parts = np.zeros_like(like)
-    count, names, stats, _ = cv2.connectedComponentsWithStats(
-        like.view(np.uint8), connectivity=8
-    )
-    kernel = np.ones((2 * OUTGROWTHS.ring + 1,) * 2, np.uint8)
-    for k in range(1, count):
-        piece = names == k
-        size = int(stats[k, cv2.CC_STAT_AREA])
-        if not OUTGROWTHS.smallest <= size <= OUTGROWTHS.part * area:
-            continue
-        distance = away[piece]
+@dataclass(frozen=True)
+class _Beside:
+    """The surroundings of an object at reduced size, (h, w)."""
+
+    photo: Rgb
+    away: F32
+    """px to the object."""
+    taken: Mask
+    """All objects."""
+    reach: float
+    """px that a part reaches at most."""
+
+    def parts(self, like: Mask) -> Mask:
+        """Return the pieces of `like` that are parts, whole; none if too many."""
+        area = np.count_nonzero(self.taken)
+        parts = np.zeros_like(like)
+        count, names = cv2.connectedComponents(like.view(np.uint8), connectivity=8)
+        for k in range(1, count):
+            piece = names == k
+            if np.count_nonzero(piece) < OUTGROWTHS.smallest:
+                continue
+            for part in (self._whole(piece, like), piece):
+                is_small = np.count_nonzero(part) <= OUTGROWTHS.part * area
+                if is_small and self._is_part(part):
+                    parts |= part
+                    break
+        is_texture = np.count_nonzero(parts) > OUTGROWTHS.every * area
+        return np.zeros_like(parts) if is_texture else parts
+
+    def _whole(self, piece: Mask, like: Mask) -> Mask:
+        """Return a piece with what of its colour goes on beside it and below."""
+        ground = self._ring(piece, like)
+        if not ground.any():
+            return piece
+        own, other = self._steps(piece), self._steps(ground)
+        is_own = (own <= OUTGROWTHS.alike) & (own < other) & ~self.taken
+        is_own[: np.nonzero(piece)[0].min()] = False
+        square = np.ones((OUTGROWTHS.highlight, OUTGROWTHS.highlight), np.uint8)
+        joined = cv2.morphologyEx(
+            (is_own | piece).view(np.uint8), cv2.MORPH_CLOSE, square
+        )
+        _, names = cv2.connectedComponents(joined, connectivity=8)
+        return np.isin(names, np.unique(names[piece])) & ~self.taken
+
+    def _is_part(self, piece: Mask) -> bool:
+        """Return whether a piece starts at the object, ends nearby and stands out."""
+        distance = self.away[piece]
+        middle = float(np.nonzero(self.away == 0)[0].mean())
         is_low = np.nonzero(piece)[0].mean() >= middle
-        farthest = reach if is_low else reach * OUTGROWTHS.thin / OUTGROWTHS.reach
-        ends = distance.max() <= OUTGROWTHS.longest * farthest
+        share = 1.0 if is_low else OUTGROWTHS.thin / OUTGROWTHS.reach
+        ends = distance.max() <= OUTGROWTHS.longest * self.reach * share
         if distance.min() > OUTGROWTHS.touches or not ends:
-            continue
-        ring = (cv2.dilate(piece.view(np.uint8), kernel) > 0) & ~like & ~taken
-        if ring.any():
-            colours = np.median(photo[piece], axis=0), np.median(photo[ring], axis=0)
-            if np.abs(colours[0] - colours[1]).max() >= OUTGROWTHS.unlike:
-                parts |= piece
-    is_texture = np.count_nonzero(parts) > OUTGROWTHS.every * area
-    return np.zeros_like(parts) if is_texture else parts
+            return False
+        ground = self._ring(piece, piece)
+        if not ground.any():
+            return False
+        return float(np.median(self._steps(piece)[ground])) >= OUTGROWTHS.unlike
+
+    def _ring(self, piece: Mask, like: Mask) -> Mask:
+        """Return the ground around a piece."""
+        kernel = np.ones((2 * OUTGROWTHS.ring + 1,) * 2, np.uint8)
+        near = cv2.dilate(piece.view(np.uint8), kernel) > 0
+        return np.asarray(near & ~like & ~self.taken)
+
+    def _steps(self, mask: Mask) -> F32:
+        """Return 8-bit codes (h, w) from the median colour of a mask."""
+        colour = np.median(self.photo[mask], axis=0)
+        return np.asarray(np.abs(self.photo - colour).max(axis=2), np.float32)
