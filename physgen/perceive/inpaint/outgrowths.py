@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.roles import Mask, Rgb
@@ -78,7 +79,9 @@ def _parts(photo: Rgb, own: Mask, hole: Mask) -> Mask:
     mine = _reduced(own, size)
     blocked = _reduced(hole & ~own, size)
     reach = OUTGROWTHS.reach * float(np.sqrt(np.count_nonzero(mine)))
-    away = cv2.distanceTransform((~mine).view(np.uint8), cv2.DIST_L2, 5)
+    away = np.asarray(
+        cv2.distanceTransform((~mine).view(np.uint8), cv2.DIST_L2, 5), np.float32
+    )
     if not mine.any() or not (away > reach).any():
         return np.zeros_like(own)
     like = _like_object(small, mine, (away <= reach) & ~blocked)
@@ -96,18 +99,19 @@ def _reduced(mask: Mask, size: tuple[int, int]) -> Mask:
 
 def _like_object(photo: Rgb, own: Mask, band: Mask) -> Mask:
     """Return the pixels (h, w) of a `band` that look like an object, not like ground."""
-    known = np.full(own.shape, cv2.GC_BGD, np.uint8)
+    known: NDArray[np.uint8] = np.full(own.shape, cv2.GC_BGD, np.uint8)
     known[own] = cv2.GC_FGD
-    models = np.zeros((1, 65)), np.zeros((1, 65))
+    whole = 0, 0, own.shape[1], own.shape[0]
+    far, near = np.zeros((1, 65)), np.zeros((1, 65))
     cv2.setRNGSeed(OUTGROWTHS.seed)
     # models are learnt without the band: a wheel there is no colour of the ground
     ground = np.where(band[..., None], _nearest_outside(photo, band | own), photo)
-    cv2.grabCut(ground, known, None, *models, 1, cv2.GC_INIT_WITH_MASK)
-    classes = np.full(own.shape, cv2.GC_BGD, np.uint8)
+    cv2.grabCut(ground, known, whole, far, near, 1, cv2.GC_INIT_WITH_MASK)
+    classes: NDArray[np.uint8] = np.full(own.shape, cv2.GC_BGD, np.uint8)
     classes[band] = cv2.GC_PR_BGD
     classes[own] = cv2.GC_FGD
-    cv2.grabCut(photo, classes, None, *models, 1, cv2.GC_EVAL_FREEZE_MODEL)
-    cv2.grabCut(photo, classes, None, *models, OUTGROWTHS.rounds, cv2.GC_EVAL)
+    cv2.grabCut(photo, classes, whole, far, near, 1, cv2.GC_EVAL_FREEZE_MODEL)
+    cv2.grabCut(photo, classes, whole, far, near, OUTGROWTHS.rounds, cv2.GC_EVAL)
     like = ((classes == cv2.GC_PR_FGD) & ~own).view(np.uint8)
     opened = cv2.morphologyEx(like, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
     return np.asarray(opened > 0)

@@ -92,8 +92,9 @@ def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
     is_ground = (mask & (distance <= PLAIN.even)).astype(np.uint8)
     radius = _stroke(mask)
     wide = cv2.morphologyEx(is_ground, cv2.MORPH_OPEN, _disc(radius))
-    near = cv2.dilate(wide, np.ones((3, 3), np.uint8), iterations=radius)
-    count, names = cv2.connectedComponents(near & is_ground, connectivity=4)
+    near = cv2.dilate(wide, np.ones((3, 3), np.uint8), iterations=radius) > 0
+    ground = (near & (is_ground > 0)).astype(np.uint8)
+    count, names = cv2.connectedComponents(ground, connectivity=4)
     square = np.ones((2 * PLAIN.reach + 1, 2 * PLAIN.reach + 1), np.uint8)
     farthest = cv2.dilate(distance, square)
     inner = cv2.erode(mask.astype(np.uint8), square) > 0
@@ -109,7 +110,7 @@ def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
 
 def _stroke(mask: Mask) -> int:
     """Return half the width (px) of a mark on an object (H, W)."""
-    size = float(np.sqrt(max(np.count_nonzero(mask), 1)))
+    size = float(np.sqrt(max(int(mask.sum()), 1)))
     return max(2, round(PLAIN.stroke * size))
 
 
