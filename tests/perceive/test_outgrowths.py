@@ -8,14 +8,14 @@ import numpy as np
 from physgen.perceive.inpaint.outgrowths import outgrowths
 from physgen.perceive.inpaint.poisson import with_rim
 
-H, W = 240, 320
-
 
 def toy_car() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a photo, the mask without its left wheel, and that wheel."""
     rng = np.random.default_rng(3)
-    rgb = np.clip(rng.normal((200, 130, 100), 4, (H, W, 3)), 0, 255).astype(np.uint8)
-    body, wheels = np.zeros((H, W), np.uint8), np.zeros((H, W), np.uint8)
+    rgb = np.clip(rng.normal((200, 130, 100), 4, (240, 320, 3)), 0, 255).astype(
+        np.uint8
+    )
+    body, wheels = np.zeros((240, 320), np.uint8), np.zeros((240, 320), np.uint8)
     cv2.ellipse(body, (160, 120), (60, 50), 0, 0, 360, 1, -1)
     for x in (107, 213):
         cv2.ellipse(wheels, (x, 145), (12, 24), 0, 0, 360, 1, -1)

@@ -9,7 +9,9 @@ from physgen.perceive.roles import PromptedMask, Segments
 from physgen.perceive.segment import pieces
 from physgen.perceive.segment.detector import DetectedBoxes
 
-RGB = np.full((200, 200, 3), 128, np.uint8)
+
+def grey() -> np.ndarray:
+    return np.full((200, 200, 3), 128, np.uint8)
 
 
 def robot() -> Segments:
@@ -29,9 +31,6 @@ def boxes(*corners: tuple[int, int, int, int]) -> DetectedBoxes:
     return DetectedBoxes(np.array(corners, np.float64).reshape(-1, 4), scores)
 
 
-BALL = (160, 150, 190, 180)
-
-
 @pytest.fixture
 def drawing(monkeypatch):
     """Let the network draw the middle of the robot, with the seams."""
@@ -48,7 +47,7 @@ def drawing(monkeypatch):
 
 
 def test_pieces_become_one_object(drawing):
-    united = pieces.unite_pieces(RGB, robot(), boxes(BALL))
+    united = pieces.unite_pieces(grey(), robot(), boxes((160, 150, 190, 180)))
     assert drawing == [[50, 20, 110, 180]]
     assert np.unique(united.labels).tolist() == [0, 1, 2]
     robot_mask = united.labels == united.labels[90, 80]
@@ -57,9 +56,9 @@ def test_pieces_become_one_object(drawing):
 
 
 def test_objects_with_boxes_of_their_own_stay(drawing):
-    own = [(60, 20, 100, 60), (50, 63, 110, 120), BALL]
+    own = [(60, 20, 100, 60), (50, 63, 110, 120), (160, 150, 190, 180)]
     one = robot()
-    united = pieces.unite_pieces(RGB, one, boxes(*own))
+    united = pieces.unite_pieces(grey(), one, boxes(*own))
     assert np.array_equal(united.labels, one.labels)
     assert not drawing
 
@@ -68,5 +67,5 @@ def test_pieces_stay_if_the_network_draws_one_of_them(monkeypatch):
     one = robot()
     head = PromptedMask(one.labels == 1, 0.9)
     monkeypatch.setattr(pieces, "mask_in_box", lambda rgb, box: head)
-    united = pieces.unite_pieces(RGB, one, boxes(BALL))
+    united = pieces.unite_pieces(grey(), one, boxes((160, 150, 190, 180)))
     assert np.array_equal(united.labels, one.labels)

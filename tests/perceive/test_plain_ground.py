@@ -15,14 +15,11 @@ from physgen.perceive.segment.plain_ground import (
     shows_ground_beyond,
 )
 
-H, W = 240, 320
-WHITE = (255, 255, 255)
-
 
 def bag() -> tuple[np.ndarray, np.ndarray]:
     """Return a photo of a dark bag with a ring for a handle, and its true mask."""
-    rgb = np.full((H, W, 3), WHITE, np.uint8)
-    truth = np.zeros((H, W), np.uint8)
+    rgb = np.full((240, 320, 3), 255, np.uint8)
+    truth = np.zeros((240, 320), np.uint8)
     cv2.rectangle(truth, (60, 110), (260, 210), 1, -1)
     cv2.ellipse(truth, (160, 110), (60, 90), 0, 180, 360, 1, 12)
     rgb[truth > 0] = (70, 60, 60)
@@ -44,16 +41,16 @@ def test_gap_below_a_handle_is_no_object():
 
 def test_white_letters_stay_on_their_object():
     rgb, truth = bag()
-    cv2.putText(rgb, "ABC", (90, 170), cv2.FONT_HERSHEY_SIMPLEX, 1, WHITE, 3)
+    cv2.putText(rgb, "ABC", (90, 170), cv2.FONT_HERSHEY_SIMPLEX, 1, (255, 255, 255), 3)
     labels = cut_out_on_plain(rgb, detected(truth)).labels
     assert (labels[truth] > 0).mean() > 0.995
 
 
 def test_pale_object_stays_whole():
-    rows, columns = np.mgrid[:H, :W]
+    rows, columns = np.mgrid[:240, :320]
     away = np.hypot(columns - 160, rows - 120)
     shade = np.clip(255 - np.maximum(away - 30, 0), 0, 255)  # white in the middle
-    rgb = np.full((H, W, 3), WHITE, np.uint8)
+    rgb = np.full((240, 320, 3), 255, np.uint8)
     rgb[away <= 80] = shade[away <= 80].astype(np.uint8)[:, None]
     labels = cut_out_on_plain(rgb, detected(away <= 80)).labels
     assert (labels[away <= 80] > 0).all()
@@ -61,12 +58,12 @@ def test_pale_object_stays_whole():
 
 def test_wall_of_many_colours_is_not_plain():
     rng = np.random.default_rng(0)
-    assert plain_colour(rng.integers(0, 255, (H, W, 3)).astype(np.uint8)) is None
+    assert plain_colour(rng.integers(0, 255, (240, 320, 3)).astype(np.uint8)) is None
 
 
 @pytest.mark.parametrize("top", [2, 0])
 def test_ground_beyond_tells_whether_an_object_is_cut(top):
-    rgb, mask = np.full((H, W, 3), WHITE, np.uint8), np.zeros((H, W), bool)
+    rgb, mask = np.full((240, 320, 3), 255, np.uint8), np.zeros((240, 320), bool)
     rgb[top:150, 100:200] = 40
     mask[2:150, 100:200] = True
     assert shows_ground_beyond(rgb, mask, 4) is (top > 0)

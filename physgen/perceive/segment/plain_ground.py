@@ -62,25 +62,40 @@ def cut_out_on_plain(rgb: Rgb, objects: Segments) -> Segments:
         return objects
     distance = distance_from_ground(rgb, colour)
     labels = objects.labels.copy()
-    unlike = (distance > PLAIN.unlike).view(np.uint8)
-    closed = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    count, names = cv2.connectedComponents(closed, connectivity=8)
-    areas = np.bincount(names.ravel(), minlength=count)
+    regions = _regions(distance)
     for i in np.unique(labels[labels > 0]).tolist():
         own = labels == i
-        inside = np.bincount(names[own], minlength=count)
-        belongs = inside >= PLAIN.own * areas
-        belongs[0] = False
-        whole = own | (belongs[names] & (labels == 0))
-        if whole.sum() > PLAIN.most * own.sum():
-            continue
-        gaps = _gaps(whole, distance)
-        marks = cv2.morphologyEx(
-            (whole & ~gaps).view(np.uint8), cv2.MORPH_CLOSE, _disc(_stroke(whole))
-        )
-        labels[own] = 0
-        labels[(marks > 0) & ~gaps & (labels == 0)] = i
+        whole = own | (_belonging(regions, own) & (labels == 0))
+        if whole.sum() <= PLAIN.most * own.sum():
+            labels[own] = 0
+            labels[_without_gaps(whole, distance) & (labels == 0)] = i
     return replace(objects, labels=labels)
+
+
+def _regions(distance: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Return numbers (H, W) of connected regions unlike the ground; 0 = ground."""
+    unlike = (distance > PLAIN.unlike).view(np.uint8)
+    closed = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    _, names = cv2.connectedComponents(closed, connectivity=8)
+    return np.asarray(names, np.int32)
+
+
+def _belonging(regions: NDArray[np.int32], own: Mask) -> Mask:
+    """Return the regions (H, W) that lie mostly in an object."""
+    areas = np.bincount(regions.ravel())
+    inside = np.bincount(regions[own], minlength=len(areas))
+    belongs = inside >= PLAIN.own * areas
+    belongs[0] = False
+    return np.asarray(belongs[regions])
+
+
+def _without_gaps(whole: Mask, distance: NDArray[np.float32]) -> Mask:
+    """Return an object without the gaps in it; marks at its border are closed."""
+    gaps = _gaps(whole, distance)
+    marks = cv2.morphologyEx(
+        (whole & ~gaps).view(np.uint8), cv2.MORPH_CLOSE, _disc(_stroke(whole))
+    )
+    return np.asarray((marks > 0) & ~gaps)
 
 
 def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
