@@ -37,6 +37,7 @@ from physgen.materials import kind
 from physgen.messages import Message
 from physgen.perceive import document
 from physgen.perceive.hidden_parts import continue_outlines
+from physgen.perceive.inpaint.outgrowths import attach_outgrowths
 from physgen.perceive.remains import Remain, attach_remains, find_remains
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -140,7 +141,7 @@ def perceive(
         attached, unsure = attach_remains(
             found.labels, find_remains(rgb, found.labels, ids)
         )
-        found = replace(found, labels=attached)
+        found = replace(found, labels=attach_outgrowths(rgb, attached))
     objects, specks = fit_objects(rgb, found)
     if not objects:
         document.relabel_objects(objects, renames, {})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from physgen.perceive.inpaint.outgrowths import outgrowths
+from physgen.perceive.inpaint.outgrowths import attach_outgrowths, outgrowths
 from physgen.perceive.inpaint.poisson import with_rim
 
 
@@ -45,3 +45,30 @@ def test_ground_like_the_object_is_no_part():
     rgb, mask, _ = toy_car()
     rgb[165:200] = (180, 30, 30)
     assert outgrowths(rgb, mask)[170:, :60].mean() < 0.01
+
+
+def test_wheel_with_a_clear_border_belongs_to_the_object():
+    rgb, mask, wheel = toy_car()
+    labels = mask.astype(np.uint16)
+    attached = attach_outgrowths(rgb, labels) > 0
+    assert attached[wheel].mean() > 0.9
+    assert (attached & ~wheel & ~mask).sum() < 0.05 * wheel.sum()
+
+
+def test_soft_shadow_stays_ground():
+    rgb, mask, wheel = toy_car()
+    rgb[wheel] = (200, 130, 100)
+    shade = np.zeros((240, 320), np.float32)
+    cv2.ellipse(shade, (160, 175), (70, 12), 0, 0, 360, 1, -1)
+    light = 1 - 0.8 * cv2.GaussianBlur(shade, (0, 0), 6)
+    rgb[~mask] = (rgb[~mask] * light[~mask][:, None]).astype(np.uint8)
+    labels = mask.astype(np.uint16)
+    assert np.array_equal(attach_outgrowths(rgb, labels), labels)
+
+
+def test_gap_between_boards_is_no_part():
+    """A pale streak behind touches the object with its narrow end."""
+    rgb, mask, _ = toy_car()
+    cv2.line(rgb, (95, 130), (60, 165), (180, 30, 30), 5)
+    labels = mask.astype(np.uint16)
+    assert not (attach_outgrowths(rgb, labels) > 0)[150:, :80].any()

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
-from physgen.perceive.roles import Mask, Rgb
+from physgen.perceive.roles import Labels, Mask, Rgb
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class OutgrowthConstants:
     rounds: int = 2  # of GrabCut, from its first guess
     seed: int = 1  # of its first clusters
     touches: float = 2.0  # px between a part and the object, at reduced size
+    contact: float = 0.9  # length along which they touch, over the root of its area
     smallest: int = 12  # px of a part, at reduced size
     part: float = 0.12  # of the object's area, at most: more is background like it
     every: float = 0.2  # of its area, all parts together
@@ -40,6 +41,9 @@ class OutgrowthConstants:
     ring: int = 4  # px around a part with which it is compared
     alike: float = 45.0  # 8-bit codes from a part's colour, with which it goes on
     highlight: int = 5  # px at reduced size: a bright line across a part is narrower
+    sharp: float = 30.0  # codes across 3 px at the border of a part of the object ...
+    clearer: float = 2.0  # ... and times those of the ground; shadows have less
+    bordered: float = 0.7  # share of its border that is so clear
     unlike: float = 18.0  # 8-bit codes between a part and the ground beside it
 
 
@@ -50,8 +54,24 @@ def outgrowths(photo: Rgb, hole: Mask) -> Mask:
     """Return parts (H, W) of what is in `hole` (H, W) that lie outside it."""
     result = np.zeros_like(hole)
     for own, box in _large_pieces(hole):
-        result[box] |= _parts(photo[box], own, hole[box])
+        result[box] |= _parts(photo[box], own, hole[box]) > 0
     return result & ~hole
+
+
+def attach_outgrowths(photo: Rgb, labels: Labels) -> Labels:
+    """Return the label map (H, W) with parts of clear borders as their objects'.
+
+    Contact shadow has a soft border. A part of one of several objects that touch each
+    other stays outside: its owner is unsure.
+    """
+    attached = labels.copy()
+    hole = labels > 0
+    for own, box in _large_pieces(hole):
+        owners = np.unique(labels[box][own])
+        if len(owners) == 1:
+            parts = _parts(photo[box], own, hole[box], is_clear=True)
+            attached[box][(parts >= 0.5) & (attached[box] == 0)] = owners[0]
+    return attached
 
 
 def _large_pieces(hole: Mask) -> Iterator[tuple[Mask, tuple[slice, slice]]]:
@@ -70,8 +90,11 @@ def _large_pieces(hole: Mask) -> Iterator[tuple[Mask, tuple[slice, slice]]]:
         yield names[rows, columns] == k + 1, (rows, columns)
 
 
-def _parts(photo: Rgb, own: Mask, hole: Mask) -> Mask:
-    """Return the parts (h, w) beside one object in the box of its surroundings."""
+def _parts(photo: Rgb, own: Mask, hole: Mask, *, is_clear: bool = False) -> F32:
+    """Return how far (h, w) 0..1 parts beside one object cover its surroundings.
+
+    Those with a clear border alone if `is_clear`.
+    """
     height, width = own.shape
     scale = min(1.0, OUTGROWTHS.side / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
@@ -83,13 +106,13 @@ def _parts(photo: Rgb, own: Mask, hole: Mask) -> Mask:
         cv2.distanceTransform((~mine).view(np.uint8), cv2.DIST_L2, 5), np.float32
     )
     if not mine.any() or not (away > reach).any():
-        return np.zeros_like(own)
+        return np.zeros(own.shape, np.float32)
     like = _like_object(small, mine, (away <= reach) & ~blocked)
-    parts = _Beside(small, away, mine | blocked, reach).parts(like)
-    large = cv2.resize(
-        parts.view(np.uint8), (width, height), interpolation=cv2.INTER_LINEAR
-    )
-    return np.asarray(large > 0)
+    beside = _Beside(small, away, mine | blocked, reach)
+    parts = beside.parts(like)
+    if is_clear:
+        parts = beside.clear(parts)
+    return np.asarray(cv2.resize(parts.astype(np.float32), (width, height)), np.float32)
 
 
 def _reduced(mask: Mask, size: tuple[int, int]) -> Mask:
@@ -157,6 +180,27 @@ class _Beside:
         is_texture = np.count_nonzero(parts) > OUTGROWTHS.every * area
         return np.zeros_like(parts) if is_texture else parts
 
+    def clear(self, parts: Mask) -> Mask:
+        """Return the pieces of `parts` (h, w) with borders clearer than the ground."""
+        grey = cv2.cvtColor(self.photo, cv2.COLOR_RGB2GRAY)
+        square = np.ones((3, 3), np.uint8)
+        slope = cv2.morphologyEx(grey, cv2.MORPH_GRADIENT, square)
+        result = np.zeros_like(parts)
+        count, names = cv2.connectedComponents(parts.view(np.uint8), connectivity=8)
+        for k in range(1, count):
+            piece = names == k
+            inner = cv2.erode(piece.view(np.uint8), square) > 0
+            border = piece & ~inner & (self.away > OUTGROWTHS.touches)
+            ground = self._ring(cv2.dilate(piece.view(np.uint8), square) > 0, parts)
+            if not (border.any() and ground.any()):
+                continue
+            usual = OUTGROWTHS.clearer * float(np.median(slope[ground]))
+            least = max(OUTGROWTHS.sharp, usual)
+            share = float((slope[border] >= least).mean())
+            if share >= OUTGROWTHS.bordered:
+                result |= piece
+        return result
+
     def _whole(self, piece: Mask, like: Mask) -> Mask:
         """Return a piece with what of its colour goes on beside it and below."""
         ground = self._ring(piece, like)
@@ -179,7 +223,8 @@ class _Beside:
         is_low = np.nonzero(piece)[0].mean() >= middle
         share = 1.0 if is_low else OUTGROWTHS.thin / OUTGROWTHS.reach
         ends = distance.max() <= OUTGROWTHS.longest * self.reach * share
-        if distance.min() > OUTGROWTHS.touches or not ends:
+        contact = np.count_nonzero(distance <= OUTGROWTHS.touches) / OUTGROWTHS.touches
+        if contact < OUTGROWTHS.contact * float(np.sqrt(len(distance))) or not ends:
             return False
         ground = self._ring(piece, piece)
         if not ground.any():
