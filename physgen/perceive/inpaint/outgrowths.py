@@ -182,9 +182,9 @@ class _Beside:
 
     def clear(self, parts: Mask) -> Mask:
         """Return the pieces of `parts` (h, w) with borders clearer than the ground."""
-        grey = cv2.cvtColor(self.photo, cv2.COLOR_RGB2GRAY)
         square = np.ones((3, 3), np.uint8)
-        slope = cv2.morphologyEx(grey, cv2.MORPH_GRADIENT, square)
+        slope = cv2.cvtColor(self.photo, cv2.COLOR_RGB2GRAY)
+        slope = np.asarray(cv2.morphologyEx(slope, cv2.MORPH_GRADIENT, square))
         result = np.zeros_like(parts)
         count, names = cv2.connectedComponents(parts.view(np.uint8), connectivity=8)
         for k in range(1, count):
@@ -195,9 +195,8 @@ class _Beside:
             if not (border.any() and ground.any()):
                 continue
             usual = OUTGROWTHS.clearer * float(np.median(slope[ground]))
-            least = max(OUTGROWTHS.sharp, usual)
-            share = float((slope[border] >= least).mean())
-            if share >= OUTGROWTHS.bordered:
+            is_clear = slope[border] >= max(OUTGROWTHS.sharp, usual)
+            if is_clear.mean() >= OUTGROWTHS.bordered:
                 result |= piece
         return result
 
