@@ -25,6 +25,9 @@ class Place(NamedTuple):
 UNKNOWN_PLACE = Place("scene")
 """Place of a problem that only shows as the scene runs; `Scene.located` finds its line."""
 
+THIS_PHOTO = Place("the photo")
+"""Place of a problem of a photo, if one photo alone is perceived."""
+
 
 class Severity(Enum):
     """An error stops the command with exit code 2.

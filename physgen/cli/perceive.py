@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,7 @@ from physgen.cli.output import (
 )
 from physgen.files import check_writable
 from physgen.messages import Message
-from physgen.problems import InputError, Place, Problem, collect
+from physgen.problems import THIS_PHOTO, InputError, Place, Problem, collect
 
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
@@ -193,18 +193,46 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
         ) -> None:
             bar.show(f"{name}: {stage}", k * total + done, len(options.image) * total)
 
+        report = PhotoReport(image, bar)
         try:
             pipeline.perceive(
                 image, output, crew=crew, asked=options.find, side=options.side, still=options.still,
                 story=options.story,
                 view=options.view,
-                progress=step, warn=bar.aside(print_problem), keep=bar.aside(print_backup),
-                inform=bar.aside(lambda text: print_error(text.partition("\n")[0])),
+                progress=step, warn=report.warn, keep=bar.aside(print_backup),
+                inform=report.inform,
             )  # fmt: skip
             scenes.append(output)
         except InputError as error:
             problems += error.problems
+        report.print_warnings()
     return WrittenScenes(scenes, problems)
+
+
+@dataclass
+class PhotoReport:
+    """What is printed about one of several photos: its heading, then its warnings."""
+
+    image: Path
+    bar: Bar
+    warnings: list[Problem] = field(default_factory=list)
+
+    def warn(self, problem: Problem) -> None:
+        """Hold a warning, at the photo that it is about, until the heading is printed."""
+        if problem.place == THIS_PHOTO:
+            problem = replace(problem, place=Place(str(self.image)))
+        self.warnings.append(problem)
+
+    def inform(self, summary: str) -> None:
+        """Print the first line of a summary, and the warnings so far below it."""
+        self.bar.aside(print_error)(summary.partition("\n")[0])
+        self.print_warnings()
+
+    def print_warnings(self) -> None:
+        """Print the warnings that are held."""
+        for problem in self.warnings:
+            self.bar.aside(print_problem)(problem)
+        self.warnings.clear()
 
 
 def _names(images: Sequence[Path]) -> list[str]:

@@ -37,6 +37,7 @@ from physgen.materials import kind
 from physgen.messages import Message
 from physgen.perceive import document
 from physgen.perceive.hidden_parts import continue_outlines
+from physgen.perceive.inpaint.outgrowths import attach_outgrowths
 from physgen.perceive.remains import Remain, attach_remains, find_remains
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
@@ -55,6 +56,7 @@ from physgen.perceive.roles import (
     Shadows,
     Suitability,
 )
+from physgen.perceive.segment.plain_ground import shows_ground_beyond
 from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.backgrounds import (
     Backgrounds,
@@ -70,7 +72,7 @@ from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.perceive.wheels import find_vehicles
 from physgen.photometry import decode, encode_u8
-from physgen.problems import Place, Problem
+from physgen.problems import THIS_PHOTO, Place, Problem
 from physgen.progress import Progress, silent
 from physgen.registry import Backends
 from physgen.scene.scene import View
@@ -139,7 +141,7 @@ def perceive(
         attached, unsure = attach_remains(
             found.labels, find_remains(rgb, found.labels, ids)
         )
-        found = replace(found, labels=attached)
+        found = replace(found, labels=attach_outgrowths(rgb, attached))
     objects, specks = fit_objects(rgb, found)
     if not objects:
         document.relabel_objects(objects, renames, {})
@@ -549,6 +551,7 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
             found.mask_sources.get(i) or found.source
         ).startswith(by_hand)
         ends = not exact and not isinstance(outlines[i], Disc) and i in beside
+        ends = ends and not shows_ground_beyond(rgb, labels == i, near)
         objects.append(
             PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
         )
@@ -560,7 +563,7 @@ def remain_problem(remain: Remain, name: str) -> Problem:
     x, y = remain.place
     found = f"something narrow at {x}, {y}"
     path = f"objects.{name}.mask"
-    return Message.REMAINS_BEHIND.warning(Place("the photo"), path, found)
+    return Message.REMAINS_BEHIND.warning(THIS_PHOTO, path, found)
 
 
 def outline_as_named(

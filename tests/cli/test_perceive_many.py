@@ -10,6 +10,8 @@ import pytest
 
 from physgen import pipeline
 from physgen.cli.main import main
+from physgen.messages import Message
+from physgen.problems import THIS_PHOTO
 
 
 @pytest.fixture
@@ -51,6 +53,23 @@ def test_each_photo_becomes_the_scene_that_it_becomes_alone(
         )
         assert one.read_bytes() == other.read_bytes()
     assert len(pipeline.load(tmp_path / "all/a.yaml").objects) == 1
+
+
+def test_warnings_stand_below_their_photo(photos, monkeypatch, capsys):
+    warning = Message.REMAINS_BEHIND.warning(THIS_PHOTO, "objects.x.mask", "a stem")
+
+    def perceive(image, output, *, warn, inform, **others) -> str:
+        warn(warning)
+        inform(f"{image}: 1 object\n  picture")
+        return ""
+
+    monkeypatch.setattr(pipeline, "perceive", perceive)
+    assert main(["perceive", *photos, "-o", "scenes"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(": ")[0] for line in lines] == [
+        photos[0], photos[0], photos[1], photos[1],
+    ]  # fmt: skip
+    assert all("1 object" in line for line in lines[::2])
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.backends.inpaint_fill import fill
+from physgen.perceive.backends.inpaint_fill import _goes_on, fill
 from physgen.perceive.inpaint.contact_strips import contact_strips
 from physgen.perceive.inpaint.patch_match import RADIUS, Level, _Search
 from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill, seamless
@@ -384,3 +384,13 @@ def test_edge_of_a_large_photo_continues_in_place() -> None:
     wrong = np.abs(filled.astype(int) - photo).max(axis=2) > 40
     rows = np.flatnonzero(wrong.any(axis=1))
     assert np.abs(rows - 119.5).max(initial=0.0) <= 2
+
+
+@pytest.mark.parametrize("length", [4, 40])
+def test_line_goes_on_beyond_its_ends(length: int) -> None:
+    """Grains of a carpet are some px long."""
+    row = np.full((130, 3), 200, np.float32)
+    row[50 - length : 80 + length] = 20
+    row[50:80] = np.nan
+    ends = np.full((2, 4, 3), 20, np.float32)
+    assert _goes_on(row, (50, 80), ends, 180) is (length > 12)

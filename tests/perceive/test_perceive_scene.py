@@ -326,5 +326,6 @@ def test_a_found_mask_that_ends_just_before_the_border_is_cut(
     y, x = np.mgrid[:400, :500]
     labels[np.hypot(x - 474, y - 200) <= 22] = 2
     rgb[labels > 0] = (200, 90, 60)
+    rgb[:4, 100:180] = (200, 90, 60)  # the object reaches the border, its mask does not
     items, _ = fit_objects(rgb, Detections(labels, source, {1: 0.9, 2: 0.9}, {}))
     assert [item.cut for item in items] == [held, False]

@@ -61,6 +61,14 @@ def test_texture_all_over(turn):
     assert "is cluttered" in one.doubts() or "leaves or grass" in one.doubts()
 
 
+def test_grain_of_a_plain_wall_is_no_clutter():
+    one = Found()
+    grain = np.random.default_rng(4).normal(150, 8, one.rgb.shape)
+    one.rgb = np.clip(grain, 0, 255).astype(np.uint8)
+    assert viewpoint.fine_detail(one.rgb).mean() > 0.9
+    assert "is cluttered" not in one.doubts()
+
+
 def test_sky_and_leaves():
     one = Found()
     one.rgb[:90] = (110, 160, 230)

@@ -54,6 +54,7 @@ class _Limits:
     over_texture: float = 12.0  # times the median detail: leaves contain no lines
     differ: float = 0.3
     uneven: float = 0.5
+    farther: int = 12  # px along it, as far as known, in which it must go on
     drawn: int = 2
     arc_grain: float = 8.0  # levels: more beside an arc is an edge of the fill
     detail: float = 2.0  # px: standard deviation of the blur below which is grain
@@ -272,6 +273,7 @@ def _draw_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
                 contrast < least
                 or off > LIMITS.differ * contrast
                 or uneven > LIMITS.uneven * contrast
+                or not _goes_on(seen[y], (left, right), ends[:, beside], contrast)
             ):
                 continue
             part = np.s_[y - thick : y + thick + 1, left:right]
@@ -286,6 +288,23 @@ def _draw_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
                 np.where(closer, away, best[part]),
             )
     return found
+
+
+def _goes_on(row: F32, hole: tuple[int, int], ends: F32, contrast: float) -> bool:
+    """Return whether a line goes on at both sides of a hole from left to right, px.
+
+    `row` (W, 3) has nan where nothing is known; `ends` (2, n, 3) are what is seen of the
+    line. Grains of a carpet are shorter than a line.
+    """
+    left, right = hole
+    reach = LIMITS.farther
+    sides = row[max(left - reach, 0) : left], row[right : right + reach]
+    for side, end in zip(sides, ends, strict=True):
+        known = side[~np.isnan(side).any(axis=1)]
+        step = np.abs(known - end.mean(axis=0)).max(initial=0.0)
+        if step > LIMITS.uneven * contrast:
+            return False
+    return True
 
 
 def _texture(photo: F32, hole: Mask) -> float:

@@ -21,6 +21,8 @@ from physgen.perceive.segment.judge import (
 )
 from physgen.perceive.segment.living import find_likely_toys, parts_of_living
 from physgen.perceive.segment.network import mask_in_box
+from physgen.perceive.segment.pieces import unite_pieces
+from physgen.perceive.segment.plain_ground import cut_out_on_plain
 from physgen.perceive.segment.proposals import (
     Mask,
     Proposal,
@@ -80,6 +82,7 @@ class Rules:
     wholes: bool = True  # put wholes in place of their parts
     living: bool = True  # drop parts of people and animals
     focus: bool = True  # drop the blurred background
+    pieces: bool = True  # put an object in place of its loose pieces
 
 
 ALL_RULES = Rules()
@@ -118,6 +121,9 @@ def choose_objects(
     sure = best[fit[best] > LEARNED.threshold]
     selection = replace(selection, chosen=sure)
     objects = as_segments(rgb, found, selection, fit[sure])
+    if rules.pieces:
+        objects = left_to_right(unite_pieces(rgb, objects, judged.boxes))
+    objects = cut_out_on_plain(rgb, objects)
     taken = [*sure.tolist(), *selection.parts_of(sure)]
     return replace(objects, doubtful=find_doubts(found, fit, taken, rgb.shape[:2]))
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.contact_strips import contact_strips
+from physgen.perceive.inpaint.outgrowths import outgrowths
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import Inpaint, Mask, Rgb
@@ -226,7 +227,7 @@ def fill_from_surroundings(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
 
 
 def with_rim(photo: Rgb, hole: Mask) -> Mask:
-    """Return `hole` (H, W) with its blurred rim and contact shadow.
+    """Return `hole` (H, W) with its blurred rim, contact shadow and left-out parts.
 
     `hole` itself if nothing else of the photo (H, W, 3) would be left.
     """
@@ -234,6 +235,7 @@ def with_rim(photo: Rgb, hole: Mask) -> Mask:
         return hole
     wide = _reach_around(hole)[1] <= rim_width(photo, hole)
     wide |= dilate(contact_strips(photo, hole), CONTACT_RIM)
+    wide |= dilate(outgrowths(photo, hole), CONTACT_RIM)
     return hole if wide.all() else wide
 
 

@@ -28,6 +28,7 @@ from physgen.perceive.roles import (
     Suitability,
 )
 from physgen.perceive.segment.network import run_network
+from physgen.perceive.segment.plain_ground import shade_below
 from physgen.perceive.segment.prompts import RULE
 from physgen.perceive.support.equilibrium import contacts
 from physgen.perceive.support.supports import SOURCE
@@ -76,6 +77,7 @@ CUES = {
     "sharp": _Cue(1.0, 1.5, "it is sharper below than above", "it is no sharper below than above"),
     "changed": _Cue(1.0, 1.5, "what is below differs from what is above", "above and below look alike"),
     "aloft": _Cue(0.6, 2.4, top="nothing below holds the objects where they lie"),
+    "shade": _Cue(0.5, 5.0, side="plain ground is shaded below the objects alone"),
     "stands": _Cue(0.4, 1.6, side="objects stand upright or on each other"),
 }  # fmt: skip
 
@@ -97,6 +99,7 @@ def guess_view(
     cues = _background_cues(rgb, labels, normals) | {
         "aloft": -max(aloft - 2, 0),
         "stands": stands,
+        "shade": shade_below(rgb, labels),
     }
     odds = {}
     for name, value in cues.items():
@@ -232,6 +235,8 @@ class _Doubts:
     side: int = 256  # px, the photo's width as its texture is judged
     patch: int = 9  # px, over which detail is averaged
     fine: float = 12.0  # mean of |Laplacian|, 8-bit codes, of a patch of fine detail
+    coarse: float = 16.0  # the same at a quarter of the size: grain of a wall has less
+    quarter: int = 4  # px of a photo that are one of it there
 
 
 DOUBTS = _Doubts()
@@ -297,6 +302,20 @@ def fine_detail(rgb: Rgb) -> Mask:
     return np.asarray(cv2.blur(detail, (DOUBTS.patch, DOUBTS.patch)) > DOUBTS.fine)
 
 
+def coarse_detail(rgb: Rgb) -> Mask:
+    """Return where a photo shows detail at a quarter of the size, as `fine_detail`.
+
+    Things and their edges remain there; the grain of a plain wall averages out.
+    """
+    grey = cv2.cvtColor(_small_photo(rgb), cv2.COLOR_RGB2GRAY).astype(np.float32)
+    height, width = grey.shape
+    size = max(width // DOUBTS.quarter, 1), max(height // DOUBTS.quarter, 1)
+    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    patch = DOUBTS.patch // DOUBTS.quarter | 1
+    detail = cv2.blur(np.abs(cv2.Laplacian(small, cv2.CV_32F)), (patch, patch))
+    return np.asarray(cv2.resize(detail, (width, height)) > DOUBTS.coarse)
+
+
 def _immovable(rgb: Rgb) -> Mask:
     """(h, w), of the network's size: where it sees people, animals, furniture or the like."""
     seen = run_network(rgb)
@@ -344,7 +363,7 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
     for note, part, most in (
         (Note.LIKE_SKY, blue, DOUBTS.sky),
         (Note.LIKE_FOLIAGE, green & detailed, DOUBTS.foliage),
-        (Note.CLUTTERED, detailed, DOUBTS.detail),
+        (Note.CLUTTERED, detailed & coarse_detail(rgb), DOUBTS.detail),
     ):
         share = np.count_nonzero(part & around) / max(int(around.sum()), 1)
         if share > most:
