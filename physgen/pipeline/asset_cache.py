@@ -10,7 +10,6 @@ fixed list: a cache that came with somebody else's scene runs no code.
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -50,10 +49,6 @@ CLASSES: Mapping[str, type] = {
 """Classes of cached values, by name."""
 TREE = "tree"
 """Name of the plain data among the arrays of an entry."""
-DAMAGED = (
-    OSError, ValueError, KeyError, TypeError, IndexError, EOFError, zipfile.BadZipFile,
-)  # fmt: skip
-"""Errors of an entry that is not as it was written."""
 
 
 class AssetCache:
@@ -116,7 +111,8 @@ class AssetCache:
                 arrays = [entry[str(k)] for k in range(len(entry.files) - 1)]
                 tree = json.loads(entry[TREE].tobytes())
             return decode_value(tree, arrays)
-        except DAMAGED:
+        except Exception:
+            # whatever is wrong with an entry, it is made again
             return None
 
     def save(self, key: str, value: Any) -> None:

@@ -30,6 +30,7 @@ CODE = (
     "report",
     "scene",
     "simulate",
+    "sound",
 )
 """Packages whose code makes clips and their pages."""
 

@@ -413,6 +413,8 @@ class Maps:
     """None for a scene without a photo."""
     key: str
     stamps: tuple[tuple[Path, Stamp], ...] = ()
+    has_noise: bool = True
+    """Whether the maps have the photo's own noise."""
 
     @property
     def is_large(self) -> bool:
@@ -525,6 +527,7 @@ class Stages:
         depends = (
             *(dict(scene.maps), labels, doubtful, *seen),
             *(compiled.labels, compiled.scenery, drawn),
+            maps.has_noise,
         )
         read = key("stage", maps.key, *depends)
         made = self._stages.of(
@@ -664,7 +667,7 @@ class Film:
         if self._delivery is None or photo is None or self._delivery.grain is None:
             return maps
         clean = self._delivery.remove_noise(photo)
-        return replace(maps, percepts=clean, key=f"{maps.key} without noise")
+        return replace(maps, percepts=clean, has_noise=False)
 
     def deliver(self) -> dict[str, Any]:
         """Let the video have hold and noise as the scene asks, for the manifest.

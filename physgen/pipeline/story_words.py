@@ -26,8 +26,6 @@ class Wish(Enum):
     """The actor or a target is lifted."""
     SPIN = "spins"
     """The actor turns on the spot."""
-    REST = "comes to rest"
-    """The actor rests at the end."""
     HALT = "stays"
     """The actor has no velocity at the start."""
 
@@ -120,6 +118,7 @@ VERBS = {
     "rotate": Wish.SPIN,
     "turn": Wish.SPIN,
     "stop": Wish.HALT,
+    "rest": Wish.HALT,
 }
 """Verbs in their base form."""
 AGAINST = ("into", "at", "against", "onto", "until", "towards", "toward", "to", "and")

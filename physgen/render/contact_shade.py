@@ -116,11 +116,13 @@ def _shades(first: Part, second: Part) -> tuple[Part | None, Part | None]:
     views = [_cut(part, corners, ends) for part in (first, second)]
     common = float((views[0] * views[1]).sum())
     least = min(float(first[1].sum()), float(second[1].sum()))
-    if common > SHADE.overlap * least:
+    # the shade fades as one object moves behind the other
+    strength = 1 - common / max(SHADE.overlap * least, 1e-9)
+    if strength <= 0:
         return None, None
     return (
-        _shade(first, views[0], views[1], corners),
-        _shade(second, views[1], views[0], corners),
+        _shade(first, views[0], strength * views[1], corners),
+        _shade(second, views[1], strength * views[0], corners),
     )
 
 

@@ -96,8 +96,15 @@ def measure_grain(rgb: U8) -> Grain | None:
         curve.append((means[group].mean(axis=0), deviation))
     if not curve or np.median([row for _, row in curve]) < GRAIN.least:
         return None
-    channels = np.corrcoef(details[is_flat].reshape(-1, 3).astype(np.float64).T)
+    channels = _channel_correlation(details[is_flat].reshape(-1, 3))
     return Grain(_curve(curve), channels, _neighbour_correlation(blocks[is_flat]))
+
+
+def _channel_correlation(details: F32) -> F64:
+    """Return the correlation (3, 3) of the channels; one without noise is independent."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        channels = np.corrcoef(details.astype(np.float64).T)
+    return np.where(np.isfinite(channels), channels, np.eye(3))
 
 
 def _blocks(picture: F32) -> F32:

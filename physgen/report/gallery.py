@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 from physgen import __version__
 from physgen.files import back_up, check_writable, resource, write_atomic
@@ -27,7 +27,7 @@ from physgen.report.films import poster, result_still
 from physgen.report.folders import remove_leftovers
 from physgen.report.html import script_json, template
 from physgen.report.links import document_links, link
-from physgen.report.listening import PAGE, sounds, write_listening_page
+from physgen.report.listening import write_listening_page
 from physgen.report.sweep_keys import SweptKey, swept_keys
 from physgen.text import counted, natural, rounded, value_text
 
@@ -104,12 +104,14 @@ def write_gallery(
             else "Gallery"
         )
         title = title[:1].upper() + title[1:]
-    text = gallery_page(clips, shots, index.parent, title or "Gallery", results)
+    title = title or "Gallery"
+    listening = write_listening_page(clips, index, title)
+    listen = "" if listening is None else quote(listening.name)
+    text = gallery_page(clips, shots, index.parent, title, results, listen)
     if index.exists() and not _ours(index):
         back_up(index, keep)
     data = text.encode("utf-8")
     write_atomic(index, data)
-    write_listening_page(clips, index, title or "Gallery")
     sweep_files(files, {Path(shot).name for shot in (*shots, *results)})
     _write_neighbours(clips, files)
     return Gallery(
@@ -133,10 +135,12 @@ def gallery_page(
     home: Path,
     title: str,
     results: Sequence[str] = (),
+    listen: str = "",
 ) -> str:
     """Return the page's HTML; paths are relative to `home`.
 
-    `results` are pictures of the ends of the clips, empty where there is none.
+    `listen` is the page to listen to, if one is written. `results` are pictures of the ends
+    of the clips, empty where there is none.
     """
     keys = swept_keys(clips)
     names = Counter(clip.name for clip in clips)
@@ -174,7 +178,7 @@ def gallery_page(
         many=LIMITS.many,
         keys=[_filter(key) for key in keys if _is_filter(key)],
         swept=is_sweep,
-        listen=PAGE if any(map(sounds, clips)) else "",
+        listen=listen,
         sentence=_sentence(clips, free_keys if is_sweep else []),
         hero=hero,
         documents=document_links(home),

@@ -6,6 +6,7 @@ import base64
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import unescape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -22,7 +23,8 @@ from physgen.sound.track import SoundTrack
 
 WAV = "sound.wav"
 CAPTIONS = "sound.vtt"
-PAGE = "listen.html"
+MARK = '<meta name="generator" content="physgen sound">'
+"""By which a page is known as ours."""
 
 
 @dataclass(frozen=True)
@@ -89,19 +91,28 @@ def spectrogram(track: SoundTrack) -> U8:
 
 def sounds(clip: Clip) -> bool:
     """Return whether a clip was rendered with sound."""
-    return (clip.home / CAPTIONS).is_file()
+    has_video = clip.film is not None and clip.film.suffix == ".mp4"
+    return has_video and (clip.home / CAPTIONS).is_file()
+
+
+def listening_page(index: Path) -> Path:
+    """Return the file of the page to listen to, beside a gallery."""
+    return index.with_name(f"{index.stem}.listen.html")
 
 
 def write_listening_page(clips: Sequence[Clip], index: Path, title: str) -> Path | None:
-    """Write `listen.html` beside a gallery, with all clips that sound; None without such clips."""
-    page = index.with_name(PAGE)
+    """Write a page beside a gallery, with all clips that sound; None without such clips.
+
+    A file of that name that physgen did not write is left, and no page is written.
+    """
+    page = listening_page(index)
     rows = []
     for clip in clips:
-        if not sounds(clip):
+        if not sounds(clip) or clip.film is None:
             continue
         captions = clip.home / CAPTIONS
         vtt = captions.read_text("utf-8", "replace")
-        video = os.path.relpath(clip.home / "video.mp4", index.parent)
+        video = os.path.relpath(clip.film, index.parent)
         rows.append(
             {
                 "name": clip.name,
@@ -110,6 +121,8 @@ def write_listening_page(clips: Sequence[Clip], index: Path, title: str) -> Path
                 "lines": _caption_lines(vtt),
             }
         )
+    if page.exists() and MARK not in page.read_text("utf-8", "replace"):
+        return None
     if not rows:
         page.unlink(missing_ok=True)
         return None
@@ -125,5 +138,5 @@ def _caption_lines(vtt: str) -> list[tuple[str, str]]:
         time, _, text = cue.strip().partition("\n")
         begin = time.partition(" ")[0]
         if text:
-            lines.append((begin.removeprefix("00:"), text))
+            lines.append((begin.removeprefix("00:"), unescape(text)))
     return lines

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +54,6 @@ def first_sentence(text: str) -> str:
     return words[:LONGEST_SENTENCE].rsplit(" ", 1)[0] + " …"
 
 
-@lru_cache(maxsize=256)
 def sentence_of(file: Path) -> str:
     """Return the first sentence of a scene file; empty if it cannot be read."""
     try:

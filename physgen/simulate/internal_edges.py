@@ -231,7 +231,7 @@ class InternalEdges:
     ) -> None:
         """`apart`: pairs of owners, in both orders, that do not collide."""
         self._outlines = outlines
-        self._apart = apart
+        self._apart = set(apart)
         self._edges = [edges_of(outline) for outline in outlines]
         self._of_owner: dict[int, list[int]] = {}
         for k, outline in enumerate(outlines):
@@ -248,6 +248,10 @@ class InternalEdges:
         """Edges near a shape, of other shapes of its owner, in the frame of the owner."""
         self._covering: dict[tuple[int, int], list[Edge]] = {}
         """Edges beside the second shape that covered its last contact with the first one."""
+
+    def unite(self, first: int, second: int) -> None:
+        """Let two owners collide from now on, as the parts of a broken joint do."""
+        self._apart -= {(first, second), (second, first)}
 
     def room(
         self,

@@ -389,6 +389,7 @@ class Space:
                     return False
         for part in self._parts.get(joint.name, ()):
             part.collide_bodies = True
+        self._edges.unite(joint.first, joint.second)
         return True
 
     def weaken(self, part: float) -> None:

@@ -60,7 +60,7 @@ def friction_noise(rubbings: Sequence[Rubbing], count: int) -> F64:
         noise = band_noise(count, center, TUNING.seed + band)
         for channel in (0, 1):
             pressure = np.sqrt(powers[:, channel] * AIR_DENSITY * AIR_SPEED / (4 * pi))
-            sound[:, channel] += noise * np.interp(moments, times, pressure)
+            sound[:, channel] += noise * np.interp(moments, times, pressure, right=0.0)
     return sound
 
 

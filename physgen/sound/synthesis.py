@@ -26,6 +26,8 @@ OVERSAMPLING = 4
 """Finer samples of the click of an impact, which lasts few of them."""
 CLICK_TAIL = 6.0
 """Decay times for which the click of a sphere is computed."""
+LARGEST_RADIUS = 0.5
+"""m: larger bodies, whose clicks are rumbles, click as this one."""
 DIRECTIVITY = 1 / sqrt(3)
 """Mean of a dipole's pressure over all directions, relative to its axis."""
 
@@ -187,6 +189,7 @@ def click_of_sphere(radius: float, contact_time: float) -> F64:
     the half-sine of the acceleration.
     """
     rate = RATE * OVERSAMPLING
+    radius = min(radius, LARGEST_RADIUS)
     decay = AIR_SPEED / radius / rate
     steps = np.arange(ceil(CLICK_TAIL / decay) + 1)
     # the mean of e^(-x) (cos x - sin x) over each sample, by its integral e^(-x) sin x

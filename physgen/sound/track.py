@@ -7,6 +7,7 @@ import wave
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from physgen.compile.world import World
 from physgen.export.events import ClipTimes, Event, collisions
 from physgen.export.labels import Clip
 from physgen.scene.scene import Motion, Play, Solid, SoundLevel, View
+from physgen.simulate.moving_tables import MovingTable
 from physgen.simulate.trajectory import Trajectory
 from physgen.sound.friction import TUNING as FRICTION
 from physgen.sound.friction import Rubbing, friction_noise
@@ -38,6 +40,8 @@ TOUCH_LENGTH = 0.08
 """s after an impact in which a touch begins, and that it lasts, so that it damps the impact's modes."""
 MAX_CUES = 400
 """Captions of a clip; the loudest ones."""
+LONGEST = 300.0
+"""s: a longer clip has no sound; all samples of a track are in memory, 2 MB a second."""
 CUE_LENGTH = 0.6
 """s for which a caption stays."""
 
@@ -88,7 +92,8 @@ class SoundTrack:
         for caption in self.captions:
             begin = _timestamp(caption.time)
             end = _timestamp(caption.time + CUE_LENGTH)
-            cues.append(f"{begin} --> {end}\n{caption.text}\n")
+            text = escape(" ".join(caption.text.split()), quote=False)
+            cues.append(f"{begin} --> {end}\n{text}\n")
         return "\n".join(cues)
 
 
@@ -100,9 +105,14 @@ def _timestamp(seconds: float) -> str:
 
 
 def sound_track(clip: Clip, level: SoundLevel) -> SoundTrack | None:
-    """Return the sound of a clip; None if it plays backward, is silent or is one frame."""
+    """Return the sound of a clip.
+
+    None if it plays backward, is silent, has one frame or lasts more than `LONGEST` s.
+    """
     has_motion = clip.count > 1 and len(clip.world.bodies) > 0
     if not has_motion or clip.scene.render.play is Play.BACKWARD:
+        return None
+    if clip.count / clip.fps > LONGEST:
         return None
     count = round(clip.count / clip.fps * RATE)
     times = ClipTimes(clip)
@@ -213,9 +223,10 @@ def _table_rubbings(clip: Clip, motion: Trajectory, clip_times: F64) -> list[Rub
     """Return rolling and sliding of all bodies on the table, in a view from above."""
     world = clip.world
     meters = 1 / world.pixels_per_meter
+    velocities = motion.velocities[:, :, :2] - _table_velocities(world, motion)
     result = []
     for k, body in enumerate(world.bodies):
-        speed = np.hypot(*motion.velocities[:, k, :2].T) * meters
+        speed = np.hypot(*velocities[:, k].T) * meters
         if body.motion is not Motion.DYNAMIC or not speed.any():
             continue
         load = body.mass / 1000 * world.press * meters
@@ -226,6 +237,15 @@ def _table_rubbings(clip: Clip, motion: Trajectory, clip_times: F64) -> list[Rub
             power = FRICTION.sliding_efficiency * friction * load * speed
         result.append(Rubbing(clip_times, power, speed, _places(clip, motion, k)))
     return result
+
+
+def _table_velocities(world: World, motion: Trajectory) -> F64:
+    """Return (T, N, 2) px/s of belts and turntables below the bodies."""
+    table = MovingTable(world)
+    rows = []
+    for places in motion.poses[:, :, :2]:
+        rows.append(table.velocities(places)[:, :2])
+    return np.array(rows)
 
 
 def _pair_rubbings(clip: Clip, motion: Trajectory, clip_times: F64) -> list[Rubbing]:
@@ -255,17 +275,51 @@ def _pair_rubbing(
     step = motion.times[1] - motion.times[0]
     pair = (int(first[0]), int(second[0]))
     load = np.minimum(sizes / step, _max_load(world, pair)) * meters / 1000
-    slip = np.abs(_slip_speeds(world, motion, samples, pair, normals)) * meters
-    center_speed = np.hypot(*motion.velocities[samples, pair[0], :2].T) * meters
+    is_rolling_vehicle = any(
+        k < len(world.bodies) and bool(world.bodies[k].wheels) for k in pair
+    )
+    slip = np.zeros(len(samples))
+    if not is_rolling_vehicle:
+        slip = np.abs(_slip_speeds(world, motion, samples, pair, normals)) * meters
+    relative = _center_velocities(world, motion, samples, pair[0])
+    relative = relative - _center_velocities(world, motion, samples, pair[1])
+    center_speed = np.hypot(*relative.T) * meters
     surfaces = [surface for _, surface in world.surfaces]
     friction = surfaces[pair[0]].friction * surfaces[pair[1]].friction
-    rolling = world.bodies[pair[0]].rolling
     sliding_power = FRICTION.sliding_efficiency * friction * load * slip
+    rolling = _rolling(world, pair)
     rolling_power = FRICTION.rolling_efficiency * rolling * load * center_speed
     power, speed = np.zeros(len(motion.times)), np.zeros(len(motion.times))
     power[samples] = sliding_power + rolling_power
     speed[samples] = np.maximum(slip, center_speed)
-    return Rubbing(clip_times, power, speed, _places(clip, motion, pair[0]))
+    return Rubbing(clip_times, power, speed, _places(clip, motion, _mover(world, pair)))
+
+
+def _center_velocities(
+    world: World, motion: Trajectory, samples: NDArray[np.int32], k: int
+) -> F64:
+    """Return (K, 2) px/s of a surface's centre; scenery rests."""
+    if k >= len(world.bodies):
+        return np.zeros((len(samples), 2))
+    return np.asarray(motion.velocities[samples, k, :2])
+
+
+def _rolling(world: World, pair: tuple[int, int]) -> float:
+    """Return the rolling resistance of the partner that rolls; 0 if none does."""
+    values = [0.0]
+    for k in pair:
+        if k < len(world.bodies):
+            body = world.bodies[k]
+            if body.radius is not None or body.wheels:
+                values.append(body.rolling)
+    return max(values)
+
+
+def _mover(world: World, pair: tuple[int, int]) -> int:
+    """Return the lighter of the bodies of a pair: it moves, and is heard from its place."""
+    bodies = [k for k in pair if k < len(world.bodies)]
+    dynamic = [k for k in bodies if world.bodies[k].motion is Motion.DYNAMIC]
+    return min(dynamic or bodies, key=lambda k: world.bodies[k].mass)
 
 
 def _max_load(world: World, pair: tuple[int, int]) -> float:
@@ -287,7 +341,10 @@ def _slip_speeds(
 ) -> F64:
     """Return (K,) px/s of the two surfaces along each other; normals (K, 2) point to the first."""
     tangents = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
-    speeds = np.zeros(len(samples))
+    surfaces = [surface for _, surface in world.surfaces]
+    # a conveyor runs clockwise around each of the two surfaces
+    belts = surfaces[pair[0]].conveyor + surfaces[pair[1]].conveyor
+    speeds = np.full(len(samples), -belts)
     for k, sign in zip(pair, (1.0, -1.0), strict=True):
         if k >= len(world.bodies):
             continue

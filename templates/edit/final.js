@@ -7,7 +7,7 @@ const ICON = "M4 5h16v14H4zm2 2v8.6l3.5-3.5 3 3L16 11.6l2 2V7zm2.5 1.5a1.5 1.5 0
 
 export function start(editor) {
   const shown = element("img.final", { "data-part": "final", alt: "This frame in the quality of the video", hidden: true });
-  const button = element("button.round", { type: "button", "data-part": "quality", "aria-pressed": false, "aria-label": "This frame as in the video",
+  const button = element("button.round", { type: "button", "data-part": "quality", "aria-pressed": false, "aria-label": "This frame in the video's quality",
     title: "This frame in the quality of the video (q)", "aria-keyshortcuts": "q" }, icon(ICON));
   part("scene").after(shown);
   part("loop").after(button);
@@ -30,7 +30,7 @@ export function start(editor) {
     if (!run || player.trying || !state.picture) { editor.say("The scene is not ready yet"); return; }
     player.pause();
     const asked = (wanted += 1), number = Math.round(run.clip.frameAt(player.time));
-    editor.say("Drawing the frame as in the video …");
+    editor.say("Drawing the frame in the video's quality, without noise …");
     try {
       const source = await picture(`/api/frame/${state.picture}?motion=${run.data.key}&number=${number}`);
       if (asked !== wanted) { URL.revokeObjectURL(source); return; }
@@ -40,7 +40,7 @@ export function start(editor) {
       place();
       shown.hidden = false;
       button.setAttribute("aria-pressed", "true");
-      editor.say(`Frame ${number + 1} as in the video; it goes when anything changes`);
+      editor.say(`Frame ${number + 1} in the video's quality; it goes when anything changes`);
     } catch (refused) {
       if (asked === wanted) editor.say(refused.message, "error");
     }

@@ -35,7 +35,7 @@ const SHEET = [
       ["Home End", "beginning, end"],
       ["{ }", "slower, faster"],
       ["l", "loop"],
-      ["q", "this frame as in the video"],
+      ["q", "this frame in the video's quality"],
     ],
   ],
   [

@@ -1,7 +1,7 @@
 // A second clip beside the first, the photo over it, a frame as a file, and the clips before and after in a gallery.
 
 const DRIFT = 0.05; // s by which the second video may be off while it plays
-const RELATIVE = /^(\.\.\/)*([^/:?#\\]+\/)*[^/:?#\\]+\.html$/; // a page on this side, by no scheme and no host
+const RELATIVE = /^(\.\.\/)*([^/:?#\\\x00-\x20]+\/)*[^/:?#\\\x00-\x20]+\.html$/; // a page on this side, by no scheme and no host
 
 function makeSecond(root, clock, clip) {
   const $ = (name) => root.querySelector(`[data-part="${name}"]`);
@@ -89,6 +89,7 @@ function readGallery(root, ways) {
   const $ = (name) => ways.querySelector(`[data-part="${name}"]`);
   if (!page || !RELATIVE.test(page)) return;
   const home = new URL(page, location.href), way = $("home");
+  if (home.protocol !== location.protocol || home.host !== location.host) return;
   way.href = home.href;
   way.hidden = false;
   const script = tag("script", { src: new URL(page.replace(/\.html$/, ".files/clips.js"), location.href).href });

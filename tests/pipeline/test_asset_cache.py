@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -179,3 +179,20 @@ def test_folders_without_a_cache_get_none(tmp_path: Path) -> None:
     AssetCache(tmp_path).create()
     assert not list(outside.iterdir())
     assert not AssetCache(tmp_path).exists
+
+
+def test_cached_sprites_know_whether_noise_was_removed(tmp_path: Path) -> None:
+    """A preview without grain must not leave its sprites to a render with grain."""
+    path = copied("toy-car", tmp_path)
+    pictures = []
+    for has_noise in (True, False):
+        warm = Stages(reads_assets_cache=True)
+        scene = warm.load(path, (), None, False)
+        maps = replace(warm.maps(scene), has_noise=has_noise)
+        assert maps.percepts is not None
+        if not has_noise:
+            flat = maps.percepts.rgb // 8 * 8
+            maps = replace(maps, percepts=replace(maps.percepts, rgb=flat))
+        stage = warm.stage(scene, warm.compile(scene, maps), maps)
+        pictures.append(stage.sprites[0].rgb)
+    assert not np.array_equal(*pictures)

@@ -34,18 +34,20 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_listening_page_has_only_clips_with_sound(clips: Path) -> None:
-    page = (clips / "listen.html").read_text()
+    page = (clips / "index.listen.html").read_text()
     assert 'src="loud/video.mp4"' in page
     assert "mute/video.mp4" not in page
     assert "steel &lt;ball&gt; hits floor" in page
-    assert 'href="listen.html"' in (clips / "index.html").read_text()
+    assert 'href="index.listen.html"' in (clips / "index.html").read_text()
 
 
 def test_gallery_without_sound_has_no_listening_page(clips: Path) -> None:
     index = clips / "mute" / "gallery.html"
+    write_gallery([clips], index)
+    assert (clips / "mute" / "gallery.listen.html").exists()
     write_gallery([clips / "mute"], index)
-    assert not (clips / "mute" / "listen.html").exists()
-    assert "listen.html" not in index.read_text()
+    assert not (clips / "mute" / "gallery.listen.html").exists()
+    assert "index.listen.html" not in index.read_text()
 
 
 def test_report_has_a_section_of_sound(clips: Path) -> None:
@@ -59,7 +61,9 @@ def test_listening_page_in_a_browser(clips: Path, width: int) -> None:
     viewport = {"width": width, "height": 800}
     with (
         launched() as browser,
-        opened(browser, clips / "listen.html", ready=False, viewport=viewport) as seen,
+        opened(
+            browser, clips / "index.listen.html", ready=False, viewport=viewport
+        ) as seen,
     ):
         video = seen.page.locator("video")
         assert video.evaluate("v => v.muted")
@@ -70,3 +74,11 @@ def test_listening_page_in_a_browser(clips: Path, width: int) -> None:
         assert grave(seen.page) == []
         assert overflowing(seen.page) == []
         assert seen.errors == []
+
+
+def test_foreign_file_of_the_name_is_kept(clips: Path) -> None:
+    foreign = clips / "album.listen.html"
+    foreign.write_text("mine")
+    write_gallery([clips], clips / "album.html")
+    assert foreign.read_text() == "mine"
+    assert "album.listen.html" not in (clips / "album.html").read_text()

@@ -33,6 +33,7 @@ class PlainConstants:
     reach: int = 3  # px to either side of such an edge
     own: float = 0.5  # share of a region unlike the ground that lies in its object
     band: float = 0.05  # of an object's longer side: ground beside it
+    gap: float = 0.45  # of its object: the face of a plate or a clock is larger
     most: float = 1.6  # area that an object may have after, over that before
 
 
@@ -116,6 +117,8 @@ def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
     gaps = np.zeros_like(mask)
     for k in range(1, count):
         gap = names == k
+        if gap.sum() > PLAIN.gap * mask.sum():
+            continue
         rim = gap & ~(cv2.erode(gap.view(np.uint8), np.ones((3, 3), np.uint8)) > 0)
         rim &= inner
         if rim.any() and (farthest[rim] > PLAIN.unlike).mean() >= PLAIN.contour:
