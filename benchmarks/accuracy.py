@@ -55,7 +55,7 @@ FAILURES = """\
 Of 38 photos with true masks (household and COCO's) the twenty with the most wrong or missed objects were looked at.
 Ten miss objects that are dark, of glass, small, thin or half hidden by people: laptops in a dim room, wine glasses at
 night, a skateboard under a shoe. Five join or divide what touches and has one colour: bananas, apples in a bowl, food
-on a plate. Five take fixtures, the background or unlabelled things for objects: a speaker on a wall, a table top, a
+on a plate. Five take fixtures, the background or unlabelled items for objects: a speaker on a wall, a table top, a
 balloon. In the studio's test half, boxes are joined with their ramp, a painted ring hides three stones, and round
 lights out of focus pass for balls.
 """

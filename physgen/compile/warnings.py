@@ -512,7 +512,7 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 def _shape_differences(
     item: Object, outline: Outline, mask: Mask, compiled: Compiled
 ) -> tuple[Mask, Mask]:
-    """Return the part of a mask outside of its shape, and the part of the shape where the photo shows other things.
+    """Return the part of a mask outside of its shape, and the part of the shape where the photo shows something else.
 
     `mask` is (H, W) bool; the results are cut to the surroundings of mask and shape.
     """

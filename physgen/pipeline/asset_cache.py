@@ -4,7 +4,7 @@
 neither a first clip nor a second one repeats the work. The name of an entry is a hash of
 all that it depends on, the bytes of the photo and its maps among them: a changed file
 never gives an old result. An entry holds arrays and plain data only, and classes of a
-fixed list: a cache that came with somebody else's scene runs no code.
+fixed list: a cache that came with a stranger's scene runs no code.
 """
 
 from __future__ import annotations
@@ -243,4 +243,4 @@ FORMS: Mapping[str, Callable[[Mapping[str, Any], list[Array]], Any]] = {
     "fields": _decode_fields,
     "dict": _decode_dict,
 }
-"""What makes a value of JSON data, by the key that tells its form."""
+"""What makes a value of JSON data, by the key of its form."""

@@ -124,15 +124,15 @@ def tell_story(scene: Scene, compiled: Compiled, text: str) -> Telling:
 
 def scene_names(scene: Scene, world: World) -> list[Named]:
     """Return the names of all objects and boundaries, in the order of `World.surfaces`."""
-    things = []
+    candidates = []
     for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
         x, y = body.center.tolist()
-        things.append(name_words(k, item.name, item.label or "", (x, y)))
+        candidates.append(name_words(k, item.name, item.label or "", (x, y)))
     for k, wall in enumerate(world.walls):
         x, y = np.concatenate(wall.chains).mean(axis=0).tolist()
-        thing = name_words(len(world.bodies) + k, wall.name, "", (x, y))
-        things.append(replace(thing, is_object=False))
-    return things
+        candidate = name_words(len(world.bodies) + k, wall.name, "", (x, y))
+        candidates.append(replace(candidate, is_object=False))
+    return candidates
 
 
 def _at_rest(scene: Scene, world: World) -> World:
@@ -153,7 +153,7 @@ def _starts(
     """Yield the ways to set an actor in motion, the gentlest first."""
     world = compiled.world
     ordered = actors[: LIMITS.actors]
-    if story.is_told or story.wish in (Wish.HALT, Wish.DROP):
+    if story.is_declared or story.wish in (Wish.HALT, Wish.DROP):
         yield Start(ordered[0], is_moved=False)
     if story.wish is Wish.HALT:
         return

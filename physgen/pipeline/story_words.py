@@ -78,7 +78,7 @@ class Story:
     """Below 1 for gentle, above 1 for hard."""
     must_rest: bool = False
     """Whether the actor must rest at the end."""
-    is_told: bool = False
+    is_declared: bool = False
     """Whether the actor stands before the verb, so that it may move by itself."""
 
 
@@ -175,10 +175,10 @@ def name_words(index: int, name: str, label: str, place: tuple[float, float]) ->
     return Named(index, name.lower(), words, frozenset(nouns), *place)
 
 
-def read_story(text: str, things: Sequence[Named]) -> Story:
+def read_story(text: str, candidates: Sequence[Named]) -> Story:
     """Return what a sentence wants. Raises InputError if no object or verb is understood."""
     words = split_words(text)
-    mentions = find_mentions(words, things)
+    mentions = find_mentions(words, candidates)
     verbs = [(k, verb) for k, word in enumerate(words) if (verb := verb_of(word))]
     verbs = [
         (k, v) for k, v in verbs if not any(m.start <= k < m.end for m in mentions)
@@ -187,9 +187,11 @@ def read_story(text: str, things: Sequence[Named]) -> Story:
         raise Message.STORY_WITHOUT_VERB.error(
             "--story", quoted(text), verbs=listed(VERBS)
         )
-    objects = {thing.index for thing in things if thing.is_object}
+    objects = {candidate.index for candidate in candidates if candidate.is_object}
     if not any(set(mention.members) & objects for mention in mentions):
-        names = listed([thing.name for thing in things if thing.is_object])
+        names = listed(
+            [candidate.name for candidate in candidates if candidate.is_object]
+        )
         raise Message.STORY_WITHOUT_OBJECT.error("--story", quoted(text), names=names)
     return _assemble(words, mentions, verbs, objects)
 
@@ -208,12 +210,12 @@ def verb_of(word: str) -> str:
     return ""
 
 
-def find_mentions(words: Sequence[str], things: Sequence[Named]) -> list[Mention]:
-    """Return the noun phrases of a sentence that name things, from left to right."""
+def find_mentions(words: Sequence[str], candidates: Sequence[Named]) -> list[Mention]:
+    """Return the noun phrases of a sentence that name candidates, from left to right."""
     mentions: list[Mention] = []
     position = 0
     while position < len(words):
-        mention = _mention_at(words, position, things)
+        mention = _mention_at(words, position, candidates)
         if mention is None:
             position += 1
         else:
@@ -223,28 +225,28 @@ def find_mentions(words: Sequence[str], things: Sequence[Named]) -> list[Mention
 
 
 def _mention_at(
-    words: Sequence[str], start: int, things: Sequence[Named]
+    words: Sequence[str], start: int, candidates: Sequence[Named]
 ) -> Mention | None:
     """Return the longest noun phrase that begins at a word."""
     for end in range(min(start + 6, len(words)), start, -1):
         phrase = [word for word in words[start:end] if word not in ARTICLES]
         if not phrase or words[start] in ARTICLES or words[end - 1] in ARTICLES:
             continue
-        members, is_all = _members(phrase, things)
+        members, is_all = _members(phrase, candidates)
         if members:
             return Mention(members, start, end, is_all)
     return None
 
 
 def _members(
-    phrase: Sequence[str], things: Sequence[Named]
+    phrase: Sequence[str], candidates: Sequence[Named]
 ) -> tuple[tuple[int, ...], bool]:
-    """Return the things that a phrase names, and whether all of them are meant."""
-    for thing in things:
-        is_name = thing.name == "-".join(phrase)
-        has_noun = len(phrase) == 2 and singular(phrase[0]) in thing.words
-        if is_name or (has_noun and thing.name == phrase[1]):
-            return (thing.index,), False
+    """Return the candidates that a phrase names, and whether all of them are meant."""
+    for candidate in candidates:
+        is_name = candidate.name == "-".join(phrase)
+        has_noun = len(phrase) == 2 and singular(phrase[0]) in candidate.words
+        if is_name or (has_noun and candidate.name == phrase[1]):
+            return (candidate.index,), False
     is_all = any(word in ALL for word in phrase)
     places = [word for word in phrase[:-1] if word in PLACES]
     rest = [singular(word) for word in phrase if word not in (*ALL, *places)]
@@ -254,24 +256,24 @@ def _members(
     # a number may follow the noun: domino 5
     noun = next((word for word in reversed(rest) if not word.isdigit()), "")
     matches = []
-    for thing in things:
-        is_named = noun in thing.nouns and set(rest) <= thing.words
+    for candidate in candidates:
+        is_named = noun in candidate.nouns and set(rest) <= candidate.words
         if is_named:
-            matches.append(thing)
-    exact = [thing for thing in matches if "-".join(rest) == thing.name]
+            matches.append(candidate)
+    exact = [candidate for candidate in matches if "-".join(rest) == candidate.name]
     if exact:
         matches = exact
     if places and len(matches) > 1:
         matches = [_placed(matches, places[0])]
-    return tuple(thing.index for thing in matches), is_all
+    return tuple(candidate.index for candidate in matches), is_all
 
 
-def _placed(things: Sequence[Named], place: str) -> Named:
-    """Return the first, last, top ... of several things."""
+def _placed(candidates: Sequence[Named], place: str) -> Named:
+    """Return the first, last, top ... of several candidates."""
     if place in ("top", "bottom"):
-        ordered = sorted(things, key=lambda thing: thing.y)
+        ordered = sorted(candidates, key=lambda candidate: candidate.y)
         return ordered[0] if place == "top" else ordered[-1]
-    ordered = sorted(things, key=lambda thing: thing.x)
+    ordered = sorted(candidates, key=lambda candidate: candidate.x)
     return ordered[0] if place in ("first", "left", "leftmost") else ordered[-1]
 
 
@@ -323,7 +325,7 @@ def _assemble(
         direction,
         strength,
         must_rest=wish is not Wish.HALT and Wish.HALT in later,
-        is_told=bool(before),
+        is_declared=bool(before),
     )
 
 

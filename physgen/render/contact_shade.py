@@ -28,7 +28,7 @@ class ContactShadeTuning:
     overlap: float = 0.05
     """Of the smaller object: more in common is one object before another, not a contact."""
     least: float = 0.01
-    """Share of the darkening that nobody sees."""
+    """Share of the darkening that is invisible."""
     faint: float = 0.1
     """Share of the darkening from which objects touch in the photo."""
 

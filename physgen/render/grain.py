@@ -21,7 +21,7 @@ from physgen.scene.scene import Noise, Play, Render
 
 @dataclass(frozen=True)
 class GrainTuning:
-    """How noise is told from texture, and made."""
+    """How noise differs from texture, and is made."""
 
     block: int = 8
     """px a side of the blocks whose finest detail is measured."""

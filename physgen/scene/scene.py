@@ -593,8 +593,6 @@ class Render:
     camera: tuple[CameraView, ...]
     """In the order of their times; empty: all of the photo."""
     supersample: int
-    sound: SoundLevel | None = None
-    """None: silent."""
     grain: Noise = Noise.NONE
     hold: int = 0
     """Frames of the photo before the motion."""
@@ -603,6 +601,8 @@ class Render:
     chroma: int = 420
     """420 or 444: colours of an mp4 at every second pixel of each side, or at all."""
     contact_shade: bool = False
+    sound: SoundLevel | None = None
+    """None: silent."""
 
 
 @dataclass(frozen=True)

@@ -490,7 +490,7 @@ def _is_outside(sides: Sequence[Edge], corners: Sequence[Spot], spot: Spot) -> b
     """
     x, y = spot
     least = ABOVE - LEVEL
-    # a side of which the place is far outside tells at once in most cases
+    # a side of which the place is far outside decides at once in most cases
     for side in sides:
         if (x - side[0]) * side[3] - (y - side[1]) * side[2] > least + ROUNDING:
             return True

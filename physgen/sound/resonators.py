@@ -33,7 +33,7 @@ AIR_SPEED = 343.0
 
 @dataclass(frozen=True)
 class ResonatorLimits:
-    """Shape classes and the damping of what other things touch."""
+    """Shape classes and the damping of touched objects."""
 
     lowest: float = 40.0
     """Hz: lower modes are not heard."""

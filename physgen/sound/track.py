@@ -149,7 +149,7 @@ def event_strikes(
     sides = [resonators[k].surface for k in event.surfaces]
     speed = (event.closing or 0.0) / world.pixels_per_meter
     impulse = _newton_seconds(clip, event)
-    # bodies that others press together do not close in; the impulse tells how hard
+    # bodies that others press together do not close in; the impulse has their force
     speed = max(speed, impulse / (2 * pair_mass(sides[0], sides[1])))
     duration = contact_time(sides[0], sides[1], speed)
     place = clip.shot.affine(event.time) @ (*event.place, 1.0)

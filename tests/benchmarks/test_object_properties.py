@@ -170,12 +170,12 @@ def test_faults_of_a_table_and_of_flags(
     for text, wrong in (
         (
             "objects:\n  a: {mass: 3, form: turned, size: [1]}\n",
-            "is not 2 lengths in mm",
+            "write 2 lengths in mm",
         ),
         ("objects: {}\n", "has nothing to compare answers with"),
         (
             "objects:\n  a: {mass: 1}\nrankings: {friction: [{values: {a: 1, b: 2}}]}\n",
-            "not of a, b",
+            "are not two objects of the table or more",
         ),
     ):
         with pytest.raises(InputError, match=wrong):

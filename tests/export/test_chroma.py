@@ -8,14 +8,15 @@ import av
 import numpy as np
 import pytest
 
-from physgen.export.video import Format, open_video
+from physgen.export.video import Format, Mp4Options, open_video
 
 
 def _first_frame(folder: Path, chroma: int) -> tuple[str, np.ndarray]:
     """Write red stripes of one px, and return the layout and the frame that is read."""
     stripes = np.zeros((64, 64, 3), np.uint8)
     stripes[:, ::2, 0] = 220
-    with open_video(folder, Format.MP4, (64, 64), 30, chroma=chroma) as write:
+    mp4 = Mp4Options(chroma)
+    with open_video(folder, Format.MP4, (64, 64), 30, mp4=mp4) as write:
         write(stripes)
     with av.open(str(folder / "video.mp4")) as file:
         frame = next(file.decode(video=0))

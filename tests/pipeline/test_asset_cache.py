@@ -194,5 +194,5 @@ def test_cached_sprites_know_whether_noise_was_removed(tmp_path: Path) -> None:
             flat = maps.percepts.rgb // 8 * 8
             maps = replace(maps, percepts=replace(maps.percepts, rgb=flat))
         stage = warm.stage(scene, warm.compile(scene, maps), maps)
-        pictures.append(stage.sprites[0].rgb)
+        pictures.append(stage.sprites[0].light)
     assert not np.array_equal(*pictures)

@@ -32,6 +32,8 @@ class PieceConstants:
     covered: float = 0.7  # share of all pieces that the network draws as one
     confidence: float = 0.7  # of that drawing, at least
     outside: float = 0.35  # of it that lies in no piece, at most
+    regular: float = 0.9  # share of its rectangle or circle that a block or ball fills
+    stacked: float = 0.5  # share of such pieces from which all are a stack
     close: float = 0.02  # of the size of all: gaps between parts that are closed
     hole: float = 0.01  # of the object's area: smaller holes in it belong to it
 
@@ -92,6 +94,8 @@ def _whole(
     rgb: NDArray[np.uint8], labels: NDArray[np.uint16], group: Sequence[int]
 ) -> Mask | None:
     """Return the object that a group of pieces is (H, W); None if they are several."""
+    if _is_stack(labels, group):
+        return None
     pieces = np.isin(labels, group)
     left, top, width, height = cv2.boundingRect(pieces.view(np.uint8))
     drawn = mask_in_box(rgb, [left, top, left + width, top + height])
@@ -110,6 +114,25 @@ def _whole(
     _, names = cv2.connectedComponents(closed, connectivity=8)
     counts = np.bincount(names[closed > 0])
     return _without_holes(np.asarray(names == int(counts.argmax())))
+
+
+def _is_stack(labels: NDArray[np.uint16], group: Sequence[int]) -> bool:
+    """Return whether most pieces have the shape of a block or a ball: these are stacked."""
+    count = sum(_is_regular(labels == i) for i in group)
+    return count >= PIECES.stacked * len(group)
+
+
+def _is_regular(mask: Mask) -> bool:
+    """Return whether a mask (H, W) fills its smallest rectangle or circle."""
+    outlines, _ = cv2.findContours(
+        mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    outline = max(outlines, key=cv2.contourArea)
+    area = cv2.contourArea(outline)
+    _, (width, height), _ = cv2.minAreaRect(outline)
+    _, radius = cv2.minEnclosingCircle(outline)
+    least = min(width * height, np.pi * radius**2)
+    return bool(area >= PIECES.regular * max(least, 1.0))
 
 
 def _without_holes(mask: Mask) -> Mask:

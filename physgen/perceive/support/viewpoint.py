@@ -305,7 +305,7 @@ def fine_detail(rgb: Rgb) -> Mask:
 def coarse_detail(rgb: Rgb) -> Mask:
     """Return where a photo shows detail at a quarter of the size, as `fine_detail`.
 
-    Things and their edges remain there; the grain of a plain wall averages out.
+    Objects and their edges remain there; the grain of a plain wall averages out.
     """
     grey = cv2.cvtColor(_small_photo(rgb), cv2.COLOR_RGB2GRAY).astype(np.float32)
     height, width = grey.shape
