@@ -15,6 +15,8 @@ from physgen.render.stage import Frame
 
 MOST_CHANGED = 40
 """px that may change in frame 1 far from what moved and from its shadows."""
+MOST_FLASHES = 4
+"""px of all frames: the contact shadow of one domino of the paper's photo."""
 NAMES = sorted(path.parent.name for path in flashes.ROOT.glob("scenes/*/scene.yaml"))
 
 
@@ -24,7 +26,7 @@ def _measure(name: str, folder: Path, *overrides: str) -> Flashes:
 
 
 def _check(found: Flashes) -> None:
-    assert found.flashes == 0, f"most in frame {found.worst[0]}"
+    assert found.flashes <= MOST_FLASHES, f"most in frame {found.worst[0]}"
     assert found.first[1] <= MOST_CHANGED
 
 

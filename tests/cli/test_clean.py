@@ -201,7 +201,11 @@ def test_clean_spares_assets_of_drafts_and_of_scenes_above(
     (home.parent / "above.yaml").write_text(above)
     capsys.readouterr()
     assert main(["clean", str(home), "--yes", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["unused"] == []
+    unused = json.loads(capsys.readouterr().out)["unused"]
+    # caches are always unused, all else is in use
+    assert {Path(row["path"]).name for row in unused} <= {"cache"}
+    for name in ("scene.assets", "scene-7.assets", "scene-8.assets"):
+        assert (home / name / "masks.png").is_file()
 
 
 def test_clean_removes_the_cache_if_named(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
-from browser import grave, launched, opened, overflowing
+from browser import grave, opened, overflowing
 
 from physgen.pipeline import render_scene
 from physgen.report.gallery import write_gallery
@@ -57,14 +58,10 @@ def test_report_has_a_section_of_sound(clips: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 390])
-def test_listening_page_in_a_browser(clips: Path, width: int) -> None:
+def test_listening_page_in_a_browser(browser: Any, clips: Path, width: int) -> None:
     viewport = {"width": width, "height": 800}
-    with (
-        launched() as browser,
-        opened(
-            browser, clips / "index.listen.html", ready=False, viewport=viewport
-        ) as seen,
-    ):
+    page = clips / "index.listen.html"
+    with opened(browser, page, ready=False, viewport=viewport) as seen:
         video = seen.page.locator("video")
         assert video.evaluate("v => v.muted")
         video.evaluate("v => { v.textTracks[0].mode = 'showing'; }")
