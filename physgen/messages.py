@@ -1500,6 +1500,7 @@ class Message(Enum):
     )
     STORY_WITHOUT_OBJECT = ("names no object of the scene", "name one of {names}")
     STORY_WITH_OTHERS = ("cannot be combined with {flag}", "remove one of them")
+    STORY_NOUN_UNKNOWN = ("is not in the scene", "name one of {names}")
     STORY_WITHOUT_ACTOR = (
         "moves nothing: what moves must be an object",
         "name an object that is not fixed before the verb",

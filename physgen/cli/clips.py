@@ -87,6 +87,9 @@ def _motion_edits(
         edits = motion_edits(
             scene, compilation, options.push, options.drop, options.kick
         )
+    if not edits:
+        print_error(f"{path}: the scene has this motion already")
+        return ()
     values: dict[str, Any] = {}
     for key, value in edits.items():
         *parents, last = key.split(".")

@@ -141,6 +141,11 @@ OTHERS = ("other", "rest", "rack", "them", "everything")
 """Words that mean all objects but the actor."""
 PLACES = ("first", "last", "leftmost", "rightmost", "left", "right", "top", "bottom")
 """Words that choose one of several objects by its place."""
+SURROUNDINGS = (
+    "air", "ground", "floor", "table", "wall", "shelf", "picture", "photo", "side",
+    "middle", "spot", "ramp", "way", "edge",
+)  # fmt: skip
+"""Nouns that need not be objects."""
 ARTICLES = ("the", "a", "an", "its", "this", "that", "of")
 PLURALS = {"knives": "knife", "shelves": "shelf", "boxes": "box", "dominoes": "domino"}
 
@@ -188,12 +193,27 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
             "--story", quoted(text), verbs=listed(VERBS)
         )
     objects = {candidate.index for candidate in candidates if candidate.is_object}
+    unknown = _unknown_noun(words, mentions)
+    if unknown:
+        known = listed([one.name for one in candidates if one.is_object])
+        found = f"{unknown}, in {quoted(text)},"
+        raise Message.STORY_NOUN_UNKNOWN.error("--story", found, names=known)
     if not any(set(mention.members) & objects for mention in mentions):
         names = listed(
             [candidate.name for candidate in candidates if candidate.is_object]
         )
         raise Message.STORY_WITHOUT_OBJECT.error("--story", quoted(text), names=names)
     return _assemble(words, mentions, verbs, objects)
+
+
+def _unknown_noun(words: Sequence[str], mentions: Sequence[Mention]) -> str:
+    """Return the first word after an article that names nothing; empty if all do."""
+    known = {*WAYS, *OTHERS, *ALL, *PLACES, *SURROUNDINGS}
+    for k in range(1, len(words)):
+        is_named = _is_within(k, mentions) or singular(words[k]) in known
+        if words[k - 1] in ("the", "a", "an") and not is_named:
+            return words[k]
+    return ""
 
 
 def verb_of(word: str) -> str:

@@ -121,8 +121,9 @@ def test_impossible_story_reports_the_nearest_outcome() -> None:
     ("sentence", "code"),
     [
         ("the bottle is green", "story-without-verb"),
-        ("push the elephant", "story-without-object"),
+        ("push it", "story-without-object"),
         ("", "story-without-verb"),
+        ("the zebra hits the bottle", "story-noun-unknown"),
     ],
 )
 def test_sentence_that_is_not_understood(sentence: str, code: str) -> None:

@@ -36,6 +36,7 @@ class OutgrowthConstants:
     smallest: int = 12  # px of a part, at reduced size
     part: float = 0.12  # of the object's area, at most: more is background like it
     every: float = 0.2  # of its area, all parts together
+    attached: float = 0.06  # of its area, at most, that becomes a part of the object
     thin: float = 0.05  # of its size: reach of a part of its upper half, as of a rim
     longest: float = 0.9  # of the reach: what goes on is background like the object
     ring: int = 4  # px around a part with which it is compared
@@ -55,7 +56,7 @@ def outgrowths(photo: Rgb, hole: Mask) -> Mask:
     result = np.zeros_like(hole)
     for own, box in _large_pieces(hole):
         result[box] |= _parts(photo[box], own, hole[box]) > 0
-    return result & ~hole
+    return _without_ground(result & ~hole)
 
 
 def attach_outgrowths(photo: Rgb, labels: Labels) -> Labels:
@@ -69,9 +70,20 @@ def attach_outgrowths(photo: Rgb, labels: Labels) -> Labels:
     for own, box in _large_pieces(hole):
         owners = np.unique(labels[box][own])
         if len(owners) == 1:
-            parts = _parts(photo[box], own, hole[box], is_clear=True)
-            attached[box][(parts >= 0.5) & (attached[box] == 0)] = owners[0]
+            parts = np.zeros_like(hole)
+            parts[box] = _parts(photo[box], own, hole[box], is_clear=True) >= 0.5
+            parts = _without_ground(parts & (attached == 0))
+            if parts.sum() <= OUTGROWTHS.attached * own.sum():
+                attached[parts] = owners[0]
     return attached
+
+
+def _without_ground(parts: Mask) -> Mask:
+    """Return parts (H, W) without those that reach the photo's border: these are ground."""
+    _, names = cv2.connectedComponents(parts.view(np.uint8), connectivity=8)
+    sides = (names[0], names[-1], names[:, 0], names[:, -1])
+    at_border = np.unique(np.concatenate(sides))
+    return np.asarray(parts & ~np.isin(names, at_border))
 
 
 def _large_pieces(hole: Mask) -> Iterator[tuple[Mask, tuple[slice, slice]]]:
