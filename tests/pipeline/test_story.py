@@ -110,6 +110,7 @@ def test_sentence_comes_true(row: dict[str, Any]) -> None:
     assert is_fulfilled(row)
 
 
+@pytest.mark.slow
 def test_impossible_story_reports_the_nearest_outcome() -> None:
     scene, compiled = compiled_of("bottle-book")
     telling = tell_story(scene, compiled, "lift the table with the bottle")
