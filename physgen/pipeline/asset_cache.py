@@ -10,6 +10,8 @@ fixed list: a cache that came with a stranger's scene runs no code.
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -49,6 +51,11 @@ CLASSES: Mapping[str, type] = {
 """Classes of cached values, by name."""
 TREE = "tree"
 """Name of the plain data among the arrays of an entry."""
+DAMAGED = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, EOFError,
+    RecursionError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""Errors of an entry that is not as it was written; it is made again."""
 
 
 class AssetCache:
@@ -111,8 +118,7 @@ class AssetCache:
                 arrays = [entry[str(k)] for k in range(len(entry.files) - 1)]
                 tree = json.loads(entry[TREE].tobytes())
             return decode_value(tree, arrays)
-        except Exception:
-            # whatever is wrong with an entry, it is made again
+        except DAMAGED:
             return None
 
     def save(self, key: str, value: Any) -> None:

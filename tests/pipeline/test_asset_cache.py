@@ -156,6 +156,15 @@ def test_entries_run_no_code(tmp_path: Path) -> None:
     assert AssetCache(tmp_path).load("stage-1") is None
 
 
+def test_entries_of_another_form_count_as_missing(tmp_path: Path) -> None:
+    file = entry_of(tmp_path, VALUE)
+    nested = b"[" * 100_000 + b"]" * 100_000
+    for tree in (b'{"fields": [], "class": "Sprite"}', nested, b"7", b'{"array": 9}'):
+        np.savez(file, tree=np.frombuffer(tree, np.uint8))
+        loaded = AssetCache(tmp_path).load_stage("stage-1")
+        assert loaded is None
+
+
 def test_unknown_classes_are_not_encoded() -> None:
     for value in (Path(), {1, 2}, np.array([{}]), SimpleNamespace()):
         with pytest.raises(TypeError):
