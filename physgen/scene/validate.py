@@ -411,7 +411,10 @@ class _Fault:
     def _ways(self) -> list[str]:
         """Return the words, numbers, keys or lists that a part of several types takes."""
         words = self.schema.get("then", {}).get("enum", [])
-        ways = [*words] or ["a whole number"]
+        ways = [*words]
+        if "boolean" in self.kinds:
+            ways += ["true", "false"]
+        ways = ways or ["a whole number"]
         keys = [f"{{{key}: ...}}" for key in self.schema.get("properties", {})]
         return ways + (keys or [f"{self.schema['minItems']} numbers"])
 
@@ -465,7 +468,9 @@ class _Fault:
         else:
             names = [example(choice) for choice in schema["enum"]]
             fix = f"write {listed(names)}"
-            if isinstance(value, str):
+            if isinstance(value, str) and value in names:
+                fix = f"write {value}, without quotes"
+            elif isinstance(value, str):
                 fix = one_of(value, names)
             unknown = Message.UNKNOWN_CHOICE
             refusal = unknown.refusal(choices=listed(names), fix=fix)
