@@ -72,7 +72,7 @@ def _motion_edits(
     path: str, variant: str | None, options: argparse.Namespace
 ) -> tuple[str, ...]:
     """Edits by --push, --drop, --kick and --story; how to keep them is printed. Raises InputError."""
-    if not (options.push or options.drop or options.kick or options.story):
+    if not (options.push or options.drop or options.kick) and options.story is None:
         return ()
     from physgen import pipeline
     from physgen.pipeline.pushes import motion_edits
@@ -81,7 +81,7 @@ def _motion_edits(
     scene = _open_scene(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
         compilation = pipeline.compile(scene, pipeline.percepts(scene))
-    if options.story:
+    if options.story is not None:
         edits = _story_edits(path, scene, compilation, options)
     else:
         edits = motion_edits(

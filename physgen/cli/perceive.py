@@ -291,7 +291,7 @@ def _refuse_push_and_still(options: argparse.Namespace) -> None:
     others = ["--push"] if options.push else []
     others += ["--still"] if options.still else []
     others += ["--refresh"] if options.refresh else []
-    if options.story and others:
+    if options.story is not None and others:
         found = f'"{options.story}"'
         raise Message.STORY_WITH_OTHERS.error("--story", found, flag=others[0])
     if options.push and options.still:

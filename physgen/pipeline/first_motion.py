@@ -52,13 +52,13 @@ def start_motion(
 
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
-        if perceived.document["objects"] and not (still or pushes or story):
+        if perceived.document["objects"] and not (still or pushes or story is not None):
             perceived = _pushed(perceived)
         perceived = with_living_named(perceived)
     perceived = with_toys_named(perceived)
     if pushes:
         perceived = _pushed_by_user(perceived, pushes)
-    if story:
+    if story is not None:
         perceived = _moved_by_story(perceived, story)
     return perceived
 

@@ -36,3 +36,12 @@ def test_story_and_push_exclude_each_other(
     assert main([*arguments, "-o", str(tmp_path)]) == 2
     assert "cannot be combined" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("sentence", ["", "the zebra hits the bottle"])
+def test_sentence_that_is_not_understood_renders_nothing(
+    sentence: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert main(["render", str(SCENE), "--story", sentence, "-o", str(out)]) == 2
+    assert not out.exists() or not list(out.iterdir())
