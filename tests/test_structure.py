@@ -6,6 +6,7 @@ import ast
 import re
 import shlex
 import tomllib
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -196,6 +197,15 @@ def test_a_long_and_a_wide_function_are_listed() -> None:
     names = names.replace("p0", "self")
     structure.measure_module(package, f"def f({names}): pass", "module.py")
     assert package.wide == []
+
+
+def test_test_modules_have_names_of_their_own() -> None:
+    """Pytest imports the tests of a folder without a package by their names alone."""
+    tests = Path(__file__).parent
+    folders = defaultdict(list)
+    for module in tests.rglob("test_*.py"):
+        folders[module.name].append(module.parent.relative_to(tests).as_posix())
+    assert {name: found for name, found in folders.items() if len(found) > 1} == {}
 
 
 def test_plain_words() -> None:

@@ -119,6 +119,7 @@ def report_page(
         size=(width, height),
         video_size=scene.video_size,
         frames=len(record.frames or record.unrefined),
+        hold=record.video.get("hold", 0),
         fps=scene.render.fps,
         duration=world.duration,
         film=film,
