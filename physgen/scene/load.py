@@ -17,7 +17,15 @@ from physgen.files import file_stamp
 from physgen.messages import Message, one_of
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.scene import scene as parts
-from physgen.scene.document import Node, Source, children, decode, items, plain, read
+from physgen.scene.document import (
+    Node,
+    Source,
+    children,
+    decode,
+    items,
+    read,
+    to_plain_data,
+)
 from physgen.scene.files import Record, merge_bases, read_bases, read_scene
 from physgen.scene.overlay import (
     Edit,
@@ -28,7 +36,13 @@ from physgen.scene.overlay import (
     variants_of,
 )
 from physgen.scene.rules import Files, Ground, check_rules
-from physgen.scene.schema import Schema, at, expanded, inner, with_defaults
+from physgen.scene.schema import (
+    Schema,
+    find_schema_part,
+    inner,
+    load_expanded_schema,
+    with_defaults,
+)
 from physgen.scene.validate import (
     MAX_PROBLEMS,
     Findings,
@@ -47,7 +61,7 @@ EARTH = 9.8
 """m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
 
 
-class Opened:
+class OpenedScene:
     """A scene file that was read and checked, for any number of its variants.
 
     While it is being edited, `text` is its future content.
@@ -87,7 +101,7 @@ class Opened:
 
     def document(self) -> dict[str, Any]:
         """As plain YAML data, with what it extends and without any default."""
-        data = plain(self._root)
+        data = to_plain_data(self._root)
         assert isinstance(data, dict)
         return data
 
@@ -116,7 +130,7 @@ class Opened:
         if report.problems:
             raise InputError(self._at_causes(report, edits))
         scene = scene_from_tree(
-            *_followed(edited_root, self._root, ground),
+            *_apply_consequences(edited_root, self._root, ground),
             scene_name(self.file),
             self._source,
             ground,
@@ -150,7 +164,7 @@ def load(
     A variant that fails keeps neither the file nor its other variants from being loaded. Paths in the file stay below
     its folder unless `allow_outside`; see files.py. Raises InputError with all problems, sorted by place.
     """
-    return Opened(path, allow_outside).scene(overrides, variant)
+    return OpenedScene(path, allow_outside).scene(overrides, variant)
 
 
 def _edits(
@@ -217,12 +231,12 @@ def in_numbers(root: Node) -> Node:
     The schema reports the other texts. One number in place of a vector, with or without
     a unit, points to the right, and gravity down.
     """
-    return _NumberTree(_scale(root)).convert(root, expanded(), (), "")
+    return _NumberTree(_scale(root)).convert(root, load_expanded_schema(), (), "")
 
 
 def _scale(root: Node) -> float:
     """Return the scale of the file, px/m, the default if it has none that is valid."""
-    default = float(at("world.pixels_per_meter")["default"])
+    default = float(find_schema_part("world.pixels_per_meter")["default"])
     node = children(root, "world").get("pixels_per_meter")
     if node is None:
         return default
@@ -380,7 +394,7 @@ def scene_name(file: Path) -> str:
     )
 
 
-def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
+def _apply_consequences(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
     """Return the tree in numbers, with what follows from labels and scale that a user changed, and the record of that.
 
     What an override, a variant or a file beside the perceived one says never follows; `file` is the tree before edits.
@@ -388,9 +402,9 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
     record, tree = ground.record, in_numbers(root)
     if not record.objects or ground.size is None:
         return tree, record
-    from physgen.scene.provenance import followed
+    from physgen.scene.provenance import apply_consequences
 
-    data = plain(tree)
+    data = to_plain_data(tree)
     outlines: dict[str, Any] = {}
     for name, entry in data.get("objects", {}).items():
         stored_shapes = (
@@ -407,13 +421,13 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
         )
         outline = None if shape is None else parts.shape_outline(_shape(shape))
         outlines |= {} if outline is None else {name: outline}
-    values, record = followed(
-        plain(root), with_defaults(data), record, outlines, ground.size
+    values, record = apply_consequences(
+        to_plain_data(root), with_defaults(data), record, outlines, ground.size
     )
     home = children(root)["assets"].source
     for path, value in sorted(values.items(), key=lambda one: len(one[0])):
         key = dotted(path)
-        node = _at(root, path)
+        node = _find_node(root, path)
         written_node = children(root, *path[:-1]).get(path[-1])
         if written_node is not None and (
             written_node.source != home
@@ -429,7 +443,7 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
     return in_numbers(root) if values else tree, record
 
 
-def _at(root: Node, path: KeyPath) -> Node:
+def _find_node(root: Node, path: KeyPath) -> Node:
     """Return the node at a path, or the nearest above it."""
     for key in path:
         root = children(root).get(str(key), root)
@@ -445,7 +459,7 @@ def scene_from_tree(
 
     Named parts stand in the natural order of their names, so that no number depends on the order of keys in a file.
     """
-    scene_data = plain(root)
+    scene_data = to_plain_data(root)
     data = with_defaults(scene_data)
     for own_name, entry in scene_data.get("objects", {}).items():
         item = data["objects"][own_name]
@@ -493,12 +507,13 @@ def scene_from_tree(
             until_rest=isinstance(world["duration"], _Open),
         ),
         objects=tuple(
-            _add_stored_shape(item, ground) for item in _named(data["objects"], _object)
+            _add_stored_shape(item, ground)
+            for item in _make_named(data["objects"], _object)
         ),
-        boundaries=_named(data["boundaries"], _boundary),
+        boundaries=_make_named(data["boundaries"], _boundary),
         forces=tuple(map(_force, data["forces"])),
-        joints=_named(data["joints"], _joint),
-        fields=_named(data["fields"], _field),
+        joints=_make_named(data["joints"], _joint),
+        fields=_make_named(data["fields"], _field),
         light=_light(data["light"]) if "light" in data else None,
         render=_render(data["render"]),
         refine=refinement(data["refine"]),
@@ -540,7 +555,9 @@ def _places(node: Node, path: KeyPath) -> Iterator[tuple[str, Place]]:
             yield from _places(child, (*path, index))
 
 
-def _named(section: Mapping[str, Any], make: Callable[[str, Any], T]) -> tuple[T, ...]:
+def _make_named(
+    section: Mapping[str, Any], make: Callable[[str, Any], T]
+) -> tuple[T, ...]:
     return tuple(make(name, section[name]) for name in sorted(section, key=natural))
 
 

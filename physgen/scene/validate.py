@@ -15,21 +15,21 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.messages import Message, did_you_mean, one_of
 from physgen.problems import Place, Problem, RefusedError
-from physgen.scene.document import Node, plain
+from physgen.scene.document import Node, to_plain_data
 from physgen.scene.overlay import NAMED, kind_of
 from physgen.scene.schema import (
     Schema,
     advice,
-    at,
     bounds,
-    expanded,
+    find_schema_part,
     inner,
     limit,
+    load_expanded_schema,
     measure,
     parents,
 )
 from physgen.scene.slips import has_decimal_comma, meant_list, meant_number
-from physgen.scene.slips import plain as plain_text
+from physgen.scene.slips import normalize_text as plain_text
 from physgen.text import (
     ALLOWED,
     UNITS,
@@ -95,7 +95,7 @@ def check_schema(root: Node, findings: Findings) -> None:
     check_part(root, (), "", findings, shallow=True)
     if not isinstance(root.value, dict):
         return
-    properties = expanded()["properties"]
+    properties = load_expanded_schema()["properties"]
     for key, node in root.value.items():
         if key in NAMED and isinstance(node.value, dict):
             check_part(node, (key,), key, findings, shallow=True)
@@ -116,7 +116,7 @@ def check_part(
     data: Any = (
         dict.fromkeys(node.value)
         if isinstance(node.value, dict) and shallow
-        else plain(node)
+        else to_plain_data(node)
     )
     errors: list[ValidationError] = []
     if not _quick_check(schema_path, shallow)(data):
@@ -143,12 +143,12 @@ def check_part(
                 if error_path[:-1] in shallow_paths:
                     continue
                 shallow_paths.add(error_path[:-1])
-        _Fault(error, node, path, at(schema_path)).report(findings)
+        _Fault(error, node, path, find_schema_part(schema_path)).report(findings)
 
 
 def _part(schema_path: str, shallow: bool) -> Schema:
     """Return the part of the schema at a path; `shallow`: without the schemas of a mapping's values."""
-    schema = at(schema_path)
+    schema = find_schema_part(schema_path)
     if shallow:
         schema = {
             **schema,
@@ -189,12 +189,12 @@ def _pattern(
     """Yield the errors of the keyword `pattern`: in JSON Schema, $ is the very end, not before a last line break."""
     from jsonschema import ValidationError
 
-    if isinstance(instance, str) and not _compiled(pattern).search(instance):
+    if isinstance(instance, str) and not _compile_pattern(pattern).search(instance):
         yield ValidationError(f"{instance!r} does not match {pattern!r}")
 
 
 @cache
-def _compiled(pattern: str) -> re.Pattern[str]:
+def _compile_pattern(pattern: str) -> re.Pattern[str]:
     return re.compile(re.sub(r"\$$", r"\\Z", pattern))
 
 
@@ -233,7 +233,7 @@ def _quick_test(schema: Schema) -> Test:
             schema.get("minLength", 0),
             schema.get("maxLength", math.inf),
         )
-        search = _compiled(schema.get("pattern", "")).search
+        search = _compile_pattern(schema.get("pattern", "")).search
         return lambda value: (
             isinstance(value, str)
             and shortest <= len(value) <= longest

@@ -37,7 +37,7 @@ BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
 @dataclass
-class Marked:
+class MarkedValue:
     """One value. `begin` and `end` are indices into the text; of a block, `end` is the end of its last value."""
 
     kind: type  # `dict`, `list`, or `str` for any scalar
@@ -50,7 +50,7 @@ class Marked:
     """Of a scalar: `""` plain, or its quote, `|` or `>`."""
     keys: list[tuple[str, int, int]] = field(default_factory=list)
     """Of a mapping: each key, and where it stands."""
-    children: list[Marked] = field(
+    children: list[MarkedValue] = field(
         default_factory=list
     )  # values of a mapping, or items
 
@@ -64,7 +64,7 @@ class Marked:
     def _places(self) -> dict[str, int]:
         return {name: index for index, (name, _, _) in enumerate(self.keys)}
 
-    def child(self, key: str | int) -> Marked | None:
+    def child(self, key: str | int) -> MarkedValue | None:
         """Return the value of a key or an index."""
         index = self.place(key)
         return None if index is None else self.children[index]
@@ -82,7 +82,7 @@ class Marked:
 
 
 @lru_cache(maxsize=4)
-def marked(text: str) -> Marked:
+def mark_values(text: str) -> MarkedValue:
     """The tree of a file's text. Raises EditError where it is not YAML of scenes, which can only be edited as text."""
     try:
         read(text, Source("", _NOWHERE))
@@ -96,7 +96,7 @@ def marked(text: str) -> Marked:
     return _mark_tree(yaml.compose(text, Loader=LOADER), text)
 
 
-def _mark_tree(node: Any, text: str) -> Marked:
+def _mark_tree(node: Any, text: str) -> MarkedValue:
     begin, end, column = (
         node.start_mark.index,
         node.end_mark.index,
@@ -107,7 +107,7 @@ def _mark_tree(node: Any, text: str) -> Marked:
         if style in ("|", ">"):
             end = begin + len(text[begin:end].rstrip())
         value = node.value if style else resolve(node.value)
-        return Marked(str, False, begin, end, column, value, style)
+        return MarkedValue(str, False, begin, end, column, value, style)
     keys: list[tuple[str, int, int]] = []
     if isinstance(node, yaml.MappingNode):
         keys = [
@@ -119,7 +119,7 @@ def _mark_tree(node: Any, text: str) -> Marked:
         children = [_mark_tree(child, text) for child in node.value]
     flow = bool(node.flow_style)
     kind = dict if isinstance(node, yaml.MappingNode) else list
-    return Marked(
+    return MarkedValue(
         kind,
         flow,
         begin,
@@ -130,7 +130,7 @@ def _mark_tree(node: Any, text: str) -> Marked:
     )
 
 
-def entry(text: str, parent: Marked, at: int) -> int:
+def entry(text: str, parent: MarkedValue, at: int) -> int:
     """Start of the entry of a child: its key, or its dash."""
     if parent.kind is dict:
         return parent.keys[at][1]
@@ -177,13 +177,13 @@ def newline(text: str) -> str:
     return line_break[0] if line_break and line_break[0] in ("\r\n", "\r") else "\n"
 
 
-def below(text: str, place: int, lines: Sequence[str]) -> Patch:
+def patch_below(text: str, place: int, lines: Sequence[str]) -> Patch:
     """Return the lines after that of a place."""
     stop, line = line_end(text, place), newline(text)
     return stop, stop, line + line.join(lines)
 
 
-def joint(text: str, node: Marked, before: Marked) -> str:
+def joint(text: str, node: MarkedValue, before: MarkedValue) -> str:
     """Return the separator of a new entry in brackets: with a line break where each entry has a line of its own."""
     begin = (
         node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
@@ -193,9 +193,9 @@ def joint(text: str, node: Marked, before: Marked) -> str:
     return ", "
 
 
-def find(text: str, path: Sequence[str | int]) -> Marked:
+def find(text: str, path: Sequence[str | int]) -> MarkedValue:
     """Return the value at a path. Raises EditError where there is none."""
-    node = marked(text)
+    node = mark_values(text)
     for key in path:
         child = node.child(key)
         if child is None:
@@ -204,20 +204,20 @@ def find(text: str, path: Sequence[str | int]) -> Marked:
     return node
 
 
-def same(one: Any, other: Any) -> bool:
+def are_equal(one: Any, other: Any) -> bool:
     """Return whether two values are equal; true and 1 are not."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(
-            same(one[key], other[key]) for key in one
+            are_equal(one[key], other[key]) for key in one
         )
     if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(same, one, other))
+        return len(one) == len(other) and all(map(are_equal, one, other))
     if isinstance(one, bool) or isinstance(other, bool):
         return one is other
     return bool(one == other)
 
 
-def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
+def parent_of(text: str, path: KeyPath) -> tuple[MarkedValue, int]:
     """Return the collection that holds what is at a path, and which of its children that is."""
     parent = find(text, path[:-1])
     index = parent.place(path[-1])
@@ -226,7 +226,7 @@ def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
     return parent, index
 
 
-def patched(text: str, *patches: Patch) -> str:
+def apply_patches(text: str, *patches: Patch) -> str:
     """Return the text with patches, which do not overlap."""
     for begin, end, new in sorted(patches, reverse=True):
         text = text[:begin] + new + text[end:]
@@ -242,7 +242,7 @@ def write(text: str, data: dict[str, Any]) -> str:
         new_text = put(text, (), data)
         if is_json(text) and not is_json(new_text):
             new_text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-        if same(marked(new_text).data(), data):
+        if are_equal(mark_values(new_text).data(), data):
             return new_text
     except EditError:
         pass
@@ -254,7 +254,7 @@ def written_anew(text: str, path: KeyPath, value: Any) -> str:
     node = find(text, path)
     if "#" in text[node.begin : line_after(text, node.end - 1)]:
         return text
-    return patched(text, *_rewritten(text, path, value))
+    return apply_patches(text, *_rewritten(text, path, value))
 
 
 def put(text: str, path: KeyPath, value: Any) -> str:
@@ -263,7 +263,7 @@ def put(text: str, path: KeyPath, value: Any) -> str:
         return _make_entry(text, path, value)
     return (
         text
-        if same(find(text, path).data(), value)
+        if are_equal(find(text, path).data(), value)
         else _replace_value(text, path, value)
     )
 
@@ -273,7 +273,7 @@ def _drop(text: str, path: KeyPath) -> str:
     parent, index = parent_of(text, path)
     begin = entry(text, parent, index)
     if not leads(text, begin) or not _ends_line(text, parent, index):
-        return patched(text, _cut(text, parent, index, begin))
+        return apply_patches(text, _cut(text, parent, index, begin))
     first, stop = _first_line(text, parent, index), _last_line(text, parent, index)
     if _is_blank_line(text, stop) and first and _is_blank_line(text, first - 1):
         stop = line_after(text, stop)
@@ -286,10 +286,10 @@ def _drop(text: str, path: KeyPath) -> str:
     if is_last and is_json(text):  # which has no comma behind the last entry
         end = parent.children[index - 1].end
         patches.append((end, text.index(",", end) + 1, ""))
-    return patched(text, *patches)
+    return apply_patches(text, *patches)
 
 
-def _ends_line(text: str, parent: Marked, at: int) -> bool:
+def _ends_line(text: str, parent: MarkedValue, at: int) -> bool:
     """Return whether nothing but a comma and a comment follows an entry on its line."""
     if not parent.is_flow:
         return True
@@ -304,7 +304,7 @@ def _is_blank_line(text: str, place: int) -> bool:
     return stop < len(text) and not text[line_begin(text, place) : stop].strip()
 
 
-def _first_line(text: str, parent: Marked, at: int) -> int:
+def _first_line(text: str, parent: MarkedValue, at: int) -> int:
     """Return the start of an entry's lines: of the comments directly above it."""
     begin = entry(text, parent, at)
     first = line_begin(text, begin)
@@ -329,7 +329,7 @@ def _break_before(text: str, place: int) -> str:
     return before if BREAK.match(before) else ""
 
 
-def _last_line(text: str, parent: Marked, at: int) -> int:
+def _last_line(text: str, parent: MarkedValue, at: int) -> int:
     """Return the end of an entry's lines: of the deeper comments that follow it."""
     begin = entry(text, parent, at)
     column = begin - line_begin(text, begin)
@@ -351,7 +351,7 @@ def _after_deeper_comments(text: str, place: int, column: int) -> int:
     return stop
 
 
-def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
+def _cut(text: str, parent: MarkedValue, at: int, begin: int) -> Patch:
     """Return the patch that removes one of several entries in brackets, and no comments of others."""
     child = parent.children[at]
     is_last = at + 1 == len(parent.children)
@@ -379,16 +379,18 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
     if node.is_flow:
         inner, before = _inline(text, value, path), node.children[max(index - 1, 0)]
         if index == 0:
-            return patched(text, (before.begin, before.begin, f"{inner}, "))
-        return patched(
+            return apply_patches(text, (before.begin, before.begin, f"{inner}, "))
+        return apply_patches(
             text, (before.end, before.end, joint(text, node, before) + inner)
         )
     indent = " " * node.column
     lines = entry_lines(value, f"{indent}-", indent + "  ", path)
     if index:
-        return patched(text, below(text, node.children[index - 1].end, lines))
+        return apply_patches(
+            text, patch_below(text, node.children[index - 1].end, lines)
+        )
     begin = entry(text, node, 0)
-    return patched(
+    return apply_patches(
         text, (begin, begin, (newline(text).join([*lines, indent]))[node.column :])
     )
 
@@ -397,7 +399,9 @@ def _rename(text: str, path: KeyPath, to: str) -> str:
     """Rename a key."""
     parent, index = parent_of(text, path)
     _, begin, end = parent.keys[index]
-    return patched(text, (begin, end, _quoted_as(text, text[begin], to, key_text(to))))
+    return apply_patches(
+        text, (begin, end, _quoted_as(text, text[begin], to, key_text(to)))
+    )
 
 
 def _make_entry(text: str, path: KeyPath, value: Any) -> str:
@@ -411,11 +415,13 @@ def _make_entry(text: str, path: KeyPath, value: Any) -> str:
     after = node.children[_before(node, parent_path, key)]
     if node.is_flow:
         inner = f"{_key(text, key)}: {_inline(text, value, path)}"
-        return patched(text, (after.end, after.end, joint(text, node, after) + inner))
+        return apply_patches(
+            text, (after.end, after.end, joint(text, node, after) + inner)
+        )
     indent = " " * node.column
-    return patched(
+    return apply_patches(
         text,
-        below(
+        patch_below(
             text,
             after.end,
             entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", path),
@@ -423,7 +429,7 @@ def _make_entry(text: str, path: KeyPath, value: Any) -> str:
     )
 
 
-def _before(node: Marked, path: KeyPath, key: str) -> int:
+def _before(node: MarkedValue, path: KeyPath, key: str) -> int:
     """Return the index of the key after which a new one is written: in the schema's order, else the last."""
     order = list((schema_at(path) or {}).get("properties", {}))
     if key not in order:
@@ -458,7 +464,7 @@ def _replace_value(text: str, path: KeyPath, value: Any) -> str:
             for line in entry_lines(value[key], f"{key_text(key)}:", "  ", (key,))
         ]
         patches = patches or [(node.begin, node.end, newline(text).join(lines) or "{}")]
-    return patched(
+    return apply_patches(
         text, *(_rewritten(text, path, value) if patches is None else patches)
     )
 
@@ -475,23 +481,23 @@ def _empty_collection(text: str, path: KeyPath) -> str | None:
     for child in range(len(node.children)):
         first, stop = _first_line(text, node, child), _last_line(text, node, child)
         patches.append((first, stop, ""))
-    return patched(text, *patches)
+    return apply_patches(text, *patches)
 
 
-def _are_filled(node: Marked, value: Any) -> bool:
+def _are_filled(node: MarkedValue, value: Any) -> bool:
     """Return whether two values are mappings, or lists, that are not empty."""
     is_same_kind = node.kind is not str and isinstance(value, node.kind)
     return is_same_kind and bool(node.children) and bool(value)
 
 
-def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> str:
+def _entries(text: str, path: KeyPath, node: MarkedValue, value: dict[str, Any]) -> str:
     """Return a mapping key by key; a key that is gone whose value is that of a new one is renamed."""
     old: dict[str, Any] = node.data()
     new = [key for key in value if key not in old]
     for key in old:
         if key in value:
             continue
-        name = next((name for name in new if same(old[key], value[name])), None)
+        name = next((name for name in new if are_equal(old[key], value[name])), None)
         if name is not None:
             new.remove(name)
             text = _rename(text, (*path, key), name)
@@ -501,7 +507,7 @@ def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> s
             text = put(text, (*path, first), value[first])
         text = _drop(text, (*path, key))
     for key, child in value.items():
-        if key not in old or not same(old[key], child):
+        if key not in old or not are_equal(old[key], child):
             text = put(text, (*path, key), child)
     return text
 
@@ -510,14 +516,18 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
     """A list item by item between its ends that stay; from the last, so that numbers of items stay what they are."""
     shorter_length = min(len(old), len(new))
     head = next(
-        (index for index in range(shorter_length) if not same(old[index], new[index])),
+        (
+            index
+            for index in range(shorter_length)
+            if not are_equal(old[index], new[index])
+        ),
         shorter_length,
     )
     tail = next(
         (
             index
             for index in range(shorter_length - head)
-            if not same(old[-1 - index], new[-1 - index])
+            if not are_equal(old[-1 - index], new[-1 - index])
         ),
         shorter_length - head,
     )
@@ -532,7 +542,7 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
 
 
 def _differences(
-    text: str, node: Marked, value: Any, path: KeyPath
+    text: str, node: MarkedValue, value: Any, path: KeyPath
 ) -> list[Patch] | None:
     """Patches that change values inside brackets; None if keys or the number of items differ, at any depth."""
     if (
@@ -557,7 +567,7 @@ def _differences(
         return None
     patches: list[Patch] = []
     for child, new, child_path in pairs:
-        if not same(child.data(), new):
+        if not are_equal(child.data(), new):
             inner = _differences(text, child, new, child_path)
             if inner is None and _are_filled(child, new):
                 return None
@@ -567,7 +577,7 @@ def _differences(
     return patches
 
 
-def _inside(text: str, node: Marked, value: Any, path: KeyPath) -> Patch:
+def _inside(text: str, node: MarkedValue, value: Any, path: KeyPath) -> Patch:
     """Return the patch of a value in brackets."""
     gap = " " if node.begin == node.end else ""
     inner = _inline(text, value, path)
@@ -657,7 +667,7 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
         and (node.kind is str or node.is_flow)
         and node.style not in ("|", ">")
     ):
-        return [(colon + 1, node.end, ""), below(text, node.end, rest)]
+        return [(colon + 1, node.end, ""), patch_below(text, node.end, rest)]
     return [(colon + 1, end, newline(text).join([first + header, *rest]))]
 
 
@@ -705,9 +715,9 @@ def with_comments(
         short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
         child = parent.children[index]
         if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
-            text = patched(text, (stop, stop, f"  # {words}"))
+            text = apply_patches(text, (stop, stop, f"  # {words}"))
         else:
-            text = patched(
+            text = apply_patches(
                 text, (first, first, f"{text[first:begin]}# {words}{newline(text)}")
             )
     return text
@@ -733,7 +743,7 @@ def with_true_comments(
 
     `old` is the data before the change; `renamed` are new names of objects by the old.
     """
-    labels, labels_before = _labels(marked(text).data()), _labels(old)
+    labels, labels_before = _labels(mark_values(text).data()), _labels(old)
     if labels == labels_before:
         return text
     counts = _label_counts(labels)
