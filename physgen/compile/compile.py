@@ -42,7 +42,7 @@ from physgen.geometry.polygon import (
 from physgen.messages import Message
 from physgen.problems import InputError, Limit, Problem
 from physgen.scene import scene as model
-from physgen.scene.load import EARTH
+from physgen.scene.construction import EARTH
 from physgen.scene.scene import (
     Auto,
     JointKind,

@@ -23,8 +23,8 @@ from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
 from physgen.messages import Message
 from physgen.problems import Problem, by_place
+from physgen.scene.construction import EARTH
 from physgen.scene.files import equal
-from physgen.scene.load import EARTH
 from physgen.scene.scene import (
     Auto,
     FieldKind,

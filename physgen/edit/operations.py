@@ -31,6 +31,7 @@ from physgen.scene import yaml_edit
 from physgen.scene.document import Node, Source, to_plain_data
 from physgen.scene.overlay import NAMED, SEALED, Edit, apply, kind_of, parse_key, rivals
 from physgen.scene.schema import load_published_schema, schema_at
+from physgen.scene.yaml_comments import with_true_comments
 from physgen.scene.yaml_edit import are_equal, mark_values
 from physgen.text import KeyPath, dotted
 
@@ -281,7 +282,7 @@ class Target:
         """
         if self.variant is None:
             text = yaml_edit.write(self.text, data)
-            self.text = yaml_edit.with_true_comments(text, self.data, renamed or {})
+            self.text = with_true_comments(text, self.data, renamed or {})
             return
         changes = {
             path: value

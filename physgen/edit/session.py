@@ -26,7 +26,8 @@ from physgen.messages import Message
 from physgen.problems import EditError, InputError, Limit, Why
 from physgen.scene.document import decode
 from physgen.scene.files import scene_bytes
-from physgen.scene.yaml_edit import mark_values, without_comments
+from physgen.scene.yaml_comments import without_comments
+from physgen.scene.yaml_edit import mark_values
 
 PAUSE = 5.0
 """s after which an edit is a step of its own, whatever its tag."""

@@ -58,13 +58,8 @@ from physgen.scene.saving import note_files, note_scene, save_scene
 from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
-from physgen.scene.yaml_edit import (
-    mark_values,
-    with_comments,
-    without_comments,
-    write,
-    written_anew,
-)
+from physgen.scene.yaml_comments import with_comments, without_comments
+from physgen.scene.yaml_edit import mark_values, write, written_anew
 from physgen.text import counted, listed
 
 GENERIC = ("object", "thing")

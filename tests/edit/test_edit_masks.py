@@ -22,7 +22,7 @@ from physgen.edit.operations import edited
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.problems import EditError
 from physgen.scene.load import OpenedScene
-from physgen.scene.yaml_edit import without_comments
+from physgen.scene.yaml_comments import without_comments
 
 W, H = 240, 160
 Y, X = np.mgrid[:H, :W]

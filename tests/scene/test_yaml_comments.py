@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from physgen.edit.operations import edited
-from physgen.scene.yaml_edit import is_json, mark_values, without_comments
+from physgen.scene.yaml_comments import without_comments
+from physgen.scene.yaml_edit import is_json, mark_values
 
 NAMES = ("ball", "crate", "cup")
 SHAPE = "{circle: {center: [20, 20], radius: 5}}"
