@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.world import World, appearance, photo_poses
 from physgen.maps import Percepts
 from physgen.messages import Message
@@ -36,7 +36,7 @@ from physgen.report.perception import (
 )
 from physgen.report.player import figure, fixed_data, plate, shadows, sprites, touches
 from physgen.scene.files import RECORD, read_record
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.provenance import Provenance, source
 from physgen.scene.scene import Scene, Solid
 from physgen.simulate.engine import Running
@@ -125,7 +125,7 @@ def perceived_data(scene: Scene) -> Data | None:
     return {"verdict": verdict, "summary": lines}
 
 
-def derived_data(scene: Scene, compiled: Compiled) -> Data:
+def derived_data(scene: Scene, compiled: CompiledScene) -> Data:
     """Return the values that follow from the scene: centres, masses and moments of the
     engine.
     """
@@ -451,13 +451,13 @@ class Look:
 
 
 @dataclass(frozen=True)
-class CompiledScene:
+class LiveScene:
     """A compiled scene without its maps, so that many texts of a large photo fit in
     memory.
     """
 
     scene: Scene
-    compiled: Compiled
+    compiled: CompiledScene
     key: str  # key of the photo and its maps
     picture: str  # key of the picture
     read: Callable[[Scene], Percepts | None]
@@ -482,10 +482,10 @@ class Live:
         self.path, self.allow_outside = path, allow_outside
         self._lock = RLock()
         self._warm = Stages(Keep.EDITING)
-        self._opened: Recent[Opened] = Recent(6)
-        self._known: Recent[CompiledScene] = Recent(8)
+        self._opened: Recent[OpenedScene] = Recent(6)
+        self._known: Recent[LiveScene] = Recent(8)
         self._motions: Recent[MotionStream] = Recent(MAX_MOTIONS)
-        self._sights: Recent[CompiledScene] = Recent(4)
+        self._sights: Recent[LiveScene] = Recent(4)
 
     def look(
         self, text: str, variant: str | None = None, *, motion_only: bool = False
@@ -567,12 +567,12 @@ class Live:
             # Let waiting threads take the lock between two slices.
             time.sleep(0)
 
-    def sight(self, key: str) -> CompiledScene | None:
+    def sight(self, key: str) -> LiveScene | None:
         """Return the scene of a picture's key."""
         with self._lock:
             return self._sights.get(key)
 
-    def state(self, text: str, variant: str | None = None) -> CompiledScene:
+    def state(self, text: str, variant: str | None = None) -> LiveScene:
         """Compile the scene of a text with its maps. Raises InputError."""
         with self._lock:
             return self._mean(self._open(text), variant)
@@ -584,11 +584,11 @@ class Live:
         with self._lock:
             return self._open(text).document()
 
-    def _open(self, text: str) -> Opened:
+    def _open(self, text: str) -> OpenedScene:
         """Read a text, or return the scene file that was read for the same text."""
 
-        def read() -> Opened:
-            return Opened(self.path, self.allow_outside, text=text)
+        def read() -> OpenedScene:
+            return OpenedScene(self.path, self.allow_outside, text=text)
 
         opened = self._opened.of(text, read)
         # Another program changed a file that the scene extends.
@@ -597,13 +597,13 @@ class Live:
             opened = self._opened.of(text, read)
         return opened
 
-    def _mean(self, opened: Opened, variant: str | None) -> CompiledScene:
+    def _mean(self, opened: OpenedScene, variant: str | None) -> LiveScene:
         """Compile the scene of a text. Raises InputError."""
         scene = opened.scene((), variant)
         maps = self._warm.maps(scene)
         cache_key = (opened, variant, maps.key)
 
-        def make() -> CompiledScene:
+        def make() -> LiveScene:
             compiled = self._warm.compile(scene, maps)
             masks = (
                 [item.mask for item in scene.objects],
@@ -615,7 +615,7 @@ class Live:
             picture = key(
                 "picture", maps.key, *appearance(scene, compiled.world), outlines, masks
             )
-            compiled_scene = CompiledScene(
+            compiled_scene = LiveScene(
                 scene, compiled, maps.key, picture, self._percepts
             )
             self._sights.of(picture, lambda: compiled_scene)
@@ -628,7 +628,7 @@ class Live:
         with self._lock:
             return self._warm.maps(scene).percepts
 
-    def _motion(self, known: CompiledScene, begun: float) -> tuple[MotionStream, Data]:
+    def _motion(self, known: LiveScene, begun: float) -> tuple[MotionStream, Data]:
         """Return the stream of a scene's motion and its first part."""
         world = known.compiled.world
         stream_key = motion_key(world)
@@ -737,14 +737,14 @@ class Pictures:
         )
         return _png(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
 
-    def _stage(self, key: str, sight: CompiledScene) -> Stage:
+    def _stage(self, key: str, sight: LiveScene) -> Stage:
         """Prepare the stage of a scene, with objects at the poses of the photo."""
         return self._stages.of(
             key, lambda: stage(sight.scene, sight.compiled, sight.percepts)
         )
 
 
-def photo_png(sight: CompiledScene) -> bytes:
+def photo_png(sight: LiveScene) -> bytes:
     """Encode the photo as a PNG; a scene without a photo has a plain background."""
     from physgen.render.staging import flat_background
 
@@ -753,7 +753,7 @@ def photo_png(sight: CompiledScene) -> bytes:
     return _png(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
 
 
-def mask_png(sight: CompiledScene, name: str) -> bytes:
+def mask_png(sight: LiveScene, name: str) -> bytes:
     """Encode an object's mask as a grey PNG of the photo's size, 0 or 255.
 
     Raises EditError, InputError.

@@ -51,7 +51,7 @@ from physgen.photometry import fit_light
 from physgen.photos import read_image
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.progress import Progress, silent
-from physgen.scene.document import Node, Source, children, decode, plain, read
+from physgen.scene.document import Node, Source, children, decode, read, to_plain_data
 from physgen.scene.scene import View
 from physgen.scene.schema import Schema, expand
 from physgen.text import dotted, nearest, shown
@@ -394,7 +394,7 @@ def read_sim(path: Path) -> Sim:
     """Raises InputError with every wrong line."""
     source = Source(str(path), path.parent)
     root = read(decode(path.read_bytes(), str(path)), source, start=SIM_START)
-    data, known = plain(root), _schema()["properties"]
+    data, known = to_plain_data(root), _schema()["properties"]
     of_object = known["obj_info"]["additionalProperties"]["properties"]
     problems = [
         _fault(root, error)

@@ -31,7 +31,7 @@ from physgen.perceive.segment.prompts import (
     Segmenter,
     from_prompts,
 )
-from physgen.scene.files import Record, equal, recorded
+from physgen.scene.files import Record, equal, read_recorded
 from physgen.scene.provenance import (
     label_confidence,
     perceived_keys,
@@ -77,7 +77,7 @@ def full_size(scene: Scene) -> tuple[int, int] | None:
 
     None if the scene shows the photo as it was given, or another one.
     """
-    photo = recorded(scene.assets, "photo")
+    photo = read_recorded(scene.assets, "photo")
     if scene.image is None or scene.image.name != photo.get("image"):
         return None
     match photo.get("size"):
@@ -234,7 +234,7 @@ def as_before(
     """
     walls, doubts = (
         scene.record.world["boundaries"],
-        recorded(scene.assets, "suitability"),
+        read_recorded(scene.assets, "suitability"),
     )
     if is_resized:
         anew = perceived.document["boundaries"].values()
@@ -375,7 +375,7 @@ def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
         or "boundaries" not in world
     ):
         return False
-    painted = crc32((assets / "masks.png").read_bytes()) != recorded(
+    painted = crc32((assets / "masks.png").read_bytes()) != read_recorded(
         assets, "files"
     ).get("masks.png")
     ids = {str(item.mask.id) for item in scene.objects if isinstance(item.mask, MaskId)}

@@ -29,7 +29,7 @@ from physgen.scene.scene import ADD_OBJECT, Motion, Object, Scene, View
 from physgen.text import nearest, quantity, quoted
 
 if TYPE_CHECKING:
-    from physgen.compile.compile import Compiled
+    from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
 
 
@@ -111,7 +111,7 @@ def direction_words(velocity: tuple[float, float]) -> str:
 
 def motion_edits(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     pushes: Sequence[str],
     drops: Sequence[str],
     kicks: Sequence[str],
@@ -251,7 +251,9 @@ def _refuse_other_signs(scene: Scene, text: str) -> None:
             )
 
 
-def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str, Any]]:
+def _drop(
+    scene: Scene, compiled: CompiledScene, name: str
+) -> tuple[Object, dict[str, Any]]:
     """Return the object of that name, and its place above its support by dotted key."""
     item = named(scene, "--drop", name.strip())
     if scene.world.view is View.TOP:
@@ -346,7 +348,7 @@ def _way_names() -> list[str]:
     return [*WORDS, *diagonals]
 
 
-def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
+def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
     """Return `place` of an object, lifted by its own height, or up to the object above
     it.
     """
@@ -367,7 +369,9 @@ def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
     return [round(float(x), 2), round(float(y - lift), 2), *([angle] if angle else [])]
 
 
-def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str, Any]]:
+def _kick(
+    scene: Scene, compiled: CompiledScene, text: str
+) -> tuple[Object, dict[str, Any]]:
     """Return the object at or near a point, and an impulse there by dotted key.
 
     The impulse leads away from the point; in the side view it is level.

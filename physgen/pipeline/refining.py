@@ -164,7 +164,7 @@ def refine_footage(
 ) -> Outcome:
     """Write the clip unrefined and, in all formats, refined."""
     from physgen.refine.fusion import Refinement, backend_errors
-    from physgen.report.perception import compared
+    from physgen.report.perception import compare_frames
 
     scene, trajectory, record = film.scene, kept.trajectory, files.record
     sample_order, count = film.shot(trajectory).order, len(kept.rgb)
@@ -213,7 +213,7 @@ def refine_footage(
         ("refined", most_changed.refined),
     )
     caption = f"The frame that changed most, at {float(trajectory.times[most_changed.index]):.2f} s."
-    return Outcome((), compared("refined", "Refined", caption, before, after))
+    return Outcome((), compare_frames("refined", "Refined", caption, before, after))
 
 
 def _write_unrefined(

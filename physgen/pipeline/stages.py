@@ -28,7 +28,7 @@ from physgen.progress import Progress, silent
 from physgen.text import quoted
 
 if TYPE_CHECKING:
-    from physgen.compile.compile import Compiled
+    from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
     from physgen.maps import F32, U16, Percepts
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from physgen.render.grain import Delivery
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
     from physgen.simulate.engine import Running
     from physgen.simulate.trajectory import Trajectory
@@ -98,7 +98,7 @@ def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
     )
 
 
-def compile(scene: Scene, maps: Percepts | None) -> Compiled:
+def compile(scene: Scene, maps: Percepts | None) -> CompiledScene:
     """Compile a scene: outlines, centres, masses, moments and contact pairs."""
     from physgen.compile.compile import compile_scene
 
@@ -123,7 +123,9 @@ PAUSE_SAMPLES = 21
 """Number of samples in the pause at the end: 30 a second, as frames."""
 
 
-def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
+def ended(
+    scene: Scene, compiled: CompiledScene
+) -> tuple[CompiledScene, Running | None]:
     """Resolve `duration: auto`, and return the run that found the duration.
 
     The video ends 0.7 s after the last visible motion, and after all forces, views and
@@ -198,7 +200,7 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
     ), running
 
 
-def resolved(scene: Scene, compiled: Compiled) -> dict[str, Any]:
+def resolved(scene: Scene, compiled: CompiledScene) -> dict[str, Any]:
     """Return the scene's data with defaults and with the resolved duration."""
     resolved_values = (
         {"duration": compiled.world.duration} if scene.world.until_rest else {}
@@ -207,7 +209,7 @@ def resolved(scene: Scene, compiled: Compiled) -> dict[str, Any]:
 
 
 def lint(
-    scene: Scene, compiled: Compiled, maps: Percepts | None = None
+    scene: Scene, compiled: CompiledScene, maps: Percepts | None = None
 ) -> list[Problem]:
     """Return warnings about permitted but unlikely values of a scene and of its
     maps.
@@ -238,7 +240,7 @@ def simulate(
 
 def fan(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     count: int,
     seed: int = 0,
     variant: str | None = None,
@@ -255,7 +257,7 @@ def fan(
         return draw(scene, compiled, count, seed, variant, progress)
 
 
-def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
+def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage:
     """Prepare the filled background and the sprites from the photo.
 
     A scene without a photo gets flat shapes on a plain background, at the largest scale
@@ -507,7 +509,7 @@ class Stages:
         """Assets folders to which this process has written a stage."""
         few = 0 if keep is Keep.NOTHING else 4
         self._editing = keep is Keep.EDITING
-        self._opened: Recent[Opened] = Recent(few)
+        self._opened: Recent[OpenedScene] = Recent(few)
         self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
         self._shapes: Recent[Shapes] = Recent(few)
         self._stages: Recent[Stage] = Recent(min(few, 1))
@@ -522,14 +524,18 @@ class Stages:
         allow_outside: bool,
     ) -> Scene:
         """Load a scene like `load`, from a parsed file that is still current."""
-        from physgen.scene.load import Opened
+        from physgen.scene.load import OpenedScene
 
         name = str(path)
         cache_key = (os.getcwd(), name, allow_outside)
-        scene_file = self._opened.of(cache_key, lambda: Opened(name, allow_outside))
+        scene_file = self._opened.of(
+            cache_key, lambda: OpenedScene(name, allow_outside)
+        )
         if scene_file.stale():
             self._opened.forget(cache_key)
-            scene_file = self._opened.of(cache_key, lambda: Opened(name, allow_outside))
+            scene_file = self._opened.of(
+                cache_key, lambda: OpenedScene(name, allow_outside)
+            )
         return scene_file.scene(overrides, variant)
 
     def maps(self, scene: Scene) -> Maps:
@@ -572,7 +578,7 @@ class Stages:
         cache = AssetCache(scene.assets)
         return cache if cache.exists else None
 
-    def compile(self, scene: Scene, maps: Maps) -> Compiled:
+    def compile(self, scene: Scene, maps: Maps) -> CompiledScene:
         """Compile a scene like `compile`, with known outlines if its masks have not
         changed.
         """
@@ -593,7 +599,7 @@ class Stages:
             self._motions.of(motion_key(world), lambda: run.sampled(world.times))
         return compiled_scene
 
-    def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
+    def stage(self, scene: Scene, compiled: CompiledScene, maps: Maps) -> Stage:
         """Prepare the stage of a scene like `stage`, or return a known one."""
         from physgen.compile.world import appearance, photo_poses
         from physgen.pipeline.cache_keys import key
@@ -615,7 +621,7 @@ class Stages:
         return replace(known_stage, starts=photo_poses(compiled.world))
 
     def _stage(
-        self, scene: Scene, compiled: Compiled, maps: Maps, depends: Sequence[Any]
+        self, scene: Scene, compiled: CompiledScene, maps: Maps, depends: Sequence[Any]
     ) -> Stage:
         """Prepare a stage, or load it from the cache in the assets folder.
 
@@ -719,7 +725,7 @@ class Film:
     def __init__(
         self,
         scene: Scene,
-        compiled: Compiled,
+        compiled: CompiledScene,
         maps: Maps,
         record: RunRecord,
         stages: Stages,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.write import scene_text
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
 
 
-def open_trial(photo_scene: PerceivedScene, *more: str) -> Opened:
+def open_trial(photo_scene: PerceivedScene, *more: str) -> OpenedScene:
     """Create a scene for trials, without maps. Raises InputError.
 
     `more` are keys of objects that are copied in addition to those of shape and matter.
@@ -40,4 +40,4 @@ def open_trial(photo_scene: PerceivedScene, *more: str) -> Opened:
             for name, item in document["objects"].items()
         },
     }
-    return Opened("scene.yaml", text=scene_text(trial_document))
+    return OpenedScene("scene.yaml", text=scene_text(trial_document))

@@ -33,7 +33,7 @@ from physgen.scene.scene import (
     Point,
     Scene,
     affine,
-    held,
+    confine_center,
     magnification,
     room,
 )
@@ -266,7 +266,7 @@ class Shot:
         (ax, ay), (bx, by) = self._center(start, time), self._center(end, time)
         center = ax + (bx - ax) * share, ay + (by - ay) * share
         # Rounding may lead out of the photo by a bit.
-        return held(center, self.photo, self.video, zoom), zoom
+        return confine_center(center, self.photo, self.video, zoom), zoom
 
     def _drift_view(
         self, center: Point, zoom: float, time: float
@@ -280,7 +280,7 @@ class Shot:
         amount = share * self.handheld / magnification(self.photo, self.video, zoom)
         x, y = (amount * _sway(time, phase) for phase in HAND.phases)
         center = center[0] + x, center[1] + y
-        return held(center, self.photo, self.video, zoom), zoom
+        return confine_center(center, self.photo, self.video, zoom), zoom
 
     def _center(self, aim: Aim, time: float) -> Point:
         """Return the centre of an aim at a time, px."""
@@ -439,7 +439,9 @@ def _way(
     """Return the centre of a view, (T, 2) px or (1, 2), within the photo."""
     if sight.follow is None:
         middle = (photo[0] - 1) / 2, (photo[1] - 1) / 2
-        return np.array([held(sight.center or middle, photo, video, sight.zoom)])
+        return np.array(
+            [confine_center(sight.center or middle, photo, video, sight.zoom)]
+        )
     lower_limit, upper_limit = room(photo, video, sight.zoom)
     body = trajectory.names.index(sight.follow)
     places = np.clip(trajectory.poses[:, body, :2], lower_limit, upper_limit)

@@ -267,7 +267,7 @@ class Network(Protocol):
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainingSettings:
     """Limits of the training, from the configurations of the weights."""
 
     grid: Grid
@@ -284,7 +284,7 @@ class Kind:
     """Name in messages."""
     guidance: float
     """Weight of the texts recommended by the authors."""
-    trained: Callable[[tuple[str, ...]], Trained]
+    trained: Callable[[tuple[str, ...]], TrainingSettings]
     """Reads only configurations. Raises InputError for weights of another model."""
     load: Callable[[tuple[str, ...], str, torch.dtype], Network]
     """From weights, the future device and the type to the network on the processor."""
