@@ -28,8 +28,8 @@ from physgen.scene.yaml_edit import mark_values, write
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
+    from physgen.scene.checked_tree import Ground
     from physgen.scene.load import OpenedScene
-    from physgen.scene.rules import Ground
 
 Labels = NDArray[np.uint16]
 """Ids of objects, (H, W), 0 for the background."""
