@@ -1,4 +1,6 @@
-"""The scene document: entries of objects, names, boundaries, light, comments and provenance; its files."""
+"""The scene document: entries of objects, names, boundaries, light, comments and
+provenance; its files.
+"""
 
 from __future__ import annotations
 
@@ -70,18 +72,26 @@ from physgen.text import counted, listed
 GENERIC = ("object", "thing")
 """Labels without meaning."""
 USUAL = ("friction", "elasticity")
-"""Numbers that the file leaves out at their defaults, which are those of an unknown material."""
+"""Numbers that the file leaves out at their defaults, which are those of an unknown
+material.
+"""
 PERHAPS = 0.2
 """Confidence from which a region is worth a line."""
 LIKELY = 0.1
 """Chance from which another label is named."""
 TABLE = {"friction": 0.2}  # what is written where it is seen from above
 SCHEMA = "scene-1.schema.json"
-"""Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
+"""Copied into the assets, so that editors complete and check the scene wherever it
+lies, offline too.
+"""
 BARE = {"mask", "from", "confidence"}
-"""Keys of an object that the user took from `doubtful:`, or gave by its mask alone: a refresh fills in the rest."""
+"""Keys of an object that the user took from `doubtful:`, or gave by its mask alone: a
+refresh fills in the rest.
+"""
 MOTION_BLUR = 0.5
-"""Of new files: a shutter that is open for half of a frame's time, as film cameras have."""
+"""Of new files: a shutter that is open for half of a frame's time, as film cameras
+have.
+"""
 HOLD = 10
 """Frames of new files that show the photo before the motion: a third of a second."""
 
@@ -92,16 +102,17 @@ class Names:
 
     objects: Sequence[PhotoObject]  # with their labels
     labels: Mapping[int, Name]
-    sources: Mapping[
-        int, str
-    ]  # sources of the labels, for `from`; `""` where they are the user's
+    # sources of the labels, for `from`; `""` where they are the user's
+    sources: Mapping[int, str]
     confidence: Mapping[int, float]
     before: Mapping[int, str]  # names without the user's new labels
     renamed: set[int]  # ids of objects that the user gave a new label
 
 
 def slug(label: str) -> str:
-    """A label as the start of a name: letters, digits and -, beginning with a letter, at most 48 long."""
+    """Return a label as the start of a name: letters, digits and -, beginning with a
+    letter, at most 48 long.
+    """
     text = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")[:48].strip("-")
     if not text:
         return "object"
@@ -111,7 +122,9 @@ def slug(label: str) -> str:
 def object_names(
     objects: Sequence[PhotoObject], kept: Mapping[int, str] | None = None
 ) -> dict[int, str]:
-    """A name for every object, by id, from left to right: its label and a number; names in `kept` stay."""
+    """Return a name for every object, by id, from left to right: its label and a
+    number; names in `kept` stay.
+    """
     kept = kept or {}
     taken = set(kept.values())
     ordered = sorted(
@@ -135,7 +148,8 @@ def object_names(
 def relabel_objects(
     objects: Sequence[PhotoObject], renames: Sequence[str], called: Mapping[int, str]
 ) -> tuple[list[PhotoObject], set[int]]:
-    """Objects, named as in `called`, under their new labels, and the ids of those that got one.
+    """Objects, named as in `called`, under their new labels, and the ids of those that
+    got one.
 
     Raises InputError with every wrong NAME of `renames`, each NAME=TEXT.
     """
@@ -150,7 +164,9 @@ def relabel_objects(
 def renamed_labels(
     renames: Sequence[str], called: Mapping[int, str]
 ) -> tuple[dict[int, str], list[Problem]]:
-    """The new label of each object that one of `renames` names, by id, a name before a pattern; and what is wrong."""
+    """Return the new label of each object that one of `renames` names, by id, a name
+    before a pattern; and what is wrong.
+    """
     labels: dict[int, str] = {}
     exact: dict[int, str] = {}
     problems = []
@@ -189,7 +205,9 @@ def label_confidences(
 
 
 def unknown_label(label: str) -> Problem | None:
-    """A warning about a label that the material table does not know; None for one that it knows."""
+    """Return a warning about a label that the material table does not know; None for
+    one that it knows.
+    """
     what = kind(label)
     if what.noun or what.material.name != "unknown" or label in GENERIC:
         return None
@@ -345,7 +363,7 @@ def _mask_source(found: Detections, i: int) -> str:
 
 
 def light_entry(light: DistantLight) -> dict[str, Any]:
-    """The scene's `light:`."""
+    """Return the scene's `light:`."""
     return {
         "direction": [round(v, 3) for v in light.direction],
         "intensity": round(min(light.intensity, 1000.0), 3),
@@ -354,7 +372,7 @@ def light_entry(light: DistantLight) -> dict[str, Any]:
 
 
 def view_entry(shadows: Shadows, side: bool) -> dict[str, Any]:
-    """The part of `world:` that places shadows; empty where none are seen."""
+    """Return the part of `world:` that places shadows; empty where none are seen."""
     if shadows.clean is None or not side:
         return {}
     return {"tilt": shadows.tilt} | (
@@ -363,7 +381,9 @@ def view_entry(shadows: Shadows, side: bool) -> dict[str, Any]:
 
 
 def shape_entry(outline: Outline) -> dict[str, Any]:
-    """`shape:` of an outline, to 0.01 px; radii are rounded down, so that balls that touch do not overlap."""
+    """`shape:` of an outline, to 0.01 px; radii are rounded down, so that balls that
+    touch do not overlap.
+    """
     if isinstance(outline, Disc):
         (center,) = corners(outline.center[None])
         return {
@@ -387,7 +407,7 @@ def shape_entry(outline: Outline) -> dict[str, Any]:
 
 
 def shape_words(outline: Outline, solid: Solid) -> str:
-    """A shape in words, whose numbers lie in the assets: sphere of radius 20.13."""
+    """Return a shape in words, whose numbers lie in the assets: sphere of radius 20.13."""
     if isinstance(outline, Disc):
         return f"{solid.value} of radius {floor(outline.radius * 100) / 100:g}"
     if len(outline.rings) == 1 and (box := _box(outline.rings[0].outer)) is not None:
@@ -421,7 +441,7 @@ def corners(points: Array) -> list[list[float]]:
 
 
 def short(value: float) -> float:
-    """The number, as a whole one where it is one: 18, not 18.0."""
+    """Return the number, as a whole one where it is one: 18, not 18.0."""
     return int(value) if float(value).is_integer() else float(value)
 
 
@@ -483,7 +503,7 @@ def scene_comments(
 
 
 def label_counts(labels: Mapping[int, str]) -> str:
-    """The number of objects of each label: 2 x ball, 1 x block."""
+    """Return the number of objects of each label: 2 x ball, 1 x block."""
     counts: dict[str, int] = {}
     for label in labels.values():
         counts[label or "object"] = counts.get(label or "object", 0) + 1
@@ -492,7 +512,9 @@ def label_counts(labels: Mapping[int, str]) -> str:
 
 
 def summary(perceived: PerceivedScene) -> list[str]:
-    """What was found, how sure it is, and how to correct it: the first line in short, then a line for each subject."""
+    """What was found, how sure it is, and how to correct it: the first line in short,
+    then a line for each subject.
+    """
     document, comments = perceived.document, perceived.comments
     objects, world = document["objects"], document["world"]
     sure = {name: mask_confidence(item) for name, item in objects.items()}
@@ -592,7 +614,8 @@ def mask_confidence(item: Mapping[str, Any]) -> float:
 def with_doubtful(
     labels: Labels, doubtful: Sequence[Doubt]
 ) -> tuple[Labels, dict[str, Any], dict[str, str]]:
-    """Return the label map with ids for regions that may be objects, `doubtful:`, and its comments.
+    """Return the label map with ids for regions that may be objects, `doubtful:`, and
+    its comments.
 
     A region ends where an object is.
     """
@@ -633,17 +656,18 @@ def write_scene(
     known: Record = UNKNOWN,
     stdout: Path | None = None,
 ) -> str:
-    """Writes the assets, and the scene file where `output` is given; returns the scene's text.
+    """Writes the assets, and the scene file where `output` is given; returns the
+    scene's text.
 
-    `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
-    `known` is the record beside it.
+    `before` is the text of a scene that was perceived again: lines, comments and shapes
+    stay where nothing is new; `known` is the record beside it.
 
-    Assets go to `OUTPUT-STEM.assets/` beside the scene; without `output`, to those of the
-    file `stdout` that the caller writes the text to, or to `NAME.assets/` in the current
-    folder. Assets of another scene in the way stay, and the new ones go to
-    `OUTPUT-STEM-2.assets/`.
-    `photo` is its file; None where no scene can name the file as it is. Of that, and of a file outside the scene's
-    folder, the pixels are written as `NAME.png`: a copy of the file would keep where the photo was taken. Existing
+    Assets go to `OUTPUT-STEM.assets/` beside the scene; without `output`, to those of
+    the file `stdout` that the caller writes the text to, or to `NAME.assets/` in the
+    current folder. Assets of another scene in the way stay, and the new ones go to
+    `OUTPUT-STEM-2.assets/`. `photo` is its file; None where no scene can name the file
+    as it is. Of that, and of a file outside the scene's folder, the pixels are written
+    as `NAME.png`: a copy of the file would keep where the photo was taken. Existing
     files that differ are kept as `NAME~` (`keep` is called with them).
     """
     target = output or stdout or Path(f"{name}.yaml")
@@ -661,7 +685,7 @@ def write_scene(
     )
 
     def written(assets: Path) -> str:
-        """The scene's text with the assets in this folder."""
+        """Return the scene's text with the assets in this folder."""
         image = assets / copy if copy or photo is None else photo
         head = {
             "physgen": 1,
@@ -766,10 +790,11 @@ def _rewritten(
     perceived: PerceivedScene,
     known: Record,
 ) -> str:
-    """The text with new data, and with comments on the values that are new, or whose reason is.
+    """Return the text with new data, and with comments on the values that are new, or
+    whose reason is.
 
-    Comments of perception on values that are the user's go. Objects of nothing but a mask, and boundaries that are
-    new, are written as in a new file.
+    Comments of perception on values that are the user's go. Objects of nothing but a
+    mask, and boundaries that are new, are written as in a new file.
     """
     objects, changed = (
         old.get("objects", {}),
@@ -829,7 +854,7 @@ def _rewritten(
 
 
 def value_at(document: Mapping[str, Any], key: str) -> object:
-    """The value at a dotted key, or None."""
+    """Return the value at a dotted key, or None."""
     value: Any = document
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
@@ -842,9 +867,11 @@ def short_entries(
     written: Mapping[str, Any],
     wholes: Mapping[int, Outline] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], str]:
-    """The objects as the file has them, and `outlines.json` with their shapes and solids, and their `wholes` by id.
+    """Return the objects as the file has them, and `outlines.json` with their shapes
+    and solids, and their `wholes` by id.
 
-    The file has no shape, solid, `from` or default but where it was `written`, or where the object's mask is no id.
+    The file has no shape, solid, `from` or default but where it was `written`, or where
+    the object's mask is no id.
     """
     short, stored, usual = {}, [], (schema_at(("objects", "")) or {})["properties"]
     for name, item in objects.items():
@@ -868,7 +895,7 @@ def short_entries(
 
 
 def _free_of_maps(name: str) -> str:
-    """The photo's name among the assets: no other picture has it."""
+    """Return the photo's name among the assets: no other picture has it."""
     taken = {*MAPS, Path(OVERVIEW).stem}
     return f"photo-{name}" if Path(name).stem.lower() in taken else name
 

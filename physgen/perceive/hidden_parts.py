@@ -1,8 +1,9 @@
 """Outlines of objects as they go on behind others.
 
-The engine needs outlines that do not overlap; the renderer needs the whole object, since
-what hides it moves away. A ball or a fruit is a circle through its visible border, other
-round things an ellipse; else a bay that another object fills is closed by the hull.
+The engine needs outlines that do not overlap; the renderer needs the whole object,
+since what hides it moves away. A ball or a fruit is a circle through its visible
+border, other round things an ellipse; else a bay that another object fills is closed by
+the hull.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
-"""Import of a scene folder of the paper's public code, with the meaning that its numbers have there.
+"""Import of a scene folder of the paper's public code, with the meaning that its
+numbers have there.
 
-original.png, mask.png and sim.yaml are needed; inpaint.png, normal.npy, shading.npy and depth.npy are used if present.
-The meaning was measured by running that code: `init_acc` is a change of velocity, coefficients of two surfaces
-multiply, walls have friction 1 and elasticity 0 by default, balls turn as discs.
+original.png, mask.png and sim.yaml are needed; inpaint.png, normal.npy, shading.npy and
+depth.npy are used if present. The meaning was measured by running that code: `init_acc`
+is a change of velocity, coefficients of two surfaces multiply, walls have friction 1
+and elasticity 0 by default, balls turn as discs.
 """
 
 from __future__ import annotations
@@ -90,7 +92,7 @@ class Body:
 
     @property
     def circle(self) -> bool:
-        """Whether it is one."""
+        """Return whether it is one."""
         return self.primitive == "circle"
 
 
@@ -126,9 +128,11 @@ def import_physgen(
     assets: str = "photo.assets",
     progress: Progress = silent,
 ) -> PerceivedScene:
-    """The scene of one folder; `image` and `assets` are their names in the document.
+    """Return the scene of one folder; `image` and `assets` are their names in the
+    document.
 
-    Raises InputError with every file that is missing or wrong, and every wrong line of sim.yaml.
+    Raises InputError with every file that is missing or wrong, and every wrong line of
+    sim.yaml.
     """
     _check_folder(folder)
     progress("read", 0, 4)
@@ -189,9 +193,11 @@ def import_physgen(
 def outlines_by_kind(
     labels: NDArray[np.uint16], circle: Mapping[int, bool]
 ) -> dict[int, Outline]:
-    """Outlines by id of `labels` (H, W): a circle where `circle` is true, else polygons, however round.
+    """Outlines by id of `labels` (H, W): a circle where `circle` is true, else
+    polygons, however round.
 
-    Neighbours are fitted together as far as their kind is the one that the fit would choose.
+    Neighbours are fitted together as far as their kind is the one that the fit would
+    choose.
     """
     found: dict[int, Outline] = dict(fit_outlines(labels, list(circle)))
     for i, wanted in circle.items():
@@ -271,7 +277,7 @@ def _comments(sim: Sim, folder: Path) -> dict[str, str]:
 
 
 def _find_shadows(percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> Shadows:
-    """The photo's shadows, by a light near the one that explains the maps."""
+    """Return the photo's shadows, by a light near the one that explains the maps."""
     surface = sim.ground_friction, sim.ground_elasticity
     walls = tuple(
         Wall(f"wall-{k}", ends, *surface, 1.0, "", "")
@@ -295,7 +301,9 @@ def _find_shadows(percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> S
 def _fitted_light(
     normals: F32 | None, shading: F32 | None, labels: NDArray[np.uint16]
 ) -> dict[str, Any] | None:
-    """The light that explains the shading of the objects; None where the maps do not determine it."""
+    """Return the light that explains the shading of the objects; None where the maps do
+    not determine it.
+    """
     if normals is None or shading is None:
         return None
     inside = labels > 0
@@ -329,7 +337,9 @@ def _check_size(path: Path, size: tuple[int, ...], rgb: Rgb) -> None:
 
 
 def _read_labels(path: Path, rgb: Rgb, sim: Sim) -> NDArray[np.uint16]:
-    """The mask with the ids of sim.yaml's objects; other ids belong to the background."""
+    """Return the mask with the ids of sim.yaml's objects; other ids belong to the
+    background.
+    """
     labels = read_labels(path)
     _check_size(path, labels.shape[:2], rgb)
     problems = [
@@ -434,7 +444,7 @@ def read_sim(path: Path) -> Sim:
 
 
 def _settings(entry: Mapping[str, Any], known: Mapping[str, Schema]) -> dict[str, Any]:
-    """The value of each key that has a default, which stands for null, too."""
+    """Return the value of each key that has a default, which stands for null, too."""
     defaults = {
         key: part["default"] for key, part in known.items() if "default" in part
     }
@@ -445,7 +455,7 @@ def _settings(entry: Mapping[str, Any], known: Mapping[str, Schema]) -> dict[str
 
 
 def _fault(root: Node, error: ValidationError) -> Problem:
-    """The message of a violation of the schema, with its line."""
+    """Return the message of a violation of the schema, with its line."""
     node: Any = root
     for key in error.absolute_path:
         node = node.value[key]
@@ -459,7 +469,7 @@ def _fault(root: Node, error: ValidationError) -> Problem:
 
 
 def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[Problem]:
-    """An error for a misspelt key, a warning for an unknown one."""
+    """Return an error for a misspelt key, a warning for an unknown one."""
     for key, child in children(node).items():
         if key not in known:
             near = nearest(key, known)

@@ -1,8 +1,9 @@
 """Occlusion order of objects, and the layers to draw them in.
 
-A hidden part follows from how its outline would go on: a round object's circle, or the hull that closes a bay or a
-hole, passes under what lies in front (amodal completion, Kanizsa 1979). A border that two objects share belongs to
-the nearer one, so it follows that one's own smooth outline. Where two objects just touch, nothing is hidden.
+A hidden part follows from how its outline would go on: a round object's circle, or the
+hull that closes a bay or a hole, passes under what lies in front (amodal completion,
+Kanizsa 1979). A border that two objects share belongs to the nearer one, so it follows
+that one's own smooth outline. Where two objects just touch, nothing is hidden.
 """
 
 from __future__ import annotations
@@ -28,14 +29,16 @@ class _Limits:
     """When an object reaches under another; px unless stated."""
 
     deep: float = 6.0  # and at least ...
-    part: float = 0.1  # ... this share of the smaller object's size: true masks of objects on each other,
+    # ... this share of the smaller object's size: true masks of objects on each other,
+    part: float = 0.1
     # seen a little from above, reach 5 px under (chosen on the studio's tuning half)
-    twice: float = 2.0  # how much deeper one of two must reach, where each seems to reach under the other
-    free_arc: float = 0.25  # of a full turn: what must be seen of a circle's border that it is known to go on
+    # how much deeper one of two must reach, where each seems to reach under the other
+    twice: float = 2.0
+    # of a full turn: what must be seen of a circle's border that it is known to go on
+    free_arc: float = 0.25
     rounded: float = 0.04  # of its radius, and at least ...
-    coarse: float = (
-        0.8  # ... this: by how much the border of a round object may lie off its circle
-    )
+    # ... this: by how much the border of a round object may lie off its circle
+    coarse: float = 0.8
     fits: float = 0.95  # share of the seen border that lies so near to the circle
     # share of a circle that may show the background, where the object would be if it went on
     open: float = 0.04
@@ -99,9 +102,11 @@ def _find_orders(
 def drawing_layers(
     found: Sequence[OcclusionOrder], fixed: Mapping[int, int] | None = None
 ) -> tuple[dict[int, int], list[OcclusionOrder]]:
-    """The layers of all objects in `found` that are not 0, by id, and the orders that they keep.
+    """Return the layers of all objects in `found` that are not 0, by id, and the orders
+    that they keep.
 
-    Orders that would close a ring are left out, the least sure first. `fixed` layers stay.
+    Orders that would close a ring are left out, the least sure first. `fixed` layers
+    stay.
     """
     before: dict[int, set[int]] = {}
     kept: list[OcclusionOrder] = []
@@ -138,7 +143,9 @@ def _all_behind(start: int, before: Mapping[int, set[int]]) -> set[int]:
 def _reach_under(
     part: Labels, inner: Mask, circles: Mapping[int, Array | None], i: int, j: int
 ) -> float:
-    """px by which object i seems to reach under object j; `circles` are those of their free borders."""
+    """px by which object i seems to reach under object j; `circles` are those of their
+    free borders.
+    """
     mine, other = part == i, part == j
     deep = _filled_bay(mine, other)
     if (circle := circles[i]) is not None:
@@ -155,7 +162,9 @@ def _reach_under(
 
 
 def _filled_bay(mine: Mask, other: Mask) -> float:
-    """px by which another object reaches into the hull of one, in bays and holes that it fills."""
+    """px by which another object reaches into the hull of one, in bays and holes that
+    it fills.
+    """
     hull = np.zeros(mine.shape, np.uint8)
     cv2.fillConvexPoly(
         hull, cv2.convexHull(np.argwhere(mine)[:, ::-1].astype(np.int32)), 1
@@ -173,7 +182,9 @@ def _filled_bay(mine: Mask, other: Mask) -> float:
 
 
 def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
-    """`(3,)` px: x, y, radius of the circle that the free border of an object lies on; None where it lies on none."""
+    """`(3,)` px: x, y, radius of the circle that the free border of an object lies on;
+    None where it lies on none.
+    """
     part, inner, corner = _window(labels, box)
     border = long_border(part == i)
     others = (part != 0) & (part != i)
@@ -245,7 +256,9 @@ def _box_around(boxes: Sequence[Box]) -> Box:
 
 
 def _window(labels: Labels, box: Box) -> tuple[Labels, Mask, Array]:
-    """The label map around a box, the part of it within the photo, and where it begins: x, y, 0."""
+    """Return the label map around a box, the part of it within the photo, and where it
+    begins: x, y, 0.
+    """
     x, y, width, height = box
     # a circle may reach farther than what is seen of it
     margin = (max(width, height) - 1) // 2 + 4

@@ -1,9 +1,11 @@
 """Photo to percepts and scene document: the stages of perception in order.
 
-    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> shadow -> inpaint
+photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light ->
+matte -> shadow -> inpaint
 
-Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.registry`). `write_scene` in
-`physgen.perceive.document` writes the result: a scene file and its assets.
+Each stage is a role that a backend fills (`physgen.perceive.roles`,
+`physgen.registry`). `write_scene` in `physgen.perceive.document` writes the result: a
+scene file and its assets.
 """
 
 from __future__ import annotations
@@ -84,20 +86,25 @@ POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
 # ids from which mostly specks, and objects from which anything, is no label map
 MOST_IDS, MOST_OBJECTS = (200, 5000)
 EXACTLY_ROUND = 0.975
-"""IoU with its circle from which a mask is that of a disc, whatever it is: a wheel, a lid.
-Of COCO's photos a clock reaches 0.90, a pizza 0.93, a cup 0.96."""
-NEARLY_ROUND = (
-    0.93  # IoU with its circle from which a mask becomes that circle; balls have 0.96
-)
+"""IoU with its circle from which a mask is that of a disc, whatever it is: a wheel, a
+lid.
+
+Of COCO's photos a clock reaches 0.90, a pizza 0.93, a cup 0.96.
+"""
+# IoU with its circle from which a mask becomes that circle; balls have 0.96
+NEARLY_ROUND = 0.93
 SMALLEST_SIDE = 8  # px; the shadow search takes slopes at a coarse scale
-LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
+# px, by default: more than most screens show of a clip, and perception takes seconds
+LONGEST_SIDE = 1600
 ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
     "shadow", "inpaint",
 )  # fmt: skip
 """In the order in which they run."""
 KEPT = ("inpaint", "normals", "label")
-"""Roles that are called again, or whose model the next role may share: they are released later."""
+"""Roles that are called again, or whose model the next role may share: they are
+released later.
+"""
 
 
 @dataclass(frozen=True)
@@ -125,10 +132,11 @@ def perceive(
 ) -> PerceivedScene:
     """Perceives a photo; `found` None: segment it.
 
-    `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
-    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `known`
-    is not guessed. `meanwhile` completes the scene while its backgrounds are made, which the scene does
-    not hold yet. Raises InputError where no scene can be made.
+    `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its
+    mask id, or a pattern (`ball-*`). `crew` fills the roles; `asked` are the nouns to
+    search for, for segmenters that take nouns. `known` is not guessed. `meanwhile`
+    completes the scene while its backgrounds are made, which the scene does not hold
+    yet. Raises InputError where no scene can be made.
     """
     check_size(rgb)
     view, pixels_per_meter = known.view, known.pixels_per_meter
@@ -304,7 +312,9 @@ def check_size(rgb: Rgb, file: str = "the photo") -> None:
 
 @dataclass(frozen=True)
 class _Run:
-    """One photo, the backends that perceive it, and the stages that need more than one call."""
+    """One photo, the backends that perceive it, and the stages that need more than one
+    call.
+    """
 
     rgb: Rgb
     crew: Backends
@@ -319,7 +329,9 @@ class _Run:
         return result
 
     def core(self, *roles: str) -> bool:
-        """Whether no role is filled by a model of the extras, which may want all memory for itself."""
+        """Return whether no role is filled by a model of the extras, which may want all
+        memory for itself.
+        """
         return all(self.crew.row(role).extra is None for role in roles)
 
     def cut_out(self, labels: Labels) -> Surroundings:
@@ -488,9 +500,11 @@ def nearest_labels(labels: Labels, ids: Sequence[int]) -> Mask:
 def judged_scale(
     objects: Sequence[PhotoObject], matter: Mapping[int, Matter], source: str
 ) -> Scale | None:
-    """The photo's scale by the judged size of each object (`Matter.size`), None where none was judged.
+    """Return the photo's scale by the judged size of each object (`Matter.size`), None
+    where none was judged.
 
-    The median counts; the unweighted disagreement of the judgements gives the confidence.
+    The median counts; the unweighted disagreement of the judgements gives the
+    confidence.
     """
     found = [
         (box_sides(item.outline)[0] / size, matter[item.id].confidence)
@@ -512,7 +526,9 @@ def judged_scale(
 
 
 def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
-    """Every object that is more than a speck, with its outline, and the number of specks."""
+    """Every object that is more than a speck, with its outline, and the number of
+    specks.
+    """
     labels = found.labels
     height, width = rgb.shape[:2]
     if labels.shape != (height, width):
@@ -595,7 +611,7 @@ def outline_as_named(
 def _empty_scene(
     rgb: Rgb, found: Detections, pixels_per_meter: float | None
 ) -> PerceivedScene:
-    """A scene without objects: the photo as it is."""
+    """Return a scene without objects: the photo as it is."""
     scene: dict[str, Any] = {
         "physgen": 1, "image": "photo.png", "assets": "photo.assets",
         "world": {
@@ -619,7 +635,9 @@ def _empty_scene(
 
 
 def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
-    """The label map with the masks of round objects made round, where that changes little: no mug loses its handle."""
+    """Return the label map with the masks of round objects made round, where that
+    changes little: no mug loses its handle.
+    """
     result = labels.copy()
     for item in objects:
         if isinstance(item.outline, Disc):
@@ -663,7 +681,8 @@ def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
 
 
 def shrink_photo(rgb: Rgb, side: int) -> Rgb:
-    """The photo (H, W, 3) with its longer side at most `side` px; itself where it is no larger.
+    """Return the photo (H, W, 3) with its longer side at most `side` px; itself where
+    it is no larger.
 
     Averaged over areas in linear light, as a camera of fewer pixels would have seen it.
     """
@@ -687,7 +706,9 @@ def shrink_photo(rgb: Rgb, side: int) -> Rgb:
 
 
 def shrink_detections(found: Detections, full: tuple[int, int], rgb: Rgb) -> Detections:
-    """Objects marked on the photo of `full` width and height, px, on the smaller `rgb`; others stay as they are."""
+    """Objects marked on the photo of `full` width and height, px, on the smaller `rgb`;
+    others stay as they are.
+    """
     size = (rgb.shape[1], rgb.shape[0])
     if size == full or found.labels.shape != full[::-1]:
         return found

@@ -1,7 +1,8 @@
 """Refresh of a scene: its photo is perceived again, and what the user set is kept.
 
-The rule: a value that `from` names, and that is still as perception wrote it, is written anew; any other is the user's
-and stays. Labels and names stay. Masks stay, but for objects with a prompt.
+The rule: a value that `from` names, and that is still as perception wrote it, is
+written anew; any other is the user's and stays. Labels and names stay. Masks stay, but
+for objects with a prompt.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ from physgen.scene.provenance import (
 from physgen.scene.scene import BoxPrompt, MaskId, Object, PointPrompt, Scene
 
 OVERLAP = (0.5, 0.3)
-"""Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
+"""Share of the smaller mask, and of the old one, from which a new prompt means an
+existing object.
+"""
 PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that follow its pixels."""
 LINES, SAME = {"segment", "polyline"}, 3.0
@@ -55,12 +58,13 @@ Entry = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class RefreshStart:
-    """The objects that perception starts from, and what became of those in the scene, by name."""
+    """The objects that perception starts from, and what became of those in the scene,
+    by name.
+    """
 
     found: Detections
-    prompted: frozenset[
-        str
-    ]  # objects whose pixels a prompt of the scene, or a new one, gives
+    # objects whose pixels a prompt of the scene, or a new one, gives
+    prompted: frozenset[str]
     gone: tuple[str, ...]  # objects that a new prompt took in
 
 
@@ -117,10 +121,11 @@ def start_refresh(
     segment: Segmenter,
     frames: PromptFrames | None = None,
 ) -> RefreshStart:
-    """Keeps objects without a prompt, segments those with one again; new boxes and points replace what they cover.
+    """Keeps objects without a prompt, segments those with one again; new boxes and
+    points replace what they cover.
 
-    `old` is the scene's data with its sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay.
-    Raises InputError as `from_prompts`.
+    `old` is the scene's data with its sources. `labels` (H, W): id k + 1 is the k-th of
+    `objects`. Ids of masks stay. Raises InputError as `from_prompts`.
     """
     ids = _mask_ids(objects)
     by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
@@ -197,14 +202,16 @@ def start_refresh(
 
 
 def _mask_ids(objects: Sequence[Object]) -> list[int]:
-    """An id for each: its own in `masks.png`, or the next that is free."""
+    """Return an id for each: its own in `masks.png`, or the next that is free."""
     own = [item.mask.id if isinstance(item.mask, MaskId) else 0 for item in objects]
     free = iter(range(max(own, default=0) + 1, 65536))
     return [i if i and i not in own[:k] else next(free) for k, i in enumerate(own)]
 
 
 def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
-    """A scene's data, in which `from` of each object names what is still as perception wrote it."""
+    """Return a scene's data, in which `from` of each object names what is still as
+    perception wrote it.
+    """
     sources = {item.name: dict(item.provenance) for item in scene.objects}
     for name, own in data["objects"].items():
         if own.keys() <= document.BARE and "confidence" in own:
@@ -217,7 +224,9 @@ def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
 
 
 def known_view(scene: Scene) -> BoundaryGuess:
-    """The scene's view, with the confidence and reason that perception wrote, or as the user gave it."""
+    """Return the scene's view, with the confidence and reason that perception wrote, or
+    as the user gave it.
+    """
     record, view = scene.record.world, scene.world.view
     wrote = record.get("view_from") if record.get("view") == view.value else None
     why = source(str(wrote or "as given 1"))
@@ -263,8 +272,9 @@ def _nearest_wall(wall: Entry, others: Iterable[Entry]) -> Entry:
 def true_comments(
     comments: Entry, merged: Entry, seen: Entry, world: Entry
 ) -> dict[str, str]:
-    """The comments on values of the `merged` scene that are as they are `seen` now, and on whole sections; on its view
-    where the record of its `world` says why."""
+    """Return the comments on values of the `merged` scene that are as they are `seen`
+    now, and on whole sections; on its view where the record of its `world` says why.
+    """
     value, known = document.value_at, "view_from" in world
     own = {k: why for k, why in comments.items() if known or k != "world.view"}
     return {
@@ -275,7 +285,10 @@ def true_comments(
 
 
 def user_layers(scene: Entry) -> dict[str, int]:
-    """Layers that the user set, by name: those without a `from`. An object without `from` is all the user's."""
+    """Layers that the user set, by name: those without a `from`.
+
+    An object without `from` is all the user's.
+    """
     return {
         name: int(was.get("layer", 0))
         for name, was in scene["objects"].items()
@@ -291,9 +304,11 @@ def merge_documents(
     scaled: bool,
     record: Record,
 ) -> dict[str, Any]:
-    """The `old` scene as it was written, with what perception found again of the `new` scene, and new objects.
+    """Return the `old` scene as it was written, with what perception found again of the
+    `new` scene, and new objects.
 
-    `renamed` are new labels by name; `scaled`: whether the scale is perception's; `record` is that of `old`.
+    `renamed` are new labels by name; `scaled`: whether the scale is perception's;
+    `record` is that of `old`.
     """
     objects: dict[str, Any] = {}
     for name, was in old["objects"].items():
@@ -305,9 +320,8 @@ def merge_documents(
             held = was.get("motion")
             held = held and held == record.entry(name, was).get("motion")
             if now is not None and name in start.prompted and held:
-                moves = {
-                    key: now[key] for key in ("motion", "velocity") if key in now
-                }  # the new pixels' own
+                # the new pixels' own
+                moves = {key: now[key] for key in ("motion", "velocity") if key in now}
                 objects[name] = {
                     key: v for key, v in objects[name].items() if key != "motion"
                 } | moves
@@ -340,7 +354,9 @@ def merge_documents(
 
 
 def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:
-    """Those that are `now`, with those of the user as they were; what the user changed or took out is not new."""
+    """Those that are `now`, with those of the user as they were; what the user changed
+    or took out is not new.
+    """
     guessed = {name: wall for name, wall in was.items() if "from" in wall}
     wrote = record.world.get("boundaries", guessed)
     walls = {
@@ -360,14 +376,18 @@ def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:
 
 
 def taken_out(objects: Sequence[Object], before: Labels, labels: Labels) -> Labels:
-    """(H, W) ids of the map `before` that the scene no longer has, where no object is now; 0 elsewhere."""
+    """(H, W) ids of the map `before` that the scene no longer has, where no object is
+    now; 0 elsewhere.
+    """
     return np.where(
         np.isin(before, _mask_ids(objects)) | (labels > 0), np.uint16(0), before
     )
 
 
 def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
-    """Whether objects, their pixels and the view are as when boundaries were perceived: these are so, too, then."""
+    """Return whether objects, their pixels and the view are as when boundaries were
+    perceived: these are so, too, then.
+    """
     world, assets = scene.record.world, scene.assets
     if (
         assets is None
@@ -387,7 +407,8 @@ def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
 
 
 def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, Any]:
-    """An object as it `was`, with what its `from` names as it is `now`; pixels follow where it is `prompted`.
+    """Return an object as it `was`, with what its `from` names as it is `now`; pixels
+    follow where it is `prompted`.
 
     An object of nothing but a mask is filled in.
     """
@@ -410,7 +431,9 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
 
 
 def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
-    """An object as it `was`, with its `keys` and their sources as they are `now`."""
+    """Return an object as it `was`, with its `keys` and their sources as they are
+    `now`.
+    """
     result, sources = dict(was), dict(was.get("from", {}))
     for key in keys:
         for values, new in ((result, now), (sources, now["from"])):
@@ -424,7 +447,8 @@ def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
 def rescaled(
     old: Entry, new: dict[str, Any], record: Record, side: int
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """The `new` data with speeds and playback for its scale, and what perception wrote where the user of `old` differs.
+    """Return the `new` data with speeds and playback for its scale, and what perception
+    wrote where the user of `old` differs.
 
     The second as `PerceivedScene.wrote`.
     """
@@ -450,7 +474,9 @@ def rescaled(
 def kept_doubtful(
     scene: Entry, before: Labels, labels: Labels, gone: Labels
 ) -> tuple[Labels, dict[str, Any]]:
-    """The new label map with the regions that are doubtful still, and those `gone`; entries of the former."""
+    """Return the new label map with the regions that are doubtful still, and those
+    `gone`; entries of the former.
+    """
     result, entries = labels.copy(), {}
     for name, entry in scene.get("doubtful", {}).items():
         if not isinstance(entry["mask"], int):  # drawn by the user
@@ -473,7 +499,7 @@ def kept_doubtful(
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or the first of `name-2`, `name-3`, ... that is not taken."""
+    """Return the name, or the first of `name-2`, `name-3`, ... that is not taken."""
     free, k = name, 2
     while free in taken:
         free, k = f"{name}-{k}", k + 1

@@ -1,8 +1,8 @@
 """Thin parts that a mask leaves out: stems, antennas, handles, straps, legs.
 
 A part is narrow, starts at the outline of an object, stands out from what is behind it
-on both of its sides, and ends nearby. It belongs to the object; one that is less sure is
-reported, so that it does not stay behind unseen.
+on both of its sides, and ends nearby. It belongs to the object; one that is less sure
+is reported, so that it does not stay behind unseen.
 """
 
 from __future__ import annotations
@@ -39,7 +39,9 @@ class RemainConstants:
     rare: float = 0.02  # share of the surroundings that may look like a part
     report: float = 0.8  # of both limits, from which an unsure part is reported
     levels: tuple[float, ...] = (0.8, 1.0, 1.5)
-    """Of the limit: at a low one a part is joined to lines behind it, at a high one torn."""
+    """Of the limit: at a low one a part is joined to lines behind it, at a high one
+    torn.
+    """
     longest: float = 0.95  # of the reach: what goes on farther is a line behind
     shortest: float = 0.1  # of its size
     slender: float = 2.5  # length over mean width, at least
@@ -208,8 +210,8 @@ def _is_rare(rgb: Rgb, part: Mask, around: Mask) -> bool:
 def _narrow(rgb: Rgb, own: Mask, size: float) -> list[F32]:
     """Return by how much what is narrow stands out from both of its sides.
 
-    Pictures `(h, w)`: brighter and darker in each channel. An orange antenna is the only
-    thing darker in blue than the sky and the road behind it.
+    Pictures `(h, w)`: brighter and darker in each channel. An orange antenna is the
+    only thing darker in blue than the sky and the road behind it.
     """
     wide = max(REMAINS.narrowest, round(REMAINS.wide * size)) | 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))

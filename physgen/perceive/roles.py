@@ -1,7 +1,8 @@
 """Inputs and outputs of every role of perception: protocols and frozen results.
 
-Arrays follow the photo: `rgb` (H, W, 3) uint8 sRGB, `labels` (H, W) uint16 with 0 = background, depth (H, W) larger =
-farther, normals (H, W, 3) unit with +x right, +y down, +z to the viewer. Confidences are 0..1. Lengths are px.
+Arrays follow the photo: `rgb` (H, W, 3) uint8 sRGB, `labels` (H, W) uint16 with 0 =
+background, depth (H, W) larger = farther, normals (H, W, 3) unit with +x right, +y
+down, +z to the viewer. Confidences are 0..1. Lengths are px.
 """
 
 from __future__ import annotations
@@ -58,7 +59,9 @@ class Category:
 
     noun: str
     movable: bool
-    """Whether its instances are whole objects that could be moved; walls, floors, skies are not."""
+    """Whether its instances are whole objects that could be moved; walls, floors, skies
+    are not.
+    """
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,9 @@ class Matter:
     surface: str = ""
     """Source of friction, elasticity and rolling, likewise."""
     size: float | None = None
-    """m: the longest side of what is seen of it, where the backend judges that; it sets the scene's scale."""
+    """m: the longest side of what is seen of it, where the backend judges that; it sets
+    the scene's scale.
+    """
     material: str = ""
     """As `materials.yaml` or the backend calls it."""
 
@@ -144,7 +149,9 @@ class Shadows:
     clean: Rgb | None
     """The background without them; None where none are seen."""
     owners: Labels | None
-    """(H, W): the id of the object whose shadow lies there, 0 = none; None where none are seen."""
+    """(H, W): the id of the object whose shadow lies there, 0 = none; None where none
+    are seen.
+    """
     light: DistantLight
     softness: float
     """degrees: half the width of the light."""
@@ -182,27 +189,35 @@ class BoundaryGuess:
     reason: str
     walls: tuple[Wall, ...]
     outlines: Mapping[int, Outline] = field(default_factory=dict)
-    """By id, of objects that stand better than their masks show: with level feet on what holds them."""
+    """By id, of objects that stand better than their masks show: with level feet on
+    what holds them.
+    """
     held: frozenset[int] = frozenset()
     """Ids of objects that nothing seen keeps from falling."""
     grip: Mapping[int, float] = field(default_factory=dict)
-    """By id, the least friction that objects must have, since they lie still on a slope."""
+    """By id, the least friction that objects must have, since they lie still on a
+    slope.
+    """
     tilt: float | None = None
-    """Degrees by which the camera looks down on the ground, if it is seen at an angle."""
+    """Degrees by which the camera looks down on the ground, if it is seen at an angle.
+    """
 
 
 # The roles: what the backends of each are called with, and what they return.
 
 Categories = Callable[[Rgb], Sequence[Category]]
-"""Nouns of what a photo shows, before anything is found in it: each once, the most striking first."""
+"""Nouns of what a photo shows, before anything is found in it: each once, the most
+striking first.
+"""
 
 
 class Segment(Protocol):
     """Finds the movable objects of a photo.
 
-    Those that search for given nouns take `categories: Sequence[Category]`, too (`uses` in the table). Those that take
-    prompts have `meant(rgb, boxes, points) -> Sequence[PromptedMask]`: the object of each box (left, top, width,
-    height), then of each point (x, y); all lie on the photo.
+    Those that search for given nouns take `categories: Sequence[Category]`, too (`uses`
+    in the table). Those that take prompts have `meant(rgb, boxes, points) ->
+    Sequence[PromptedMask]`: the object of each box (left, top, width, height), then of
+    each point (x, y); all lie on the photo.
     """
 
     def __call__(self, rgb: Rgb) -> Segments:
@@ -213,17 +228,30 @@ class Segment(Protocol):
 Label = Callable[[Rgb, Labels, Sequence[PhotoObject]], Mapping[int, Name]]
 """A name for every object, by id."""
 Physics = Callable[[Rgb, Sequence[PhotoObject], float | None], Mapping[int, Matter]]
-"""Matter of every object, by id. The number is the photo's true scale, px/m; None where it is unknown."""
+"""Matter of every object, by id.
+
+The number is the photo's true scale, px/m; None where it is unknown.
+"""
 Depth = Callable[[Rgb], F32]
-"""(H, W), finite, larger = farther; in m where the backend knows, else up to scale and shift."""
+"""(H, W), finite, larger = farther; in m where the backend knows, else up to scale and
+shift.
+"""
 Normals = Callable[[Rgb, Labels, Sequence[PhotoObject], BoundaryGuess], F32]
-"""(H, W, 3) unit. The boundaries have confidence 0 where they are found by normals, later."""
+"""(H, W, 3) unit.
+
+The boundaries have confidence 0 where they are found by normals, later.
+"""
 Intrinsic = Callable[[Rgb, Labels, F32], Intrinsics]
 """Albedo and shading, from the photo, its labels and its normals."""
 Light = Callable[[Rgb, Labels, Sequence[PhotoObject], F32, Intrinsics], LightGuess]
-"""The light, from normals, albedo and shading. Never fails: what cannot be seen is guessed with little confidence."""
+"""The light, from normals, albedo and shading.
+
+Never fails: what cannot be seen is guessed with little confidence.
+"""
 Matte = Callable[[Rgb, Labels], F32]
-"""(H, W) in 0..1: the share of each pixel that objects cover; 1 deep inside, 0 from 5 px outside on."""
+"""(H, W) in 0..1: the share of each pixel that objects cover; 1 deep inside, 0 from 5
+px outside on.
+"""
 Inpaint = Callable[[Rgb, Mask], Rgb]
 """The photo with the hole (H, W) filled; it equals the photo outside the hole."""
 Shadow = Callable[
@@ -238,14 +266,18 @@ Shadow = Callable[
     ],
     Shadows,
 ]
-"""Removes shadows from a background that has the objects filled and their shadows still there, by the objects'
-coverage, labels and matter. Never fails."""
+"""Removes shadows from a background that has the objects filled and their shadows still
+there, by the objects' coverage, labels and matter.
+
+Never fails.
+"""
 
 
 class Boundary(Protocol):
     """Decides the view and finds floors, shelves and walls.
 
-    Some take `depth` (H, W), `normals` (H, W, 3) and `scenery: Scenery | None`, too (`uses` in the table).
+    Some take `depth` (H, W), `normals` (H, W, 3) and `scenery: Scenery | None`, too
+    (`uses` in the table).
     """
 
     def __call__(
@@ -258,7 +290,8 @@ class Boundary(Protocol):
     ) -> BoundaryGuess:
         """`view` is the user's, None to find out.
 
-        Walls touch the outlines and never enter them: the objects' own, or those that the guess has instead.
+        Walls touch the outlines and never enter them: the objects' own, or those that
+        the guess has instead.
         """
         ...
 
@@ -275,12 +308,16 @@ class Detections:
     names: Mapping[int, Name]
     """Labels that are known already, by id."""
     prompts: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
-    """The user's prompts, by id, as in the scene: `{"box": [x, y, w, h]}` or `{"point": [x, y]}`."""
+    """The user's prompts, by id, as in the scene: `{"box": [x, y, w, h]}` or `{"point":
+    [x, y]}`.
+    """
     doubtful: Sequence[Doubt] = ()
     object_names: Mapping[int, str] = field(default_factory=dict)
     """Names in an existing scene, by id."""
     mask_sources: Mapping[int, str] = field(default_factory=dict)
-    """Sources of single masks, by id, as the scene's `from` has it; the others are from `source`."""
+    """Sources of single masks, by id, as the scene's `from` has it; the others are from
+    `source`.
+    """
     layers: Mapping[int, int] = field(default_factory=dict)
     """Drawing layers that the user set, by id."""
     named_by: str = "given"
@@ -321,7 +358,9 @@ class PerceivedScene:
 
     percepts: Percepts
     document: dict[str, Any]
-    """A scene as plain YAML data, valid once the assets are written; the writer of the assets adds `maps`."""
+    """A scene as plain YAML data, valid once the assets are written; the writer of the
+    assets adds `maps`.
+    """
     comments: dict[str, str]
     """Dotted path -> a sentence or more to stand above it."""
     warnings: tuple[Problem, ...] = ()
@@ -332,9 +371,13 @@ class PerceivedScene:
     view_from: str = ""
     """Reason and confidence of the view."""
     wrote: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    """What perception wrote where a user has set something else since, by object; `""` for the scale."""
+    """What perception wrote where a user has set something else since, by object; `""`
+    for the scale.
+    """
     wholes: Mapping[int, Outline] = field(default_factory=dict)
-    """Outlines with their hidden parts, by id in the label map, of objects behind others."""
+    """Outlines with their hidden parts, by id in the label map, of objects behind
+    others.
+    """
     full_size: tuple[int, int] | None = None
     """Width and height, px, of a photo that was made smaller; None if it was not."""
     description: Description | None = None

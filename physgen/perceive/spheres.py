@@ -16,9 +16,8 @@ from physgen.photometry import decode
 class SphereConstants:
     """Constants of the test; chosen on the round objects of COCO's photos."""
 
-    inner: float = (
-        0.9  # of the radius: farther out pixels are mixed with what is behind
-    )
+    # of the radius: farther out pixels are mixed with what is behind
+    inner: float = 0.9
     dark: float = 0.03  # linear light: colours below tell little in logarithms
     least: int = 30  # pixels: a smaller disc shows no shading
     pixels: int = 4000  # at most, that are looked at

@@ -1,17 +1,21 @@
-"""Backend boundary=depth-normals: view and boundaries from depth and normals (paper, appendix).
+"""Backend boundary=depth-normals: view and boundaries from depth and normals (paper,
+appendix).
 
-The paper ("Boundary extraction") takes background objects within the foreground's range of depth, selects planes by
-normals, and fits level and upright edges to their borders. Here the supports come first, as boundary=support lays them
-under what rests on them; depth shows how far they reach and what else is solid in the plane in which the objects move;
-normals show which of its borders are planes'. Slopes are edges too.
+The paper ("Boundary extraction") takes background objects within the foreground's range
+of depth, selects planes by normals, and fits level and upright edges to their borders.
+Here the supports come first, as boundary=support lays them under what rests on them;
+depth shows how far they reach and what else is solid in the plane in which the objects
+move; normals show which of its borders are planes'. Slopes are edges too.
 
-A photo shows, in every direction, the nearest surface. Where that is nearer than the plane in which objects move, the
-plane is hidden behind matter and taken to be solid there; where it is farther, the plane is free. The border between
-the two is the section of all that stands still: a floor's, a wall's, a table's, a cushion's.
+A photo shows, in every direction, the nearest surface. Where that is nearer than the
+plane in which objects move, the plane is hidden behind matter and taken to be solid
+there; where it is farther, the plane is free. The border between the two is the section
+of all that stands still: a floor's, a wall's, a table's, a cushion's.
 
-Image axes, px. An edge has the solid on its right as one goes along it from `start` to `end` (y points down), so that a
-floor's goes from left to right. The height of a floor is the objects': they stand exactly on it. Depth only decides
-where a floor begins and ends.
+Image axes, px. An edge has the solid on its right as one goes along it from `start` to
+`end` (y points down), so that a floor's goes from left to right. The height of a floor
+is the objects': they stand exactly on it. Depth only decides where a floor begins and
+ends.
 """
 
 from __future__ import annotations
@@ -60,7 +64,9 @@ from physgen.scene.scene import View
 
 @dataclass(frozen=True)
 class _Limits:
-    """Which edges are walls: px, shares of the photo's longer side ("of the photo"), or of its range of depth."""
+    """Which edges are walls: px, shares of the photo's longer side ("of the photo"), or
+    of its range of depth.
+    """
 
     up: float = 0.6  # -y of a normal from which a surface faces up
     # px that an edge may run within an outline: an error of the mask, or of the depth beside it
@@ -68,42 +74,46 @@ class _Limits:
     # cosine between the way an edge's surface faces and the way out of it, from which it is its section
     section: float = 0.9
     slope: float = 8.0  # degrees from level where slopes begin
-    bleeds: int = 4  # at 512 px, by which an object's depth runs over its outline in the output of models
-    slack: float = 0.02  # of depth, by which a face may lie behind the objects' plane and still be in it
+    # at 512 px, by which an object's depth runs over its outline in the output of
+    # models
+    bleeds: int = 4
+    # of depth, by which a face may lie behind the objects' plane and still be in it
+    slack: float = 0.02
     soft: float = 1.5  # standard deviation of the blur that smooths a border
-    near: float = 1.0  # of the foreground's depth: how far before all objects a surface is still among them
-    thin: float = (
-        0.05  # of depth: least depth of the foreground where its objects stand ...
-    )
+    # of the foreground's depth: how far before all objects a surface is still among
+    # them
+    near: float = 1.0
+    # of depth: least depth of the foreground where its objects stand ...
+    thin: float = 0.05
     deep: float = 0.2  # ... and for its shelves
     facing: float = 0.85  # cosine from which a surface faces the viewer
     shortest: float = 0.04  # of the photo: a shorter edge is a detail
-    bent: float = (
-        0.005  # of the photo, by which a contour may leave its chord and be straight
-    )
+    # of the photo, by which a contour may leave its chord and be straight
+    bent: float = 0.005
     rough: float = 1.5  # RMS by which a contour may leave the line fitted to it
     seen: float = 0.4  # share of an edge that must not be hidden by objects
-    flat: float = 0.85  # length of the mean of unit normals of one plane: all within about 30 degrees
+    # length of the mean of unit normals of one plane: all within about 30 degrees
+    flat: float = 0.85
+    # from an edge, where normals and depth are read on its solid side
     strip: tuple[int, ...] = (
         2,
         4,
         6,
-    )  # from an edge, where normals and depth are read on its solid side
-    same: float = (
-        0.02  # of the photo, by which the ends of a floor's edge may be off it
     )
+    # of the photo, by which the ends of a floor's edge may be off it
+    same: float = 0.02
     under: tuple[int, ...] = (5, 8)  # below a floor, where solid matter is looked for
-    nothing: float = (
-        0.03  # of the photo: a floor ends where as much of nothing is seen under it
-    )
-    backed: float = 0.5  # share of a floor at objects that must be solid for its ends to be looked for
+    # of the photo: a floor ends where as much of nothing is seen under it
+    nothing: float = 0.03
+    # share of a floor at objects that must be solid for its ends to be looked for
+    backed: float = 0.5
 
 
 LIMITS = _Limits()
 
 
 def depth_normals() -> Boundary:
-    """The backend `depth-normals`."""
+    """Return the backend `depth-normals`."""
     return _depth_normals
 
 
@@ -117,7 +127,8 @@ def _depth_normals(
     normals: F32 | None = None,
     scenery: Scenery | None = None,
 ) -> BoundaryGuess:
-    """`depth` (H, W) up to scale and shift; without `normals`, everything counts as a plane that faces the viewer.
+    """`depth` (H, W) up to scale and shift; without `normals`, everything counts as a
+    plane that faces the viewer.
 
     Raises InputError where there is no depth.
     """
@@ -174,9 +185,8 @@ def _walls(
         within = max(
             (float(depth_inside(o, along).max()) for o in outlines), default=0.0
         )
-        behind = (
-            edge.out[1] < -0.7 and within > LIMITS.through
-        )  # objects stand lower than this
+        # objects stand lower than this
+        behind = edge.out[1] < -0.7 and within > LIMITS.through
         if behind or _is_rim(edge):
             continue
         chain = [
@@ -207,7 +217,9 @@ def _walls(
 
 
 def _is_rim(edge: Edge) -> bool:
-    """Whether it ends a plane nearer than the objects' that faces elsewhere, as the side rim of a table's top."""
+    """Return whether it ends a plane nearer than the objects' that faces elsewhere, as
+    the side rim of a table's top.
+    """
     assert edge.facing is not None
     across = edge.facing[:2]
     return bool(
@@ -221,18 +233,19 @@ def _is_rim(edge: Edge) -> bool:
 
 @dataclass(frozen=True)
 class Section:
-    """Solid matter in the plane of motion; depths are 0 at the photo's nearest point, 1 at its farthest."""
+    """Solid matter in the plane of motion; depths are 0 at the photo's nearest point, 1
+    at its farthest.
+    """
 
-    depth: (
-        F32  # (H, W): the background's, interpolated across objects from side to side
-    )
+    # (H, W): the background's, interpolated across objects from side to side
+    depth: F32
     solid: Mask  # (H, W)
     known: Mask  # (H, W): False where objects, or the bleeding of their depth, hide it
     nearest: float  # depth before which nothing is among the objects
 
     @property
     def size(self) -> int:
-        """The photo's longer side, px."""
+        """Return the photo's longer side, px."""
         height, width = self.solid.shape
         return int(max(height, width))
 
@@ -269,7 +282,10 @@ class Edge:
 
 
 def normalised_depth(depth: F32 | None) -> F32:
-    """Depth from 0, the photo's nearest, to 1, its farthest, without specks. Raises InputError where there is none."""
+    """Depth from 0, the photo's nearest, to 1, its farthest, without specks.
+
+    Raises InputError where there is none.
+    """
     if (
         depth is None
         or not np.isfinite(depth).all()
@@ -305,7 +321,9 @@ def side_section(
     groups: Sequence[tuple[Line, list[Foot]]],
     scenery: Scenery | None,
 ) -> Section:
-    """The section in a side view: the objects' plane is as far as what they stand on, where they stand."""
+    """Return the section in a side view: the objects' plane is as far as what they
+    stand on, where they stand.
+    """
     away = hidden_by_objects(labels)
     full = _filled_behind(depth, away)
     parts = [depth[labels == item.id] for item in objects]
@@ -337,7 +355,7 @@ def side_section(
 
 
 def _filled_behind(depth: F32, away: Mask) -> F32:
-    """The depth with `away` (H, W) interpolated from side to side."""
+    """Return the depth with `away` (H, W) interpolated from side to side."""
     result = depth.copy()
     columns = np.arange(depth.shape[1])
     for row in np.flatnonzero(away.any(1)):
@@ -370,7 +388,9 @@ def _depth_beside(
 
 
 def section_edges(section: Section, normals: F32) -> list[Edge]:
-    """Straight parts of the border of the solid that are seen and with a plane on their solid side."""
+    """Straight parts of the border of the solid that are seen and with a plane on their
+    solid side.
+    """
     contours, _ = cv2.findContours(
         section.solid.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE
     )
@@ -384,7 +404,9 @@ def section_edges(section: Section, normals: F32) -> list[Edge]:
 
 
 def _straight_edges(points: NDArray[Any], section: Section) -> Iterator[Edge]:
-    """Edges of one contour `(N, 2)`, half a pixel out: it runs through the middles of the outermost solid pixels."""
+    """Edges of one contour `(N, 2)`, half a pixel out: it runs through the middles of
+    the outermost solid pixels.
+    """
     height, width = section.solid.shape
     least = LIMITS.shortest * section.size
     if len(points) < least:
@@ -423,7 +445,7 @@ def _straight_edges(points: NDArray[Any], section: Section) -> Iterator[Edge]:
 
 
 def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
-    """The edge where its solid side is a plane, and not nearer than all objects."""
+    """Return the edge where its solid side is a plane, and not nearer than all objects."""
     height, width = section.solid.shape
     best = replace(edge, plane=LIMITS.flat)
     share = np.linspace(0.1, 0.9, max(int(edge.length), 2))[:, None]
@@ -444,7 +466,7 @@ def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
 
 
 def is_floor_edge(section: Section, edge: Edge, wall: Wall) -> bool:
-    """Whether an edge is a piece of a floor, or continues it."""
+    """Return whether an edge is a piece of a floor, or continues it."""
     (x0, y0), (x1, y1) = edge.start, edge.end
     off = np.abs(np.interp([x0, x1], *np.array(wall.points).T) - [y0, y1])
     return bool(edge.out[1] < -0.5 and off.max() <= LIMITS.same * section.size)
@@ -453,7 +475,8 @@ def is_floor_edge(section: Section, edge: Edge, wall: Wall) -> bool:
 def solid_reach(
     section: Section, line: Line, group: Sequence[Foot]
 ) -> tuple[float, float] | None:
-    """The ends of the floor under a group: where nothing solid is seen under it any more, else far off.
+    """Return the ends of the floor under a group: where nothing solid is seen under it
+    any more, else far off.
 
     None where nothing solid is seen beside the objects.
     """

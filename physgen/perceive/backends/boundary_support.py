@@ -1,7 +1,8 @@
 """Backend boundary=support: view, floors and rails from what the objects rest on.
 
-From the side, objects stand on each other or on common lines, and the surface above them mostly differs from the one
-below. From above, the same surface is on all sides of objects, and no line explains where they lie.
+From the side, objects stand on each other or on common lines, and the surface above
+them mostly differs from the one below. From above, the same surface is on all sides of
+objects, and no line explains where they lie.
 """
 
 from __future__ import annotations
@@ -58,12 +59,15 @@ Reach = Callable[[Line, Sequence[Foot]], Span | None]
 """From where to where the floor under a group reaches; None: unknown."""
 
 FRICTION, ELASTICITY = 0.6, 0.4
-GRIP = 1.25  # coefficient of friction over the slope that objects lie still on: at 1 they are about to slip
+# coefficient of friction over the slope that objects lie still on: at 1 they are about
+# to slip
+GRIP = 1.25
 ALIKE = 10.0  # CIE 1976 Lab distance up to which two strips are the same surface
 FADED = 0.35  # of the contrast across its edge within, at most, beyond a floor's end
 SURE_END = 6  # columns beyond an end that must be seen
 MOSTLY = 0.8  # of the columns beyond an end that are no longer the surface
-SHADE = 5.0  # ratio of luminances beyond and within, up to which the darker one may be a shadow
+# ratio of luminances beyond and within, up to which the darker one may be a shadow
+SHADE = 5.0
 ROUNDING = 1e-3  # slope of a foot below which it is level
 
 
@@ -71,38 +75,39 @@ ROUNDING = 1e-3  # slope of a foot below which it is level
 class _RailLimits:
     """Rails seen from above."""
 
-    bounce: float = (
-        0.75  # elasticity: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
-    )
+    # elasticity: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
+    bounce: float = 0.75
     contrast: float = 3.0  # CIE 1976 Lab, that most of its length has
     apart: int = 3  # px from an edge, on both sides, where colours are compared
     askew: float = 0.04  # slope up to which a rail is along the photo's side
     slopes: int = 17  # tried
-    columns: int = (
-        256  # evenly spread, in which colours are compared: more changes nothing
-    )
+    # evenly spread, in which colours are compared: more changes nothing
+    columns: int = 256
     alike: float = 0.9  # of the sharpest edge, from which the most level one is taken
-    shade: float = 0.015  # of the photo's longer side: width of the shadow that a rail casts on its table
+    # of the photo's longer side: width of the shadow that a rail casts on its table
+    shade: float = 0.015
 
 
 @dataclass(frozen=True)
 class _TopLimits:
-    """Which boxes show their tops: strips of another shade along upper rims, whose sides run together; as parts of the
-    height of the box. Light is its logarithm. Prints are as wide above as below, lids above as far as their edge.
+    """Which boxes show their tops: strips of another shade along upper rims, whose
+    sides run together; as parts of the height of the box.
+
+    Light is its logarithm. Prints are as wide above as below, lids above as far as
+    their edge.
     """
 
-    smallest: int = (
-        12  # px, width of a box whose top can be seen, and a third of its height
-    )
+    # px, width of a box whose top can be seen, and a third of its height
+    smallest: int = 12
     least: float = 0.02  # height of a top
     most: float = 0.45
     inner: float = 0.2  # of the width, on either side, where edges are rounded
-    straight: float = 0.01  # and 1 px at least, off straight lines, of the upper rim and the sides of the front
+    # and 1 px at least, off straight lines, of the upper rim and the sides of the front
+    straight: float = 0.01
     near: float = 0.02  # and 2 px at least, from an edge to where light is compared
     step: float = 0.15  # of light at the edge between top and front
-    plain: float = (
-        0.6  # of the step: spread of light on the top, and on the front beside it
-    )
+    # of the step: spread of light on the top, and on the front beside it
+    plain: float = 0.6
     hue: float = 0.4  # by which one colour may change more than another
     # by which the tops of two run together, of more by the root of their number less, or half of what one narrows by
     close: float = 0.022
@@ -113,7 +118,7 @@ RAIL, TOP = _RailLimits(), _TopLimits()
 
 
 def support() -> Boundary:
-    """The backend `support`."""
+    """Return the backend `support`."""
     return _support
 
 
@@ -167,7 +172,9 @@ def line_tolerance(labels: Labels) -> float:
 
 
 def view_evidence(objects: Sequence[PhotoObject], groups: Groups) -> tuple[int, int]:
-    """The number of objects that share their line with none, and of those that stand upright."""
+    """Return the number of objects that share their line with none, and of those that
+    stand upright.
+    """
     count = sum(len(group) for _, group in groups)
     alone = sum(len(group) for _, group in groups if len(group) == 1 and count > 1)
     return alone, sum(stands_flat(find_foot(t)) for t in objects if not t.cut)
@@ -186,7 +193,9 @@ class SupportedObjects:
 def lay_floors(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], solid: Reach | None = None
 ) -> SupportedObjects:
-    """Objects with level feet, and floors that touch them; `solid` tells their ends from depth where it can."""
+    """Objects with level feet, and floors that touch them; `solid` tells their ends
+    from depth where it can.
+    """
     outlines = close_gaps_below(labels, objects)
     objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
     objects = middle_sections(rgb, labels, objects)
@@ -216,7 +225,8 @@ def lay_floors(
 
 
 def flat_bases(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, Outline]:
-    """Return outlines with flat bases, by id, of objects that would tip over their feet.
+    """Return outlines with flat bases, by id, of objects that would tip over their
+    feet.
 
     Only objects that touch no others get one: others may lean or lie on something.
     """
@@ -250,9 +260,11 @@ class _Top:
 def middle_sections(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
 ) -> list[PhotoObject]:
-    """The objects, boxes whose tops are seen with the section half-way from front to back as outline.
+    """Return the objects, boxes whose tops are seen with the section half-way from
+    front to back as outline.
 
-    Edges that lead away from the camera run together. Where they do not, what looks like tops may be printed.
+    Edges that lead away from the camera run together. Where they do not, what looks
+    like tops may be printed.
     """
     level, touching = (
         np.log(decode(rgb) + np.float32(TOP.dark)),
@@ -284,7 +296,8 @@ def middle_sections(
 
 
 def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
-    """The strip of another shade along the upper rim of a mask that else is an upright rectangle.
+    """Return the strip of another shade along the upper rim of a mask that else is an
+    upright rectangle.
 
     `level` (H, W, 3) is the logarithm of light.
     """
@@ -311,9 +324,8 @@ def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
         for line in (lefts[lower], rights[lower], rims, feet)
     )
     first, grey = int(np.median(rims)), light[inner].mean(axis=2)
-    rows = np.arange(
-        first + near + 1, lower.start
-    )  # the rim is mixed with what is behind
+    # the rim is mixed with what is behind
+    rows = np.arange(first + near + 1, lower.start)
     if (
         bent > max(1, TOP.straight * height)
         or not len(rows)
@@ -375,7 +387,8 @@ def _floors(
 ) -> list[Wall]:
     """Under every group of feet a wall, in pieces where it would enter an object.
 
-    The floor is under the lowest group, or a larger one that is lower than `close` px above it.
+    The floor is under the lowest group, or a larger one that is lower than `close` px
+    above it.
     """
     lowest = {id(g): max(float(f.lowest[1]) for f in g[1]) for g in groups}
     groups = sorted(groups, key=lambda g: -lowest[id(g)])
@@ -438,7 +451,9 @@ def _floors(
 
 
 def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
-    """The least friction of objects on a slope, and of all that lean or lie on them there."""
+    """Return the least friction of objects on a slope, and of all that lean or lie on
+    them there.
+    """
     pairs = {(c.body, c.other) for c in contacts([t.outline for t in objects], [])}
     grip: dict[int, float] = {}
     for line, group in groups:
@@ -456,7 +471,9 @@ def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
 
 
 def photo_bottom(labels: Labels) -> Wall:
-    """The photo's bottom, and as far again to both sides; sides and top are open."""
+    """Return the photo's bottom, and as far again to both sides; sides and top are
+    open.
+    """
     height, width = labels.shape
     points = ((-float(width), height - 0.5), (2.0 * width, height - 0.5))
     reason = "the photo's; sides and top are open"
@@ -473,7 +490,9 @@ class Photo:
         self.width = labels.shape[1]
 
     def strips(self, line: Line) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lab of each column `(W, 3)` below and above a line, 6 px high; NaN where objects or the border hide it."""
+        """Lab of each column `(W, 3)` below and above a line, 6 px high; NaN where
+        objects or the border hide it.
+        """
         columns = np.arange(self.width)
         level = np.round(line.slope * columns + line.height).astype(int)
         below, above = (self._strip(level + down) for down in (4, -10))
@@ -492,10 +511,12 @@ class Photo:
         return strip
 
     def reach(self, line: Line, group: Sequence[Foot], is_ground: bool) -> Span | None:
-        """From where to where the surface under a group reaches; None where none is seen.
+        """From where to where the surface under a group reaches; None where none is
+        seen.
 
-        It ends where the colour below its edge does. The ground ends only where one surface is above and below from
-        there to the photo's side. What goes on at the photo's side goes on beyond it by the photo's width.
+        It ends where the colour below its edge does. The ground ends only where one
+        surface is above and below from there to the photo's side. What goes on at the
+        photo's side goes on beyond it by the photo's width.
         """
         boxes = np.array([bounds(f.item.outline) for f in group])
         margin = 0.5 * float((boxes[:, 2] - boxes[:, 0]).max())
@@ -551,10 +572,11 @@ def _luminance(lab: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
-    """Rails of a table seen from above: on each side the innermost straight edge beyond all objects.
+    """Rails of a table seen from above: on each side the innermost straight edge beyond
+    all objects.
 
-    None where fewer than two sides have one: the table goes on beyond the photo. Billiard balls have rails: where none
-    is seen, the photo's border takes its place.
+    None where fewer than two sides have one: the table goes on beyond the photo.
+    Billiard balls have rails: where none is seen, the photo's border takes its place.
     """
     if not objects:
         return []
@@ -622,7 +644,9 @@ def _find_rails(
 
 
 def _rail(lab: F32, free: float) -> tuple[float, float] | None:
-    """Slope, and height at x = 0, of the lowest straight edge along the photo's top above row `free`; None: no edge."""
+    """Slope, and height at x = 0, of the lowest straight edge along the photo's top
+    above row `free`; None: no edge.
+    """
     height, width = lab.shape[:2]
     across = np.arange(width // 5, width - width // 5, max(1, width // RAIL.columns))
     apart = RAIL.apart

@@ -1,9 +1,10 @@
 """Static equilibrium of objects under gravity, contact forces and Coulomb friction.
 
-An object stands where forces at its contacts, each within its cone of Coulomb friction, can balance its weight and its
-neighbours' (Palmer 1987, The complexity of simple mechanisms; Whiting et al. 2009, masonry): a least-squares problem
-with forces that only push, solved by an interior point method (Wright 1997, Primal-dual interior-point methods). Image
-axes, px; weight is proportional to area.
+An object stands where forces at its contacts, each within its cone of Coulomb friction,
+can balance its weight and its neighbours' (Palmer 1987, The complexity of simple
+mechanisms; Whiting et al. 2009, masonry): a least-squares problem with forces that only
+push, solved by an interior point method (Wright 1997, Primal-dual interior-point
+methods). Image axes, px; weight is proportional to area.
 """
 
 from __future__ import annotations
@@ -27,9 +28,12 @@ from physgen.geometry.polygon import (
 TILTED = np.radians(1.0)
 """Angle by which the photo may be turned without anything falling."""
 UNHELD = 0.004
-"""Share of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
+"""Share of its weight that may stay unbalanced, for outlines that are off by a part of
+a pixel.
+"""
 MANY = 32
-"""Objects in one pile, beyond which several of them are held at a time, and for good."""
+"""Objects in one pile, beyond which several of them are held at a time, and for good.
+"""
 
 
 @dataclass(frozen=True)
@@ -38,12 +42,14 @@ class _Limits:
 
     touch: float = 0.6  # px between surfaces that still touch: gaps that close unseen
     inner: float = 1.5  # px, or a fifth of a face, by which its ends may be off
-    overhead: float = 0.3  # sine of the angle by which a surface that lies above what it touches faces down
-    spot: float = 0.04  # of its radius: half of the spot a ball rests on; more than the tangent of TILTED
-    one_face: float = float(
-        np.cos(np.radians(12.0))
-    )  # cosine between normals of contacts on one face
-    hold_rounds: int = 8  # in which some of a large pile are held, after which all are that do not stand yet
+    # sine of the angle by which a surface that lies above what it touches faces down
+    overhead: float = 0.3
+    # of its radius: half of the spot a ball rests on; more than the tangent of TILTED
+    spot: float = 0.04
+    # cosine between normals of contacts on one face
+    one_face: float = float(np.cos(np.radians(12.0)))
+    # in which some of a large pile are held, after which all are that do not stand yet
+    hold_rounds: int = 8
     passes: int = 60  # of the interior point method
     accuracy: float = 1e-7  # of complementarity and gradient: far below UNHELD
     diverged: float = 1e3  # times the least error so far: rounding dominates
@@ -80,7 +86,9 @@ def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contac
 def wall_contacts(
     outlines: Sequence[Outline], boxes: Array, wall: Array
 ) -> list[Contact]:
-    """Contacts of outlines, with their `bounds` in `boxes` (N, 4), with one wall `(K, 2)` px."""
+    """Contacts of outlines, with their `bounds` in `boxes` (N, 4), with one wall `(K,
+    2)` px.
+    """
     found: list[Contact] = []
     for i in _near(boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])):
         found += _face_ends(
@@ -97,10 +105,12 @@ def unstable_objects(
     default: float = 0.3,
     known: dict[tuple[object, ...], list[int]] | None = None,
 ) -> list[int]:
-    """Indices of the objects that cannot stand still, lowest first: hold them and all else stands.
+    """Indices of the objects that cannot stand still, lowest first: hold them and all
+    else stands.
 
-    `friction` of pairs (body, other) that is not `default`; `fixed` are held already. `known` caches the result of each
-    group of objects that touch, for a call with some of the same contacts and the same friction.
+    `friction` of pairs (body, other) that is not `default`; `fixed` are held already.
+    `known` caches the result of each group of objects that touch, for a call with some
+    of the same contacts and the same friction.
     """
     everyone = [i for i in range(len(outlines)) if i not in fixed]
     found = [c for c in found if not _from_above(c, fixed)]
@@ -129,7 +139,7 @@ def unstable_objects(
 
 
 def _held(group: Sequence[int], forces: _Forces) -> list[int]:
-    """The fewest of a group that must be held, found one by one."""
+    """Return the fewest of a group that must be held, found one by one."""
     held: list[int] = []
     while bad := forces.worst_first(
         forces.residual([i for i in group if i not in held])
@@ -165,7 +175,9 @@ def _held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
 
 
 def _from_above(contact: Contact, fixed: Collection[int]) -> bool:
-    """Whether a fixed object lies on top: it might jam an object, but has no weight to press it down."""
+    """Return whether a fixed object lies on top: it might jam an object, but has no
+    weight to press it down.
+    """
     if contact.other < 0 or contact.other in fixed:
         return bool(contact.normal[1] > LIMITS.overhead)
     return contact.body in fixed and bool(-contact.normal[1] > LIMITS.overhead)
@@ -250,7 +262,9 @@ def _disc_on(disc: Disc, chain: Array) -> list[tuple[Array, Array]]:
 
 
 def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
-    """Corners of one closed chain on edges of another; the normals point out of the other."""
+    """Corners of one closed chain on edges of another; the normals point out of the
+    other.
+    """
     low, high = (
         points.min(axis=0) - LIMITS.touch - 1,
         points.max(axis=0) + LIMITS.touch + 1,
@@ -277,7 +291,9 @@ def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
 def _on_chain(
     outline: Outline, chain: Array, center: Array
 ) -> list[tuple[Array, Array]]:
-    """Where an outline touches an open chain; normals towards the side that its centre is on."""
+    """Where an outline touches an open chain; normals towards the side that its centre
+    is on.
+    """
     if isinstance(outline, Disc):
         return _disc_on(outline, chain)
     hits = []
@@ -290,7 +306,9 @@ def _on_chain(
 
 
 def _closest(points: Array, segments: Array) -> tuple[Array, Array]:
-    """`(N, M, 2)`: of each segment `(M, 2, 2)` the point nearest to each of `(N, 2)`, and the way from there."""
+    """`(N, M, 2)`: of each segment `(M, 2, 2)` the point nearest to each of `(N, 2)`,
+    and the way from there.
+    """
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     off = points[:, None] - start[None]
     share = np.clip((off * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0, 1)
@@ -299,7 +317,7 @@ def _closest(points: Array, segments: Array) -> tuple[Array, Array]:
 
 
 def _face_ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Contact]:
-    """The two ends of the hits on each face, moved inwards by their uncertainty."""
+    """Return the two ends of the hits on each face, moved inwards by their uncertainty."""
     left = list(hits)
     found = []
     while left:
@@ -334,16 +352,20 @@ class _Forces:
     discs: Mapping[int, float]  # Radii, px
 
     def worst_first(self, rest: Mapping[int, float]) -> list[int]:
-        """Objects that do not stand, the least balanced of the lowest first: those on top may only lack them."""
+        """Objects that do not stand, the least balanced of the lowest first: those on
+        top may only lack them.
+        """
         bad = [i for i in rest if rest[i] > UNHELD]
         return sorted(
             bad, key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i])
         )
 
     def residual(self, free: Sequence[int]) -> dict[int, float]:
-        """Share of each object's weight (or of a torque of its weight and size) that nothing balances.
+        """Share of each object's weight (or of a torque of its weight and size) that
+        nothing balances.
 
-        The worst of a level photo and of one tilted a little either way: an object that only just stands will fall.
+        The worst of a level photo and of one tilted a little either way: an object that
+        only just stands will fall.
         """
         pairs, parts = self._columns(free)
         worst = np.zeros(len(free))
@@ -354,8 +376,8 @@ class _Forces:
         return dict(zip(free, worst.tolist(), strict=True))
 
     def _columns(self, free: Sequence[int]) -> tuple[Pairs, Array]:
-        """The edges of every friction cone: the places in `free` of both objects (M, 2), -1 none of them, and the
-        force and torque on each (M, 2, 3).
+        """Return the edges of every friction cone: the places in `free` of both objects
+        (M, 2), -1 none of them, and the force and torque on each (M, 2, 3).
         """
         place = {i: k for k, i in enumerate(free)}
         pairs, parts = [], []
@@ -390,9 +412,10 @@ class _Forces:
 def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
     """(N, 3): `wanted` (N, 3) minus matrix x, for the x >= 0 that makes it least.
 
-    Each column of the matrix holds `parts` (M, 2, 3) at two of the N objects, `pairs` (M, 2); -1 is none of them.
-    Mehrotra's predictor and corrector; objects are taken in layers, each of which touches only the next, so that every
-    system is block tridiagonal.
+    Each column of the matrix holds `parts` (M, 2, 3) at two of the N objects, `pairs`
+    (M, 2); -1 is none of them. Mehrotra's predictor and corrector; objects are taken in
+    layers, each of which touches only the next, so that every system is block
+    tridiagonal.
     """
     count = len(wanted)
     if not len(pairs):
@@ -499,7 +522,9 @@ class _System:
 
 
 def _layers(count: int, pairs: Pairs) -> list[Pairs]:
-    """Objects by their distance, in contacts, from an end of their group: each touches the next layer only."""
+    """Objects by their distance, in contacts, from an end of their group: each touches
+    the next layer only.
+    """
     beside: list[set[int]] = [set() for _ in range(count)]
     for a, b in np.unique(pairs, axis=0).tolist():
         if a >= 0 and b >= 0:

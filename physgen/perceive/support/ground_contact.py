@@ -1,7 +1,9 @@
-"""Contact of objects with the ground: feet, common floor lines, level feet and rectangles.
+"""Contact of objects with the ground: feet, common floor lines, level feet and
+rectangles.
 
-Image axes, px: the lowest point has the largest y. A floor is a chain of points, so that every object stands on it as
-it is in the photo: on the edge of its convex hull that its centre of mass is above, a ball on a level spot.
+Image axes, px: the lowest point has the largest y. A floor is a chain of points, so
+that every object stands on it as it is in the photo: on the edge of its convex hull
+that its centre of mass is above, a ball on a level spot.
 """
 
 from __future__ import annotations
@@ -41,10 +43,10 @@ AGREE = 0.12  # between the slope of a line and that of what lies on it
 class _FootLimits:
     """Feet and the lines through them; slopes, px."""
 
-    steepest: float = 0.75  # slope that friction may still hold: cardboard on wood slips at 0.5 to 0.8
-    broad: float = (
-        0.5  # share of its width that a steep edge under an object on a slope has
-    )
+    # slope that friction may still hold: cardboard on wood slips at 0.5 to 0.8
+    steepest: float = 0.75
+    # share of its width that a steep edge under an object on a slope has
+    broad: float = 0.5
     short: float = 8.0  # px: the slope of a shorter edge is the raggedness of its mask
     ragged: float = 1.5  # px by which a mask's straight edge bulges
     invisible: float = 0.06  # px by which points are off a line that replaces them
@@ -55,20 +57,24 @@ class _FootLimits:
 class _LevelLimits:
     """Which feet are made level, and at what height; px.
 
-    A mask's lowest border is ragged, and an object on two stray pixels rocks. Its front edge, too, is nearer to a
-    camera that looks down a little, and so lower in the photo than the section through its middle that moves: the foot
-    is lifted as the camera's usual tilt requires for an object as deep as it is wide.
+    A mask's lowest border is ragged, and an object on two stray pixels rocks. Its front
+    edge, too, is nearer to a camera that looks down a little, and so lower in the photo
+    than the section through its middle that moves: the foot is lifted as the camera's
+    usual tilt requires for an object as deep as it is wide.
     """
 
     # degrees: with 4 (`world.tilt`) a peer photo's floor is missed by 3.3 px, with 0 ours by 4
     tilt: float = 2.0
     max_lift: float = 2.0
-    disc: float = 0.145  # share of its radius by which a round object may be off the line that others share
+    # share of its radius by which a round object may be off the line that others share
+    disc: float = 0.145
     askew: float = 2.5  # by which the foot of a narrow object may rise and be level
-    nearer: float = 4.0  # by which a flat foot may be lower than those of most and be lifted to their line
+    # by which a flat foot may be lower than those of most and be lifted to their line
+    nearer: float = 4.0
     band: float = 2.0  # above a foot, in which the border is the foot's
     alike: float = 1.5  # between feet up to which they stand on one straight line
-    level: float = 0.08  # slope of a foot up to which it is level, and its slope an error of the mask
+    # slope of a foot up to which it is level, and its slope an error of the mask
+    level: float = 0.08
     # slope of a line through three feet or more from which it is no level floor seen askew
     sloped: float = 0.03
     wide: float = 0.35  # share of its width that a flat foot has
@@ -96,7 +102,9 @@ class Foot:
     item: PhotoObject
     left: Array  # (2,) px, on its hull
     right: Array  # (2,) px
-    hull: Array  # (K, 2) px: its lower side, left to right, none of it under the line `left` to `right`
+    # (K, 2) px: its lower side, left to right, none of it under the line `left` to
+    # `right`
+    hull: Array
 
     @cached_property
     def slope(self) -> float:
@@ -149,7 +157,9 @@ def find_foot(item: PhotoObject) -> Foot:
 
 
 def _straight_part(hull: Array, k: int) -> tuple[int, int]:
-    """First and last corner of the longest straight part of a hull `(K, 2)` that holds its k-th edge."""
+    """First and last corner of the longest straight part of a hull `(K, 2)` that holds
+    its k-th edge.
+    """
     best = k, k + 1
     for i in range(k + 1):
         for j in range(k + 1, len(hull)):
@@ -164,7 +174,9 @@ def _straight_part(hull: Array, k: int) -> tuple[int, int]:
 
 
 def lower_hull(outline: Outline) -> Array:
-    """`(K, 2)` px: the lower side of its convex hull, left to right (Andrew's monotone chain)."""
+    """`(K, 2)` px: the lower side of its convex hull, left to right (Andrew's monotone
+    chain).
+    """
     if isinstance(outline, Disc):
         angle = np.linspace(np.pi, 0, 65)
         return np.asarray(
@@ -185,7 +197,9 @@ def lower_hull(outline: Outline) -> Array:
 def is_carried(
     item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
 ) -> bool:
-    """Whether other objects under it hold it: some on either side of its centre of mass, close below."""
+    """Return whether other objects under it hold it: some on either side of its centre
+    of mass, close below.
+    """
     rows, columns = np.nonzero(labels == item.id)
     if not len(rows):
         return False
@@ -213,7 +227,9 @@ def is_carried(
 def close_gaps_below(
     labels: Labels, objects: Sequence[PhotoObject]
 ) -> dict[int, Outline]:
-    """Outlines, by id, of what ends just above its carrier and is no disc: it gets a foot there."""
+    """Outlines, by id, of what ends just above its carrier and is no disc: it gets a
+    foot there.
+    """
     closed, feet = labels.copy(), set[int]()
     for item in objects:
         if (
@@ -244,7 +260,9 @@ def close_gaps_below(
 
 
 def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[Foot]]]:
-    """Feet on common lines, largest group first; a foot that shares its line with none stands on a level one."""
+    """Feet on common lines, largest group first; a foot that shares its line with none
+    stands on a level one.
+    """
     left = list(feet)
     groups: list[tuple[Line, list[Foot]]] = []
     while left:
@@ -263,7 +281,9 @@ def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[
 def _largest_groups(
     points: Array, slopes: Array, tolerance: float
 ) -> list[tuple[Line, list[int]]]:
-    """Lines through pairs of the points `(N, 2)` with the most feet on them, and those; else each foot's own line."""
+    """Lines through pairs of the points `(N, 2)` with the most feet on them, and those;
+    else each foot's own line.
+    """
     order = np.argsort(points[:, 0], kind="stable")
     # of very many, neighbours and those across the photo are enough to find a line
     reach = 400 // len(order) + 1
@@ -314,7 +334,9 @@ def rounded_down(x: float, y: float) -> tuple[float, float]:
 def floor_points(
     line: Line, group: Sequence[Foot], ends: tuple[float, float]
 ) -> list[tuple[float, float]]:
-    """A chain of points from x = `ends[0]` to `ends[1]` on which every object of a group stands, entering none."""
+    """Return a chain of points from x = `ends[0]` to `ends[1]` on which every object of
+    a group stands, entering none.
+    """
     chain = sorted((float(x), float(y)) for f in group for x, y in (f.left, f.right))
     for _ in range(8):
         xs, ys = (np.array([p[k] for p in chain]) for k in (0, 1))
@@ -344,7 +366,9 @@ def floor_points(
 def _clear_of_hulls(
     group: Sequence[Foot], start: tuple[float, float], x: float, slope: float, side: int
 ) -> float:
-    """y at x of a line from `start` outwards, of at least the slope that keeps it under every hull on that side."""
+    """y at x of a line from `start` outwards, of at least the slope that keeps it under
+    every hull on that side.
+    """
     y = start[1] + slope * (x - start[0])
     for f in group:
         beyond = f.hull[(f.hull[:, 0] - start[0]) * side > 0.05]
@@ -361,7 +385,9 @@ def _clear_of_hulls(
 def _without_straight_points(
     chain: list[tuple[float, float]],
 ) -> list[tuple[float, float]]:
-    """Without the points on the line between their neighbours, to 0.005 px; two where all nearly lie on one line."""
+    """Without the points on the line between their neighbours, to 0.005 px; two where
+    all nearly lie on one line.
+    """
     points = np.array(chain)
     (x0, y0), (x1, y1) = points[0], points[-1]
     off = points[:, 1] - (y0 + (y1 - y0) * (points[:, 0] - x0) / max(x1 - x0, 1e-9))
@@ -383,7 +409,7 @@ def _without_straight_points(
 
 
 def stands_flat(foot: Foot) -> bool:
-    """Whether an object stands on a level edge, not on a corner or a curve."""
+    """Return whether an object stands on a level edge, not on a corner or a curve."""
     if isinstance(foot.item.outline, Disc):
         return False
     x0, _, x1, _ = bounds(foot.item.outline)
@@ -396,7 +422,9 @@ def stands_flat(foot: Foot) -> bool:
 
 
 def _height(foot: Foot) -> float:
-    """y at which an object stands: a flat foot as its section through its middle, higher than its front edge."""
+    """y at which an object stands: a flat foot as its section through its middle,
+    higher than its front edge.
+    """
     x0, y0, x1, y1 = bounds(foot.item.outline)
     lift = min(LEVEL.max_lift, 0.5 * sin(radians(LEVEL.tilt)) * min(x1 - x0, y1 - y0))
     return float(foot.hull[:, 1].max()) - lift * (
@@ -405,7 +433,9 @@ def _height(foot: Foot) -> float:
 
 
 def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
-    """Ids of round objects that touch no other object: their masks, not they, are off the line that others share."""
+    """Ids of round objects that touch no other object: their masks, not they, are off
+    the line that others share.
+    """
     discs = {item.id for item in objects if isinstance(item.outline, Disc)}
     return frozenset(discs - touching_objects(objects))
 
@@ -413,10 +443,12 @@ def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
 def split_group(
     line: Line, group: Sequence[Foot], free: Collection[int]
 ) -> list[tuple[Line, list[Foot]]]:
-    """The feet of a group that stand on one line, level unless most show its slope; each other foot by itself.
+    """Return the feet of a group that stand on one line, level unless most show its
+    slope; each other foot by itself.
 
-    One floor for all of them would be a chain of humps: as the floor is flat, the masks are wrong, or those objects
-    stand nearer or farther. Objects `free` follow the line, as those with flat feet do.
+    One floor for all of them would be a chain of humps: as the floor is flat, the masks
+    are wrong, or those objects stand nearer or farther. Objects `free` follow the line,
+    as those with flat feet do.
     """
     if abs(line.slope) > STEEP or _askew(line, group):
         return [(line, list(group))]
@@ -433,7 +465,7 @@ def split_group(
 
 
 def _askew(line: Line, group: Sequence[Foot]) -> bool:
-    """Whether it is a sloped floor's."""
+    """Return whether it is a sloped floor's."""
     return len(group) > 2 and abs(line.slope) >= LEVEL.sloped
 
 
@@ -444,8 +476,9 @@ def _near_line(
     within: float,
     lower: float | None = None,
 ) -> tuple[Line, list[Foot]]:
-    """The line of a slope through most of a group, and those within `within` px of it, or that follow it and down to
-    `lower`."""
+    """Return the line of a slope through most of a group, and those within `within` px
+    of it, or that follow it and down to `lower`.
+    """
     off = np.array([_height(foot) - slope * float(foot.lowest[0]) for foot in group])
     line = Line(slope, round(float(np.median(off)), 2))
     follows = np.array([foot.item.id in free or stands_flat(foot) for foot in group])
@@ -454,9 +487,8 @@ def _near_line(
         f.item.outline.radius if isinstance(f.item.outline, Disc) else np.inf
         for f in group
     ]
-    reach = np.minimum(
-        LEVEL.disc * np.array(radii), 3.6
-    )  # else its pixels leave its circle
+    # else its pixels leave its circle
+    reach = np.minimum(LEVEL.disc * np.array(radii), 3.6)
     most = np.where(follows, within if lower is None else lower, within)
     near = (off - line.height >= -np.minimum(within, reach)) & (
         off - line.height <= np.minimum(most, reach)
@@ -474,8 +506,9 @@ def _near_line(
 def level_feet(
     line: Line, group: Sequence[Foot], free: Collection[int]
 ) -> dict[int, Outline]:
-    """Outlines with feet straight on the line of a group, by id, of those that stand flat, or as steep as it; `free`
-    ones are resized down to it."""
+    """Outlines with feet straight on the line of a group, by id, of those that stand
+    flat, or as steep as it; `free` ones are resized down to it.
+    """
     result: dict[int, Outline] = {}
     for foot in group:
         outline, steep = foot.item.outline, abs(line.slope) > STEEP
@@ -503,7 +536,8 @@ def level_feet(
 
 
 def straighten_foot(outline: Region, line: Line, band: float = LEVEL.band) -> Region:
-    """The outline with none of it below the line, and its border within `band` px above it on it.
+    """Return the outline with none of it below the line, and its border within `band`
+    px above it on it.
 
     Unchanged where its border would cross itself.
     """
@@ -526,7 +560,9 @@ def straighten_foot(outline: Region, line: Line, band: float = LEVEL.band) -> Re
 
 
 def cradle(item: PhotoObject, center: Array, hull: Array) -> list[tuple[float, float]]:
-    """A chain that follows the underside of an object to both sides of its centre of mass: a nest that it lies in."""
+    """Return a chain that follows the underside of an object to both sides of its
+    centre of mass: a nest that it lies in.
+    """
     outline = item.outline
     if isinstance(outline, Disc):
         x, y, r = float(outline.center[0]), float(outline.center[1]), outline.radius
@@ -565,7 +601,8 @@ class _BaseLimits:
     """
 
     narrow: float = 0.15
-    """On both sides of the centre of mass: a foot that reaches so far stays as it is."""
+    """On both sides of the centre of mass: a foot that reaches so far stays as it is.
+    """
     wide: float = 0.3
     """On both sides of the centre of mass: the least width of a base that is added."""
     high: float = 0.45
@@ -634,7 +671,8 @@ def add_base(foot: Foot, line: Line) -> Region | None:
 
 
 def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
-    """Rectangles of four corners, by id, for objects that are rectangular and touch no other object.
+    """Rectangles of four corners, by id, for objects that are rectangular and touch no
+    other object.
 
     Objects that touch share their borders: a rectangle would leave gaps or overlap.
     """
@@ -662,7 +700,9 @@ def touching_objects(objects: Sequence[PhotoObject]) -> set[int]:
 
 
 def fit_rectangle(outline: Outline) -> Region | None:
-    """The rectangle of the outline's area, with the height of its lowest corner; None where it is no rectangle."""
+    """Return the rectangle of the outline's area, with the height of its lowest corner;
+    None where it is no rectangle.
+    """
     if isinstance(outline, Disc) or len(outline.rings) != 1 or outline.rings[0].holes:
         return None
     points = outline.rings[0].outer
@@ -692,7 +732,9 @@ def fit_rectangle(outline: Outline) -> Region | None:
 
 
 def _sides(own: Array) -> tuple[Array, Array]:
-    """`(2,)` each: the sides in the rectangle's own axes, at the median of the border along each."""
+    """`(2,)` each: the sides in the rectangle's own axes, at the median of the border
+    along each.
+    """
     dense, margin = _dense(own), 2 * BOX.ragged
     low, high = (
         np.where(near, dense, np.nan)
@@ -702,7 +744,7 @@ def _sides(own: Array) -> tuple[Array, Array]:
 
 
 def _dense(points: Array) -> Array:
-    """The border of a ring, a point every half px or so."""
+    """Return the border of a ring, a point every half px or so."""
     parts = []
     for a, b in zip(points, np.roll(points, -1, axis=0), strict=True):
         count = max(2, int(2 * np.hypot(*(b - a))))

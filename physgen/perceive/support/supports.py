@@ -1,8 +1,10 @@
-"""Extra supports so that every object at rest stays at rest: ledges, walls to lean on and wedges.
+"""Extra supports so that every object at rest stays at rest: ledges, walls to lean on
+and wedges.
 
-What a photo shows at rest is at rest. Where the balance of forces says that an object would fall, something unseen
-holds it; where no support fits in without entering other objects, the object itself is held. A round object that
-would roll away gets a wedge beside it: unlike a held object it still lets a push through, and it can be deleted.
+What a photo shows at rest is at rest. Where the balance of forces says that an object
+would fall, something unseen holds it; where no support fits in without entering other
+objects, the object itself is held. A round object that would roll away gets a wedge
+beside it: unlike a held object it still lets a push through, and it can be deleted.
 """
 
 from __future__ import annotations
@@ -32,29 +34,26 @@ SOURCE = "what is at rest"
 class _Limits:
     """Sizes of supports; px unless stated."""
 
-    step: float = (
-        0.5  # between the points at which a chain is tested against the objects
-    )
+    # between the points at which a chain is tested against the objects
+    step: float = 0.5
     skin: float = 0.05  # that a chain may lie within an outline: rounding
     shortest: float = 1.5  # a shorter piece of a chain carries nothing
     # counted on; less than most objects have, so that what stands so stands for sure
     wall_friction: float = 0.4
     object_friction: float = 0.25  # the same between objects
-    slender: float = (
-        0.75  # height over width from which an object may be leaning, not lying askew
-    )
+    # height over width from which an object may be leaning, not lying askew
+    slender: float = 0.75
     many: int = 40  # objects, beyond which all that would fall get their ledges at once
     rounds: int = 5  # of that, after which what would still fall is held
-    from_below: float = (
-        0.3  # sine of the angle by which a surface under an object faces up
-    )
-    lean: float = 0.35  # share of its height, from the top, in which an object leans against a neighbour
+    # sine of the angle by which a surface under an object faces up
+    from_below: float = 0.3
+    # share of its height, from the top, in which an object leans against a neighbour
+    lean: float = 0.35
     # degrees; upright first: they carry nothing
     wedge_sides: tuple[float, ...] = (0.0, 180.0, 30.0, 150.0, 60.0, 120.0)
     wedge_length: float = 0.4  # of the object's radius: half the length of a wedge
-    wedge_rest: float = (
-        0.15  # of its radius: the least length of a wedge on either side of the contact
-    )
+    # of its radius: the least length of a wedge on either side of the contact
+    wedge_rest: float = 0.15
 
 
 LIMITS = _Limits()
@@ -67,8 +66,9 @@ def add_supports(
     friction: float,
     elasticity: float,
 ) -> tuple[list[Wall], frozenset[int]]:
-    """The walls with those that what would fall needs, without unseen ones that nothing needs; and the ids of objects
-    that no wall can hold."""
+    """Return the walls with those that what would fall needs, without unseen ones that
+    nothing needs; and the ids of objects that no wall can hold.
+    """
     every = list(walls)
     held: set[int] = set()
     outlines = [item.outline for item in objects]
@@ -146,7 +146,7 @@ def add_supports(
 
 
 def _lies_on(found: Sequence[Contact], k: int) -> bool:
-    """Whether something is under an object."""
+    """Return whether something is under an object."""
     return any(
         c.normal[1] * (1 if c.body == k else -1) < -LIMITS.from_below
         for c in found
@@ -166,7 +166,7 @@ def _friction(
 
 
 def _nest(item: PhotoObject, others: Sequence[Outline]) -> Chain | None:
-    """A short ledge under an object, bent to its underside, between the others."""
+    """Return a short ledge under an object, bent to its underside, between the others."""
     center = mass_properties(item.outline).center
     chain = cradle(item, center, lower_hull(item.outline))
     parts = [p for p in free_parts(chain, others) if p[0][0] <= center[0] <= p[-1][0]]
@@ -176,7 +176,9 @@ def _nest(item: PhotoObject, others: Sequence[Outline]) -> Chain | None:
 def _wall_to_lean_on(
     item: PhotoObject, found: Sequence[Contact], k: int, others: Sequence[Outline]
 ) -> Chain | None:
-    """A short upright wall beside the top of an object that stands on a wall and would tip over its edge."""
+    """Return a short upright wall beside the top of an object that stands on a wall and
+    would tip over its edge.
+    """
     if isinstance(item.outline, Disc):
         return None
     feet = [
@@ -205,9 +207,11 @@ def make_wedge(
     free: Callable[[Chain], list[Chain]],
     stands: Callable[[Array], bool],
 ) -> Chain | None:
-    """The first wedge beside a round object that fits in and with which it stands.
+    """Return the first wedge beside a round object that fits in and with which it
+    stands.
 
-    `free` cuts off the parts of a chain that lie in other objects; `stands(wall)`: whether that wall helps.
+    `free` cuts off the parts of a chain that lie in other objects; `stands(wall)`:
+    whether that wall helps.
     """
     outline = item.outline
     if not isinstance(outline, Disc):
@@ -233,7 +237,9 @@ def make_wedge(
 
 
 def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
-    """A chain of points without the parts of it that lie within outlines; the remaining pieces, in order."""
+    """Return a chain of points without the parts of it that lie within outlines; the
+    remaining pieces, in order.
+    """
     points = np.array(chain, np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     near = []
@@ -267,7 +273,7 @@ def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
 
 
 def _point_along(chain: Chain, along: Array, way: float) -> tuple[float, float]:
-    """The point of a chain at this length along it."""
+    """Return the point of a chain at this length along it."""
     if way in (0, along[-1]):
         return chain[0 if way == 0 else -1]
     return rounded_down(
@@ -276,7 +282,9 @@ def _point_along(chain: Chain, along: Array, way: float) -> tuple[float, float]:
 
 
 def depth_inside(outline: Outline, points: Array) -> Array:
-    """`(N,)` px by which points `(N, 2)` lie within an outline, holes not counted; 0 outside."""
+    """`(N,)` px by which points `(N, 2)` lie within an outline, holes not counted; 0
+    outside.
+    """
     if isinstance(outline, Disc):
         return np.asarray(
             np.maximum(outline.radius - np.hypot(*(points - outline.center).T), 0.0)

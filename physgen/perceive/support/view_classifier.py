@@ -1,6 +1,8 @@
-"""The view of a photo by its looks: linear models on features of the segmentation network.
+"""The view of a photo by its looks: linear models on features of the segmentation
+network.
 
-The weights come from `studio/view_weights.py`, which learns them from photos labelled by hand.
+The weights come from `studio/view_weights.py`, which learns them from photos labelled
+by hand.
 """
 
 from __future__ import annotations
@@ -17,18 +19,24 @@ from physgen.maps import F32
 
 WEIGHTS = "view.npz"
 CLIP = 4.0
-"""Standard deviations at which a feature counts in full: photos unlike all others stay in range."""
+"""Standard deviations at which a feature counts in full: photos unlike all others stay
+in range.
+"""
 TILTS = {"side": 10.0, "oblique": 45.0, "top": 75.0}
 """Degrees by which the camera looks down in the middle of each range of labels."""
 OBLIQUE_TILTS = (30.0, 60.0)
-"""Degrees: the range that is labelled as oblique; 60 is also the most that `world.tilt` takes."""
+"""Degrees: the range that is labelled as oblique; 60 is also the most that `world.tilt`
+takes.
+"""
 TILT_STEP = 5.0
 """Degrees to which a tilt is rounded: looks do not tell it better."""
 
 
 @dataclass(frozen=True)
 class ViewChances:
-    """Chances of the ranges of views, which sum to 1, and of a photo that cannot be animated."""
+    """Chances of the ranges of views, which sum to 1, and of a photo that cannot be
+    animated.
+    """
 
     side: float
     """The camera looks down by less than 30 degrees."""
@@ -71,9 +79,8 @@ def _chance(logit: float) -> float:
 class _Model:
     mean: NDArray[np.float32]  # (D,)
     spread: NDArray[np.float32]  # (D,)
-    weights: NDArray[
-        np.float32
-    ]  # (3, D): logits of top, of oblique or top, of unsuitable
+    # (3, D): logits of top, of oblique or top, of unsuitable
+    weights: NDArray[np.float32]
     bias: NDArray[np.float32]  # (3,)
 
 

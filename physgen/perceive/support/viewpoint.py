@@ -1,10 +1,12 @@
-"""Side view or top view, and whether a photo suits: its looks, and cues from the background and the objects.
+"""Side view or top view, and whether a photo suits: its looks, and cues from the
+background and the objects.
 
 How a photo looks as a whole (`view_classifier`) has the most weight.
 
-From the side, the background changes from top to bottom more than from left to right: a wall over a floor, blurred far
-away and sharp near by, and the floor faces up. From above, one surface lies all around, and objects lie anywhere,
-supported by nothing below them. Every cue adds to the log odds; a mirrored photo gives the same.
+From the side, the background changes from top to bottom more than from left to right: a
+wall over a floor, blurred far away and sharp near by, and the floor faces up. From
+above, one surface lies all around, and objects lie anywhere, supported by nothing below
+them. Every cue adds to the log odds; a mirrored photo gives the same.
 """
 
 from __future__ import annotations
@@ -37,16 +39,19 @@ from physgen.scene.scene import View
 from physgen.text import counted, percent
 
 LEAST = 30  # px of background from which a part of the photo counts
-SPREAD = 12.0  # CIE 1976 Lab: standard deviation of a background from which its layers count in full
+# CIE 1976 Lab: standard deviation of a background from which its layers count in full
+SPREAD = 12.0
 PRIOR = 1.0  # log odds: photos of objects at rest are more often taken from the side
 
 
 @dataclass(frozen=True)
 class _Cue:
-    """Log odds per unit of a cue and at most, so that none decides alone; the reasons for either view.
+    """Log odds per unit of a cue and at most, so that none decides alone; the reasons
+    for either view.
 
-    Weights are round numbers, set by eye on the studio's and the peers' photos. Half or twice one of them decides at
-    most one of those 20 otherwise, with true masks or found ones.
+    Weights are round numbers, set by eye on the studio's and the peers' photos. Half or
+    twice one of them decides at most one of those 20 otherwise, with true masks or
+    found ones.
     """
 
     weight: float
@@ -62,7 +67,8 @@ BESIDE_LOOKS = 0.5
 DRAWING_COLOURS = 256
 """Colours of a drawing at most; a photo of 100 px a side has thousands."""
 MOST_LOOKS = 6.0
-"""Log odds of the looks at most: one in 400 labelled photos is seen wrongly for sure."""
+"""Log odds of the looks at most: one in 400 labelled photos is seen wrongly for sure.
+"""
 LOOKS = {
     View.SIDE: "it looks like a photo from the side",
     View.TOP: "it looks like a photo from above",
@@ -90,11 +96,12 @@ def guess_view(
     stands: int,
     chances: ViewChances | None = None,
 ) -> tuple[View, float, str]:
-    """The view, its confidence 0.5..0.98, and the two strongest reasons.
+    """Return the view, its confidence 0.5..0.98, and the two strongest reasons.
 
-    `normals` (h, w, 3) unit, +y down, of any size. `aloft`: the number of objects without anything below that holds
-    them; `stands`: the number that stand upright on a level foot or on others. `chances` are those of the photo's
-    looks; without them, the cues alone decide.
+    `normals` (h, w, 3) unit, +y down, of any size. `aloft`: the number of objects
+    without anything below that holds them; `stands`: the number that stand upright on a
+    level foot or on others. `chances` are those of the photo's looks; without them, the
+    cues alone decide.
     """
     cues = _background_cues(rgb, labels, normals) | {
         "aloft": -max(aloft - 2, 0),
@@ -143,7 +150,9 @@ def _looks_reason(chances: ViewChances) -> str:
 
 
 def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
-    """Cues for the side view, of the background alone; none where too little of it is seen."""
+    """Cues for the side view, of the background alone; none where too little of it is
+    seen.
+    """
     h, w = normals.shape[:2]
     lab = cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
     colour: F32 = np.asarray(
@@ -194,9 +203,11 @@ def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]
 
 
 def _explained(colour: F32, free: Mask, axis: int) -> float:
-    """Share of the colours' variance that the mean of each row (`axis` 1) or column (0) explains, 0..1.
+    """Share of the colours' variance that the mean of each row (`axis` 1) or column (0)
+    explains, 0..1.
 
-    A row or column counts where it shows a twentieth of its length of background, 2 px to 5 px.
+    A row or column counts where it shows a twentieth of its length of background, 2 px
+    to 5 px.
     """
     count = free.sum(axis)
     known = count >= np.clip(free.shape[axis] / 20, 2, 5)
@@ -212,20 +223,19 @@ def _explained(colour: F32, free: Mask, axis: int) -> float:
 class _Doubts:
     """Where a photo is doubtful; shares are of the photo.
 
-    Chosen on four fifths of 158 photos of COCO, and on 24 that are good, with the core's segmentation: of the good ones
-    each leaves out two at most.
+    Chosen on four fifths of 158 photos of COCO, and on 24 that are good, with the
+    core's segmentation: of the good ones each leaves out two at most.
     """
 
-    expected: float = 0.66  # F that confidences of objects and doubtful regions state; chosen on 80 photos
+    # F that confidences of objects and doubtful regions state; chosen on 80 photos
+    expected: float = 0.66
     unsure: float = 0.65  # confidence of an object; a third of such are none
     unclear: float = 0.1  # doubtful regions, where they cover more than the objects do
     fixed: float = 0.1  # wholes that nobody moves
-    pointed: float = (
-        0.5  # of what is pointed at: 187 of 192 people of COCO, 3 of 31 cups and bowls
-    )
-    sky: float = (
-        0.125  # in the upper half; this and the next two of what is around the objects
-    )
+    # of what is pointed at: 187 of 192 people of COCO, 3 of 31 cups and bowls
+    pointed: float = 0.5
+    # in the upper half; this and the next two of what is around the objects
+    sky: float = 0.125
     foliage: float = 0.1
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
     view: float = 0.6  # confidence of the view
@@ -248,7 +258,8 @@ def judge_suitability(
     objects: Sequence[PhotoObject],
     boundaries: BoundaryGuess,
 ) -> Suitability:
-    """Reasons to doubt that the photo shows loose objects at rest, from what perception knows of it.
+    """Reasons to doubt that the photo shows loose objects at rest, from what perception
+    knows of it.
 
     Masks that the user gave are sure, and so are those that are kept.
     """
@@ -296,7 +307,9 @@ def _small_photo(rgb: Rgb) -> Rgb:
 
 
 def fine_detail(rgb: Rgb) -> Mask:
-    """Return where a photo shows fine detail, (h, DOUBTS.side): clutter, crowds, gravel."""
+    """Return where a photo shows fine detail, (h, DOUBTS.side): clutter, crowds,
+    gravel.
+    """
     grey = cv2.cvtColor(_small_photo(rgb), cv2.COLOR_RGB2GRAY).astype(np.float32)
     detail = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
     return np.asarray(cv2.blur(detail, (DOUBTS.patch, DOUBTS.patch)) > DOUBTS.fine)
@@ -317,7 +330,9 @@ def coarse_detail(rgb: Rgb) -> Mask:
 
 
 def _immovable(rgb: Rgb) -> Mask:
-    """(h, w), of the network's size: where it sees people, animals, furniture or the like."""
+    """(h, w), of the network's size: where it sees people, animals, furniture or the
+    like.
+    """
     seen = run_network(rgb)
     return np.asarray((seen.foreground >= 0.5) & (seen.movable < 0.5))
 
