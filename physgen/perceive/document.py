@@ -547,9 +547,9 @@ def summary(perceived: PerceivedScene) -> list[str]:
         else ""
     )
     doubtful_names = [
-        f"{name} ({confidence_:.2f})"
-        for name, confidence_ in confidences.items()
-        if confidence_ < DOUBTS.unsure
+        f"{name} ({value:.2f})"
+        for name, value in confidences.items()
+        if value < DOUBTS.unsure
     ]
     check = (
         f", but look at {listed([name.split()[0] for name in doubtful_names], 'and')}"

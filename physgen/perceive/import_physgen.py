@@ -411,8 +411,8 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
         or array.shape != shape
     ):
         size, photo_size = (
-            " x ".join(map(str, shape_))
-            for shape_ in (getattr(array, "shape", ()), shape)
+            " x ".join(map(str, sizes))
+            for sizes in (getattr(array, "shape", ()), shape)
         )
         raise Message.ARRAY_WRONG.error(str(path), size or "it", wanted=photo_size)
     values = np.array(array, np.float32)

@@ -270,14 +270,14 @@ def perceive(
             for remain in doubtful_parts
             if remain.owner in names_by_id
         )
-        if renumbered := [
+        if changes := [
             f"{names.before[i]} is {name}"
             for i, name in names_by_id.items()
             if names.before[i] != name
         ]:
             warnings += (
                 Message.NAMES_FOLLOW_LABELS.warning(
-                    Place("--label"), "", listed(renumbered, "and")
+                    Place("--label"), "", listed(changes, "and")
                 ),
             )
         suits = judge_suitability(rgb, found, objects, boundaries)
@@ -407,13 +407,15 @@ class _Run:
         """Label the objects."""
         # A model labels only objects without labels. The default labels are computed
         # for all, so that a refresh can tell which names they made.
-        unlabelled = (
+        new_objects = (
             [t for t in objects if t.id not in found.names]
             if self.crew.row("label").extra
             else objects
         )
         guesses: Mapping[int, Name] = (
-            self.role("label", self.rgb, found.labels, unlabelled) if unlabelled else {}
+            self.role("label", self.rgb, found.labels, new_objects)
+            if new_objects
+            else {}
         )
         labels = {**guesses, **found.names}
         source = {
@@ -438,7 +440,7 @@ class _Run:
     def weigh(
         self, names: document.Names, pixels_per_meter: float | None
     ) -> tuple[Mapping[int, Matter], Scale | None]:
-        """Physical properties of the objects, by id, and the photo's scale."""
+        """Return the matter of the objects by id, and the photo's scale."""
         objects = names.objects
         scale = photo_scale(
             objects, {t.id: kind(t.label) for t in objects}, names.confidence

@@ -420,8 +420,8 @@ def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:
         free_name(name, walls): wall
         for name, wall in now.items()
         if not any(
-            equal(wall_.get(kind), wall[kind], SAME)
-            for wall_ in known_walls
+            equal(known_wall.get(kind), wall[kind], SAME)
+            for known_wall in known_walls
             for kind in LINES & wall.keys()
         )
     }

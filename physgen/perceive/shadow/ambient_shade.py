@@ -1,9 +1,10 @@
 """Shade of soft light around the feet and rims of objects.
 
-An overcast sky, or lamps on all sides, leave an object's surroundings dark where they see least of the sky. Where that
-must lie is known without a light. It is believed where the photo is darker just there than in all like places nearby.
-The light of a place without its shade is read off like-coloured surfaces outside of it. Paint is dark as well; but it
-does not lie just where an object's shade must.
+An overcast sky, or lamps on all sides, leave an object's surroundings dark where they
+see least of the sky. Where that must lie is known without a light. It is believed where
+the photo is darker just there than in all like places nearby. The light of a place
+without its shade is read off like-coloured surfaces outside of it. Paint is dark as
+well; but it does not lie just where an object's shade must.
 """
 
 from __future__ import annotations
@@ -40,21 +41,23 @@ class _Tuning:
     wide: float = 40.0  # degrees: half the width of such a light
     deep: float = 0.05  # predicted depth that is compared with ...
     faint: float = 0.02  # ... places of less than this
-    shaded: float = (
-        0.03  # predicted depth from which a place is no reference for lit surfaces
-    )
+    # predicted depth from which a place is no reference for lit surfaces
+    shaded: float = 0.03
+    # reach of the comparison in a side view
     beside_side: tuple[float, float] = (
         0.4,
         0.15,
-    )  # reach of the comparison in a side view
+    )
     beside_top: tuple[float, float] = (0.3, 0.3)  # and in a top view
+    # shifts at which shade might lie as well, by chance
     nearby: tuple[float, ...] = (
         0.5,
         1.0,
         1.5,
         2.0,
-    )  # shifts at which shade might lie as well, by chance
-    sure: float = 6.0  # times chance from which shade is believed (studio photos of the split `tune`)
+    )
+    # times chance from which shade is believed (studio photos of the split `tune`)
+    sure: float = 6.0
     seen: float = 0.025  # contrast from which it is believed
     # of seen over predicted depth: what is darker is another surface, or the shade of what carries the objects
     least_factor: float = 0.3
@@ -62,7 +65,9 @@ class _Tuning:
     along: tuple[tuple[float, float, float], ...] = (
         (0.7, 0.08, 1.0), (2.0, 0.16, 0.05), (4.0, 0.6, 2e-3), (8.0, 2.0, 1e-5),
     )  # fmt: skip
-    """Reach and weight of like surfaces on a floor seen from the side: a row is equally far."""
+    """Reach and weight of like surfaces on a floor seen from the side: a row is equally
+    far.
+    """
     around: tuple[tuple[float, float, float], ...] = (
         (0.5, 0.5, 1.0),
         (1.0, 1.0, 0.05),
@@ -103,7 +108,10 @@ def find_ambient_shade(
     *,
     from_above: bool,
 ) -> AmbientShade | None:
-    """`at` gives the silhouettes on a picture so many times smaller. None where no shade is seen."""
+    """`at` gives the silhouettes on a picture so many times smaller.
+
+    None where no shade is seen.
+    """
     H, W = coverage.shape
     scale = max(max(H, W) / TUNING.longest, 1.0)
     silhouettes = at(scale)
@@ -152,7 +160,9 @@ def find_ambient_shade(
 
 
 def extend_behind_objects(dark: F32, coverage: F32) -> F32:
-    """(H, W): behind objects as dark as about their rims, from where the background was filled there."""
+    """(H, W): behind objects as dark as about their rims, from where the background was
+    filled there.
+    """
     free = (coverage == 0).astype(np.float32)
     values = dark * free
     result = dark.copy()
@@ -174,7 +184,10 @@ def _sky(
 
 
 def _shifts(size: float, from_above: bool) -> list[tuple[int, int]]:
-    """px right and down: where else shade might lie. Seen from the side it is flat, and lies apart a row away."""
+    """px right and down: where else shade might lie.
+
+    Seen from the side it is flat, and lies apart a row away.
+    """
     steps = [0.0, *TUNING.nearby, *(-part for part in TUNING.nearby)]
     downs = (
         steps if from_above else [0.6 * part for part in steps if 0 < abs(part) <= 1]
@@ -193,7 +206,8 @@ def missing_light(
 ) -> F32:
     """(H, W) -log of the light that surfaces miss against like ones nearby, smooth.
 
-    `free`: 1 where no object is near. `shaded`: places that may lie in shade, and are no reference.
+    `free`: 1 where no object is near. `shaded`: places that may lie in shade, and are
+    no reference.
     """
     linear = decode(background)
     bright = np.log(luminance(linear) + DARKEST).astype(np.float32)
@@ -215,10 +229,11 @@ def missing_light(
 def contrast_over_chance(
     dark: F32, free: Mask, within: Mask, around: Mask, shifts: Sequence[tuple[int, int]]
 ) -> tuple[float, float]:
-    """By how much it is darker `within` a place than `around` it, and that over the same elsewhere.
+    """By how much it is darker `within` a place than `around` it, and that over the
+    same elsewhere.
 
-    Elsewhere are both places moved by `shifts`, px right and down; the second number is 0 where the places are out of
-    sight or a moved one is as dark.
+    Elsewhere are both places moved by `shifts`, px right and down; the second number is
+    0 where the places are out of sight or a moved one is as dark.
     """
     own = _contrast(dark, free, within, around)
     other = free & ~within

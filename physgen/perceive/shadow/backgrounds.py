@@ -1,8 +1,8 @@
 """Backgrounds behind objects, with and without their shadows, from one fill.
 
-Shadows are found beside objects, so that a smooth guess behind them is enough for it. What
-lies behind is then filled once, from surroundings without shadows; the background with
-shadows is that fill in the light that is left around it.
+Shadows are found beside objects, so that a smooth guess behind them is enough for it.
+What lies behind is then filled once, from surroundings without shadows; the background
+with shadows is that fill in the light that is left around it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Mirror images of objects on a glossy ground: their detection and their removal.
 
-A photo from the side shows below an object on ice, glass or lacquer what the ground mirrors
-of it: the object upside down, weak and blurred. The mirror image stays in the photo when
-the object leaves, unless the clean background lacks it.
+A photo from the side shows below an object on ice, glass or lacquer what the ground
+mirrors of it: the object upside down, weak and blurred. The mirror image stays in the
+photo when the object leaves, unless the clean background lacks it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb
 class MirrorLimits:
     """Limits of mirror images; lengths are shares of the object's height or width.
 
-    Chosen by eye on 21 photos and the bundled scenes: a can on ice is the only object with
-    both correlations above 0.6 and a share of 0.04 to 0.5.
+    Chosen by eye on 21 photos and the bundled scenes: a can on ice is the only object
+    with both correlations above 0.6 and a share of 0.04 to 0.5.
     """
 
     shallow: float = 0.15
@@ -124,7 +124,9 @@ def _margin(width: int) -> int:
 
 
 def _visible_part(mirrored: Mask, is_hidden: Mask, height: int) -> Mask | None:
-    """Return the pixels of a mirror image that are compared; None if too few are seen."""
+    """Return the pixels of a mirror image that are compared; None if too few are
+    seen.
+    """
     hidden = mirrored & is_hidden
     if hidden.sum() > MIRROR.covered * mirrored.sum():
         return None
@@ -141,7 +143,9 @@ def _widened(image: NDArray[np.uint8], reach: int) -> Mask:
 
 
 def _shows_mirror_image(below: Rgb, turned: Rgb, part: Mask, ground: _Ground) -> bool:
-    """Return whether the ground (h, w, 3) shows an object that is turned upside down."""
+    """Return whether the ground (h, w, 3) shows an object that is turned upside
+    down.
+    """
     height = round(np.count_nonzero(part.any(axis=1)) / MIRROR.near)
     image, item = (
         _blurred(picture.astype(np.float32) - ground.colours, part, height)[part]
@@ -193,7 +197,9 @@ def _blurred(differences: F32, part: Mask, height: int) -> NDArray[np.float32]:
 def _is_mirrored(
     image: NDArray[np.float32], item: NDArray[np.float32], texture: float
 ) -> bool:
-    """Return whether differences (n, 3) below an object are like its own, upside down."""
+    """Return whether differences (n, 3) below an object are like its own, upside
+    down.
+    """
     strength = float(np.sqrt((image**2).mean()))
     if strength < max(MIRROR.least, MIRROR.visible * texture):
         return False

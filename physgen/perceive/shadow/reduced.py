@@ -35,7 +35,9 @@ SilhouettesAt = Callable[[float], Sequence[Silhouette]]
 
 @dataclass(frozen=True, eq=False)
 class ReducedPhoto:
-    """A background (h, w, 3) and its coverage (h, w), made smaller if they are large."""
+    """A background (h, w, 3) and its coverage (h, w), made smaller if they are
+    large.
+    """
 
     background: Rgb
     coverage: F32
@@ -89,7 +91,9 @@ def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
 
 
 def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
-    """Return `background` with the light by which `lifted` exceeds `small` (h, w, 3)."""
+    """Return `background` with the light by which `lifted` exceeds `small` (h, w,
+    3).
+    """
     height, width = background.shape[:2]
     guide = _log(luminance(decode(small)))
     gain = _log(decode(lifted)) - _log(decode(small))

@@ -1,8 +1,10 @@
-"""Fit of a distant light to the shadows in a side view: on the floor, or on a wall behind the objects.
+"""Fit of a distant light to the shadows in a side view: on the floor, or on a wall
+behind the objects.
 
-Slopes of the logarithm of light are compared, at two widths, with those of the predicted darkness, near these alone:
-a far edge of the floor or a picture on the wall has slopes too, but elsewhere. On an upright wall behind, one distant
-light moves every shadow alike; in perspective, farther off, the whole is a little smaller.
+Slopes of the logarithm of light are compared, at two widths, with those of the
+predicted darkness, near these alone: a far edge of the floor or a picture on the wall
+has slopes too, but elsewhere. On an upright wall behind, one distant light moves every
+shadow alike; in perspective, farther off, the whole is a little smaller.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ FULL = 1.2  # shading of a surface that faces the light: there it shows its own 
 
 @dataclass(frozen=True)
 class _Tuning:
-    """Tuning of the search, on studio photos of the split `tune`; sizes are shares of an object's."""
+    """Tuning of the search, on studio photos of the split `tune`; sizes are shares of
+    an object's.
+    """
 
     widths: tuple[float, ...] = (0.03, 0.08)  # over which slopes are smoothed
     least_seen: float = 0.1  # share of the predicted slopes that must be in sight
@@ -48,13 +52,15 @@ class _Tuning:
     # degrees, and standard deviations: no light is tried farther from it
     beyond: tuple[float, float] = (40.0, 2.5)
     pull: float = 0.02  # correlation that one standard deviation from it must gain
-    telling: int = 3  # objects, or groups of them, that the light is searched by at first; the largest
+    # objects, or groups of them, that the light is searched by at first; the largest
+    telling: int = 3
+    # of shadows on a wall, in perspective
     wall_sizes: tuple[float, ...] = (
         1.0,
         0.94,
         0.88,
         0.82,
-    )  # of shadows on a wall, in perspective
+    )
     farthest: float = 5.0  # from an object to its shadow on a wall
     in_sight: float = 0.5  # share of all outlines that must lie in the photo, and free
     # percentile of the photo's slopes: steeper ones are edges of objects, and cut to this
@@ -72,7 +78,9 @@ class LightGradients:
     size: tuple[int, int]  # Width and height, px
     known: F32  # (h, w) 1 where no object is near
     slopes: Sequence[tuple[float, F32, F32, F32]]
-    """Width of smoothing, px; (h, w) share known within it; (h, w) slopes of the logarithm of light, x and y."""
+    """Width of smoothing, px; (h, w) share known within it; (h, w) slopes of the
+    logarithm of light, x and y.
+    """
     silhouettes: Sequence[Silhouette]
     joined: Sequence[Silhouette]  # The same, those that stand side by side as one
 
@@ -83,12 +91,16 @@ class LightGradients:
 
     @property
     def telling(self) -> list[Silhouette]:
-        """The largest of `joined`; the small ones would take as long and add little."""
+        """Return the largest of `joined`; the small ones would take as long and add
+        little.
+        """
         areas = [what.area for what in self.joined]
         return [self.joined[k] for k in np.argsort(areas)[::-1][: TUNING.telling]]
 
     def agreement(self, model: F32) -> tuple[float, float]:
-        """Correlation of seen slopes and those of a darkness (h, w), and the factor; means over the widths."""
+        """Correlation of seen slopes and those of a darkness (h, w), and the factor;
+        means over the widths.
+        """
         sums = self._sums(model)
         alike = [both / max((own * seen) ** 0.5, 1e-9) for both, own, seen in sums]
         factors = [both / max(own, 1e-9) for both, own, _ in sums]
@@ -97,7 +109,8 @@ class LightGradients:
         )
 
     def _sums(self, model: F32) -> list[tuple[float, float, float]]:
-        """Of each width: products of predicted and seen slopes, squares of either, near what is predicted.
+        """Of each width: products of predicted and seen slopes, squares of either, near
+        what is predicted.
 
         Empty where hardly any of it is in sight.
         """
@@ -143,7 +156,10 @@ def light_gradients(
     longest: int,
     at: Callable[[float], Sequence[Silhouette]],
 ) -> LightGradients | None:
-    """The photo at a scale; `at` gives the silhouettes at it. None where there are none."""
+    """Return the photo at a scale; `at` gives the silhouettes at it.
+
+    None where there are none.
+    """
     scale = max(max(background.shape[:2]) / longest, 1.0)
     silhouettes = at(scale)
     if not silhouettes:
@@ -187,7 +203,8 @@ class LightFit:
 def search_light(
     gradients: Sequence[LightGradients], guess: LightGuess
 ) -> tuple[int, LightFit]:
-    """The index of the best of `gradients`, and the light in its px: coordinate steps from several directions.
+    """Return the index of the best of `gradients`, and the light in its px: coordinate
+    steps from several directions.
 
     `gradients`: of one size, with floors in different places.
     """
@@ -243,7 +260,9 @@ def _climbed(
 
 
 def deviation_penalty(light: DistantLight, guess: LightGuess) -> float:
-    """Correlation that a light must gain for its distance from the one of shading; infinite where it is too far."""
+    """Correlation that a light must gain for its distance from the one of shading;
+    infinite where it is too far.
+    """
     if guess.confidence < TRUSTED:
         return 0.0
     sure = min((guess.confidence - TRUSTED) / (TUNING.well - TRUSTED), 1.0)
@@ -260,7 +279,9 @@ def deviation_penalty(light: DistantLight, guess: LightGuess) -> float:
 def refine_light(
     fine: LightGradients, setting: ShadowSetting, guess: LightGuess
 ) -> LightFit:
-    """Smaller steps from a setting, in px of `fine`, by the largest objects; its likeness by all."""
+    """Smaller steps from a setting, in px of `fine`, by the largest objects; its
+    likeness by all.
+    """
     telling = fine.telling
 
     def rated(where: ShadowSetting) -> LightFit:
@@ -281,7 +302,9 @@ def refine_light(
 
 
 def _oddness(setting: ShadowSetting, factor: float) -> float:
-    """Correlation that an unusual fit must gain: low or high or sharp light, a steep or flat floor, other darkness."""
+    """Correlation that an unusual fit must gain: low or high or sharp light, a steep or
+    flat floor, other darkness.
+    """
     x, y, z = setting.light.direction
     length = (x * x + z * z) ** 0.5 / max(-y, 0.05)
     slant = 0.03 * max(length - 2, 0.0) + 0.03 * max(0.4 - length, 0.0)
@@ -302,7 +325,9 @@ def _starts(first: ShadowSetting, guess: LightGuess) -> Iterator[ShadowSetting]:
 
 
 def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
-    """The light turned about the upright, and higher and lower, by so many radians."""
+    """Return the light turned about the upright, and higher and lower, by so many
+    radians.
+    """
     x, y, z = setting.light.direction
     turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
     for around, up in (
@@ -344,7 +369,7 @@ def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
 
 
 def with_direction(setting: ShadowSetting, direction: Sequence[float]) -> ShadowSetting:
-    """The same under a light from another direction (unit)."""
+    """Return the same under a light from another direction (unit)."""
     x, y, z = (float(c) for c in direction)
     light = setting.light
     return replace(
@@ -353,7 +378,7 @@ def with_direction(setting: ShadowSetting, direction: Sequence[float]) -> Shadow
 
 
 def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
-    """The same with so much of the light direct where it falls straight."""
+    """Return the same with so much of the light direct where it falls straight."""
     light = DistantLight(setting.light.direction, share * FULL, (1 - share) * FULL)
     return replace(setting, light=light)
 
@@ -362,23 +387,26 @@ def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
 class WallShadow:
     """The objects' shadows on a wall behind, in px of the photo."""
 
-    shift: tuple[
-        float, float
-    ]  # From an object to its shadow, in the middle of the photo
+    # From an object to its shadow, in the middle of the photo
+    shift: tuple[float, float]
     size: float  # Of shadow to object, about the middle of the photo
     likeness: float = 0.0  # correlation of slopes along the outlines
     factor: float = 0.0  # -log of the light that is left
     soft: float = 0.0  # px, standard deviation of the shadows' edges
 
     def convincing(self, count: int) -> bool:
-        """One round object finds a round patch almost anywhere; several must find theirs all at once."""
+        """One round object finds a round patch almost anywhere; several must find
+        theirs all at once.
+        """
         return self.likeness >= float(0.5 + 0.35 / max(count, 1) ** 0.5)
 
 
 def cast_on_wall(
     what: Silhouette, shadow: WallShadow, scale: float, size: tuple[int, int]
 ) -> F32:
-    """(h, w) coverage of the wall by its shadow, on a picture of `size` (w, h), 1 / scale of the photo's."""
+    """(h, w) coverage of the wall by its shadow, on a picture of `size` (w, h), 1 /
+    scale of the photo's.
+    """
     middle = (size[0] - 1) / 2, (size[1] - 1) / 2
     matrix = np.zeros((2, 3))
     for k in (0, 1):
@@ -407,7 +435,9 @@ def wall_coverage(
 
 
 def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
-    """Smaller steps from a wall shadow, and the softness of its edges, on a finer picture."""
+    """Smaller steps from a wall shadow, and the softness of its edges, on a finer
+    picture.
+    """
 
     def rated(one: WallShadow) -> WallShadow:
         total = wall_coverage(
@@ -449,7 +479,9 @@ def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallSha
 
 
 def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
-    """The best way to move the objects onto their shadows; None where no way keeps enough of them in sight."""
+    """Return the best way to move the objects onto their shadows; None where no way
+    keeps enough of them in sight.
+    """
     width, near, right, down = gradients.slopes[-1]
     within = cv2.erode(gradients.known, np.ones((3, 3), np.uint8)) * (near > 0.3)
     steep = np.hypot(right, down)

@@ -1,11 +1,14 @@
-"""Removal of shadows and reflections from the background, its refilling, and shadows' assignment to objects.
+"""Removal of shadows and reflections from the background, its refilling, and shadows'
+assignment to objects.
 
-The light of a place without its shadow is read off the same kind of surface nearby: along the row first, since a floor
-seen from the side changes least that way. The missing light follows the prediction of geometry; where the photo differs
-by more than the surface's own grain, the photo is believed. Finer detail is grain, and stays.
+The light of a place without its shadow is read off the same kind of surface nearby:
+along the row first, since a floor seen from the side changes least that way. The
+missing light follows the prediction of geometry; where the photo differs by more than
+the surface's own grain, the photo is believed. Finer detail is grain, and stays.
 
-A shadow lies where light was removed; its owner is the object that blocks most light from the place. Where geometry
-predicts no shadow, the place goes to the owner of the nearest that it predicts.
+A shadow lies where light was removed; its owner is the object that blocks most light
+from the place. Where geometry predicts no shadow, the place goes to the owner of the
+nearest that it predicts.
 """
 
 from __future__ import annotations
@@ -29,7 +32,8 @@ Reaches = Sequence[tuple[float, float, float]]
 HUES = 6  # Kinds of surface that are separated
 FAINT = 0.08  # -log of light, smoothed: less is no visible shadow
 PREDICTED = 0.02  # -log of light from which geometry predicts a shadow
-SHARE = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
+# weight of geometry: the photo alone leaves the soft ends of shadows to its grain
+SHARE = 0.3
 SMOOTH = 2.0  # px: standard deviation of the blur; finer detail is grain
 GROUND_REACH = 20.0  # px: standard deviation of the blur over which grain is measured
 GROUND_GRAIN = 2.0  # standard deviations that single grains may be brighter
@@ -44,30 +48,28 @@ class _Tuning:
     reaches: tuple[tuple[float, float, float], ...] = (
         (0.6, 0.03, 1.0), (2.0, 0.06, 0.05), (5.0, 0.12, 2e-3), (1.5, 0.5, 1e-4), (6.0, 1.0, 1e-6),
     )  # fmt: skip
-    loud: float = (
-        2.0  # standard deviations of the grain up to which a difference is grain
-    )
-    wide: float = 0.3  # a wider difference is a shadow that geometry missed, a finer one an edge, or grain
+    # standard deviations of the grain up to which a difference is grain
+    loud: float = 2.0
+    # a wider difference is a shadow that geometry missed, a finer one an edge, or grain
+    wide: float = 0.3
     faint: float = 0.1  # depth from which a patch is dark
     part: float = 0.45  # the same, of the depth predicted close by
     most: float = 1.7  # of the depth predicted close by: darker patches are no shadows
-    other: float = (
-        2.5  # depth from which a dark patch is of another surface: no shadow is so deep
-    )
-    own: float = (
-        0.3  # share of a dark patch that must be predicted; then all of it is removed
-    )
-    astray: float = 0.15  # how far beside the prediction a shadow may lie; half as far above and below
-    rim: float = (
-        3.0  # px in from its border over which a dark patch is believed as it is seen
-    )
-    smooth: float = (
-        2.0  # px over which slopes are smoothed, so that grain does not count
-    )
+    # depth from which a dark patch is of another surface: no shadow is so deep
+    other: float = 2.5
+    # share of a dark patch that must be predicted; then all of it is removed
+    own: float = 0.3
+    # how far beside the prediction a shadow may lie; half as far above and below
+    astray: float = 0.15
+    # px in from its border over which a dark patch is believed as it is seen
+    rim: float = 3.0
+    # px over which slopes are smoothed, so that grain does not count
+    smooth: float = 2.0
+    # of one channel's darkening over the average
     tint: tuple[float, float] = (
         0.6,
         1.35,
-    )  # of one channel's darkening over the average
+    )
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,11 @@ class _Refill:
     """What is filled again behind objects once shadows are removed."""
 
     ring: int = 3  # px around objects where removal is unreliable
-    gap: int = 6  # px: half the width of gaps between objects that are too dark to show anything
+    # px: half the width of gaps between objects that are too dark to show anything
+    gap: int = 6
     near: int = 8  # px from an object within which shadows have entered the first fill
-    deep: float = 0.45  # share of its light below which, near an object, nothing is seen in a shadow
+    # share of its light below which, near an object, nothing is seen in a shadow
+    deep: float = 0.45
     # a fill that is so many times more brighter than a shadow beside it was dark is another surface, no lit one; a
     # part of either is left out, where they are compared
     brighter: float = 1.5
@@ -87,28 +91,33 @@ class _Refill:
 
 @dataclass(frozen=True)
 class _Reflection:
-    """What a floor mirrors, chosen on the studio's photos: backgrounds of dominoes and bottle-book gain, none loses."""
+    """What a floor mirrors, chosen on the studio's photos: backgrounds of dominoes and
+    bottle-book gain, none loses.
+    """
 
-    another: float = 0.3  # share of an object's width on another object from which it stands on that, on no floor
-    dark: float = (
-        0.01  # light added before logarithms, so that noise in the dark does not count
-    )
+    # share of an object's width on another object from which it stands on that, on no
+    # floor
+    another: float = 0.3
+    # light added before logarithms, so that noise in the dark does not count
+    dark: float = 0.01
     smooth: float = 1.5  # px: finer differences are grain
-    loud: float = 2.5  # times the texture of the rows around it, from which a difference is a reflection
+    # times the texture of the rows around it, from which a difference is a reflection
+    loud: float = 2.5
     least: float = 0.1  # -log of light: a fainter one is not seen
-    most: float = 0.5  # mean -log of light: a floor mirrors no more, what differs more is another surface
+    # mean -log of light: a floor mirrors no more, what differs more is another surface
+    most: float = 0.5
     inside: float = 0.9  # share of it that lies in the object's mirror image
     foot: float = 0.1  # of the object's height, that counts as its foot
-    wide: float = (
-        0.7  # of the foot's width: a narrower difference is the floor's own pattern
-    )
+    # of the foot's width: a narrower difference is the floor's own pattern
+    wide: float = 0.7
 
 
 TUNING, REFILL, REFLECTION = _Tuning(), _Refill(), _Reflection()
 
 
 def hue_weights(linear: F32, plain: F32 | Mask, most: int) -> list[F32]:
-    """(h, w) 0..1 for each kind of surface: the pixels of `linear` (h, w, 3) that belong to it, by hue.
+    """(h, w) 0..1 for each kind of surface: the pixels of `linear` (h, w, 3) that
+    belong to it, by hue.
 
     Kinds are learned from about `most` pixels where `plain` (h, w) is not 0.
     """
@@ -165,9 +174,11 @@ def mean_of_kind(
     prior: tuple[float, float] = (0.0, 1e-9),
     blur: Callable[[F32, float, float], F32] = blur_wide,
 ) -> F32:
-    """(h, w): the mean of `values` on surfaces of each pixel's kind nearby, from where they are `plain`.
+    """(h, w): the mean of `values` on surfaces of each pixel's kind nearby, from where
+    they are `plain`.
 
-    `tiny` weight of a pixel's own value where none is near; `prior`: the same, and a weight, where it is of no kind.
+    `tiny` weight of a pixel's own value where none is near; `prior`: the same, and a
+    weight, where it is of no kind.
     """
     result = (
         np.float32(prior[0]) * values
@@ -187,7 +198,9 @@ def mean_of_kind(
 
 
 def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float) -> Rgb:
-    """The background without shadows; `predicted` (H, W): -log of the light left; `size`: px of a typical object."""
+    """Return the background without shadows; `predicted` (H, W): -log of the light
+    left; `size`: px of a typical object.
+    """
     free = away_from_objects(coverage).astype(np.float32)
     shaded = predicted > 0.01
     rows, columns = (
@@ -209,9 +222,11 @@ def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float) 
 
 
 def lightened(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:
-    """(h, w, 3) without the shadow `dark` (h, w), -log of light, of surfaces that are `clean` (h, w, 3) in full light.
+    """(h, w, 3) without the shadow `dark` (h, w), -log of light, of surfaces that are
+    `clean` (h, w, 3) in full light.
 
-    The blocked light has one colour, which is read off where the background is `free` (h, w).
+    The blocked light has one colour, which is read off where the background is `free`
+    (h, w).
     """
     linear, gone, there = decode(background), 1 - np.exp(-dark), dark > 1e-3
     left = 1 - gone[..., None] * _tint(linear, clean, gone, free)
@@ -234,9 +249,11 @@ def _brightest_ground(linear: F32, clean: F32, lit: F32) -> F32:
 
 
 def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
-    """Slopes of the logarithm of light after removal over those before, where anything was removed.
+    """Slopes of the logarithm of light after removal over those before, where anything
+    was removed.
 
-    Less than 1 where a shadow's edges went; more where new edges came. 1 where nothing was removed.
+    Less than 1 where a shadow's edges went; more where new edges came. 1 where nothing
+    was removed.
     """
     free = away_from_objects(coverage, 3)
     logs = [
@@ -271,7 +288,9 @@ class _Removal:
     size: float
 
     def darkness(self) -> tuple[F32, F32]:
-        """(h, w) -log of the light that is missing, and (h, w, 3) the light of surfaces of that kind elsewhere."""
+        """(h, w) -log of the light that is missing, and (h, w, 3) the light of surfaces
+        of that kind elsewhere.
+        """
         free, predicted, size = self.free, self.predicted, self.size
         bright = np.log(luminance(self.linear) + DARKEST).astype(np.float32)
         plain = free * (predicted < TUNING.shaded)
@@ -354,7 +373,9 @@ class _Removal:
 
 
 def _above_noise(value: F32, variance: F32, times: float) -> F32:
-    """The part of a value that stands out of noise: Wiener's rule with a threshold."""
+    """Return the part of a value that stands out of noise: Wiener's rule with a
+    threshold.
+    """
     share = np.clip(1 - times**2 * variance / np.maximum(value * value, 1e-6), 0, 1)
     return np.asarray(value * share, np.float32)
 
@@ -362,7 +383,9 @@ def _above_noise(value: F32, variance: F32, times: float) -> F32:
 def _dark_patches(
     missing: F32, free: F32, predicted: F32, least: F32
 ) -> NDArray[np.uint8]:
-    """(h, w) 1 in dark patches that are predicted in part; `least`: the depth that counts as dark."""
+    """(h, w) 1 in dark patches that are predicted in part; `least`: the depth that
+    counts as dark.
+    """
     foreseen = (predicted > 0.02) & (free > 0)
     dark = ((missing > np.maximum(least, TUNING.faint)) & (free > 0)).astype(np.uint8)
     _, names, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4)
@@ -382,7 +405,9 @@ def _mean(values: F32, weight: F32, across: float, down: float) -> F32:
 
 
 def _tint(linear: F32, clean: F32, gone: F32, free: F32) -> F32:
-    """(3,) the darkening of each channel over that of the luminance: the colour of the blocked light."""
+    """(3,) the darkening of each channel over that of the luminance: the colour of the
+    blocked light.
+    """
     seen = (gone > 0.2) & (free > 0) & (clean.min(axis=2) > 5e-3)
     if np.count_nonzero(seen) < 100:
         return np.ones(3, np.float32)
@@ -398,10 +423,12 @@ def refill_background(
     inpaint: Inpaint,
     standing: Labels | None = None,
 ) -> Rgb:
-    """The background with what lies behind and between objects filled again, from surroundings without shadows.
+    """Return the background with what lies behind and between objects filled again,
+    from surroundings without shadows.
 
-    Only where a shadow was removed beside it, and the new fill suits its surroundings: the first fill is from a smaller
-    hole. Then reflections of objects that are `standing` on a floor (H, W) go.
+    Only where a shadow was removed beside it, and the new fill suits its surroundings:
+    the first fill is from a smaller hole. Then reflections of objects that are
+    `standing` on a floor (H, W) go.
     """
     refilled = _refilled(removed, background, coverage, inpaint)
     return (
@@ -483,10 +510,11 @@ def _widened(mask: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
 def remove_reflections(
     clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpaint
 ) -> Rgb:
-    """`clean` (H, W, 3) of a photo from the side, without what a floor mirrors of the objects on it.
+    """`clean` (H, W, 3) of a photo from the side, without what a floor mirrors of the
+    objects on it.
 
-    A reflection lies within the object's own mirror image below its foot, begins at the foot and differs from its rows
-    by more than their texture.
+    A reflection lies within the object's own mirror image below its foot, begins at the
+    foot and differs from its rows by more than their texture.
     """
     mirrored, widths = np.zeros_like(labels), np.zeros(int(labels.max()) + 1)
     height, areas = len(labels), np.bincount(labels.ravel())[1:]
@@ -565,9 +593,11 @@ def shadow_owners(
     coverage: F32,
     casts: Iterable[tuple[int, PixelBox, F32]],
 ) -> Labels | None:
-    """(H, W) the id of the object whose shadow lies there, 0 = none; None where no shadow is seen.
+    """(H, W) the id of the object whose shadow lies there, 0 = none; None where no
+    shadow is seen.
 
-    `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
+    `casts`: of each object its id and -log of the light that it leaves in a box of the
+    photo.
     """
     owner, most = _strongest(casts, coverage.shape)
     dark = (1 - SHARE) * removed_light(
@@ -579,7 +609,9 @@ def shadow_owners(
 def shadow_owners_by_model(
     coverage: F32, casts: Iterable[tuple[int, PixelBox, F32]], dark: F32
 ) -> Labels | None:
-    """The same where `dark` (H, W), -log of light, is known, and the photo too coarse to say more."""
+    """Return the same where `dark` (H, W), -log of light, is known, and the photo too
+    coarse to say more.
+    """
     owner, _ = _strongest(casts, coverage.shape)
     return assign_regions((dark > FAINT) & (coverage < 0.5), owner)
 
@@ -598,7 +630,8 @@ def _strongest(
 
 
 def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
-    """(H, W) -log of light that was removed, smooth; right beside objects, where none is, the light missing there.
+    """(H, W) -log of light that was removed, smooth; right beside objects, where none
+    is, the light missing there.
 
     Contact shadows lie there.
     """
@@ -618,15 +651,17 @@ def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
 
 
 def assign_regions(dark: Mask, owner: Labels) -> Labels | None:
-    """`owner` (H, W) where it is `dark`, elsewhere the nearest; specks left out. None where nothing is left."""
+    """`owner` (H, W) where it is `dark`, elsewhere the nearest; specks left out.
+
+    None where nothing is left.
+    """
     if not owner.any():
         return None
     count, names, stats, _ = cv2.connectedComponentsWithStats(
         dark.astype(np.uint8), connectivity=8
     )
-    owned = (
-        np.bincount(names[owner > 0], minlength=count) > 0
-    )  # a patch that no object predicts is no shadow
+    # a patch that no object predicts is no shadow
+    owned = np.bincount(names[owner > 0], minlength=count) > 0
     kept = owned & (stats[:, cv2.CC_STAT_AREA] >= SPECK)
     kept[0] = False
     there = kept[names]

@@ -69,17 +69,18 @@ class _Limits:
     alike: float = 0.5  # correlation of slopes that shadows on a floor need ...
     sure: float = 0.75  # ... and with `deep` for each unit of depth, up to one
     deep: float = 0.3
-    calm: float = 0.92  # share of the slopes of light that removal may leave: a shadow's edges go with it
-    seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
+    # share of the slopes of light that removal may leave: a shadow's edges go with it
+    calm: float = 0.92
+    # up to this share there are shadows, though they lie too far astray to be removed
+    seen: float = 1.0
     faintest: float = 0.15  # depth of the faintest shadows
     darkest: float = 2.5  # depth of the darkest
     foot: float = 0.1  # of an object's height, from its foot to the floor it stands on
     direct: float = 0.05  # share of direct light where only shade is known
     soft: float = 40.0  # degrees: half the width of that light
     unknown: float = 0.3  # confidence of that light
-    rough: int = (
-        240  # px: longer side of the picture in which shadows on a wall are searched
-    )
+    # px: longer side of the picture in which shadows on a wall are searched
+    rough: int = 240
 
 
 LIMITS = _Limits()
@@ -87,7 +88,8 @@ LIMITS = _Limits()
 
 @dataclass(frozen=True)
 class _Photo:
-    """The reduced background and its objects; silhouettes and gradients at several scales, each made once.
+    """The reduced background and its objects; silhouettes and gradients at several
+    scales, each made once.
 
     Lengths are px of the reduced background; labels, objects and boundaries are in px
     of the photo.
@@ -148,7 +150,7 @@ def side_view_shadows(
     boundaries: BoundaryGuess,
     guess: LightGuess,
 ) -> Shadows:
-    """The role `shadow` for a photo from the side."""
+    """Return the role `shadow` for a photo from the side."""
     reduced = reduce_photo(background, coverage)
     photo = _Photo(reduced, labels, objects, matter, boundaries)
     found = None
@@ -224,7 +226,8 @@ def _soft_light(
 
 
 def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetting:
-    """Return the setting with the floor's true tilt, in which shadows lie at the same pixels.
+    """Return the setting with the floor's true tilt, in which shadows lie at the same
+    pixels.
 
     A shadow's length up the picture is the rise of the floor times the light's slant in
     depth: one fit cannot tell them apart.
@@ -239,7 +242,9 @@ def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetti
 
 
 def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
-    """The shade of soft light on a floor under the lowest object; None where it is not seen."""
+    """Return the shade of soft light on a floor under the lowest object; None where it
+    is not seen.
+    """
     bottom = max(bounds(item.outline)[3] for item in photo.objects)
     if bottom >= len(photo.labels) - 1:
         return None
@@ -318,7 +323,9 @@ def _casts(
 def _floor_fit(
     photo: _Photo, given: LightGradients, guess: LightGuess
 ) -> tuple[LightFit | None, float | None]:
-    """A light whose shadows lie on the floor, in px of the photo, if there is one; and the floor's row if guessed."""
+    """Return a light whose shadows lie on the floor, in px of the photo, if there is
+    one; and the floor's row if guessed.
+    """
     coarse: list[LightGradients] = [given]
     floors: list[float | None] = [None]
     lowest = lowest_floor(photo.boundaries)
@@ -346,7 +353,7 @@ def _floor_fit(
 
 
 def _is_sure(fine: LightGradients, fit: LightFit) -> bool:
-    """Whether such shadows are there: alike, and dark enough."""
+    """Return whether such shadows are there: alike, and dark enough."""
     model = predicted_darkness(fine.joined, fit.setting) * fine.known
     seen = model[model > 0.02]
     depth = fit.factor * float(np.percentile(seen, 95)) if seen.size else 0.0
@@ -355,7 +362,7 @@ def _is_sure(fine: LightGradients, fit: LightFit) -> bool:
 
 
 def _wall_shadow(photo: _Photo) -> WallShadow | None:
-    """The shadows on a wall behind, where they are seen."""
+    """Return the shadows on a wall behind, where they are seen."""
     rough = photo.gradients(LIMITS.rough)
     wall = None if rough is None else find_wall_shadow(rough)
     if rough is None or wall is None or not wall.convincing(len(rough.silhouettes)):
@@ -371,7 +378,7 @@ def _light(
     guess: LightGuess,
     size: tuple[int, int],
 ) -> tuple[ShadowSetting, float]:
-    """The light and where its shadows fall, and its confidence."""
+    """Return the light and where its shadows fall, and its confidence."""
     if fit is None:
         assert wall is not None
         return _light_of_wall(wall, guess, size), wall.likeness
@@ -396,7 +403,7 @@ def _distance_back(wall: WallShadow, flat: np.ndarray) -> float:
 def _light_of_wall(
     wall: WallShadow, guess: LightGuess, size: tuple[int, int]
 ) -> ShadowSetting:
-    """The light of shadows that lie on a wall alone."""
+    """Return the light of shadows that lie on a wall alone."""
     dx, dy = wall.shift
     x, y, z = guess.light.direction
     back = _distance_back(wall, np.array([-x, -y - TILT * z]) / max(z, 0.2))
@@ -415,7 +422,9 @@ def _light_of_wall(
 def _with_share(
     setting: ShadowSetting, facing: tuple[float, float, float], share: float
 ) -> ShadowSetting:
-    """The same with so much of the light direct on a surface that faces there."""
+    """Return the same with so much of the light direct on a surface that faces
+    there.
+    """
     share = min(max(share, 0.02), 0.97)
     now = min(max(setting.direct(facing), 1e-3), 0.999)
     light = setting.light

@@ -1,4 +1,6 @@
-"""Silhouettes of objects that cast shadows, at any scale, and the darkness that geometry predicts from them."""
+"""Silhouettes of objects that cast shadows, at any scale, and the darkness that
+geometry predicts from them.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ MARGIN = 2  # px around objects where the background still shows traces of them
 DARKEST = 2e-3  # linear light added before logarithms and ratios: black has neither
 
 Casts = Iterator[tuple[int, PixelBox, F32]]
-"""Of each object its id, a box of the photo, and -log of the light that it leaves there."""
+"""Of each object its id, a box of the photo, and -log of the light that it leaves
+there.
+"""
 
 
 def object_silhouettes(
@@ -38,7 +42,8 @@ def object_silhouettes(
 ) -> list[Silhouette]:
     """Silhouettes of the largest objects, on a picture 1 / scale of the size.
 
-    Each stands over the highest boundary below it, or over `floor`, a row of the photo, where that is given.
+    Each stands over the highest boundary below it, or over `floor`, a row of the photo,
+    where that is given.
     """
     grounds = [
         (np.array(a) / scale, np.array(b) / scale)
@@ -91,7 +96,9 @@ def object_silhouettes(
 
 
 def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
-    """Each ball; then all others, those of one floor and like thickness as one: so are their shadows."""
+    """Each ball; then all others, those of one floor and like thickness as one: so are
+    their shadows.
+    """
     groups: list[list[Silhouette]] = []
     for what in sorted(
         (w for w in silhouettes if w.radius is None), key=lambda w: w.thick
@@ -126,7 +133,9 @@ def _alike(one: Silhouette, other: Silhouette) -> bool:
 
 
 def lowest_floor(boundaries: BoundaryGuess) -> float | None:
-    """The row, px, of the lowest boundary that objects can stand on; None where there is none but the bottom."""
+    """Return the row, px, of the lowest boundary that objects can stand on; None where
+    there is none but the bottom.
+    """
     rows = [
         max(p[1], q[1])
         for wall in boundaries.walls

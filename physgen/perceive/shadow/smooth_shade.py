@@ -1,8 +1,9 @@
 """Shade around one object on an even ground, whose geometry is unknown.
 
-On a carpet or a cloth that the camera sees at an angle, no floor is found, and the fit of a light has nothing to
-cast shadows on. Light still varies slowly over such a ground: a plane through the logarithm of the lit ground states
-how bright it is without shade. What is darker, is joined to the object and fades away from it is the object's shade.
+On a carpet or a cloth that the camera sees at an angle, no floor is found, and the fit
+of a light has nothing to cast shadows on. Light still varies slowly over such a ground:
+a plane through the logarithm of the lit ground states how bright it is without shade.
+What is darker, is joined to the object and fades away from it is the object's shade.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from physgen.photometry import decode, encode_u8
 
 @dataclass(frozen=True)
 class _Tuning:
-    """Sizes are shares of an object's (the root of its area), depths are -log of light."""
+    """Sizes are shares of an object's (the root of its area), depths are -log of
+    light.
+    """
 
     size: float = 100.0  # px of an object when its ground is searched
     smallest: int = 2500  # px of its area
@@ -46,7 +49,9 @@ class _Tuning:
     distances: tuple[float, float] = (0.15, 0.6)
     """Within the first shade is deepest, beyond the second it has mostly faded."""
     shares: tuple[float, float] = (0.25, 1.2)
-    """Of the near ground that must be shaded, and that over the share of the far one."""
+    """Of the near ground that must be shaded, and that over the share of the far
+    one.
+    """
 
 
 TUNING = _Tuning()
@@ -102,7 +107,9 @@ class _Surroundings:
 def _shade_of(
     background: Rgb, coverage: F32, own_mask: Mask
 ) -> tuple[tuple[slice, slice], Darkness] | None:
-    """Return a window around an object and -log of the light that it keeps away there."""
+    """Return a window around an object and -log of the light that it keeps away
+    there.
+    """
     size = float(np.sqrt(np.count_nonzero(own_mask)))
     window = _window(own_mask, round(TUNING.reach * size))
     rgb = background[window]
@@ -172,7 +179,9 @@ def _depth(around: _Surroundings) -> Darkness | None:
 
 
 def _shade_mask(around: _Surroundings) -> Mask:
-    """Return the places (h, w) that are darker than the plane through the lit ground."""
+    """Return the places (h, w) that are darker than the plane through the lit
+    ground.
+    """
     ground, grey = around.ground_mask, around.grey
     level, spread = _lit_plane(grey, ground)
     limit = max(TUNING.least, TUNING.loud * spread)
@@ -182,7 +191,9 @@ def _shade_mask(around: _Surroundings) -> Mask:
 
 
 def _is_shade(around: _Surroundings, shade_mask: Mask, joined_mask: Mask) -> bool:
-    """Return whether dark places are an object's shade: around it, and not elsewhere."""
+    """Return whether dark places are an object's shade: around it, and not
+    elsewhere.
+    """
     area = np.count_nonzero(joined_mask)
     is_joined = area >= TUNING.joined * np.count_nonzero(shade_mask)
     is_small = area <= TUNING.most * np.count_nonzero(around.own_mask)
@@ -230,7 +241,8 @@ def _smoothed(values: F32, known_mask: Mask, sigma: float) -> F32:
 def _lit_plane(values: F32, ground_mask: Mask) -> tuple[F32, float]:
     """Return a plane (h, w) through the lit part of a ground, and how far that differs.
 
-    A quantile is fitted by weights (Koenker and Bassett 1978), so that shade counts less.
+    A quantile is fitted by weights (Koenker and Bassett 1978), so that shade counts
+    less.
     """
     base = _base(values.shape)
     x, y = base[ground_mask], values[ground_mask]
