@@ -324,7 +324,7 @@ def _lines(
             _draw(line_mask, corner_path)
             yield BorderLine(corner_path, a.profile, b.profile[::-1])
     for end in sorted(
-        (end_ for end_ in free_ends if end_.contrast > MATCHING.certain),
+        (one for one in free_ends if one.contrast > MATCHING.certain),
         key=lambda one: -one.contrast,
     ):
         path, inside = straight_path(end.at, end.towards, piece)
