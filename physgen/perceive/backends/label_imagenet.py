@@ -322,31 +322,29 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
     The object is centred, upright and undistorted.
     """
     x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
-    window_side = max(w, h) * (1 + 2 * CROP.margin)
+    span = max(w, h) * (1 + 2 * CROP.margin)
     left, top = (
-        max(int(x + w / 2 - window_side / 2), 0),
-        max(int(y + h / 2 - window_side / 2), 0),
+        max(int(x + w / 2 - span / 2), 0),
+        max(int(y + h / 2 - span / 2), 0),
     )
     part = np.s_[
-        top : int(y + h / 2 + window_side / 2) + 2,
-        left : int(x + w / 2 + window_side / 2) + 2,
+        top : int(y + h / 2 + span / 2) + 2,
+        left : int(x + w / 2 + span / 2) + 2,
     ]
     inside = mask[part].astype(np.float32)
-    scale = CROP.side / window_side
+    scale = CROP.side / span
     # The mask is blurred by one pixel of the crop, so that its edge is no cue.
-    soft_mask = np.maximum(
-        cv2.GaussianBlur(inside, (0, 0), max(1.0, 1 / scale)), inside
-    )[..., None]
+    weight = np.maximum(cv2.GaussianBlur(inside, (0, 0), max(1.0, 1 / scale)), inside)[
+        ..., None
+    ]
     middle = np.float32(CROP.middle)
-    dimmed_crop = middle + (rgb[part] - middle) * (
-        CROP.dim + (1 - CROP.dim) * soft_mask
-    )
+    picture = middle + (rgb[part] - middle) * (CROP.dim + (1 - CROP.dim) * weight)
     size = (
-        max(round(dimmed_crop.shape[1] * scale), 1),
-        max(round(dimmed_crop.shape[0] * scale), 1),
+        max(round(picture.shape[1] * scale), 1),
+        max(round(picture.shape[0] * scale), 1),
     )
     small = cv2.resize(
-        dimmed_crop,
+        picture,
         size,
         interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR,
     )
