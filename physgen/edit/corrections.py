@@ -45,7 +45,7 @@ from physgen.photos import read_channels
 from physgen.problems import InputError
 from physgen.scene.files import OUTLINES, OVERVIEW, RECORD, read_record
 from physgen.scene.scene import MaskId
-from physgen.scene.yaml_edit import without_comments
+from physgen.scene.yaml_comments import without_comments
 
 Window = tuple[slice, slice]
 """Rows and columns."""

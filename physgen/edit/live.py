@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.world import World, appearance, photo_poses
 from physgen.maps import Percepts
 from physgen.messages import Message
@@ -34,7 +34,7 @@ from physgen.report.perception import (
 )
 from physgen.report.player import figure, fixed_data, plate, shadows, sprites, touches
 from physgen.scene.files import RECORD, read_record
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.provenance import Provenance, source
 from physgen.scene.scene import Scene, Solid
 from physgen.simulate.engine import Running
@@ -114,7 +114,7 @@ def perceived_data(scene: Scene) -> Data | None:
     return {"verdict": verdict, "summary": lines}
 
 
-def derived_data(scene: Scene, compiled: Compiled) -> Data:
+def derived_data(scene: Scene, compiled: CompiledScene) -> Data:
     """What follows from it: centres, masses and moments, as the engine has them."""
     world = compiled.world
     objects: dict[str, Data] = {}
@@ -409,11 +409,11 @@ class Look:
 
 
 @dataclass(frozen=True)
-class CompiledScene:
+class LiveScene:
     """A scene that is compiled; without its maps, as many texts of one large photo may be kept."""
 
     scene: Scene
-    compiled: Compiled
+    compiled: CompiledScene
     key: str  # of its photo and maps
     picture: str  # key of its picture
     read: Callable[[Scene], Percepts | None]
@@ -438,10 +438,10 @@ class Live:
         self.path, self.allow_outside = path, allow_outside
         self._lock = RLock()
         self._warm = Stages(Keep.EDITING)
-        self._opened: Recent[Opened] = Recent(6)
-        self._known: Recent[CompiledScene] = Recent(8)
+        self._opened: Recent[OpenedScene] = Recent(6)
+        self._known: Recent[LiveScene] = Recent(8)
         self._motions: Recent[MotionStream] = Recent(MAX_MOTIONS)
-        self._sights: Recent[CompiledScene] = Recent(4)
+        self._sights: Recent[LiveScene] = Recent(4)
 
     def look(
         self, text: str, variant: str | None = None, *, motion_only: bool = False
@@ -502,12 +502,12 @@ class Live:
                 stream.simulate(0, time.perf_counter() + SLICE)
             time.sleep(0)  # lets waiting looks go first
 
-    def sight(self, key: str) -> CompiledScene | None:
+    def sight(self, key: str) -> LiveScene | None:
         """The scene of a picture's key."""
         with self._lock:
             return self._sights.get(key)
 
-    def state(self, text: str, variant: str | None = None) -> CompiledScene:
+    def state(self, text: str, variant: str | None = None) -> LiveScene:
         """The scene of a text with its maps, compiled. Raises InputError."""
         with self._lock:
             return self._mean(self._open(text), variant)
@@ -517,9 +517,9 @@ class Live:
         with self._lock:
             return self._open(text).document()
 
-    def _open(self, text: str) -> Opened:
-        def read() -> Opened:
-            return Opened(self.path, self.allow_outside, text=text)
+    def _open(self, text: str) -> OpenedScene:
+        def read() -> OpenedScene:
+            return OpenedScene(self.path, self.allow_outside, text=text)
 
         opened = self._opened.of(text, read)
         if opened.stale():  # a file that it extends was written
@@ -527,13 +527,13 @@ class Live:
             opened = self._opened.of(text, read)
         return opened
 
-    def _mean(self, opened: Opened, variant: str | None) -> CompiledScene:
+    def _mean(self, opened: OpenedScene, variant: str | None) -> LiveScene:
         """The scene of a text, compiled. Raises InputError."""
         scene = opened.scene((), variant)
         seen = self._warm.maps(scene)
         read = (opened, variant, seen.key)
 
-        def make() -> CompiledScene:
+        def make() -> LiveScene:
             compiled = self._warm.compile(scene, seen)
             masks = (
                 [item.mask for item in scene.objects],
@@ -544,7 +544,7 @@ class Live:
             picture = key(
                 "picture", seen.key, *appearance(scene, compiled.world), drawn, masks
             )
-            made = CompiledScene(scene, compiled, seen.key, picture, self._percepts)
+            made = LiveScene(scene, compiled, seen.key, picture, self._percepts)
             self._sights.of(picture, lambda: made)
             return made
 
@@ -554,7 +554,7 @@ class Live:
         with self._lock:
             return self._warm.maps(scene).percepts
 
-    def _motion(self, known: CompiledScene, begun: float) -> tuple[MotionStream, Data]:
+    def _motion(self, known: LiveScene, begun: float) -> tuple[MotionStream, Data]:
         world = known.compiled.world
         name = motion_key(world)
         stream = self._motions.of(name, lambda: MotionStream(name, known.scene, world))
@@ -634,14 +634,14 @@ class Pictures:
         frame = next(render_frames(drawn, fine, order, parts))
         return _png(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
 
-    def _stage(self, key: str, sight: CompiledScene) -> Stage:
+    def _stage(self, key: str, sight: LiveScene) -> Stage:
         """With the poses in which objects were cut out of the photo."""
         return self._stages.of(
             key, lambda: stage(sight.scene, sight.compiled, sight.percepts)
         )
 
 
-def photo_png(sight: CompiledScene) -> bytes:
+def photo_png(sight: LiveScene) -> bytes:
     """PNG of the photo; a scene without one has a plain background."""
     from physgen.render.staging import flat_background
 
@@ -650,7 +650,7 @@ def photo_png(sight: CompiledScene) -> bytes:
     return _png(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
 
 
-def mask_png(sight: CompiledScene, name: str) -> bytes:
+def mask_png(sight: LiveScene, name: str) -> bytes:
     """An object's pixels as a grey PNG of the photo's size, 0 or 255. Raises EditError, InputError."""
     names = [item.name for item in sight.scene.objects]
     if name not in names:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.edit.live import CompiledScene, Live
+from physgen.edit.live import Live, LiveScene
 from physgen.edit.operations import edited
 from physgen.geometry.polygon import Disc, mass_properties
 from physgen.geometry.scale import is_assumed, photo_object
@@ -33,7 +33,7 @@ class Correction:
 
     live: Live
     text: str
-    sight: CompiledScene
+    sight: LiveScene
     maps: Percepts
     document: Mapping[
         str, Any

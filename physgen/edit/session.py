@@ -26,7 +26,8 @@ from physgen.messages import Message
 from physgen.problems import EditError, InputError, Limit, Why
 from physgen.scene.document import decode
 from physgen.scene.files import scene_bytes
-from physgen.scene.yaml_edit import marked, without_comments
+from physgen.scene.yaml_comments import without_comments
+from physgen.scene.yaml_edit import mark_values
 
 PAUSE = 5.0
 """s after which an edit is a step of its own, whatever its tag."""
@@ -236,7 +237,7 @@ class Session:
     def variants(self) -> list[str]:
         """Names of the variants; of a text with errors, those that it had before."""
         try:
-            node = marked(self.now.text).child("variants")
+            node = mark_values(self.now.text).child("variants")
         except EditError:
             return self._names
         self._names = [key for key, _, _ in node.keys] if node is not None else []

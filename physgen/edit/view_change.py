@@ -15,7 +15,7 @@ import numpy as np
 
 from physgen import registry
 from physgen.compile.compile import compile_shapes
-from physgen.edit.live import CompiledScene, Live
+from physgen.edit.live import Live, LiveScene
 from physgen.edit.operations import edited
 from physgen.geometry.scale import photo_object
 from physgen.maps import Percepts
@@ -74,7 +74,7 @@ def hold_objects(
 def _held(
     live: Live,
     text: str,
-    state: CompiledScene,
+    state: LiveScene,
     percepts: Percepts,
     variant: str | None,
 ) -> ViewChange:
@@ -98,7 +98,7 @@ def _held(
     return ViewChange(edited(text, ops, variant).text, what)
 
 
-def _guess(state: CompiledScene, percepts: Percepts) -> BoundaryGuess:
+def _guess(state: LiveScene, percepts: Percepts) -> BoundaryGuess:
     """Return the walls that perception finds in the scene's view."""
     scene = state.scene
     objects = [
@@ -176,7 +176,7 @@ def _shape_ops(scene: Scene, guess: BoundaryGuess) -> list[Data]:
     return ops
 
 
-def _push_ops(state: CompiledScene) -> list[Data]:
+def _push_ops(state: LiveScene) -> list[Data]:
     """Return the operations that change perception's push so that nothing leaves the picture.
 
     Seen from the side it is level: what is thrown up is lost.
@@ -212,7 +212,7 @@ def _scaled_push(item: Object, view: View, factor: float) -> tuple[float, float]
 
 
 def _leaving(
-    state: CompiledScene, velocities: Mapping[str, tuple[float, float]]
+    state: LiveScene, velocities: Mapping[str, tuple[float, float]]
 ) -> set[str]:
     """Return the objects that end outside the picture if they have these velocities."""
     objects = tuple(
@@ -227,7 +227,7 @@ def _leaving(
     return {scene.objects[k].name for k in outside}
 
 
-def _falling(state: CompiledScene) -> list[str]:
+def _falling(state: LiveScene) -> list[str]:
     """Return the objects that do not stay at rest by themselves, the first to go first."""
     objects = tuple(
         replace(item, velocity=(0.0, 0.0), spin=0.0) for item in state.scene.objects

@@ -301,7 +301,7 @@ def _measure(row: Backend, setup: Setup, sample: Sample) -> dict[str, Any]:
     _reset_gpu_peak()
     memory = peak_memory()
     start = time.perf_counter()
-    with _released(registry.make(row.role, row.name, setup)) as backend:
+    with _release_after(registry.make(row.role, row.name, setup)) as backend:
         load = getattr(backend, "load", None)
         if load is not None:
             load()
@@ -317,7 +317,7 @@ def _measure(row: Backend, setup: Setup, sample: Sample) -> dict[str, Any]:
 
 
 @contextmanager
-def _released(backend: Any) -> Iterator[Any]:
+def _release_after(backend: Any) -> Iterator[Any]:
     """Close a backend at the end, and return its memory."""
     try:
         yield backend

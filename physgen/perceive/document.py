@@ -50,7 +50,7 @@ from physgen.scene.files import (
     RECORD,
     UNKNOWN,
     Record,
-    recorded,
+    read_recorded,
 )
 from physgen.scene.provenance import provenance as provenance
 from physgen.scene.provenance import stated_scale, table_confidences
@@ -58,13 +58,8 @@ from physgen.scene.saving import note_files, note_scene, save_scene
 from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
-from physgen.scene.yaml_edit import (
-    marked,
-    with_comments,
-    without_comments,
-    write,
-    written_anew,
-)
+from physgen.scene.yaml_comments import with_comments, without_comments
+from physgen.scene.yaml_edit import mark_values, write, written_anew
 from physgen.text import counted, listed
 
 GENERIC = ("object", "thing")
@@ -706,7 +701,7 @@ def write_scene(
     copy = "" if inside else _free_of_maps(f"{name}.png")
     heads = ("physgen", "image", "assets", "maps")
     body = {key: value for key, value in perceived.document.items() if key not in heads}
-    old: dict[str, Any] = {} if before is None else marked(before).data()
+    old: dict[str, Any] = {} if before is None else mark_values(before).data()
     body["objects"], outlines = short_entries(
         body["objects"],
         perceived.percepts.labels,

@@ -52,7 +52,7 @@ from physgen.photometry import fit_light
 from physgen.photos import read_image
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.progress import Progress, silent
-from physgen.scene.document import Node, Source, children, decode, plain, read
+from physgen.scene.document import Node, Source, children, decode, read, to_plain_data
 from physgen.scene.scene import View
 from physgen.scene.schema import Schema, expand
 from physgen.text import dotted, nearest, shown

@@ -32,7 +32,7 @@ from physgen.perceive.segment.prompts import (
     Segmenter,
     from_prompts,
 )
-from physgen.scene.files import Record, equal, recorded
+from physgen.scene.files import Record, equal, read_recorded
 from physgen.scene.provenance import (
     label_confidence,
     perceived_keys,
@@ -84,7 +84,7 @@ def full_size(scene: Scene) -> tuple[int, int] | None:
 
     Returns None if the scene shows the original photo, or another photo.
     """
-    photo = recorded(scene.assets, "photo")
+    photo = read_recorded(scene.assets, "photo")
     if scene.image is None or scene.image.name != photo.get("image"):
         return None
     match photo.get("size"):
@@ -273,7 +273,7 @@ def as_before(
     """
     walls, doubts = (
         scene.record.world["boundaries"],
-        recorded(scene.assets, "suitability"),
+        read_recorded(scene.assets, "suitability"),
     )
     if is_resized:
         anew = perceived.document["boundaries"].values()

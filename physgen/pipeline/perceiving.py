@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from physgen.perceive.refresh import PromptFrames
     from physgen.perceive.roles import BoundaryGuess, Description, PerceivedScene
     from physgen.registry import Backends
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
 
 Keep = Callable[[Path], None]
@@ -258,7 +258,7 @@ def _check_masks(
     )
 
 
-def _prompt_frames(opened: Opened, scene: Scene) -> PromptFrames:
+def _prompt_frames(opened: OpenedScene, scene: Scene) -> PromptFrames:
     """Return the frames of new prompts, and of those that are written in a scene."""
     from physgen.perceive import refresh as old_and_new
     from physgen.perceive.segment.prompts import PromptFrame
@@ -346,13 +346,13 @@ def refresh(
         with_fitting_assets,
     )
     from physgen.registry import Backends
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
 
     options = PerceiveOptions(**given)
     crew = crew or Backends()
     crew.begin()
     check_writable(output.parent)
-    opened = Opened(path, options.allow_outside)
+    opened = OpenedScene(path, options.allow_outside)
     is_resized = opened.ground.perceived_size is not None
     run = _Refresh(
         path, output, options, crew, progress, warn, keep, inform, is_resized
@@ -374,20 +374,22 @@ def refresh(
         return _refresh(*_with_view(fitting, text, options.view), run)
 
 
-def _with_view(opened: Opened, text: str, view: str | None) -> tuple[Opened, str]:
+def _with_view(
+    opened: OpenedScene, text: str, view: str | None
+) -> tuple[OpenedScene, str]:
     """Return the scene and its text with another `world.view`, if one is given.
 
     Boundaries and the push are found anew, as if the user had written the view.
     """
-    from physgen.scene.load import Opened
-    from physgen.scene.yaml_edit import marked, write
+    from physgen.scene.load import OpenedScene
+    from physgen.scene.yaml_edit import mark_values, write
 
-    document = marked(text).data()
+    document = mark_values(text).data()
     world = document.get("world") or {}
     if view is None or world.get("view") == view:
         return opened, text
     text = write(text, document | {"world": {**world, "view": view}})
-    return Opened(opened.file, opened.allow_outside, text), text
+    return OpenedScene(opened.file, opened.allow_outside, text), text
 
 
 @dataclass(frozen=True)
@@ -406,7 +408,7 @@ class _Refresh:
     """Whether the photo has another size than when it was perceived."""
 
 
-def _perceive_anew(opened: Opened, run: _Refresh) -> str:
+def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
     """Perceive a photo of other proportions; keep what is not in pixels of the old one."""
     from physgen.perceive.carry import carry_over
     from physgen.perceive.document import write_scene
@@ -448,7 +450,7 @@ def _report_lost_objects(
         warn(replace(problem, severity=Severity.WARNING))
 
 
-def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
+def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     """Refresh a scene whose assets fit its photo; `text` is that of its file."""
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new

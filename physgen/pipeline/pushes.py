@@ -27,7 +27,7 @@ from physgen.scene.scene import ADD_OBJECT, Motion, Object, Scene, View
 from physgen.text import nearest, quantity, quoted
 
 if TYPE_CHECKING:
-    from physgen.compile.compile import Compiled
+    from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
 
 
@@ -103,7 +103,7 @@ def direction_words(velocity: tuple[float, float]) -> str:
 
 def motion_edits(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     pushes: Sequence[str],
     drops: Sequence[str],
     kicks: Sequence[str],
@@ -234,7 +234,9 @@ def _refuse_other_signs(scene: Scene, text: str) -> None:
             )
 
 
-def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str, Any]]:
+def _drop(
+    scene: Scene, compiled: CompiledScene, name: str
+) -> tuple[Object, dict[str, Any]]:
     """The object of that name, and the place from which it falls, by dotted key."""
     item = named(scene, "--drop", name.strip())
     if scene.world.view is View.TOP:
@@ -320,7 +322,7 @@ def _way_names() -> list[str]:
     return [*WORDS, *diagonals]
 
 
-def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
+def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
     """`place` of an object at its own height above where it is, or as far as there is room below what is over it."""
     from physgen.geometry.polygon import bounds
 
@@ -339,7 +341,9 @@ def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
     return [round(float(x), 2), round(float(y - lift), 2), *([angle] if angle else [])]
 
 
-def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str, Any]]:
+def _kick(
+    scene: Scene, compiled: CompiledScene, text: str
+) -> tuple[Object, dict[str, Any]]:
     """The object at a point, or close by, and an impulse there: away from the point, level seen from the side."""
     import shapely
 

@@ -24,11 +24,11 @@ from physgen.problems import InputError, Place
 from physgen.scene.files import MAPS, OUTLINES, RECORD, read_record
 from physgen.scene.provenance import stated_scale
 from physgen.scene.scaling import scale_part, scale_scene
-from physgen.scene.yaml_edit import marked, write
+from physgen.scene.yaml_edit import mark_values, write
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
     from physgen.scene.rules import Ground
 
 Labels = NDArray[np.uint16]
@@ -60,14 +60,14 @@ def has_other_shape(ground: Ground) -> bool:
 
 @contextmanager
 def with_fitting_assets(
-    opened: Opened, path: Path, output: Path, perceive_objects: PerceiveObjects
-) -> Iterator[tuple[Opened, str]]:
+    opened: OpenedScene, path: Path, output: Path, perceive_objects: PerceiveObjects
+) -> Iterator[tuple[OpenedScene, str]]:
     """Yield the scene with assets that fit its photo, and the text of its file.
 
     Assets that fit already are used as they are; the folder of others is removed at the
     end of the block. Raises InputError if objects are not found again.
     """
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
 
     text = path.read_bytes().decode("utf-8-sig")
     ground = opened.ground
@@ -83,12 +83,12 @@ def with_fitting_assets(
             text = _write_resized(text, ground, folder)
         else:
             text = _write_missing(text, path, ground, folder, perceive_objects)
-        yield Opened(path, opened.allow_outside, text), text
+        yield OpenedScene(path, opened.allow_outside, text), text
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _lacks_masks(opened: Opened) -> bool:
+def _lacks_masks(opened: OpenedScene) -> bool:
     """Return whether the assets of a scene were deleted, but not its photo."""
     document, ground = opened.document(), opened.ground
     if ground.image is None or ground.size is None or "assets" not in document:
@@ -101,7 +101,7 @@ def _lacks_masks(opened: Opened) -> bool:
 
 def check_own_assets(text: str, path: Path) -> None:
     """Refuse a scene that inherits: its base names the photo. Raises InputError."""
-    if "extends" in marked(text).data():
+    if "extends" in mark_values(text).data():
         raise Message.EXTENDED_SCENE_CHANGED.error(str(path))
 
 
@@ -131,7 +131,7 @@ def _write_resized(text: str, ground: Ground, folder: Path) -> str:
             _write_resized_map(file, folder / file.name, ground.size)
     record = _scaled_record(read_record(ground.assets / RECORD), factor)
     _write_record(folder, record)
-    old = marked(text).data()
+    old = mark_values(text).data()
     new = scale_scene(old, factor)
     world = {**new.get("world", {})}
     world.setdefault("pixels_per_meter", stated_scale(old) * factor)
@@ -193,11 +193,11 @@ def _write_missing(
     from physgen.perceive.document import write_scene
 
     assert ground.image is not None
-    data = marked(text).data()
+    data = mark_values(text).data()
     perceived, ids = _perceive_prompted(data, ground, perceive_objects)
     scene = folder / "scene.yaml"
     write_scene(perceived, ground.image, "photo", scene)
-    assets = folder / str(marked(scene.read_text("utf-8")).data()["assets"])
+    assets = folder / str(mark_values(scene.read_text("utf-8")).data()["assets"])
     ids = ids or _matched_ids(data, perceived.document, str(path))
     labels = _relabelled(read_labels(assets / "masks.png"), ids)
     _paint_prompts(labels, data)

@@ -145,7 +145,7 @@ def refine_footage(
 ) -> Outcome:
     """Write the clip unrefined and, in all formats, refined."""
     from physgen.refine.fusion import Refinement, backend_errors
-    from physgen.report.perception import compared
+    from physgen.report.perception import compare_frames
 
     scene, trajectory, record = film.scene, kept.trajectory, files.record
     order, count = film.shot(trajectory).order, len(kept.rgb)
@@ -190,7 +190,7 @@ def refine_footage(
         ("refined", changed.refined),
     )
     caption = f"The frame that changed most, at {float(trajectory.times[changed.index]):.2f} s."
-    return Outcome((), compared("refined", "Refined", caption, before, after))
+    return Outcome((), compare_frames("refined", "Refined", caption, before, after))
 
 
 def _write_unrefined(

@@ -27,7 +27,7 @@ from physgen.progress import Progress, silent
 from physgen.text import quoted
 
 if TYPE_CHECKING:
-    from physgen.compile.compile import Compiled
+    from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
     from physgen.maps import F32, U16, Percepts
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from physgen.render.grain import Delivery
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
     from physgen.simulate.engine import Running
     from physgen.simulate.trajectory import Trajectory
@@ -90,7 +90,7 @@ def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
     )
 
 
-def compile(scene: Scene, maps: Percepts | None) -> Compiled:
+def compile(scene: Scene, maps: Percepts | None) -> CompiledScene:
     """Outlines, centres, masses, moments and pairs, resolved."""
     from physgen.compile.compile import compile_scene
 
@@ -115,7 +115,9 @@ PAUSE_SAMPLES = 21
 """Times in the pause at the end at which motion is looked for: a frame of 30 a second."""
 
 
-def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
+def ended(
+    scene: Scene, compiled: CompiledScene
+) -> tuple[CompiledScene, Running | None]:
     """The same with `duration: auto` resolved: 0.7 s of video after the last motion that shows, and after forces,
     views and waypoints that begin later, 2.5 s at least. And the run that found it.
     """
@@ -172,14 +174,14 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
     ), run
 
 
-def resolved(scene: Scene, compiled: Compiled) -> dict[str, Any]:
+def resolved(scene: Scene, compiled: CompiledScene) -> dict[str, Any]:
     """The scene's data with defaults, and the duration that `auto` comes to."""
     fixed = {"duration": compiled.world.duration} if scene.world.until_rest else {}
     return {**scene.document, "world": {**scene.document["world"], **fixed}}
 
 
 def lint(
-    scene: Scene, compiled: Compiled, maps: Percepts | None = None
+    scene: Scene, compiled: CompiledScene, maps: Percepts | None = None
 ) -> list[Problem]:
     """What is allowed and probably not meant; with the photo's `maps`, of them too."""
     from physgen.compile.warnings import lint as lint_scene
@@ -205,7 +207,7 @@ def simulate(
 
 def fan(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     count: int,
     seed: int = 0,
     variant: str | None = None,
@@ -221,7 +223,7 @@ def fan(
         return draw(scene, compiled, count, seed, variant, progress)
 
 
-def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
+def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage:
     """The filled background and the objects cut out of the photo, or flat shapes on a plain background.
 
     Flat shapes are drawn as large as `render` shows them at most. Depends on nothing that only shows in motion.
@@ -435,7 +437,7 @@ class Stages:
         """Assets folders to whose cache this process added a stage."""
         few = 0 if keep is Keep.NOTHING else 4
         self._editing = keep is Keep.EDITING
-        self._opened: Recent[Opened] = Recent(few)
+        self._opened: Recent[OpenedScene] = Recent(few)
         self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
         self._shapes: Recent[Shapes] = Recent(few)
         self._stages: Recent[Stage] = Recent(min(few, 1))
@@ -450,14 +452,14 @@ class Stages:
         allow_outside: bool,
     ) -> Scene:
         """See `load`."""
-        from physgen.scene.load import Opened
+        from physgen.scene.load import OpenedScene
 
         name = str(path)
         read = (os.getcwd(), name, allow_outside)
-        opened = self._opened.of(read, lambda: Opened(name, allow_outside))
+        opened = self._opened.of(read, lambda: OpenedScene(name, allow_outside))
         if opened.stale():
             self._opened.forget(read)
-            opened = self._opened.of(read, lambda: Opened(name, allow_outside))
+            opened = self._opened.of(read, lambda: OpenedScene(name, allow_outside))
         return opened.scene(overrides, variant)
 
     def maps(self, scene: Scene) -> Maps:
@@ -497,7 +499,7 @@ class Stages:
         cache = AssetCache(scene.assets)
         return cache if cache.exists else None
 
-    def compile(self, scene: Scene, maps: Maps) -> Compiled:
+    def compile(self, scene: Scene, maps: Maps) -> CompiledScene:
         """See `compile`."""
         from physgen.compile.compile import check_steps, compile_shapes
         from physgen.compile.shapes import shapes_of
@@ -515,7 +517,7 @@ class Stages:
             self._motions.of(motion_key(world), lambda: run.sampled(world.times))
         return compiled
 
-    def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
+    def stage(self, scene: Scene, compiled: CompiledScene, maps: Maps) -> Stage:
         """See `stage`."""
         from physgen.compile.world import appearance, photo_poses
         from physgen.pipeline.cache_keys import key
@@ -538,7 +540,7 @@ class Stages:
         )  # objects may have been moved since
 
     def _stage(
-        self, scene: Scene, compiled: Compiled, maps: Maps, depends: Sequence[Any]
+        self, scene: Scene, compiled: CompiledScene, maps: Maps, depends: Sequence[Any]
     ) -> Stage:
         """Return a stage, from the cache in the assets folder if it has it.
 
@@ -631,7 +633,7 @@ class Film:
     def __init__(
         self,
         scene: Scene,
-        compiled: Compiled,
+        compiled: CompiledScene,
         maps: Maps,
         record: RunRecord,
         stages: Stages,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.write import scene_text
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
 
 
-def open_trial(photo_scene: PerceivedScene, *more: str) -> Opened:
+def open_trial(photo_scene: PerceivedScene, *more: str) -> OpenedScene:
     """A scene for trials, without maps, with `more` keys of objects. Raises InputError."""
     document = photo_scene.document
     height, width = photo_scene.percepts.labels.shape
@@ -36,4 +36,4 @@ def open_trial(photo_scene: PerceivedScene, *more: str) -> Opened:
             for name, item in document["objects"].items()
         },
     }
-    return Opened("scene.yaml", text=scene_text(bare))
+    return OpenedScene("scene.yaml", text=scene_text(bare))

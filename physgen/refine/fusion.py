@@ -97,7 +97,7 @@ def each_step(held: Any, count: int) -> Any:
     return 1 - (1 - held) ** (1 / count)
 
 
-def fused(
+def fuse_latents(
     guidance: Latent,
     mask: Any,
     *,
@@ -170,7 +170,7 @@ def restore_detail(
     share = np.float32(lock) * coverage
     if not share.any():
         return refined_rgb
-    box = _around(share)
+    box = _bounding_slices(share)
     share_there = share[box][..., None]
     blend = encode_u8(
         (1 - share_there) * decode(refined_rgb[box])
@@ -180,7 +180,7 @@ def restore_detail(
     return refined_rgb
 
 
-def _around(values: F32) -> tuple[slice, slice]:
+def _bounding_slices(values: F32) -> tuple[slice, slice]:
     """Return the box of all pixels that are not 0."""
     rows, columns = (
         np.flatnonzero(values.any(axis=1)),
@@ -280,7 +280,7 @@ class Refinement:
             self._progress("refine", k + 1, settings.count)
             return model.stepped(prediction, z, k)
 
-        z = fused(
+        z = fuse_latents(
             z0,
             mask,
             noised=lambda latents, k: model.noised(latents, noise, k),

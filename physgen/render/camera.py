@@ -31,7 +31,7 @@ from physgen.scene.scene import (
     Point,
     Scene,
     affine,
-    held,
+    confine_center,
     magnification,
     room,
 )
@@ -246,7 +246,7 @@ class Shot:
         (ax, ay), (bx, by) = self._center(start, time), self._center(end, time)
         center = ax + (bx - ax) * share, ay + (by - ay) * share
         # Within the photo but for the last bit.
-        return held(center, self.photo, self.video, zoom), zoom
+        return confine_center(center, self.photo, self.video, zoom), zoom
 
     def _drift_view(
         self, center: Point, zoom: float, time: float
@@ -260,7 +260,7 @@ class Shot:
         amount = share * self.handheld / magnification(self.photo, self.video, zoom)
         x, y = (amount * _sway(time, phase) for phase in HAND.phases)
         center = center[0] + x, center[1] + y
-        return held(center, self.photo, self.video, zoom), zoom
+        return confine_center(center, self.photo, self.video, zoom), zoom
 
     def _center(self, aim: Aim, time: float) -> Point:
         if len(aim.way) == 1:
@@ -401,7 +401,9 @@ def _way(
     """Return the centre of a view, (T, 2) px or (1, 2), where the view lies in the photo."""
     if sight.follow is None:
         middle = (photo[0] - 1) / 2, (photo[1] - 1) / 2
-        return np.array([held(sight.center or middle, photo, video, sight.zoom)])
+        return np.array(
+            [confine_center(sight.center or middle, photo, video, sight.zoom)]
+        )
     low, high = room(photo, video, sight.zoom)
     body = trajectory.names.index(sight.follow)
     places = np.clip(trajectory.poses[:, body, :2], low, high)

@@ -16,19 +16,19 @@ from physgen import registry
 from physgen.files import Stamp, file_stamp
 from physgen.messages import Message, one_of
 from physgen.problems import InputError, Limit, RefusedError
-from physgen.scene.document import Node, children, items, plain, whole
+from physgen.scene.document import Node, children, items, read_integers, to_plain_data
 from physgen.scene.files import (
     ASSETS,
     OUTLINES,
     Record,
-    confined,
     image_size,
     read_scene,
+    read_written_record,
+    resolve_confined,
     similar,
-    written,
 )
 from physgen.scene.scene import MAIN_GROUP, video_size
-from physgen.scene.schema import advice, at
+from physgen.scene.schema import advice, find_schema_part
 from physgen.scene.validate import Findings, check_part, misspelt_keys
 from physgen.text import KeyPath, dotted, listed, nearest, number, quoted, shown
 
@@ -205,14 +205,14 @@ class _Rules:
         image, size = self.top.get("image"), self.top.get("size")
         if image and size:
             self.report(Message.EXCLUDES.problem(size.key_place, "size", other="image"))
-        misspelt = misspelt_keys(self.top, at("")["properties"])
+        misspelt = misspelt_keys(self.top, find_schema_part("")["properties"])
         if image is None and size is None and not misspelt & {"image", "size"}:
             self.report(Message.NO_CANVAS.problem(self.root.place, "image"))
         valid_keys = self.good(self.root)
         if image and "image" in valid_keys:
             folder = image.source.folder
             try:
-                path = confined(
+                path = resolve_confined(
                     str(image.value), folder, folder, self.files.allow_outside
                 )
                 self.ground.size = self.files.size(path, str(image.value))
@@ -222,7 +222,7 @@ class _Rules:
                     return
                 self.report(error.problem(image.place, "image", shown(image.value)))
         elif not image and "size" in valid_keys:
-            width, height = whole(valid_keys["size"])
+            width, height = read_integers(valid_keys["size"])
             if width * height > Limit.PIXELS.most:
                 self.too_many_pixels(valid_keys["size"], "size", "[512, 512]")
             else:
@@ -247,7 +247,9 @@ class _Rules:
         home = node.source.folder
         value_text = shown(node.value)
         try:
-            folder = confined(str(node.value), home, home, self.files.allow_outside)
+            folder = resolve_confined(
+                str(node.value), home, home, self.files.allow_outside
+            )
             if not folder.is_dir():
                 image = self.top.get("image")
                 is_photo_lost = image is not None and self.is_in_missing_assets(image)
@@ -264,7 +266,7 @@ class _Rules:
                 data = self.outlines if file == OUTLINES else self.record
                 use = self.map_file if file.endswith(".png") else data
                 try:
-                    use(confined(file, folder, home, self.files.allow_outside))
+                    use(resolve_confined(file, folder, home, self.files.allow_outside))
                 except RefusedError as error:
                     value_text = quoted(f"{node.value}/{file}")
                     self.report(error.problem(node.place, "assets", value_text))
@@ -333,9 +335,11 @@ class _Rules:
                 continue
             for outline_path, outline, crossing in _outlines(None, children(shape)):
                 self.outline(outline, (key, *outline_path), crossing)
-            body = plain(solid) if solid is not None else None
-            known = body if body in at("objects.*.solid")["enum"] else None
-            self.ground.outlines[int(key)] = crc.value, plain(shape), known
+            body = to_plain_data(solid) if solid is not None else None
+            known = (
+                body if body in find_schema_part("objects.*.solid")["enum"] else None
+            )
+            self.ground.outlines[int(key)] = crc.value, to_plain_data(shape), known
             whole_node = children(entry).get("whole")
             if whole_node is not None:
                 self.whole(whole_node, key)
@@ -348,10 +352,10 @@ class _Rules:
         if is_sound and isinstance(shape.value, dict):
             for outline_path, outline, crossing in _outlines(None, children(shape)):
                 self.outline(outline, (key, *outline_path), crossing)
-            self.ground.wholes[int(key)] = plain(shape)
+            self.ground.wholes[int(key)] = to_plain_data(shape)
 
     def record(self, path: Path) -> None:
-        self.ground.record = written(path)
+        self.ground.record = read_written_record(path)
 
     def map_file(self, path: Path) -> None:
         self.map_sizes[path.name] = self.files.size(path, path.name)
@@ -402,7 +406,7 @@ class _Rules:
             density_path: KeyPath = (*path, "density")
             self.report(Message.EXCLUDES.problem(place, density_path, other="mass"))
         is_bad = shape is not None and "shape" not in valid_keys
-        kinds_of_shape = at("objects.*.shape")["properties"]
+        kinds_of_shape = find_schema_part("objects.*.shape")["properties"]
         is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
         needs_shape = shape is None or isinstance(shape.value, str)
         if mask is None and needs_shape and not (is_bad or is_misplaced):
@@ -653,7 +657,7 @@ class _Rules:
         if node is None:
             return
         friction = good.get("friction")
-        default = at(f"{path[0]}.*")["properties"]["friction"]["default"]
+        default = find_schema_part(f"{path[0]}.*")["properties"]["friction"]["default"]
         least = default if friction is None else _number(friction)
         if _number(node) < least:
             problem = Message.STATIC_FRICTION_LOW.problem(
@@ -759,7 +763,7 @@ class _Rules:
             self.report(Message.GEAR_ZERO.problem(place, (*path, "gear"), "0"))
         self.joint_ends(good, path)
         if "force" in parts and "drive" not in parts and "slider" in parts:
-            fix = advice(at("joints.*")["properties"]["drive"])
+            fix = advice(find_schema_part("joints.*")["properties"]["drive"])
             key: KeyPath = (*path, "drive")
             message = Message.FORCE_WITHOUT_DRIVE
             self.report(message.problem(node.place, key, fix=fix))
@@ -812,7 +816,7 @@ class _Rules:
         given = [key for key in kinds if key in children(node)]
         if len(given) == 1:
             return given[0]
-        known = at(f"{path[0]}.*" if path[0] in KINDS else "forces")
+        known = find_schema_part(f"{path[0]}.*" if path[0] in KINDS else "forces")
         known = known.get("items", known)["properties"]
         if not given and any(key not in known for key in children(node)):
             return None  # the message about the unknown key lists the kinds
@@ -830,7 +834,7 @@ class _Rules:
             return
         parts, needed = children(node), NEEDED.get(kind)
         if needed and needed not in parts:
-            fix = advice(at(f"{section}.*")["properties"][needed])
+            fix = advice(find_schema_part(f"{section}.*")["properties"][needed])
             where: KeyPath = (*path, needed)
             missing = Message.KEY_NEEDED
             self.report(missing.problem(node.place, where, kind=_a(kind), fix=fix))
@@ -883,7 +887,7 @@ class _Rules:
     def exclusive(self, node: Node, path: KeyPath, schema_path: str) -> None:
         """Report keys that exclude each other."""
         parts = children(node)
-        for group in at(schema_path)["x-exclusive"]:
+        for group in find_schema_part(schema_path)["x-exclusive"]:
             first, *rest = [key for key in group if key in parts] or [""]
             for key in rest:
                 place = parts[key].key_place
@@ -895,7 +899,7 @@ class _Rules:
         if photo is None:
             return
         if size is not None:
-            width, height = whole(size)
+            width, height = read_integers(size)
             if width * height > Limit.PIXELS.most:
                 self.too_many_pixels(size, "render.size", "[832, 480]")
         if scale is not None:
@@ -918,7 +922,7 @@ class _Rules:
 
     def too_many_pixels(self, size: Node, path: str, example: str) -> None:
         """Add the problem of a canvas or a video that is too large."""
-        width, height = whole(size)
+        width, height = read_integers(size)
         problem = Limit.PIXELS.problem(size.place, path, f"{width} x {height}")
         self.report(replace(problem, fix=f"{problem.fix}, e.g. {example}"))
 
@@ -951,7 +955,9 @@ class _Rules:
             unknown = Message.UNKNOWN_REFINER.refusal(fix=fix)
             self.findings.value(backend, ("refine", "backend"), unknown)
         steps, strength = (
-            parts[key].value if key in parts else at(f"refine.{key}")["default"]
+            parts[key].value
+            if key in parts
+            else find_schema_part(f"refine.{key}")["default"]
             for key in ("steps", "strength")
         )
         if (
@@ -972,7 +978,7 @@ class _Rules:
     def light(self) -> None:
         direction = self.good(self.top.get("light")).get("direction")
         if direction is not None and not any(item.value for item in items(direction)):
-            fix = advice(at("light.direction"))
+            fix = advice(find_schema_part("light.direction"))
             zero = Message.DIRECTION_ZERO
             self.report(zero.problem(direction.place, "light.direction", fix=fix))
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.compile import Compiled, compile_shapes
+from physgen.compile.compile import CompiledScene, compile_shapes
 from physgen.compile.world import Body, World
 from physgen.geometry.polygon import Array
 from physgen.problems import InputError, Problem
@@ -104,7 +104,7 @@ class Ensemble:
 
 def simulate_ensemble(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     count: int,
     seed: int = 0,
     variant: str | None = None,

@@ -24,7 +24,7 @@ from physgen.refine.backends.sampling import (
     Kind,
     Sampler,
     Schedule,
-    Trained,
+    TrainingSettings,
     ddim,
     load_pipeline,
     part_config,
@@ -96,7 +96,7 @@ class AnimateDiff:
         return prediction[0].transpose(0, 1)
 
 
-def trained(weights: tuple[str, ...]) -> Trained:
+def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     """Return the settings of the configurations."""
     adapter, base = weights
     index, motion = pipeline_index(base, WHAT), part_config(adapter, "", WHAT)
@@ -124,7 +124,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64
-    return Trained(
+    return TrainingSettings(
         Grid(cell, cell * levels, (side * cell) ** 2, min(FRAMES, most_frames)),
         most_frames,
     )
@@ -149,7 +149,7 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDi
     )
 
 
-KIND = Kind(NAME, WHAT, GUIDANCE, trained, load)
+KIND = Kind(NAME, WHAT, GUIDANCE, read_training_settings, load)
 
 
 def animatediff(setup: Setup) -> Sampler:

@@ -24,7 +24,7 @@ from physgen.refine.backends.sampling import (
     Kind,
     Sampler,
     Schedule,
-    Trained,
+    TrainingSettings,
     check_pipeline_class,
     euler,
     load_pipeline,
@@ -156,7 +156,7 @@ class LtxVideo:
         return torch.stack(grid).reshape(1, 3, -1)
 
 
-def trained(weights: tuple[str, ...]) -> Trained:
+def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     """Return what the configurations state."""
     (weights_name,) = weights
     index = pipeline_index(weights_name, WHAT)
@@ -166,7 +166,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
     cell = vae.get("spatial_compression_ratio") or vae["patch_size"] * 2**halvings
     stride = vae.get("temporal_compression_ratio") or vae["patch_size_t"] * 2**halvings
     window = 1 + (FRAMES - 1) // stride
-    return Trained(Grid(cell, cell, AREA, window, stride), MOST_FRAMES)
+    return TrainingSettings(Grid(cell, cell, AREA, window, stride), MOST_FRAMES)
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> LtxVideo:
@@ -177,7 +177,7 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> LtxVideo:
     return LtxVideo(pipe, device, dtype)
 
 
-KIND = Kind(NAME, WHAT, GUIDANCE, trained, load)
+KIND = Kind(NAME, WHAT, GUIDANCE, read_training_settings, load)
 
 
 def ltx_video(setup: Setup) -> Sampler:

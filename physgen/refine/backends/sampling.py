@@ -255,7 +255,7 @@ class Network(Protocol):
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainingSettings:
     """What the weights were trained on, as their configurations say."""
 
     grid: Grid
@@ -272,7 +272,7 @@ class Kind:
     """In messages."""
     guidance: float
     """How much the model listens to words, as its authors advise."""
-    trained: Callable[[tuple[str, ...]], Trained]
+    trained: Callable[[tuple[str, ...]], TrainingSettings]
     """Reads configurations alone. Raises InputError for weights of another model."""
     load: Callable[[tuple[str, ...], str, torch.dtype], Network]
     """Weights, the device to come and their type -> the network, on the processor still."""

@@ -25,7 +25,7 @@ from physgen.refine.backends.sampling import (
     Kind,
     Sampler,
     Schedule,
-    Trained,
+    TrainingSettings,
     check_pipeline_class,
     euler,
     load_pipeline,
@@ -183,7 +183,7 @@ class Wan:
         return first_network if time >= edge else second_network
 
 
-def trained(weights: tuple[str, ...]) -> Trained:
+def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     """Return what the configurations state."""
     (weights_name,) = weights
     index = pipeline_index(weights_name, WHAT)
@@ -199,7 +199,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
     side = cell * max(network.get("patch_size", [1, 2, 2])[1:])
     window = 1 + (FRAMES - 1) // stride
     most_frames = 1 + (network.get("rope_max_seq_len", 1024) - 1) * stride
-    return Trained(Grid(cell, side, AREA, window, stride), most_frames)
+    return TrainingSettings(Grid(cell, side, AREA, window, stride), most_frames)
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
@@ -208,7 +208,7 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
     return Wan(pipe, device, dtype)
 
 
-KIND = Kind(NAME, WHAT, GUIDANCE, trained, load)
+KIND = Kind(NAME, WHAT, GUIDANCE, read_training_settings, load)
 
 
 def wan(setup: Setup) -> Sampler:
