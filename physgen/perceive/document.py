@@ -743,7 +743,7 @@ def write_scene(
         )
     assets = existing_folder if existing_folder and is_same_scene else assets
     file_names = {*(f"{name}.png" for name in MAPS), OUTLINES, OVERVIEW, SCHEMA}
-    for file, crc in recorded(assets, "files").items():
+    for file, crc in read_recorded(assets, "files").items():
         if (
             file in file_names
             and (assets / file).is_file()

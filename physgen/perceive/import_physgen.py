@@ -429,7 +429,7 @@ def read_sim(path: Path) -> Sim:
     """Read sim.yaml, or raise InputError with every invalid line."""
     source = Source(str(path), path.parent)
     root = read(decode(path.read_bytes(), str(path)), source, start=SIM_START)
-    data, properties = plain(root), _schema()["properties"]
+    data, properties = to_plain_data(root), _schema()["properties"]
     of_object = properties["obj_info"]["additionalProperties"]["properties"]
     problems = [
         _fault(root, error)

@@ -451,7 +451,7 @@ def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
         or "boundaries" not in world
     ):
         return False
-    has_paint = crc32((assets / "masks.png").read_bytes()) != recorded(
+    has_paint = crc32((assets / "masks.png").read_bytes()) != read_recorded(
         assets, "files"
     ).get("masks.png")
     ids = {str(item.mask.id) for item in scene.objects if isinstance(item.mask, MaskId)}
