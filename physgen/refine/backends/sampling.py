@@ -37,7 +37,8 @@ from physgen.perceive.backends.models import (
 from physgen.problems import collect
 from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
 from physgen.refine.latents import frames_held, latent_frames
-from physgen.registry import Options, Setup, hub_folder, read_options
+from physgen.registry import Options, Setup, read_options
+from physgen.weights import hub_folder
 
 REFINE = Flag("--refine", "NAME:PATH")
 LIBRARIES = ("diffusers", "transformers")
