@@ -298,8 +298,8 @@ class Running:
         begin, end = self._number * self._base, (self._number + 1) * self._base
         h = end - begin
         parts = self._stiff
-        # Compute speeds only every LOOK steps while nothing changes them at once: on a
-        # quiet scene the computation would take longer than the steps.
+        # Compute speeds only every LOOK steps while nothing changes them at once, to save
+        # time in quiet scenes.
         if not self._reach.watchful and (
             self._stepper.stirred or self._restless or self._stepper.steps % LOOK == 0
         ):
