@@ -496,6 +496,8 @@ def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
     """Replace an object's name in all references, in place; return the number of lost
     forces.
     """
+    # A force acts on one object alone: without its object it has no meaning and is
+    # removed.
     forces, lost_count = part.get("forces"), 0
     if isinstance(forces, list):
         own_forces = [
@@ -509,6 +511,8 @@ def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
         part["forces"] = [
             force for force in forces if to is not None or force not in own_forces
         ]
+    # Joints and fields list several objects. Without the object, a field goes on for
+    # the others; a joint of one object, or a magnet without a partner, is removed.
     for section in ("joints", "fields"):
         for key, entry in _entries(part, section):
             list_key = "magnet" if "magnet" in entry else "objects"
@@ -529,6 +533,7 @@ def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
                 gone.append(f"{section[:-1]} {key}")
             else:
                 entry[list_key] = remaining_names
+    # A camera that follows the object stays where it is, if the object is removed.
     camera = reach(part, ("render", "camera"))
     for view in camera if isinstance(camera, list) else [camera]:
         if isinstance(view, dict) and view.get("follow") == name:

@@ -112,6 +112,7 @@ class RenderJob:
             raise Message.NO_VARIANT_CHOSEN.impossible()
         if not set(format.split(",")) <= {one.value for one in Format}:
             raise Message.UNKNOWN_VIDEO_FORMAT.impossible()
+        # Build all commands before the lock: an invalid setting must not disturb a run.
         commands = [
             self._arguments(variant, format, refine) for variant in variant_names
         ]
@@ -132,6 +133,8 @@ class RenderJob:
                     shlex.join(["physgen", *command]) for command in commands
                 ),
             }
+            # The runs take minutes: a thread waits for them, so that the request
+            # returns at once.
             self._thread = Thread(
                 target=self._run, args=(commands, variant_names), daemon=True
             )

@@ -190,6 +190,7 @@ def _orient(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
 def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     """Remove inner edges, the longest first, if both faces together are convex."""
     xy = points.tolist()
+    # Each directed edge belongs to one face; an inner edge occurs in both directions.
     edges: dict[tuple[int, int], int] = {}
     for index, face in enumerate(faces):
         for k, corner in enumerate(face):
@@ -214,8 +215,10 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
             continue
         face = _rotate(faces[left], end)  # end ... start
         other = _rotate(faces[right], start)  # start ... end
+        # Faces that share more than the edge would enclose a hole.
         if len(set(face) & set(other)) > 2:
             continue
+        # The union is convex if both ends of the removed edge are.
         meets = is_convex(face[-2], start, other[1])
         if meets and is_convex(other[-2], end, face[1]):
             faces[left] = face + other[1:-1]

@@ -732,11 +732,14 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
     if len(painted_balls) < BALL.together:
         return list(balls)
     common_radius = max(round(ball.radius) for ball in painted_balls)
+    # Resample all balls to one radius, so that their pixels have common normals.
     views = _BallViews.of(painted_balls, balls, common_radius)
     trust = float(np.median([ball.trust for ball in painted_balls]))
     common_ball = replace(painted_balls[0], trust=trust, even=None)
     shade = common_ball.shade(*np.moveaxis(views.points, 2, 0))
     patterns = [ball.pattern for ball in painted_balls if ball.pattern is not None]
+    # First the light common to all balls, then the mirror images in the remaining
+    # light.
     light_weights, patterns = _shared_light(
         views.pictures / shade, views.points, views.is_lit, patterns
     )
@@ -748,6 +751,7 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
     model = np.stack(painted_pictures) * shade
     gloss = _shared_gloss(views, model)
     fade = _shared_fade(views, model, gloss)
+    # Sample the common images back to the size and place of each ball.
     results = {}
     for ball, pattern in zip(painted_balls, patterns, strict=True):
         size, scale = ball.skin.shape[1::-1], common_radius / ball.radius

@@ -342,6 +342,7 @@ def filmed(
             rgb = last[2].rgb
         else:
             rgb = resample_picture(frame.rgb, matrix, through.video)
+        # Ids, covers and layers are resampled only if someone reads them.
         view = frame, matrix, through.video
         load_ids, load_covers = partial(_named, *view), partial(_covering, *view)
         load_layers = None

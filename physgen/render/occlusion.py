@@ -465,6 +465,7 @@ def occlusion_factors(
         return {}
     visible_figures = [figures[stand.k] for stand in stands]
     blockers = occluders(visible_figures, setting)
+    # A veil changes only if the object, or one that may shade it, has moved.
     changed_indices = []
     for k, stand in enumerate(stands):
         has_old_veil = stage.veils[stand.k] is not None
@@ -486,6 +487,8 @@ def occlusion_factors(
         new_veil = new_veils.get(k)
         if new_veil is None and old_veil is None:
             continue
+        # Veils are -log of the remaining light. Their difference is the exponent of the
+        # factor.
         difference = np.zeros(shape, np.float32) if old_veil is None else old_veil
         if new_veil is not None:
             difference = difference - np.float32(shares[k]) * new_veil

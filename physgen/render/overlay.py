@@ -142,11 +142,13 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
     )
     if (size > STYLE.largest * np.array(sheet.size)).any():
         return  # on a small picture the key would hide the motion
+    # Draw on the part of the picture under the key alone, which takes less time.
     part = rgb[: ceil(corner[1] + size[1]) + 1, : ceil(corner[0] + size[0]) + 1]
     canvas = part.shape[1], part.shape[0]
     plate = Layer(canvas, 0.0)
     plate.area(corner + size * [[0, 0], [1, 0], [1, 1], [0, 1]], STYLE.opaque)
     plate.onto(part, CASING)
+    # Samples have their own colours, each on a layer; all words share the last layer.
     words = Layer(canvas, 0.0)
     for k, entry in enumerate(entries):
         y = float(corner[1]) + STYLE.pad * letter + (k + 0.5) * row

@@ -394,6 +394,7 @@ def _coarse_silhouette(silhouette: Silhouette, step: int) -> Silhouette:
         return (place + 0.5) / step - 0.5
 
     (x, y), (height, width) = silhouette.corner, silhouette.coverage.shape
+    # Pad the silhouette to whole cells, so that all silhouettes share one coarse grid.
     left, top = x % step, y % step
     padded_cover = cv2.copyMakeBorder(
         silhouette.coverage,

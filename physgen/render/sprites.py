@@ -410,6 +410,7 @@ def cut_sprites(
     narrow gaps get the light from the direction `toward` that they would have without
     the gap.
     """
+    # A completed object needs a box that also contains its hidden part.
     boxes = _boxes(labels)
     hidden_parts: dict[int, _Hidden] = {}
     for k, shape in enumerate(shapes):
@@ -480,10 +481,13 @@ class _Cutter:
         no_pixels = np.zeros(alpha.shape, np.bool_)
         others = np.where(mask, 0, labels).astype(np.int32)
         is_other = (others > 0) | self.absent[box]
+        # Store the neighbour of each border pixel: the border's light changes when it
+        # leaves.
         touching_numbers = _nearest(others, no_pixels, CUT.gap)
         gain = self._border_gain(mask, touching_numbers > 0, box, is_disc)
         light = _foreground(photo, self.behind[box], mask, alpha, share, gain, is_disc)
         has_neighbour = bool((dilate(is_other, CUT.clean) & mask).any())
+        # A neighbour hides a part or spoils the border; reconstruct the light there.
         if hidden is not None or has_neighbour:
             part = hidden or _Hidden(
                 bounds_px, labels, np.zeros_like(alpha), no_pixels, is_other
@@ -491,6 +495,8 @@ class _Cutter:
             light, alpha = _completed(
                 photo, mask, light, alpha, self.coverage[box], part, gain, is_disc
             )
+            # A neighbour on top of a block shades the block, which must not keep that
+            # shade when it moves away.
             if k < len(self.shapes) and not is_disc:
                 shape_top = bounds(self.shapes[k])[1] - y0
                 unshaded_photo, is_shaded = _unshaded_top(
@@ -802,11 +808,14 @@ def anchored(
     """
     height, width = behind.shape[:2]
     boxes = [_SpriteBox.of(sprite) for sprite in sprites]
+    # Draw all sprites over the background as in the first frame. The difference to the
+    # photo is the rest, which the transmission of the sprites above divides.
     composite, top, last = _compose(sprites, boxes, behind)
     transmission = _seen_through(sprites, boxes, top)
     is_covered = transmission < CUT.covered
     top[is_covered], transmission[is_covered] = last[is_covered], 1
     rest = (photo - composite) / cv2.merge((transmission, transmission, transmission))
+    # Light at absent objects belongs to them, and vanishes with them.
     if absent.any():
         rest[_soft(absent) > CUT.least] = 0.0
     near_numbers = _nearest(top, absent, round(CUT.halo * max(height, width)))
@@ -814,6 +823,8 @@ def anchored(
         near_numbers = np.where(owner > 0, owner, near_numbers)
     largest = np.maximum.reduce(cv2.split(np.abs(rest)))
     near_numbers[(top > 0) | (largest <= CUT.unseen)] = 0
+    # Outside the objects, halos of neighbours blend into each other instead of ending
+    # at a sharp line.
     near_weight = _soft(near_numbers > 0, CUT.shared)
     bodies = np.array([0, *(sprite.body + 1 for sprite in sprites)], np.int32)
     anchored_sprites = []

@@ -615,6 +615,7 @@ def _ghosts(
     """Return the silhouettes of the largest objects that the scene leaves out."""
     every_row, every_column = np.nonzero(absent)
     absent_ids = labels[absent]
+    # Group the pixels of each object by one sort, instead of a search per object.
     order = np.argsort(absent_ids, kind="stable")
     ids, counts = np.unique(absent_ids, return_counts=True)
     smallest_count = np.sort(counts)[-STAGING.ghosts :].min(initial=0)
@@ -1042,6 +1043,8 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     y = rows + sprite.corner[1] - body.center[1]
     distance = np.maximum(np.hypot(x, y), 1.0)
     cosine, sine = x / distance, y / distance
+    # Light does not turn with a disc, paint does. Fit the first harmonic of the
+    # brightness on each ring of 1 px: a + b cos(angle) + c sin(angle).
     rings = np.minimum(distance, max(body.radius - 2, 0)).astype(int)
     is_known = (sprite.coverage >= 1) & (distance < body.radius)
     brightness = sprite.light.mean(axis=2)
@@ -1052,12 +1055,14 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
         )
     counts = np.bincount(rings[is_known], minlength=rings.max() + 1)
     counts = np.maximum(counts, 1)
+    # A ring that is partly hidden has no reliable harmonic.
     circumferences = np.pi * (2 * np.arange(len(counts)) + 1)
     is_visible = counts > STAGING.around * circumferences
     is_even = np.hypot(*sums[1:]) < STAGING.uneven * sums[0]
     is_light = is_visible & is_even
     sums = [sums[0], sums[1] * is_light, sums[2] * is_light]
     means = []
+    # Smooth across rings, since a single ring has few pixels.
     for term in sums:
         smooth_means = cv2.GaussianBlur(term / counts, (0, 0), 1.0).ravel()
         means.append(smooth_means[rings])

@@ -158,11 +158,14 @@ def wheel_from_photo(
     if x1 - x0 < 3 or y1 - y0 < 3:
         return None
     alpha = coverage[y0:y1, x0:x1]
+    # Divide by the coverage, but not by nearly nothing at the edge of the sprite.
     opaque_light = light[y0:y1, x0:x1] / np.maximum(alpha, 0.05)[..., None]
     colour = np.asarray(opaque_light, np.float32)
     axle = (center[0] - x0, center[1] - y0)
     part = _turning_part(colour, alpha, axle, radius)
     center, radius = (part.x + x0, part.y + y0), part.radius
+    # In polar coordinates, paint that turns with the wheel stays on its ring, which
+    # separates it from the body and the shading.
     rings = _Rings.of(colour, alpha, part)
     rings = rings.without_body().without_shading()
     distances, place = _polar_places(alpha.shape, part, rings.paint.shape)

@@ -211,6 +211,8 @@ def _swept(
         )
     )
     for passes in range(1, 1 + (TUNING.sweeps if exact < 1e-6 else TUNING.few)):  # noqa: B007 - counts
+        # Each point in turn takes the impulse that would give it its goal, while all
+        # others keep theirs; the passes converge as in any Gauss-Seidel method.
         largest_change = largest_impulse = 0.0
         for (
             normal_row,
@@ -225,6 +227,7 @@ def _swept(
             new_impulse = (
                 impulse[normal_row] + (goal - speed[normal_row]) * inverse_normal
             )
+            # A contact pushes and never pulls. `not >` also catches NaN.
             if not new_impulse > 0.0:
                 new_impulse = 0.0
             impulse_step = new_impulse - impulse[normal_row]
@@ -236,6 +239,8 @@ def _swept(
                     largest_change = abs(impulse_step)
             if new_impulse > largest_impulse:
                 largest_impulse = new_impulse
+            # Coulomb's law: friction stops the slip, within mu times the normal
+            # impulse.
             if mu > 0:
                 friction_limit, new_impulse = (
                     mu * new_impulse,
@@ -252,6 +257,8 @@ def _swept(
                         speed[k] += impulse_step * value
                     if impulse_step > largest_change or -impulse_step > largest_change:
                         largest_change = abs(impulse_step)
+        # The change of a pass relative to the largest impulse estimates the relative
+        # error.
         if largest_change <= exact * largest_impulse:
             break
     return np.array(impulse), passes
@@ -268,6 +275,7 @@ def _swept_dense(
     others.
     """
     speed, impulse = before.copy(), [0.0] * len(before)
+    # One product with a whole column is faster than a loop over many entries.
     columns = np.ascontiguousarray(matrix.T)
     inverse_diagonal = [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()]
     goals = [

@@ -357,6 +357,8 @@ def contact_points(
     """
     a, b, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
     flat_numbers, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
+    # A contact has one or two points, which the engine stores in one record. The second
+    # point of a record is the row that repeats the contact before it.
     columns = NUMBERS * row + _ON_FIRST[0]
     columns[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
     first, second, normal = (
@@ -369,6 +371,7 @@ def contact_points(
     )
     x1, y1 = _at(velocity, first, points_on_first, pose)
     x2, y2 = _at(velocity, second, points_on_second, pose)
+    # Closing speed: relative velocity of both surfaces along the normal, px/s.
     closing = (x1 - x2) * normal[:, 0] + (y1 - y2) * normal[:, 1]
     return Points(
         row,

@@ -463,6 +463,8 @@ class Pool:
         for body, pieces in self._shapes.items():
             x, y, angle = pose[body].tolist()
             reach = self._reach[body]
+            # Most bodies are not in the water: the circle around a body tells so at
+            # once.
             if (
                 x + reach < left
                 or x - reach > right
@@ -474,6 +476,8 @@ class Pool:
             total_area, moment_sum = 0.0, np.zeros(2)
             for piece in pieces:
                 corners = piece @ rotation_matrix.T + (x, y)
+                # Clip the convex piece at the four sides of the water, one after the
+                # other.
                 for axis, bound, sign in (
                     (0, left, 1.0),
                     (0, right, -1.0),

@@ -267,18 +267,24 @@ def _slide_one(
     for k in range(steps):
         speed, spin_size, sign = abs(v), abs(spin_now), -1.0 if spin_now > 0 else 1.0
         change, spin_change = 0j, 0.0
+        # The midpoint method: the forces at the middle of the step determine the whole
+        # step.
         for span in (h / 2, h):
             stopping_speed, position = (
                 grip * span,
                 atan2(abs(v + change), patch * abs(spin_now + spin_change))
                 * nodes_per_radian,
             )
+            # Interpolate the shares of force and torque linearly between tabulated
+            # angles.
             node = int(position) if position < last_node else last_node
             fraction = position - node
             force_share = forces[node] + fraction * (forces[node + 1] - forces[node])
             torque_share = torques[node] + fraction * (
                 torques[node + 1] - torques[node]
             )
+            # A disc that friction can stop within the step stops, and does not turn
+            # back.
             if (
                 speed + patch * spin_size <= stopping_speed
                 and spin_size * moment <= stopping_speed * mass * patch
@@ -351,9 +357,12 @@ def _roll_one(
     )
     lever_to_slip, complex_lever = 1j * r, 1j * lever
     for k in range(steps):
+        # The slip is the velocity of the sphere's lowest point on the table.
         slip = v - lever_to_slip * roll
         slip_speed = abs(slip)
         sticking_change = slip_speed * gives
+        # Sliding friction changes the velocity by at most grip * h, and never past
+        # rolling.
         brake = min(grip * h, sticking_change)
         change = -brake / (slip_speed or 1e-300) * slip
         roll_change = complex_lever * change
@@ -361,6 +370,7 @@ def _roll_one(
             roll + roll_change,
             brake >= sticking_change * (1 - 1e-12),
         )
+        # Rolling resistance may stop the roll, but not turn it back.
         rolling_loss = min(
             (lost_rolling if is_rolling else lost_sliding)
             * h
@@ -405,6 +415,7 @@ def _shares(ring: bool) -> tuple[Array, Array, Array]:
                 (np.cos(angles_on_rim) * vy - np.sin(angles_on_rim) * vx) / point_speed
             ).mean(axis=1),
         )
+    # The formulas differ for a centre of rotation inside the disc (slow) and outside.
     ratio = np.tan(nodes[1:-1])
     is_slow = ratio <= 1
     m = np.where(is_slow, ratio, 1 / ratio) ** 2

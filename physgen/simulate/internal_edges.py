@@ -314,10 +314,14 @@ class InternalEdges:
         if place is not WORLD:
             local_contact = place.locate_contact(local_contact)
         (nx, ny), points, _ = local_contact
+        # An edge covers only contacts whose normal points along it, into the next
+        # surface.
         smallest_cosine = (
             TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
         )
         sides, corners = self._edges[pair[1]], surface.corners
+        # For each point there must be an edge over which the next surface does not
+        # rise.
         for point in points:
             for edge in edges:
                 if abs(nx * edge[2] + ny * edge[3]) <= smallest_cosine:

@@ -429,11 +429,15 @@ class Assemblies:
                 )
                 pulls = [bound.row for bound in bounds] if joint.kind in GUIDES else []
                 rows += [*joint_rows, *pulls]
+                # The first rows of a joint are its forces; later ones are torques,
+                # which do not count.
                 count = min(len(joint_rows), 1 if joint.kind in GUIDES else 2)
                 owners += [joint.name] * count + [""] * (len(joint_rows) - count)
                 owners += [joint.name] * len(pulls)
             if not rows:
                 continue
+            # Weighted least squares finds the joint impulses that explain those on the
+            # bodies. After impacts the angular impulses are unknown, and get no weight.
             weights = np.sqrt(np.array(inverse_masses))
             if is_linear:
                 weights[2::3] = 0.0
@@ -511,6 +515,9 @@ def _few_changes(
 
     Cholesky's method in plain numbers; empty for nearly redundant joints.
     """
+    # Solve J M⁻¹ Jᵀ y = wanted - J v, with rows J and inverse masses `light`. The
+    # matrix is symmetric: build its Cholesky factor row by row, with forward
+    # substitution.
     triangle: list[list[float]] = []
     y: list[float] = []
     for row, goal in zip(rows, wanted, strict=True):
@@ -525,6 +532,7 @@ def _few_changes(
             )
         diagonal = sum(map(mul, weighted_row, row))
         remainder = diagonal - sum(map(mul, triangle_row, triangle_row))
+        # A row that depends on those before it leaves no remainder.
         if remainder <= 1e-9 * diagonal:
             return []
         y.append(
@@ -532,11 +540,13 @@ def _few_changes(
             / sqrt(remainder)
         )
         triangle.append([*triangle_row, sqrt(remainder)])
+    # Backward substitution.
     for k in reversed(range(len(y))):
         known_part = 0.0
         for i in range(k + 1, len(y)):
             known_part += triangle[i][k] * y[i]
         y[k] = (y[k] - known_part) / triangle[k][k]
+    # The impulses y change the velocities by M⁻¹ Jᵀ y.
     columns = zip(light, zip(*rows, strict=True), strict=True)
     return [m * sum(map(mul, y, column)) if m else 0.0 for m, column in columns]
 

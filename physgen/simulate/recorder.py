@@ -92,11 +92,15 @@ class ContactLog:
         A run at the end of the block stays open, and continues in the next block.
         """
         step_count = len(times)
+        # Sort by pair, step and time, and keep the earliest contact of a pair in each
+        # step.
         order = np.lexsort((when, step, key))
         key, step, when = key[order], step[order], when[order]
         is_first = np.ones(len(key), bool)
         is_first[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1])
         key, step, when = key[is_first], step[is_first], when[is_first]
+        # A touch begins where a pair changes, or where a step without contact lies
+        # between.
         is_start = np.ones(len(key), bool)
         is_start[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1] + 1)
         begins = np.flatnonzero(is_start)
@@ -117,6 +121,7 @@ class ContactLog:
                 open_touches[pair] = begin_time
             else:
                 self._touches.append((pair, begin_time, float(times[last_step + 1])))
+        # Touches of the block before that did not continue ended with it.
         for pair in self._open.keys() - continued_pairs:
             self._touches.append((pair, self._open[pair], float(times[0])))
         self._open = open_touches
@@ -155,6 +160,7 @@ class ContactLog:
         pairs = np.array(
             [divmod(pair, surface_count) for pair, _, _ in touches], np.int32
         ).reshape(-1, 2)
+        # Sum the impulses again over all blocks, since a sample may span two of them.
         codes, impulses_by_block = zip(
             (np.zeros(0, np.int64), np.zeros((0, 2))), *self._sums, strict=True
         )

@@ -198,6 +198,8 @@ class Space:
         """
         passages = [body.passage for body in world.bodies]
         passages += [wall.passage for wall in world.walls]
+        # Keep the default filter, which lets all collide, unless some object ignores
+        # others.
         has_groups = any(
             passage.group != 1 or passage.collides_with != EVERY_GROUP
             for passage in passages
@@ -213,6 +215,8 @@ class Space:
         for owner in owners:
             for shape in parts[owner].shapes:
                 shape.collision_type = SPECIAL
+        # A callback runs for every contact of these shapes, so that only they get the
+        # type.
         special = SpecialSurfaces(world, {body.id: k for k, body in enumerate(parts)})
         self._space.on_collision(
             SPECIAL,
@@ -699,6 +703,7 @@ def _add_joints(
                 else second_centre
             )
             first, second = middle - first_centre, middle - second_centre
+        # A weld is a pin together with a gear that keeps the relative angle.
         parts: list[pymunk.Constraint] = [
             pymunk.PivotJoint(a, b, first.tolist(), second.tolist())
         ]
