@@ -195,6 +195,7 @@ def short(value: Any) -> Any:
     if isinstance(value, float):
         if not math.isfinite(value):
             raise Message.SENT_NOT_FINITE.impossible()
+        # A number with that many digits comes from arithmetic.
         if (
             sum(map(str.isdigit, repr(value).partition("e")[0].strip("-0.")))
             >= EXACT_DIGITS
@@ -447,6 +448,8 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
         if reach(target.data, (section, to)) is not ABSENT:
             raise Message.NAME_TAKEN.impossible(name=to)
         if section == "objects":
+            # Forces, joints and fields refer to objects; only edits of variants refer
+            # to others.
             data, _ = replaced(target.data, old, to)
         else:
             data = deepcopy(target.data)
@@ -478,6 +481,7 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
     forces = _refer(data, name, to, removed_parts)
     if forces:
         removed_parts.insert(0, "its force" if forces == 1 else f"its {forces} forces")
+    # Edits of variants that refer to a removed part are removed with it.
     removed_joints = {
         ("joints", joint) for joint in joints if joint not in data["joints"]
     }

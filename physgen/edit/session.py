@@ -522,6 +522,7 @@ class Session:
         if theirs is None:
             self.outside = "gone"
             return "gone" if before != "gone" else None
+        # Another program may restore the saved text, which ends a clash.
         if theirs == self.saved:
             self.outside = None
             return "taken" if before is not None else None

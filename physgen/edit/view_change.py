@@ -161,6 +161,7 @@ def _wall_ops(scene: Scene, guess: BoundaryGuess) -> list[Data]:
     ops: list[Data] = [
         {"remove": ["boundaries", name]} for name in walls if name not in user_walls
     ]
+    # A perceived wall must not take the name of a wall that stays.
     used_names = set(user_walls)
     for wall in guess.walls:
         name = free_name(wall.name, used_names)

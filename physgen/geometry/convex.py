@@ -108,6 +108,8 @@ def _as_one(a: Array, b: Array) -> Array | None:
     is_left_or_above = (a.min(axis=0) > b.max(axis=0) + PIECES.seam).any()
     if is_left_or_above or (b.min(axis=0) > a.max(axis=0) + PIECES.seam).any():
         return None
+    # Both polygons are one if no corner lies deep inside their hull: each must be on
+    # it.
     points = np.concatenate([a, b])
     hull = _hull(points)
     edges = np.roll(hull, -1, axis=0) - hull
@@ -118,6 +120,7 @@ def _as_one(a: Array, b: Array) -> Array | None:
     gap = shapely.Polygon(a).distance(shapely.Polygon(b))
     if gap > PIECES.seam:
         return None
+    # The seam itself may add the area of a narrow strip, but no more.
     longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
     added_area = _area(hull) - _area(a) - _area(b)
     return hull if added_area <= (gap + PIECES.flush) * longest else None

@@ -452,6 +452,8 @@ def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
     new_photo = _perceive_photo(image, run.options, run.crew, run.progress, run.warn)
     old_document = opened.document()
     _report_lost_objects(old_document, new_photo.perceived, path, run.warn)
+    # Values with a meaning in any photo stay; those in pixels of the old photo are
+    # dropped.
     transfer = carry_over(old_document, opened.ground.record, new_photo.perceived)
     description = _description(transfer.perceived)
     for key in transfer.dropped:

@@ -333,6 +333,7 @@ def _candidates(
     for order, pair in enumerate(sorted_pushes):
         if has_story and order >= TRIAL.pairs:
             return
+        # Every limit grows while no push has led to a visible motion or a story.
         for candidate in _search(trials, *pair, facing, world):
             yield candidate
             outcome = candidate.outcome
@@ -601,6 +602,8 @@ def _run(
     frame = _Frame.of(trials, world)
     has_left = np.zeros(len(world.bodies), bool)
     sample_count = 0
+    # Check after each unit of time whether the motion has ended, which saves most of
+    # the time of short motions.
     while sample_count < len(running.times):
         next_count = min(sample_count + TRIAL.samples, len(running.times))
         running.on(float(running.times[next_count - 1]))
@@ -651,6 +654,8 @@ class _Frame:
                 for corners, center in zip(points, centers, strict=True)
             ]
         )
+        # An object that begins beyond the border may stay there, so that the border is
+        # wider.
         slack = TRIAL.beside * trials.side
         movable = [body.motion is Motion.DYNAMIC for body in world.bodies]
         return _Frame(
@@ -874,6 +879,7 @@ def rank_pushes(
             continue
         if is_living(item.label):
             continue
+        # Prefer objects without others on top, which would fall with them.
         weight = object_confidence * (
             RANK.loaded if _is_loaded(scene, corners, k) else 1.0
         )

@@ -166,6 +166,7 @@ def perceived_pushes(scene: Scene) -> Iterator[str]:
             if isinstance(recorded_velocity, list)
             else []
         )
+        # The file may hold the recorded velocity or the one for the new scale.
         possible_velocities = [
             [factor * part for part in speed] for factor in (1, speed_factor)
         ]

@@ -78,6 +78,7 @@ def with_fitting_assets(
         yield opened, text
         return
     check_own_assets(text, path)
+    # Write into a temporary folder beside the file, since its paths are relative.
     folder = partial(path.with_name(f"{path.name}.assets"))
     folder.mkdir()
     try:
@@ -270,10 +271,12 @@ def _matched_ids(
     for (section, name), id_ in _ids(data).items():
         entry = data[section][name]
         has_same_label = id_ in labels and labels[id_] == entry.get("label")
+        # The same id with the same name or label is the same object.
         if new_ids.get((section, name)) == id_ or has_same_label:
             ids[id_] = id_
         elif (section, name) in new_ids:
             ids[new_ids[section, name]] = id_
+        # A doubtful object may vanish, and a prompt finds its object by itself.
         elif section != "doubtful" and "prompt" not in entry:
             missing_keys.append(f"{section}.{name}")
     if missing_keys:

@@ -155,6 +155,7 @@ def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
         if other == name or mask_confidence(item) >= RELEASE.unsure:
             continue
         part_mask = labels == item["mask"]
+        # A part of an object touches it along much of its border.
         inner_pixels = (
             cv2.erode(part_mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         )

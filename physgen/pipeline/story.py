@@ -441,6 +441,7 @@ def outcome_words(
     touched_surfaces = sorted(
         {k for row in pairs if start.actor in row for k in row} - {start.actor}
     )
+    # Contacts count walls after bodies, in the order of `World.surfaces`.
     surfaces = [name for name, _ in world.surfaces]
     if touched_surfaces:
         sentences.append(
@@ -472,6 +473,7 @@ def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str
             edits[f"objects.{item.name}.velocity"] = [0, 0]
         if item.motion is Motion.DYNAMIC and item.spin:
             edits[f"objects.{item.name}.spin"] = 0
+    # Impulses belong to the motion that the story replaces; lasting forces stay.
     forces = [force for force in scene.document["forces"] if "impulse" not in force]
     if len(forces) < len(scene.document["forces"]):
         edits["forces"] = forces

@@ -65,6 +65,7 @@ def outcome_doubts(
         doubts.append(Note.LEAVES_PICTURE.text(names=leaving_names))
     if outcome.grade is Grade.RESTLESS:
         doubts.append(Note.RESTLESS.text())
+    # Viewers see the slow motion: judge the duration of the clip, not of the motion.
     slow_motion = round(perceived.document.get("render", {}).get("slow", 1))
     seconds = outcome.seconds * slow_motion
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:

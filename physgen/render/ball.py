@@ -344,6 +344,7 @@ def find_pattern(skin: F32, colours: F32, points: F64) -> Pattern | None:
     if pair is None:
         return None
     step = (pair[1] - pair[0]).astype(np.float64)
+    # Project each colour on the line between both paints.
     share = (skin - pair[0]) @ step / (step @ step)
     nearest_mixture = np.clip(share, 0, 1)[:, None] * step
     distance = np.linalg.norm(skin - pair[0] - nearest_mixture, axis=1)
@@ -352,6 +353,8 @@ def find_pattern(skin: F32, colours: F32, points: F64) -> Pattern | None:
         return None
     value = np.where(share > 0.5, 1.0, -1.0)[is_paint]
     places = points[is_paint]
+    # Try a symmetric band and a single cut; prefer the band unless the cut explains
+    # clearly more.
     share_band, border = _border(places, value, folded=True)
     share_cut, cut = _border(places, value, folded=False)
     if share_cut > share_band + BALL.lopsided:
@@ -701,6 +704,8 @@ def _shown(colour: F32, shade: F32, inside: Mask) -> float:
         return 1.0
     trust = np.ones(len(x))
     slope = level = 0.0
+    # Regress the logarithms with Huber weights, since writing and stains do not follow
+    # the shading. A small ridge keeps the slope finite.
     for _ in range(4):
         level = float(np.average(y - slope * x, weights=trust))
         product = (trust * x * (y - level)).sum()
@@ -889,8 +894,12 @@ def _open(points: NDArray[Any], ball: Ball, balls: Sequence[Ball]) -> list[Mask]
         if distance <= 0:
             continue
         size = other.radius / ball.radius
+        # The light of another sphere falls with the square of its distance, and with
+        # the cosine of its direction to the normal.
         is_lit &= (points @ offset) * (size**2 / distance**3) < BALL.lent
         ray = offset - points
+        # A mirror image appears where the reflected ray of the viewer hits the other
+        # ball.
         distance_along = (ray * mirror_rays).sum(axis=2)
         is_passing = (ray * ray).sum(axis=2) - distance_along**2 > (
             BALL.beyond * size

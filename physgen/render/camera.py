@@ -547,6 +547,7 @@ def _mean_layers(frames: Sequence[Frame]) -> Layers:
     means = {}
     for body in last.order:
         means[body] = np.zeros((*plate.shape[:2], 4), np.float32)
+    # Light and coverage are averages over the exposure, since both are linear.
     share = np.float32(1 / len(parts))
     for layers in parts:
         plate += layers.plate * share

@@ -213,6 +213,7 @@ def _stir(
     It includes the speed of the rim by rotation.
     """
     bodies, samples = len(world.bodies), len(motion.times)
+    # Compare the samples just before and just after the span of the contact.
     samples_before = np.searchsorted(motion.times, starts + 1e-9) - 1
     samples_before = np.maximum(samples_before, 0)
     samples_after = np.searchsorted(motion.times, starts + span - 1e-9)
@@ -248,6 +249,7 @@ def contact_points_between(
     if other_circle is not None:
         return _below_circle(*other_circle, _edges(world, poses, first))
     edges, other_edges = _edges(world, poses, first), _edges(world, poses, second)
+    # The nearest points of two polygons include at least one corner.
     candidates = [
         _nearest(edges[:, 0], other_edges),
         _nearest(edges[:, 1], other_edges),

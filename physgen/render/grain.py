@@ -92,12 +92,14 @@ def measure_grain(rgb: U8) -> Grain | None:
     blocks, details = _blocks(picture), _blocks(detail)
     means = blocks.mean(axis=(1, 2))
     darkest, brightest = GRAIN.clipped
+    # Clipped pixels hide the noise.
     is_open = (means.min(axis=1) > darkest) & (means.max(axis=1) < brightest)
     blocks, details, means = blocks[is_open], details[is_open], means[is_open]
     squares = (details**2).mean(axis=(1, 2))
     texture = squares.sum(axis=1)
     is_flat = np.zeros(len(blocks), np.bool_)
     curve = []
+    # Noise depends on brightness: measure it separately in groups of like brightness.
     for group in _brightness_groups(means.mean(axis=1)):
         flattest = group[texture[group] <= np.quantile(texture[group], GRAIN.flat)]
         is_flat[flattest] = True

@@ -49,6 +49,7 @@ def joint_lines(world: World, poses: Array, time: float) -> Iterator[Array]:
                     yield poses[[joint.first, joint.second], :2]
             case JointKind.FINGER:
                 yield from _finger(joint, first, time)
+            # A pin with a gap is broken.
             case _:
                 if distance <= BROKEN:
                     yield circle(first, PIN)

@@ -71,6 +71,7 @@ def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     excess = level - base
     dimmest = skin.argmin(axis=2)[..., None]
     brightest = skin.argmax(axis=2)[..., None]
+    # A mirrored lamp adds white light, which raises the darkest channel most.
     rise = np.take_along_axis(excess, dimmest, axis=2)[..., 0]
     coloured_rise = np.take_along_axis(excess, brightest, axis=2)[..., 0]
     usual_rise = float(np.median(np.abs(rise[inside]))) if inside.any() else 0.0
@@ -78,6 +79,7 @@ def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     peaks = inside & (rise > threshold) & (coloured_rise < TEXTURE.whiter * rise)
     size = 2 * TEXTURE.grown + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    # Include the blurred border of a highlight, and fill it with smooth surroundings.
     hole = (cv2.dilate(peaks.astype(np.uint8), kernel) > 0) & inside
     if not hole.any():
         return skin
@@ -138,6 +140,7 @@ class _Source:
         usual_size = (
             float(np.median(detail_size[is_visible])) if is_visible.any() else 0.0
         )
+        # Marks much stronger than the usual grain are no texture to repeat on the back.
         is_unusual = is_visible & (detail_size > TEXTURE.unusual * usual_size + 1e-6)
         reach = max(1.0, 0.03 * radius)
         spread = cv2.GaussianBlur(is_unusual.astype(np.float32), (0, 0), reach)
@@ -148,6 +151,7 @@ class _Source:
         ring = center + TEXTURE.rim * radius * np.stack(
             [np.cos(angles), np.sin(angles)], axis=1
         )
+        # The base at the rim, as a few waves along the angle, continues to the back.
         samples = _sampled(base, ring[None])[0]
         waves = np.fft.rfft(samples, axis=0)[: TEXTURE.modes] / len(angles)
         waves[1:] *= 2

@@ -627,6 +627,8 @@ def _hidden(
     mask = part == k + 1
     is_other = ((part > 0) & ~mask) | absent[y0:y1, x0:x1]
     cover = np.pad(shape_cover, ((top - y0, y1 - bottom), (left - x0, x1 - right)))
+    # A mask that reaches beyond the fitted shape may go on beyond it behind its
+    # neighbour.
     is_continued = _beyond_shape(mask, is_other, cover)
     cover = np.maximum(cover, (is_other & is_continued).astype(np.float32))
     hole = (cover >= 0.5) & is_other
@@ -753,10 +755,13 @@ def _mirrored_texture(level: F32, reliable: Mask) -> F32:
     smooth_level = (
         cv2.GaussianBlur(level * weight[..., None], (0, 0), CUT.texture) / norm
     )
+    # The detail is the part without slow changes of light.
     detail = np.where(reliable[..., None], level - smooth_level, np.float32(0))
+    # Limit highlights: mirrored glints would look like paint.
     limit = CUT.glint * np.abs(detail[reliable]).mean(axis=0)
     detail = np.clip(detail, -limit, limit).astype(np.float32)
     unknown = (~reliable).astype(np.uint8)
+    # Find the nearest reliable pixel of each pixel, and mirror the pixel about it.
     _, seeds = cv2.distanceTransformWithLabels(
         unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -960,6 +965,7 @@ def _boxes(labels: U16) -> dict[int, PixelBox]:
     if not len(rows):
         return {}
     ids = labels[rows, columns]
+    # Sort the pixels by id, and reduce each run of equal ids.
     order = np.argsort(ids, kind="stable")
     present_ids, first = np.unique(ids[order], return_index=True)
     rows, columns = rows[order], columns[order]
@@ -992,11 +998,13 @@ def _foreground(
     """
     padded_mask = np.pad(mask, 1).astype(np.uint8)
     depth = cv2.distanceTransform(padded_mask, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    # Pixels well inside the mask show the object alone.
     is_reliable = (depth > CUT.clean) & (alpha >= 1.0) & (gain == 0)
     if not is_reliable.any():
         is_reliable = depth >= min(float(depth.max()), CUT.clean)
     inner_light = _carried_light(photo, is_reliable, alpha > 0)
     opacity = alpha[..., None]
+    # Invert the composition photo = object + (1 - alpha) * background.
     own_light = np.clip(photo - (1 - opacity) * behind, 0, None)
     lowest_trust, full_trust = TRUST
     trust = np.clip(

@@ -222,6 +222,7 @@ def draw_border(
     if placement.own is None and is_repainted:
         return None  # its rest contains mixtures of the photo's pixels
     rest = sprite.rest
+    # Fade the border towards each neighbour by itself.
     if own_shares.min() < 1:
         if sprite.hider is None:
             rest = rest * shares[0]
@@ -251,11 +252,13 @@ def borders_left(sprites: Sequence[Sprite], visible: Sequence[SpritePose]) -> F3
             (stand.pose.x - stand.start.x, stand.pose.y - stand.start.y, turn)
         )
     own_moves = np.array(displacements).reshape(-1, 3)
+    # Bodies outside the picture count as infinitely far away.
     all_moves = np.full((count, 3), np.inf)
     all_moves[0] = 0
     all_moves[[sprites[stand.k].body + 1 for stand in visible]] = own_moves
     distance = np.abs(own_moves[:, None] - all_moves)
     radii = [max(sprites[stand.k].coverage.shape) / 2 for stand in visible]
+    # Convert a turn to the displacement of the sprite's outermost point, px.
     distance[..., 2] *= np.array(radii)[:, None]
     shares = np.maximum(1 - distance.max(axis=2) / FADE, 0)
     return np.asarray(shares, np.float32)
@@ -503,6 +506,7 @@ def sprite_poses(
         trajectory = replace(trajectory, poses=poses)
     starts: Sequence[Pose] = stage.starts
     if not starts and len(trajectory.poses):
+        # Without stored poses of the photo, the photo shows the first sample.
         starts = [Pose(*pose) for pose in trajectory.poses[0].tolist()]
     turns = _BallTurns(trajectory)
     height, width = stage.background.shape[:2]

@@ -209,6 +209,7 @@ def flat_sprites(
         alpha, (left, top) = coverage_box(outlines[k], window if is_large else None)
         if not alpha.size:
             continue
+        # The margin leaves room for interpolation at the border of a sprite.
         alpha = np.pad(alpha, MARGIN)
         corner = (left - MARGIN, top - MARGIN)
         fill = decode(np.array(PALETTE[k % len(PALETTE)], np.uint8))
@@ -477,6 +478,7 @@ def _visible_veils(
         shares[k] = seen_share(
             sprites[k], actors[k], starts[k], prediction, setting.light
         )
+    # An object without a veil at the start gets the median strength for later ones.
     typical = float(np.median([*shares.values()])) if shares else 1.0
     visible_veils: list[F32 | None] = []
     veiled_actors = []
@@ -510,6 +512,7 @@ def _relit_sprites(
             is_painted = is_billiard_ball(scene.objects[sprite.body].label)
             sprite = _skinned(sprite, body, light, world.view, veil, is_painted)
         new_sprites.append(sprite)
+    # Skins first, one by one; then balls of a set share their light.
     new_sprites = _in_one_light(new_sprites)
     if maps.normals is not None:
         new_sprites = [_relieved(sprite, maps.normals, light) for sprite in new_sprites]
@@ -592,6 +595,7 @@ def _add_reflection(
     flipped_sprite = sprite.light[last_row::-1, MARGIN:-MARGIN][: STAGING.mirrored]
     height, width = flipped_sprite.shape[:2]
     place = np.s_[first_row : first_row + height, left : left + width]
+    # Compare only pixels of the bare floor, not of other objects.
     is_floor = (coverage[place] == 0)[..., None]
     reflection = reflections[place] * is_floor
     count = len(reflection)
@@ -665,6 +669,7 @@ def floors(world: World) -> list[Array]:
             level_segments.append(segment)
         if run < STAGING.steep * rise:
             upright_segments.append(segment)
+    # Adjoining level segments form one floor, which ends at a wall or at an edge.
     grounds = []
     for segment in level_segments:
         left, right = _level_span(segment, level_segments)
@@ -764,6 +769,7 @@ def seen_share(
         return 0.0
     rows, columns = np.nonzero(is_opaque)
     mean_light = sprite.light[rows, columns].mean(axis=1)
+    # Light is a product of factors: paint, shading and veils. Its logarithm is a sum.
     level = np.log(mean_light + 0.01).astype(np.float64)
     if actor.radius is not None:
         u = (columns + sprite.corner[0] - start.center[0]) / actor.radius
@@ -772,6 +778,7 @@ def seen_share(
         normal = [part.astype(np.float32) for part in (u, v, z)]
         level -= np.log(sphere_shading(light, *normal))
     x, y = columns - columns.mean(), rows - rows.mean()
+    # The unknowns are a constant, two slopes over the face and the share of the veil.
     terms = np.column_stack([np.ones(len(x)), x, y, -veil[rows, columns]])
     terms[:, 1:3] /= max(sprite.coverage.shape)
     return float(np.clip(_robust_weights(terms, level)[3], 0, 1))
@@ -824,6 +831,7 @@ def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     face = float(min(shape.min() - rows[0], rows[-1] - shape.max())) + 0.5
     if face < STAGING.seen_top:
         return sprite
+    # The top of a block is the band of its picture above the front.
     first = float(rows[0] - 0.5 + 2 * face)
     is_above = np.arange(len(is_solid)) < first - 0.5
     top = (sprite.coverage >= 1) & is_above[:, None]

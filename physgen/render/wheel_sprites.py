@@ -106,6 +106,8 @@ class WheelSprite:
         to_picture = matrix.copy()
         to_picture[:, 2] += matrix[:, :2] @ (columns.start, rows.start) - self.corner
         axle = np.subtract(self.center, self.corner)
+        # The wheel appears as an ellipse: stretch it to a circle, turn it back and
+        # compress it.
         inverse_rotation = np.array(
             [
                 [cos(turn), self.aspect * sin(turn)],
@@ -114,6 +116,7 @@ class WheelSprite:
         )
         to_paint = inverse_rotation @ to_picture
         to_paint[:, 2] += axle - inverse_rotation @ axle
+        # Paint turns with the wheel; shading and cover do not.
         paint = _warped(self.paint, to_paint, size, cv2.BORDER_REPLICATE)
         shading = _warped(self.shading, to_picture, size, cv2.BORDER_REPLICATE)
         cover = _warped(self.cover, to_picture, size, cv2.BORDER_CONSTANT)
@@ -219,6 +222,8 @@ def _turning_part(
 def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
     """Return the ellipse near a circle with the most contrast at its edge."""
     blurred_codes = cv2.GaussianBlur(codes, (0, 0), 1.0)
+    # The rim is an edge of brightness: search the ellipse whose normal gradient is
+    # largest on average.
     gx = cv2.Sobel(blurred_codes, cv2.CV_32F, 1, 0)
     gy = cv2.Sobel(blurred_codes, cv2.CV_32F, 0, 1)
     steps = np.arange(-ceil(reach), ceil(reach) + 1)
@@ -232,6 +237,7 @@ def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
             y = first.y + shift_y[..., None] + height * np.sin(turn)
             columns = np.clip(np.rint(x).astype(int), 0, codes.shape[1] - 1)
             rows = np.clip(np.rint(y).astype(int), 0, codes.shape[0] - 1)
+            # Sum with signs, so that random edges cancel each other along the rim.
             radial_gradients = gx[rows, columns] * np.cos(turn) + gy[
                 rows, columns
             ] * np.sin(turn)

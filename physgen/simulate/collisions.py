@@ -541,6 +541,8 @@ class ImpactSolver:
         """Group the points that share movable bodies or groups of joints."""
         if len(struck) == 1:
             return [struck]
+        # Union-find: points on the same movable body, or on one group of joints,
+        # interact.
         root = {k: k for k in struck}
         point_of_owner: dict[int, int] = {}
         for k in struck:
@@ -782,6 +784,8 @@ class ImpactSolver:
         ]
         if not held_rows:
             return None
+        # Add the changes of this step's impacts to the velocities, and move on for a
+        # step.
         velocity = self._velocity.copy()
         for k, body in enumerate(bodies):
             velocity[body] = self._speeds(body)

@@ -201,6 +201,7 @@ class Table:
         k = np.flatnonzero(
             ~is_sliding & (grip > 0) & (slows * h * len(out) < abs(roll))
         )
+        # Rolling resistance takes an equal change from speed and roll in every step.
         share_per_step = slows[k] * h / abs(roll[k])
         out[:, 0, self._balls[k]], out[:, 2, self._balls[k]] = (
             -share_per_step * v[k],

@@ -223,6 +223,8 @@ class Cover:
                 spot = _spot_over(edge, contact, point)
                 if spot is None or self._passes_through(edge.owner):
                     continue
+                # A normal that points hardly along the edge soon no longer does: its
+                # pair may move less before the next test.
                 self.room = min(self.room, cosine)
                 spot = self._frame.locate(place.place(spot))
                 is_covered[k] = _is_outside(self._sides, self._surface.corners, spot)

@@ -471,6 +471,8 @@ class Assemblies:
         ]
         if not rows:
             return free_response  # the groups have only ropes, which are inequalities
+        # Project the free response on the motions that the joints permit: R - R Jᵀ (J R
+        # Jᵀ)⁻¹ J R, with a pseudoinverse for redundant joints.
         jacobian = np.array(rows)
         joint_response = jacobian @ free_response
         return np.asarray(
@@ -615,6 +617,7 @@ def _rows(
             continue
         if body not in place:
             continue
+        # The velocity of a point at (x, y) from the centre is v + spin * (-y, x).
         k, ((px, py, angle), x, y) = place[body], spots.find(body, at)
         gaps[0] += sign * (px + x)
         gaps[1] += sign * (py + y)

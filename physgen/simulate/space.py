@@ -313,6 +313,7 @@ class Space:
                 candidates.append((arbiter, key))
         self._partners = partners
         is_changed = False
+        # Compute the frames of all bodies only if a candidate exists.
         for arbiter, key in candidates:
             frames = frames or self._frames()
             room = self._room(frames, key)
@@ -331,6 +332,8 @@ class Space:
             displacement = abs(new_distances[0] - old_distances[0]) + abs(
                 new_distances[1] - old_distances[1]
             )
+            # Within its room, a pair cannot have left the internal edge: skip the full
+            # test.
             if (
                 displacement
                 + abs(new_distances[2] - old_distances[2])
@@ -505,6 +508,7 @@ def _batched(
 def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     """Convert a shape to plain numbers; corners are clockwise in the image."""
     match shape:
+        # Chipmunk may store corners in either direction.
         case pymunk.Poly():
             corners = [(float(x), float(y)) for x, y in shape.get_vertices()]
             sides = zip(corners, (*corners[1:], corners[0]), strict=True)
@@ -540,6 +544,7 @@ def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
         if first_passage.group == 1 and first_passage.collides_with == EVERY_GROUP:
             continue
         for second, second_passage in enumerate(passages):
+            # Both objects must permit the collision.
             is_collision = (
                 first_passage.group & second_passage.collides_with
                 and second_passage.group & first_passage.collides_with
@@ -563,6 +568,7 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
         shapes: list[pymunk.Shape] = [pymunk.Circle(body, model.radius)]
     else:
         shapes = [pymunk.Poly(body, piece.tolist()) for piece in model.pieces]
+    # A disc with its mass off its middle is a circle with an offset.
     if model.disc is not None:
         offset, radius = model.disc
         shapes = [pymunk.Circle(body, radius, (float(offset[0]), float(offset[1])))]
@@ -661,6 +667,8 @@ def _add_guide(
     elif joint.kind is JointKind.GEAR:
         parts = [pymunk.GearJoint(first, second, 0.0, joint.ratio)]
     elif joint.second is not None:
+        # This constraint has no force: joints.py computes the rope, and Chipmunk only
+        # needs to know that its bodies do not collide.
         parts = [pymunk.SlideJoint(first, second, (0, 0), (0, 0), 0, joint.length)]
         parts[0].max_force = 0.0
     for part in parts:

@@ -70,6 +70,8 @@ class StepDivider:
         self._turns = np.array(
             [0.0 if body.radius is not None else body.reach for body in bodies], float
         )
+        # A fast body needs parts only near other shapes. Store the boxes of all shapes
+        # that never move.
         boxes = [
             (*np.minimum(a, b), *np.maximum(a, b))
             for wall in world.walls
@@ -214,6 +216,7 @@ class Governor:
             self.sweeps,
             TUNING.many if overlap > TUNING.deep or self._jointed else TUNING.fewest,
         )
+        # Grow fast and shrink slowly, so that sweeps do not oscillate.
         if residual > limit:
             sweeps += sweeps // 2
         elif residual < limit / 10:

@@ -111,6 +111,8 @@ class SpecialSurfaces:
             return
         shapes = arbiter.shapes
         self._slips[shapes] = self._slip(arbiter, belt)
+        # A new contact slides if its slip is fast; a known one keeps the state that
+        # `note` recorded.
         if shapes not in self._slides:
             self._slides[shapes] = self._slips[shapes] >= self._slow
         if not self._slides[shapes]:

@@ -163,6 +163,7 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
         scheduler.alphas_cumprod.numpy().astype(np.float64),
     )
     times = levels(len(alphas), steps, config.steps_offset)[-count:]
+    # The schedule ends at the picture itself, which is signal without noise.
     a = np.append(alphas[times], 1.0)
     signal, noise_part = (
         np.sqrt(a).astype(np.float32),
@@ -174,6 +175,7 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
 
     def stepped(prediction: F32, latents: F32, k: int) -> F32:
         s, n = signal[k], noise_part[k]
+        # Recover picture and noise from the prediction, whichever of both it contains.
         if config.prediction_type == "v_prediction":
             z0, noise = s * latents - n * prediction, s * prediction + n * latents
         else:
