@@ -253,22 +253,22 @@ def _of_one(
             "line": _line(scene, value) or _line(scene, entry_path),
         }
         other_sources = {
-            key: one
-            for key, one in sources.items()
+            key: one_source
+            for key, one_source in sources.items()
             if key not in {key for _, key, _ in guesses}
         }
-        recorded = name is not None and f"{entry_path}.from" not in scene.places
+        is_recorded = name is not None and f"{entry_path}.from" not in scene.places
         ops: list[Data] = [{"unset": [*path, "from"]}]
         # The record of perception also names the source: an empty `from` in the file
         # overrides the record.
-        if other_sources or recorded:
+        if other_sources or is_recorded:
             ops = [{"set": [*path, "from"], "value": other_sources}]
         yield (
             least_confidence,
             _row(
                 "doubt",
                 position,
-                "; ".join(what for *_, what in guesses),
+                "; ".join(statement for *_, statement in guesses),
                 "correct as it is",
                 ops,
             ),

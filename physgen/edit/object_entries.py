@@ -92,17 +92,17 @@ def begin(live: Live, text: str) -> Correction:
     """
     try:
         sight = live.state(text)
-        written = live.document(text)
+        file_document = live.document(text)
     except InputError as error:
         raise Message.SCENE_HAS_ERROR.impossible(problem=error.problems[0]) from error
     percepts = sight.percepts
     if percepts is None:
         raise Message.NO_PHOTO_TO_MASK.impossible()
-    scene, own_entries = sight.scene, written.get("objects") or {}
+    scene, own_entries = sight.scene, file_document.get("objects") or {}
     names = [item.name for item in scene.objects if item.name in own_entries]
     # Only objects of this file can be corrected, not those of a file that it extends.
     own_document = {
-        **written,
+        **file_document,
         "objects": {name: dict(own_entries[name] or {}) for name in names},
     }
     own_document = with_sources(own_document, scene)
@@ -162,7 +162,7 @@ def changed_entry(
     sets the mask.
     """
     old_entry = work.was(source)
-    perceived = table_keys(old_entry)
+    old_keys = table_keys(old_entry)
     scale = None
     if label is not None:
         # The scale may follow from the size of a labelled object: read it from the
@@ -172,13 +172,13 @@ def changed_entry(
         ).text
         scale = work.live.state(named_text).scene.world.pixels_per_meter
     result = rewritten(
-        old_entry, new_entry(work, labels, one, name, None, scale), perceived
+        old_entry, new_entry(work, labels, one, name, None, scale), old_keys
     )
     if label is not None:
         result["label"] = label
         if "from" in result:
             result["from"] = {
-                key: who for key, who in result["from"].items() if key != "label"
+                key: author for key, author in result["from"].items() if key != "label"
             }
     if isinstance(result.get("shape"), Mapping):
         result["shape"] = document.shape_entry(one.outline)
@@ -187,10 +187,12 @@ def changed_entry(
         if result.get("solid", "plate") != "plate":
             result["solid"] = "plate"
         result.pop("roll", None)
-        if "rolling" in perceived:
+        if "rolling" in old_keys:
             result.pop("rolling", None)
             result["from"] = {
-                key: who for key, who in result["from"].items() if key != "rolling"
+                key: author
+                for key, author in result["from"].items()
+                if key != "rolling"
             }
     path = result.get("motion")
     # A path contains positions of the centre, which moves with the outline.

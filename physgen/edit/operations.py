@@ -443,7 +443,7 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
     if not re.fullmatch(rule["pattern"].strip("^$"), to):
         raise Message.NEW_NAME_WRONG.impossible(form=rule["x-pattern"])
     section, old = str(path[0]), str(path[1])
-    renamed = {old: to} if section == "objects" else {}
+    new_names = {old: to} if section == "objects" else {}
     if to != old:
         if reach(target.data, (section, to)) is not ABSENT:
             raise Message.NAME_TAKEN.impossible(name=to)
@@ -459,7 +459,7 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
             _change_edits(
                 data, lambda key: (section, to, *key[2:]) if key[:2] == path else key
             )
-        target.write(data, renamed=renamed)
+        target.write(data, renamed=new_names)
     return f"rename {old} to {to}"
 
 

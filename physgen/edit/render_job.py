@@ -110,7 +110,9 @@ class RenderJob:
         variant_names = [None] if variants is None else list(dict.fromkeys(variants))
         if not variant_names:
             raise Message.NO_VARIANT_CHOSEN.impossible()
-        if not set(format.split(",")) <= {one.value for one in Format}:
+        if not set(format.split(",")) <= {
+            video_format.value for video_format in Format
+        }:
             raise Message.UNKNOWN_VIDEO_FORMAT.impossible()
         # Build all commands before the lock: an invalid setting must not disturb a run.
         commands = [

@@ -591,12 +591,12 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
         document |= {"doubtful": doubtful} if "doubtful" in old_document else {}
         # Whether the clean background exists depends on the light of this scene, not
         # on that of the new perception.
-        clean = None if maps.clean is None else perceived.percepts.clean
+        clean_photo = None if maps.clean is None else perceived.percepts.clean
         depth = (
             maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         )
         final_maps = replace(
-            perceived.percepts, labels=new_labels_map, clean=clean, depth=depth
+            perceived.percepts, labels=new_labels_map, clean=clean_photo, depth=depth
         )
         perceived = replace(perceived, percepts=final_maps)
     perceived = replace(perceived, document=document, comments=reasons)

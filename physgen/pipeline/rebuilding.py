@@ -151,8 +151,8 @@ def _write_resized_map(source: Path, target: Path, size: tuple[int, int]) -> Non
     picture = read_channels(source)
     # Averages over areas avoid aliasing in a smaller map.
     is_smaller = size[0] < picture.shape[1]
-    smooth = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
-    method = cv2.INTER_NEAREST_EXACT if source.stem in ID_MAPS else smooth
+    smooth_method = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
+    method = cv2.INTER_NEAREST_EXACT if source.stem in ID_MAPS else smooth_method
     resized: Any = cv2.resize(picture, size, interpolation=method)
     write_png(target, resized)
 
@@ -202,12 +202,12 @@ def _write_missing(
 
     assert ground.image is not None
     data = mark_values(text).data()
-    perceived, ids = _perceive_prompted(data, ground, perceive_objects)
+    photo_scene, ids = _perceive_prompted(data, ground, perceive_objects)
     scene = folder / "scene.yaml"
-    write_scene(perceived, ground.image, "photo", scene)
+    write_scene(photo_scene, ground.image, "photo", scene)
     assets = folder / str(mark_values(scene.read_text("utf-8")).data()["assets"])
     # Without prompts for all objects, names and labels tell which new object is which.
-    ids = ids or _matched_ids(data, perceived.document, str(path))
+    ids = ids or _matched_ids(data, photo_scene.document, str(path))
     labels = _relabelled(read_labels(assets / "masks.png"), ids)
     _paint_prompts(labels, data)
     write_png(assets / "masks.png", labels)

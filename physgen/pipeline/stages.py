@@ -354,7 +354,7 @@ def _put_back(
     if not restored_pixels.any():
         return maps, coverage, background
     restored_channels = restored_pixels[..., None]
-    clean = (
+    clean_photo = (
         None
         if maps.clean is None
         else np.where(restored_channels, maps.rgb, maps.clean)
@@ -363,7 +363,7 @@ def _put_back(
         np.where(restored_pixels, np.float32(0), coverage),
         np.where(restored_channels, maps.rgb, background),
     )
-    return replace(maps, clean=clean), coverage, background
+    return replace(maps, clean=clean_photo), coverage, background
 
 
 def filled(

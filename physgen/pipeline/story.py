@@ -150,8 +150,8 @@ def _at_rest(scene: Scene, world: World) -> World:
     bodies = []
     for item, body in zip(scene.objects, world.bodies, strict=True):
         if body.motion is Motion.DYNAMIC:
-            still = replace(item, velocity=(0.0, 0.0), spin=0.0)
-            body = replace(set_velocity(body, still, scene.world.view), spin=0.0)
+            resting_item = replace(item, velocity=(0.0, 0.0), spin=0.0)
+            body = replace(set_velocity(body, resting_item, scene.world.view), spin=0.0)
         bodies.append(body)
     lasting = tuple(push for push in world.pushes if push.load is not Load.IMPULSE)
     return replace(world, bodies=tuple(bodies), pushes=lasting)

@@ -199,8 +199,8 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
     unknown_noun = _unknown_noun(words, mentions)
     if unknown_noun:
         object_names = listed([one.name for one in candidates if one.is_object])
-        found = f"{unknown_noun}, in {quoted(text)},"
-        raise Message.STORY_NOUN_UNKNOWN.error("--story", found, names=object_names)
+        subject = f"{unknown_noun}, in {quoted(text)},"
+        raise Message.STORY_NOUN_UNKNOWN.error("--story", subject, names=object_names)
     if not any(set(mention.members) & objects for mention in mentions):
         names = listed(
             [candidate.name for candidate in candidates if candidate.is_object]

@@ -100,8 +100,8 @@ class Strip:
 
 def warp_picture(picture: F32, x: F32, y: F32) -> F32:
     """Return (h, w[, 4]) of a picture (H, W[, 4]) at px `x`, `y` (h, w)."""
-    warped = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    return np.asarray(warped, np.float32)
+    result = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(result, np.float32)
 
 
 def equal_area(

@@ -864,14 +864,14 @@ def _sampled(picture: F32, size: Sequence[int], scale: float, shift: F64) -> F32
     """
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     matrix = np.column_stack([scale * np.eye(2), shift])
-    warped = cv2.warpAffine(
+    result = cv2.warpAffine(
         picture,
         matrix,
         (size[0], size[1]),
         flags=flags,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return np.asarray(warped, np.float32)
+    return np.asarray(result, np.float32)
 
 
 def _open(points: NDArray[Any], ball: Ball, balls: Sequence[Ball]) -> list[Mask]:

@@ -72,7 +72,7 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     planes = []
     for codes in cv2.split(rgb):
         plane = Image.fromarray(cv2.LUT(codes, light))
-        resampled = plane.resize(size, Image.Resampling.LANCZOS, box=box)
+        plane_part = plane.resize(size, Image.Resampling.LANCZOS, box=box)
         lower_limits = (
             cv2.erode(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
         )
@@ -80,7 +80,7 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
             cv2.dilate(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
         )
         # The limits can be taken in sRGB, which has the same order as linear light.
-        resampled_codes = encode_u8(np.asarray(resampled))
+        resampled_codes = encode_u8(np.asarray(plane_part))
         planes.append(cv2.min(cv2.max(resampled_codes, lower_limits), upper_limits))
     return np.asarray(cv2.merge(planes), np.uint8)
 
@@ -409,8 +409,8 @@ def _layers_seen(layering: Callable[[], Layers], matrix: Array, size: Size) -> L
             SpriteLayer(sprite.body, whole_picture, visible[..., :3], visible[..., 3])
         )
     plate = resample_light(layers.plate, matrix, size)
-    shaded = resample_light(layers.shaded, matrix, size)
-    return Layers(plate, shaded, sprites, layers.order)
+    background = resample_light(layers.shaded, matrix, size)
+    return Layers(plate, background, sprites, layers.order)
 
 
 def canvas_scale(scene: Scene) -> float:
@@ -543,7 +543,7 @@ def _mean_layers(frames: Sequence[Frame]) -> Layers:
     """Return the mean of the layers of an exposure."""
     parts = [frame.layering() for frame in frames if frame.layering is not None]
     last = parts[-1]
-    plate, shaded = np.zeros_like(last.plate), np.zeros_like(last.plate)
+    plate, background = np.zeros_like(last.plate), np.zeros_like(last.plate)
     means = {}
     for body in last.order:
         means[body] = np.zeros((*plate.shape[:2], 4), np.float32)
@@ -551,11 +551,11 @@ def _mean_layers(frames: Sequence[Frame]) -> Layers:
     share = np.float32(1 / len(parts))
     for layers in parts:
         plate += layers.plate * share
-        shaded += layers.shaded * share
+        background += layers.shaded * share
         for body, picture in layers.pictures().items():
             means[body] += picture * share
     whole_picture = np.s_[0 : plate.shape[0], 0 : plate.shape[1]]
     sprites = []
     for body, mean in means.items():
         sprites.append(SpriteLayer(body, whole_picture, mean[..., :3], mean[..., 3]))
-    return Layers(plate, shaded, sprites, last.order)
+    return Layers(plate, background, sprites, last.order)

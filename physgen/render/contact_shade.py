@@ -83,9 +83,9 @@ class ContactShade:
         """Check whether two sprites touch in the photo, which then shows the darkening
         already.
         """
-        stored = self._photo_contacts.get(pair)
-        if stored is not None:
-            return stored
+        result = self._photo_contacts.get(pair)
+        if result is not None:
+            return result
         first, second = (_part_at_rest(self._sprites[k]) for k in pair)
         is_contact = False
         if _is_near(first[0], second[0]):

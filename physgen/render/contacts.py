@@ -297,8 +297,8 @@ def _edges(world: World, poses: Array, surface: int) -> Array:
         turn = rotation(float(angle))
         chains = []
         for ring in world.bodies[surface].rings:
-            closed = np.concatenate([ring, ring[:1]])
-            chains.append(closed @ turn.T + (x, y))
+            closed_ring = np.concatenate([ring, ring[:1]])
+            chains.append(closed_ring @ turn.T + (x, y))
     edges = [np.stack([chain[:-1], chain[1:]], axis=1) for chain in chains]
     return np.concatenate(edges)
 

@@ -123,8 +123,8 @@ def _runs_of_bits(bits: int) -> list[tuple[int, int]]:
     while bits:
         first = (bits & -bits).bit_length() - 1
         # The lowest bit that is not set ends the run.
-        shifted = bits >> first
-        length = (~shifted & (shifted + 1)).bit_length() - 1
+        remaining_bits = bits >> first
+        length = (~remaining_bits & (remaining_bits + 1)).bit_length() - 1
         runs.append((first, first + length))
         bits &= ~(((1 << length) - 1) << first)
     return runs
@@ -156,12 +156,12 @@ class BackgroundCache:
         """Update the background for objects at new poses; return the boxes of the
         changes.
         """
-        lit, darkness = self._lit, self.dark
-        if lit is None or darkness is None:
+        background, darkness = self._lit, self.dark
+        if background is None or darkness is None:
             return []
         shadows = {}
         for stand in stands:
-            shadow = lit.casts[stand.k].whole
+            shadow = background.casts[stand.k].whole
             if stand.start != stand.pose and shadow is not None:
                 shadows[stand.k] = shadow
         moved_objects = set(shadows)
@@ -170,13 +170,15 @@ class BackgroundCache:
         boxes = self._shadow_boxes(moved_objects ^ self._moved)
         self._moved = moved_objects
         for box in boxes:
-            darkness[box] = lit.total[box]
+            darkness[box] = background.total[box]
         # Subtract in the order of objects, so that rounding is the same in every frame.
         for k in sorted(moved_objects):
             for box in boxes:
                 _take(darkness, box, *shadows[k])
         for box in boxes:
-            self.light[box] = shaded_background(lit.plate[box], darkness[box], lit.tint)
+            self.light[box] = shaded_background(
+                background.plate[box], darkness[box], background.tint
+            )
             self.codes[box] = encode_picture(self.light[box])
         return boxes
 
@@ -470,21 +472,27 @@ class _Shadows:
 
         `canvas`: (H, W, 3) linear.
         """
-        lit, darkness, base_darkness = self._lit, self._dark, self._background.dark
+        background, darkness, base_darkness = (
+            self._lit,
+            self._dark,
+            self._background.dark,
+        )
         size = (canvas.shape[1], canvas.shape[0])
-        if lit is None or darkness is None or base_darkness is None:
+        if background is None or darkness is None or base_darkness is None:
             return touched_tiles([], size)
         # Reset the darkness only where the last frame had shadows or the background
         # changed.
         for box in self._shaded + changed:
             darkness[box] = base_darkness[box]
         figures = _figures(self._stage, pictures)
-        boxes = self._add_shadows(darkness, lit, stands, figures, trails)
+        boxes = self._add_shadows(darkness, background, stands, figures, trails)
         shaded_tiles = touched_tiles(boxes, size)
         self._shaded = boxes_of_tiles(shaded_tiles, size)
         for box in self._shaded:
-            darkness[box] = lit.limited(darkness[box], box)
-            canvas[box] = shaded_background(lit.plate[box], darkness[box], lit.tint)
+            darkness[box] = background.limited(darkness[box], box)
+            canvas[box] = shaded_background(
+                background.plate[box], darkness[box], background.tint
+            )
         self._veil(pictures, figures)
         return shaded_tiles
 

@@ -181,8 +181,8 @@ def remove_map_noise(maps: Percepts, grain: Grain) -> Percepts:
             continue
         is_photo = (picture == maps.rgb).all(axis=2, keepdims=True)
         pictures.append(np.where(is_photo, photo, remove_noise(picture, grain)))
-    background, clean = pictures
-    return replace(maps, rgb=photo, background=background, clean=clean)
+    background, clean_photo = pictures
+    return replace(maps, rgb=photo, background=background, clean=clean_photo)
 
 
 def remove_noise(rgb: U8, grain: Grain) -> U8:
@@ -194,10 +194,12 @@ def remove_noise(rgb: U8, grain: Grain) -> U8:
     scales = np.cumsum(1 / floor, axis=0).astype(np.float32)
     planes = [scales[rgb[..., k], k] for k in range(3)]
     scaled_levels = np.asarray(cv2.merge(planes), np.float32)
-    filtered = cv2.bilateralFilter(scaled_levels, GRAIN.reach, GRAIN.kept, GRAIN.spread)
+    filtered_levels = cv2.bilateralFilter(
+        scaled_levels, GRAIN.reach, GRAIN.kept, GRAIN.spread
+    )
     all_levels = np.arange(256)
     result = np.empty_like(rgb)
-    for k, plane in enumerate(cv2.split(filtered)):
+    for k, plane in enumerate(cv2.split(filtered_levels)):
         levels = np.interp(np.asarray(plane), scales[:, k], all_levels)
         result[..., k] = np.rint(levels)
     return result

@@ -257,16 +257,16 @@ def _remaining_light(
 ) -> F32:
     """Return the share of light (h, w) that remains behind all others together."""
     coordinates = (surface.x, surface.y, surface.toward)
-    x, y, toward = (part.astype(np.float32) for part in coordinates)
+    x, y, depths = (part.astype(np.float32) for part in coordinates)
     balls = [other for other in others if other.radius is not None]
-    behind_balls = iter(_behind_balls(balls, (x, y, toward), setting) if balls else ())
+    behind_balls = iter(_behind_balls(balls, (x, y, depths), setting) if balls else ())
     remaining = np.ones(x.shape, np.float32)
     for other in others:
         if other.radius is None:
-            blocked = _behind_slab(other, x, y, toward, step, setting)
+            blocked_share = _behind_slab(other, x, y, depths, step, setting)
         else:
-            blocked = next(behind_balls)
-        remaining *= 1 - np.float32(MOST_BLOCKED) * surface.direct * blocked
+            blocked_share = next(behind_balls)
+        remaining *= 1 - np.float32(MOST_BLOCKED) * surface.direct * blocked_share
     return remaining
 
 
@@ -511,7 +511,7 @@ def _old_veil(
         return None
     size = (shape[1], shape[0])
     border = cv2.BORDER_REPLICATE
-    warped = cv2.warpAffine(
+    result = cv2.warpAffine(
         veil, placement.matrix, size, flags=WARP_FLAGS, borderMode=border
     )
-    return np.asarray(warped, np.float32)
+    return np.asarray(result, np.float32)

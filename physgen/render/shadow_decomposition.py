@@ -225,9 +225,9 @@ class LitBackground:
         if share == 1:
             return shadows
         rest = np.float32(1 - share)
-        predicted = predicted_shadow(now, self.setting, cast.step)
-        if predicted is not None:
-            box, picture = predicted
+        prediction = predicted_shadow(now, self.setting, cast.step)
+        if prediction is not None:
+            box, picture = prediction
             shadows.append((box, picture if share == 0 else rest * picture))
         own = self._carried_shadow(cast, now, float(rest) * strength, shift)
         if own is not None:
@@ -240,10 +240,10 @@ class LitBackground:
         """Return the predicted shadow, which appears as the object leaves the photo's
         shadow.
         """
-        predicted = predicted_shadow(now, self.setting, cast.step)
-        if predicted is None:
+        prediction = predicted_shadow(now, self.setting, cast.step)
+        if prediction is None:
             return []
-        box, picture = predicted
+        box, picture = prediction
         return [(box, picture * _departure(now, start, pose))]
 
     def _slid(
@@ -451,8 +451,8 @@ def shifted_picture(
         return None, picture
     matrix = np.array([[1.0, 0, x - left], [0, 1, y - top]])
     box_size = (right - left, bottom - top)
-    shifted = cv2.warpAffine(picture, matrix, box_size, borderMode=cv2.BORDER_CONSTANT)
-    return (left, top, right, bottom), np.asarray(shifted, np.float32)
+    result = cv2.warpAffine(picture, matrix, box_size, borderMode=cv2.BORDER_CONSTANT)
+    return (left, top, right, bottom), np.asarray(result, np.float32)
 
 
 def decompose_shadows(
@@ -488,20 +488,22 @@ def decompose_shadows(
     setting, firsts, total = _matched_shadows(
         all_figures, steps, setting, darkness, is_open
     )
-    unexplained = _unexplained(darkness, total, is_open)
+    residual = _unexplained(darkness, total, is_open)
     # Assign the unexplained darkness to the objects with the largest claims.
     claims = _claims(all_figures, firsts, setting.size)
-    claimed, owner = _claimed(claims, darkness.shape)
+    claimed_area, owner = _claimed(claims, darkness.shape)
     all_casts = []
     for k, start in enumerate(all_figures):
-        own = _owned(unexplained, claims[k], claimed)
+        own_shadow = _owned(residual, claims[k], claimed_area)
         is_round = k < len(starts) and rounds[k]
-        all_casts.append(_cast(start, steps[k], firsts[k], own, is_round, setting))
+        all_casts.append(
+            _cast(start, steps[k], firsts[k], own_shadow, is_round, setting)
+        )
     casts, ghost_casts = all_casts[: len(starts)], all_casts[len(starts) :]
     total = _sum_of_shadows(casts, darkness.shape)
     ghost_shadows = _sum_of_shadows(ghost_casts, darkness.shape)
     tint = _tint(light, clean_light, darkness, is_open)
-    share = _clean_share(claimed, is_open)
+    share = _clean_share(claimed_area, is_open)
     plate = _plate(light, clean_light, (total + ghost_shadows), tint, share)
     result = LitBackground(setting, plate, tint, total, _leaning(casts), owner)
     return result, ghost_shadows if gone else None

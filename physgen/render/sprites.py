@@ -188,16 +188,16 @@ def _carried_normals(normals: F32, known: Mask) -> F32:
     Far outside they face the viewer.
     """
     weight = known.astype(np.float32)
-    continued = np.where(known[..., None], normals, np.float32(0))
+    result = np.where(known[..., None], normals, np.float32(0))
     for sigma in (1.0, 3.0):
         norm = cv2.GaussianBlur(weight, (0, 0), sigma)
-        spread = cv2.GaussianBlur(continued * weight[..., None], (0, 0), sigma)
+        spread = cv2.GaussianBlur(result * weight[..., None], (0, 0), sigma)
         is_reached = (weight == 0) & (norm > 1e-3)
-        continued[is_reached] = spread[is_reached] / norm[is_reached][:, None]
+        result[is_reached] = spread[is_reached] / norm[is_reached][:, None]
         weight[is_reached] = 1.0
-    continued[weight == 0] = (0.0, 0.0, 1.0)
-    continued /= np.maximum(np.linalg.norm(continued, axis=2, keepdims=True), 1e-6)
-    return continued
+    result[weight == 0] = (0.0, 0.0, 1.0)
+    result /= np.maximum(np.linalg.norm(result, axis=2, keepdims=True), 1e-6)
+    return result
 
 
 @dataclass(frozen=True)
@@ -954,8 +954,8 @@ def _soft(mask: Mask, sigma: float = CUT.blur) -> F32:
     """Blur a mask by `sigma` px: shares of touching masks add up to that of their
     union.
     """
-    blurred = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
-    return np.asarray(blurred, np.float32)
+    result = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
+    return np.asarray(result, np.float32)
 
 
 def _boxes(labels: U16) -> dict[int, PixelBox]:
@@ -1021,7 +1021,7 @@ def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:
     """Return the photo (h, w, 3) with the light of `reliable` pixels continued to
     `needed` ones.
     """
-    continued: F32 = photo.copy()
+    light: F32 = photo.copy()
     weight, is_known = reliable.astype(np.float32), reliable.copy()
     for sigma in (1.0, 2.0, 4.0, 8.0):
         if is_known[needed].all():
@@ -1029,6 +1029,6 @@ def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:
         norm = cv2.GaussianBlur(weight, (0, 0), sigma)
         blurred_light = cv2.GaussianBlur(photo * weight[..., None], (0, 0), sigma)
         is_reached = ~is_known & (norm > 1e-3)
-        continued[is_reached] = blurred_light[is_reached] / norm[is_reached][:, None]
+        light[is_reached] = blurred_light[is_reached] / norm[is_reached][:, None]
         is_known |= is_reached
-    return continued
+    return light

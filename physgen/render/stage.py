@@ -185,8 +185,8 @@ def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F3
     if fine > 1:
         area = cv2.INTER_AREA
         light = np.asarray(cv2.resize(light, size, interpolation=area), np.float32)
-        reduced = cv2.resize(coverage, size, interpolation=area)
-        coverage = np.asarray(reduced, np.float32)
+        small_coverage = cv2.resize(coverage, size, interpolation=area)
+        coverage = np.asarray(small_coverage, np.float32)
     return light, coverage
 
 
@@ -288,10 +288,10 @@ def draw_halo(
     own_share = shares[sprite.body + 1]
     if sprite.halo is None or stand.where is None or own_share < FAINT:
         return None
-    (x, y), picture, beside = sprite.halo
+    (x, y), picture, neighbours = sprite.halo
     height, width = picture.shape[:2]
     box = np.s_[y : y + height, x : x + width]
-    pixel_shares = np.minimum(shares[beside], own_share)
+    pixel_shares = np.minimum(shares[neighbours], own_share)
     if pixel_shares.min() == 1:
         return box, picture
     return box, picture * three_channels(pixel_shares)

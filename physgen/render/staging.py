@@ -188,8 +188,8 @@ def flat_background(world: World, pen: float = 1.0) -> U8:
             cv2.polylines(
                 canvas, [corners], False, INK, line_width, line_type, SHIFT_BITS
             )
-    reduced = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(reduced, np.uint8)
+    small_canvas = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small_canvas, np.uint8)
 
 
 def flat_sprites(
@@ -279,8 +279,8 @@ def _lines(
     if body.radius is not None:
         spoke = pixels(np.array([[0.0, 0.0], [body.radius, 0.0]]))
         cv2.line(canvas, spoke[0].tolist(), spoke[1].tolist(), 255, line_width)
-    reduced = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
-    return (reduced / 255.0).astype(np.float32)
+    small_canvas = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+    return (small_canvas / 255.0).astype(np.float32)
 
 
 NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)
@@ -392,9 +392,9 @@ def lit_stage(
     ghosts = _ghosts(maps.labels, absent, coverage, shadow_floors, setting)
     difference = cv2.absdiff(maps.rgb, background)
     is_equal = cv2.inRange(difference, (0, 0, 0), (0, 0, 0)) > 0
-    changed = ~is_equal & (coverage == 0)
+    is_changed = ~is_equal & (coverage == 0)
     lit, ghost_shadows = decompose_shadows(
-        background, maps.clean, coverage, starts, rounds, setting, ghosts, changed
+        background, maps.clean, coverage, starts, rounds, setting, ghosts, is_changed
     )
     if ghost_shadows is not None:
         # Remove the shadows of left-out objects from the photo, too.
@@ -1012,8 +1012,8 @@ def _edge_gain(
         directions = normal[ring] - normal[ring].mean(axis=0)
         change = edge[ring] - edge[ring].mean()
         slope = np.linalg.lstsq(directions, change)[0]
-        explained = ((directions @ slope) ** 2).sum()
-        is_light = explained > STAGING.edged * (change**2).sum()
+        explained_sum = ((directions @ slope) ** 2).sum()
+        is_light = explained_sum > STAGING.edged * (change**2).sum()
         if is_light and slope @ toward_light > 0:
             strength = min(float(np.hypot(*slope)), STAGING.lit)
             direction = slope / np.hypot(*slope) + STAGING.sun * sun
@@ -1029,11 +1029,11 @@ def _edge_relief(toward: F32, across: F32) -> Relief:
     turn on.
     """
     model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
-    ones, zeros = np.ones_like(toward), np.zeros_like(toward)
+    unit_gain, zeros = np.ones_like(toward), np.zeros_like(toward)
     return Relief(
         along=np.asarray(toward / model, np.float32),
         across=np.asarray(across / model, np.float32),
-        fixed=np.asarray(ones / model, np.float32),
+        fixed=np.asarray(unit_gain / model, np.float32),
         even=np.asarray(zeros / model, np.float32),
     )
 

@@ -139,8 +139,8 @@ class WheelSprite:
 def _warped(picture: F32, matrix: Array, size: tuple[int, int], border: int) -> F32:
     """Warp a picture to a box of `size` (w, h)."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    warped = cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=border)
-    return np.asarray(warped, np.float32)
+    result = cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=border)
+    return np.asarray(result, np.float32)
 
 
 def wheel_from_photo(
