@@ -34,7 +34,7 @@ class BallTuning:
     paints: int = 5
     """Maximum number of paints on one ball."""
     dim: float = 0.03
-    """Linear light below which colours do not separate paints."""
+    """Smallest linear light at which colours separate paints."""
     most_pixels: int = 500
     """Maximum number of sampled pixels of a ball."""
     rounds: int = 4
@@ -152,7 +152,7 @@ class Paints:
     colours: F32
     """Linear colours in full light, (K, 3)."""
     between: float
-    """Share of pixels unlike all paints, which is small on a painted ball."""
+    """Largest share of pixels unlike all paints on a painted ball."""
 
 
 def find_paints(bare: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
@@ -236,7 +236,7 @@ def _split(points: F64) -> Ids:
     for _ in range(BALL.paints - 1):
         squares = [((points - middle) ** 2).sum(axis=1) for middle in middles]
         distance = np.min(squares, axis=0)
-        # Not the very farthest point, which may be a highlight.
+        # The very farthest point may be a highlight.
         farthest = np.argsort(distance)[int(0.97 * len(distance))]
         if distance[farthest] < 0.3**2:
             break
@@ -262,7 +262,7 @@ foreshortened.
 
 @dataclass(frozen=True)
 class Border:
-    """A plane that divides a sphere, or two mirror-symmetric planes."""
+    """A plane through a sphere, or two mirror-symmetric planes."""
 
     normal: F64
     """Unit normal (3,), z to the viewer."""
@@ -486,7 +486,7 @@ class Ball:
     pattern: Pattern | None = None
     """Pattern of a ball in the top view."""
     fade: F32 | None = None
-    """Factor (h, w) of the light at the rim, which does not turn."""
+    """Fixed factor (h, w) of the light at the rim."""
     is_continued: bool = False
     """Whether its far side continues the texture of the near side."""
 

@@ -46,7 +46,7 @@ Size = tuple[int, int]
 LOBES = 3
 """Lobes of the kernel on each side."""
 NOTHING = 1e-6
-"""Displacement, px, that is invisible."""
+"""Largest invisible displacement, px."""
 
 
 def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
@@ -502,7 +502,7 @@ def exposure_times(
 
 
 def ways_seen(trajectory: Trajectory, through: Shot, parts: int) -> Array:
-    """Return poses (T, N, 3) as seen by a camera that moves within an exposure.
+    """Return poses (T, N, 3) as seen by a moving camera within an exposure.
 
     Each group of `parts` samples is moved into the camera's view of its last sample.
     """

@@ -30,7 +30,7 @@ class ContactShadeTuning:
     before another.
     """
     least: float = 0.01
-    """Share of the darkening below which it is invisible."""
+    """Largest invisible share of the darkening."""
     faint: float = 0.1
     """Share of the darkening above which objects touch in the photo."""
 

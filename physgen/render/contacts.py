@@ -36,7 +36,7 @@ class ImpactTuning:
     after: int = 3
     """Number of later spans in which a lasting push must continue."""
     steps: int = 4
-    """Minimum number of engine steps in a span, in which pushes are summed."""
+    """Minimum number of engine steps in a span of summed pushes."""
 
 
 IMPACT = ImpactTuning()
@@ -189,7 +189,7 @@ def _impact(
     largest = members[np.argmax(pushes.impulse_sizes[members])]
     sample, first, second = contacts.impulse_rows[largest].tolist()
     points, gap = contact_points_between(world, motion.poses[sample], first, second)
-    # Surfaces that have already parted again were in contact at the sample before.
+    # Surfaces with a gap by now were in contact at the sample before.
     previous_sample = max(sample - 1, 0)
     points_before, gap_before = contact_points_between(
         world, motion.poses[previous_sample], first, second

@@ -26,7 +26,7 @@ BITS = 4
 tremble.
 """
 FARTHEST = 1e6
-"""Distance, px, beyond which marks are not drawn."""
+"""Largest distance of marks from the picture, px; others are not drawn."""
 CASING: Colour = (18, 20, 26)
 OPAQUE = 0.78
 """Opacity of the casing."""
@@ -35,7 +35,7 @@ OPAQUE = 0.78
 class Layer:
     """Ink of one colour, and its casing, on a canvas of `size` (W, H) px.
 
-    Marks of one layer that cross each other merge.
+    Crossing marks of one layer merge.
     """
 
     def __init__(self, size: tuple[int, int], casing: float) -> None:
@@ -239,7 +239,7 @@ def dashes(ring: Array, length: float, gap: float) -> Iterator[Array]:
     for number in range(count):
         begin = number * step
         end = begin + step * length / (length + gap)
-        # A dash that passes corners of the outline bends there.
+        # A dash bends at the corners of the outline.
         corners_within = arc_lengths[(arc_lengths > begin) & (arc_lengths < end)]
         stops = np.concatenate([[begin], corners_within, [end]])
         columns = [

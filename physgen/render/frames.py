@@ -59,7 +59,7 @@ def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return the sRGB codes (h, w, 3) of linear light (h, w, 3), rounded to the
     nearest.
 
-    The bytes are those of `encode_u8`, which is slower.
+    The bytes are those of the slower `encode_u8`.
     """
     index = np.clip(linear, 0, 1)
     index *= np.float32(65535)
@@ -70,7 +70,7 @@ def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 @cache
 def _table() -> tuple[Callable[..., object], NDArray[np.uint8]]:
-    """Return a function that looks codes up, and the codes (65536,) of 16-bit light."""
+    """Return a function to look codes up, and the codes (65536,) of 16-bit light."""
     table = encode_u8(np.arange(65536, dtype=np.float32) / np.float32(65535))
     try:
         cv2.LUT(np.zeros((1, 1, 3), np.uint16), table)
@@ -122,7 +122,7 @@ def _runs_of_bits(bits: int) -> list[tuple[int, int]]:
     runs = []
     while bits:
         first = (bits & -bits).bit_length() - 1
-        # The lowest bit that is not set ends the run.
+        # The lowest zero bit ends the run.
         remaining_bits = bits >> first
         length = (~remaining_bits & (remaining_bits + 1)).bit_length() - 1
         runs.append((first, first + length))
@@ -231,7 +231,7 @@ class Picture:
     coverage: F32
     """(h, w)."""
     rest: tuple[Slices, F32] | None
-    """A box and (h, w, 3) what the photo shows there beyond light and background.
+    """A box and the rest (h, w, 3) of the photo there beyond light and background.
 
     As bright as the background is.
     """
@@ -248,7 +248,7 @@ class ExposureTuning:
     step: float = 2.0
     """px: largest motion of a point between two pictures of an object."""
     shadow: float = 8.0
-    """px: the same for the shadow, which is softer."""
+    """px: the same for the softer shadow."""
     shadows: int = 4
     """Largest number of shadows of an object in an exposure."""
 

@@ -42,9 +42,9 @@ class GrainTuning:
     clipped: tuple[int, int] = (4, 251)
     """Grey levels beyond which a block may be clipped."""
     least: float = 0.4
-    """Deviation, grey levels, below which it may be that of rounding, 0.29."""
+    """Smallest deviation, grey levels, beyond that of rounding, 0.29."""
     most: float = 6.0
-    """Deviation, grey levels, above which it is texture."""
+    """Largest deviation of grain, grey levels; a larger one is texture."""
     kept: float = 6.0
     """Differences in standard deviations, summed over the channels, that denoising
     preserves.
@@ -186,7 +186,7 @@ def remove_map_noise(maps: Percepts, grain: Grain) -> Percepts:
 
 
 def remove_noise(rgb: U8, grain: Grain) -> U8:
-    """Return a picture (H, W, 3) sRGB without noise, by a filter that preserves edges.
+    """Return a picture (H, W, 3) sRGB without noise, by an edge-preserving filter.
 
     Levels are first rescaled such that the noise is 1 everywhere.
     """

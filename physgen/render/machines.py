@@ -15,7 +15,7 @@ from physgen.scene.scene import FieldKind, JointKind
 PIN = 4.0
 """Radius of a pin's ring, px of the photo."""
 BROKEN = 2.0
-"""Distance of the ends of a joint, px, above which it is broken."""
+"""Largest distance of the ends of an unbroken joint, px."""
 COILS = 8
 """Number of coils of a spring."""
 COIL = 0.06

@@ -198,7 +198,7 @@ def occlusion_of(
     """
     if not others and (onto.radius is None or onto.floor is None):
         return None
-    # The area is used instead of the box, which is mostly empty for a leaning object.
+    # The area is used, because the box of a leaning object is mostly empty.
     step = max(1, int(np.sqrt(onto.area)) // OCCLUSION.cells)
     all_balls = all(figure.radius is not None for figure in (onto, *others))
     surface = _surface(onto, step, np.float64 if all_balls else np.float32, setting)
@@ -255,7 +255,7 @@ def _remaining_light(
     step: int,
     setting: ShadowSetting,
 ) -> F32:
-    """Return the share of light (h, w) that remains behind all others together."""
+    """Return the remaining share of light (h, w) behind all others together."""
     coordinates = (surface.x, surface.y, surface.toward)
     x, y, depths = (part.astype(np.float32) for part in coordinates)
     balls = [other for other in others if other.radius is not None]
@@ -273,7 +273,7 @@ def _remaining_light(
 def _visible_darkness(remaining: F32, facing_viewer: NDArray[Any] | None) -> F32:
     """Return -log of the remaining light; slanted parts of a ball have none.
 
-    They are mixed with what is behind, and the neighbours' light fills them.
+    They are mixed with the background, and the neighbours' light fills them.
     """
     darkness = -np.log(np.maximum(remaining, 1 - MOST_BLOCKED))
     if facing_viewer is not None:
@@ -342,7 +342,7 @@ def _behind_slab(
 
 
 SUNK = 3.0
-"""Depth of an object's pixels below its floor, px, that is tolerated."""
+"""Largest tolerated depth of an object's pixels below its floor, px."""
 NARROW = 0.5
 """Width of a floor, in thicknesses of an object, below which it shows no shadow of the
 object, such as the top of a log.

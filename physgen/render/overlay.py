@@ -119,7 +119,7 @@ class OverlayStyle:
     """Share of the clip in which a trail fades to its least."""
     faint: float = 0.4
     still: float = 2.0
-    """Length of arrows and trails below which they are not drawn, px."""
+    """Smallest length of arrows and trails, px; shorter ones are not drawn."""
 
 
 STYLE = OverlayStyle()
@@ -142,7 +142,7 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
     )
     if (size > STYLE.largest * np.array(sheet.size)).any():
         return  # on a small picture the key would hide the motion
-    # Draw on the part of the picture under the key alone, which takes less time.
+    # To save time, draw only on the part of the picture under the key.
     part = rgb[: ceil(corner[1] + size[1]) + 1, : ceil(corner[0] + size[0]) + 1]
     canvas = part.shape[1], part.shape[0]
     plate = Layer(canvas, 0.0)

@@ -72,7 +72,7 @@ class ShadowTuning:
     deepest: float = 3.5
     """Darkness (-log of light) of the deepest shadow."""
     near: float = 0.5
-    """Distance around an object, in its sizes, in which darkness may be its own."""
+    """Largest distance of an object's own darkness, in its sizes."""
     claimed: tuple[float, float] = (0.02, 0.1)
     """Sum of objects' claims from which the plate begins to be the clean picture, and
     at which it is.
@@ -324,7 +324,7 @@ class LitBackground:
 
 
 LEAST_STRENGTH = 0.02
-"""Share of the photo's own shadow below which it is invisible and left out."""
+"""Largest invisible share of the photo's own shadow, left out."""
 
 
 def _bell(distance: float) -> float:

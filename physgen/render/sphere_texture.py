@@ -26,7 +26,7 @@ class TextureConstants:
     """Constants of the continuation, tuned on apples, oranges and dates by eye."""
 
     dark: float = 0.03
-    """Linear light below which colours are unreliable in logarithms."""
+    """Smallest linear light with reliable colours in logarithms."""
     smooth: float = 0.18
     """Standard deviation of the base, radii."""
     rim: float = 0.85
@@ -50,11 +50,11 @@ class TextureConstants:
     unusual: float = 4.0
     """Ratio to the median detail above which it is a stem or a mark, and not copied."""
     highlight: float = 0.35
-    """Height of a peak in log light below which it may be paint."""
+    """Smallest height of a highlight in log light; a lower peak may be paint."""
     whiter: float = 0.6
     """Maximum share of a peak in the strongest channel."""
     grown: int = 2
-    """Margin around a highlight that belongs to it, px."""
+    """Margin of a highlight, px."""
     seed: int = 7
 
 
@@ -64,14 +64,14 @@ TEXTURE = TextureConstants()
 def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     """Remove peaks from a skin `(h, w, 3)` that are brighter and whiter than the skin.
 
-    These are reflections of lamps and windows, which do not turn with the sphere.
+    These are fixed reflections of lamps and windows.
     """
     level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.dark))
     base = _blurred(level, inside, TEXTURE.smooth * radius)
     excess = level - base
     dimmest = skin.argmin(axis=2)[..., None]
     brightest = skin.argmax(axis=2)[..., None]
-    # A mirrored lamp adds white light, which raises the darkest channel most.
+    # A mirrored lamp adds white light and raises the darkest channel most.
     rise = np.take_along_axis(excess, dimmest, axis=2)[..., 0]
     coloured_rise = np.take_along_axis(excess, brightest, axis=2)[..., 0]
     usual_rise = float(np.median(np.abs(rise[inside]))) if inside.any() else 0.0

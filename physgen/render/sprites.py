@@ -38,7 +38,7 @@ class SpriteTuning:
     """Widths and thresholds of cut-out sprites."""
 
     facing: float = 0.02
-    """Minimum change of shading by a rotation for which normals are stored."""
+    """Minimum change of shading by a rotation; below it, no normals are stored."""
     soft: int = 5
     """Reach of the soft coverage beyond a mask's border, px."""
     blur: float = 1.2
@@ -104,7 +104,7 @@ class SpriteTuning:
     leans: float = 0.25
     """Rotation, rad, over which a block's sides replace the top of the photo."""
     dark: float = 0.003
-    """Linear light below which differences of levels do not count."""
+    """Smallest linear light with reliable differences of levels."""
     sides: int = 12
     """Number of sides of the hull of a sprite."""
 
@@ -312,7 +312,7 @@ class Sprite:
     """The same around the object: column and row of the photo, linear light (h, w, 3),
     and (h, w) 1 + another near body, with which the halo fades, too; 0 without one."""
     ball: Ball | None = None
-    """A sphere's skin, which turns in space; `light` is then valid only at t = 0."""
+    """A sphere's skin, turning in space; `light` is then valid only at t = 0."""
     relief: Relief | None = None
     """The shading of an object that is not a ball, if its normals are known."""
     hider: NDArray[np.int32] | None = None
@@ -530,7 +530,7 @@ class _Cutter:
     def _border_gain(
         self, mask: Mask, is_touched: Mask, box: tuple[slice, slice], is_disc: bool
     ) -> F32:
-        """Return the light (h, w) of borders without the gap that makes them dark.
+        """Return the light (h, w) of borders without the darkness of gaps.
 
         It follows from the cosine to the light.
         """
@@ -592,7 +592,7 @@ def _unshaded_top(
             even_photo[y] = np.maximum(np.outer(x, slope) + start, 0)
             is_top[y] = True
     _, pieces = cv2.connectedComponents(is_dark.astype(np.uint8))
-    # Only a dark piece that touches another object can be its shadow.
+    # Only a dark piece beside another object can be its shadow.
     is_near_other = dilate(is_other, CUT.clean + 2)
     is_shadow = np.isin(pieces, pieces[is_dark & is_near_other])
     is_shaded = is_top & dilate(is_shadow | is_other, CUT.clean + 1)
@@ -790,7 +790,7 @@ def _rims(level: F32, smooth: F32, reliable: Mask, object_mask: Mask) -> F32:
         difference = (level - inner) * weight[..., None]
         blurred_difference = cv2.GaussianBlur(difference, (0, 0), CUT.along)
         rim = blurred_difference / np.maximum(norm, 1e-6)
-        # Half a line of reliable pixels that ends here is enough.
+        # Half a line of reliable pixels up to here is enough.
         share = np.clip(5 * CUT.along * norm, 0, 1)
         is_unknown = (ring & ~reliable)[..., None]
         rims += np.where(is_unknown, share * (inner + rim - smooth), 0)

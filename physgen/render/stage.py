@@ -26,7 +26,7 @@ LEAVES = 0.1
 photo) fades.
 """
 FAINT = 0.02
-"""Share of a halo below which it is invisible."""
+"""Largest invisible share of a halo."""
 FADE = 3.0
 """Displacement, px, over which the photo's border pixels are replaced by the object's
 clean ones.
@@ -43,7 +43,7 @@ class Placement:
     box: Slices
     """Rows and columns of the canvas."""
     own: Slices | None = None
-    """At rest: rows and columns of the sprite, which has the photo's pixels."""
+    """At rest: rows and columns of the sprite, with the photo's pixels."""
     matrix: F64 | None = None
     """In motion: matrix (2, 3) from a pixel of the box to a pixel of the sprite."""
     turn: float = 0.0
@@ -467,7 +467,7 @@ class Stage:
     its views.
     """
     contact_depth: float = 0.0
-    """Share of light that objects lose at a contact."""
+    """Lost share of objects' light at a contact."""
     keeps_layers: bool = False
     """Whether frames keep their layers."""
 

@@ -82,7 +82,7 @@ class StagingTuning:
     back: float = 0.8
     """Share of a visible top that the sides show, since edges are rounded; by tune."""
     stray: float = 0.03
-    """Share of a ball's pixels that may be outside its circle."""
+    """Largest share of a ball's pixels outside its circle."""
     lumpy: float = 0.5
     """Extent of a fruit beyond its circle, radii."""
     lumpy_turn: float = 0.2
@@ -90,7 +90,7 @@ class StagingTuning:
     covers less.
     """
     around: float = 0.75
-    """Visible share of a disc's ring that is needed to tell light from paint."""
+    """Smallest visible share of a disc's ring to tell light from paint."""
     uneven: float = 0.7
     """Change around a ring, relative to its mean, above which it is paint."""
     box: float = 0.9
@@ -743,7 +743,7 @@ def thickness(body: Body, top: bool) -> float:
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
     depth = STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0)
-    # An upright object that is not a box is probably a solid of revolution.
+    # An upright object other than a box is probably a solid of revolution.
     box_width, box_height = cv2.minAreaRect(points.astype(np.float32))[1]
     area = sum(cv2.contourArea(piece.astype(np.float32)) for piece in body.pieces)
     is_box = area > STAGING.box * box_width * box_height
@@ -1039,7 +1039,7 @@ def _edge_relief(toward: F32, across: F32) -> Relief:
 
 
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
-    """Return a disc in the top view with light that stays as it turns.
+    """Return a turning disc in the top view with light from a fixed direction.
 
     On completely visible rings, a small change of light around the axis is light; a
     larger one is paint.
@@ -1063,7 +1063,7 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
         )
     counts = np.bincount(rings[is_known], minlength=rings.max() + 1)
     counts = np.maximum(counts, 1)
-    # A ring that is partly hidden has no reliable harmonic.
+    # A partly hidden ring has no reliable harmonic.
     circumferences = np.pi * (2 * np.arange(len(counts)) + 1)
     is_visible = counts > STAGING.around * circumferences
     is_even = np.hypot(*sums[1:]) < STAGING.uneven * sums[0]

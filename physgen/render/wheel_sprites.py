@@ -32,7 +32,7 @@ class WheelConstants:
     deepest: float = 0.55
     """Maximum share of the radius that the body covers."""
     joined: int = 3
-    """Length of tyre, px, that ends the body's cover."""
+    """Length of tyre, px, at the end of the body's cover."""
     lower: float = 0.1
     """Sine of the angle below the axle from which a wheel is certainly visible."""
     smooth: float = 0.1
@@ -87,7 +87,7 @@ class WheelSprite:
     paint: F32
     """Linear light without shading, (h, w, 3)."""
     shading: F32
-    """Shading (h, w), which does not turn."""
+    """Fixed shading (h, w)."""
     cover: F32
     """Visible share of the wheel, (h, w) 0..1."""
     aspect: float = 1.0
@@ -300,7 +300,7 @@ class _Rings:
         return _Rings(np.asarray(paint, np.float32), cover > 0.9, no_body, ones)
 
     def without_body(self) -> _Rings:
-        """Return the wheel without the body that covers its upper part."""
+        """Return the wheel without the body over its upper part."""
         count, steps = self.known.shape
         level = np.sqrt(np.maximum(self.paint, 0))
         sine = np.sin(2 * pi * np.arange(steps) / steps)

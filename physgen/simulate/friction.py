@@ -141,14 +141,11 @@ class Table:
         Each of the `steps` takes h seconds; the last comes first. Nothing else acts:
         `velocity` contains the effects of all other forces.
         """
-        linear_velocity, rolls = (
-            velocity[:, 0] + 1j * velocity[:, 1],
-            roll[:, 0] + 1j * roll[:, 1],
-        )
-        motion, changes_by_step = (
-            np.array([linear_velocity, velocity[:, 2], rolls]),
-            np.zeros((steps, 3, len(linear_velocity)), complex),
-        )
+        # Complex numbers x + iy turn directions by a product.
+        linear_velocity = velocity[:, 0] + 1j * velocity[:, 1]
+        rolls = roll[:, 0] + 1j * roll[:, 1]
+        motion = np.array([linear_velocity, velocity[:, 2], rolls])
+        changes_by_step = np.zeros((steps, 3, len(linear_velocity)), complex)
         is_moving = np.asarray(motion.any(axis=0))
         is_moving[
             self._roll_on(linear_velocity, velocity[:, 2], rolls, h, changes_by_step)
@@ -161,18 +158,14 @@ class Table:
             moving_rows = np.flatnonzero(is_moving[listed])
             # For few bodies, plain numbers are faster than arrays.
             if len(moving_rows) > 8:
-                bodies, values = (
-                    listed[moving_rows],
-                    [linear_velocity[moving_rows] for linear_velocity in of],
-                )
+                bodies = listed[moving_rows]
+                values = [column[moving_rows] for column in of]
                 changes_by_step[:, :, bodies] = _path(
                     several, values, motion[:, bodies], h, steps
                 )
                 continue
             for k in moving_rows.tolist():
-                plain_values: list[float] = [
-                    linear_velocity[k].item() for linear_velocity in of
-                ]
+                plain_values: list[float] = [column[k].item() for column in of]
                 changes_by_step[:, :, listed[k]] = one(
                     plain_values, motion[:, listed[k]].tolist(), h, steps
                 )

@@ -174,12 +174,15 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
         return np.asarray(signal[k] * latents + noise_part[k] * noise, np.float32)
 
     def stepped(prediction: F32, latents: F32, k: int) -> F32:
-        s, n = signal[k], noise_part[k]
+        s = signal[k]
+        n = noise_part[k]
         # Recover picture and noise from the prediction, whichever of both it contains.
         if config.prediction_type == "v_prediction":
-            z0, noise = s * latents - n * prediction, s * prediction + n * latents
+            z0 = s * latents - n * prediction
+            noise = s * prediction + n * latents
         else:
-            z0, noise = (latents - n * prediction) / s, prediction
+            z0 = (latents - n * prediction) / s
+            noise = prediction
         return np.asarray(signal[k + 1] * z0 + noise_part[k + 1] * noise, np.float32)
 
     return Schedule(type(scheduler).__name__, torch.from_numpy(times), noised, stepped)
