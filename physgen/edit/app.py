@@ -77,7 +77,7 @@ def application(services: Services) -> FastAPI:
 
 
 def page(served: Served, once: str | None = None) -> Response:
-    """Return the page, which contains no data of the scene.
+    """Return the page, without data of the scene.
 
     A one-time key is exchanged for the token by a redirection.
     """
@@ -306,7 +306,7 @@ class Guard:
 
 
 async def _body(scope: Scope, receive: Receive) -> Receive:
-    """Read the whole body and return a `receive` that replays it.
+    """Read the whole body and return a `receive` to replay it.
 
     Raises EditError if the body is too large or is not JSON.
     """
@@ -409,7 +409,7 @@ class Editor:
         self.server = uvicorn.Server(config)
 
     def once(self) -> str:
-        """Create an address that opens the page one time.
+        """Create an address to open the page one time.
 
         The list of processes shows the browser's address to all users of the machine,
         hence the address of `once` must not contain the token.

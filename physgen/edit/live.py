@@ -172,7 +172,7 @@ def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
 
 
 def doubtful_rows(scene: Scene, doubtful: Sequence[Data]) -> list[Data]:
-    """Return a row of `todo` for each region that may be an object."""
+    """Return a row of `todo` for each possible object."""
     rows = []
     for region in doubtful:
         path = f"doubtful.{region['name']}"
@@ -340,7 +340,7 @@ class MotionStream:
         return bool(self.problems) or self._running.done >= self.total
 
     def trajectory(self) -> Trajectory:
-        """Return the motion; samples that are not simulated yet are zeros."""
+        """Return the motion; samples without simulation so far are zeros."""
         return self._running.trajectory()
 
     def part(self, start: int, deadline: float) -> Data:
@@ -411,7 +411,7 @@ class MotionStream:
             self.problems = error.problems
 
     def _begin(self, found: Data) -> None:
-        """Add the data of the first part: everything that is constant in time."""
+        """Add the data of the first part: everything constant in time."""
         scene, world = self.scene, self.world
         for k, body in enumerate(world.bodies):
             found["bodies"][k] |= figure(scene, k, body)

@@ -128,7 +128,7 @@ def new_entry(
     of the scene, px/m, if it follows from the label.
     """
     scene_scale = scale or work.scene.world.pixels_per_meter
-    # A scale that was only assumed is no evidence about the size of an object.
+    # An assumed scale is no evidence about the size of an object.
     known_scale = None if is_assumed(scene_scale, max(work.scene.size)) else scene_scale
     materials = registry.make("physics")(work.maps.rgb, [one], known_scale)
     source = "" if label is None else registry.find("label").name
@@ -195,7 +195,7 @@ def changed_entry(
                 if key != "rolling"
             }
     path = result.get("motion")
-    # A path contains positions of the centre, which moves with the outline.
+    # A path contains positions of the centre; the centre moves with the outline.
     if isinstance(path, Mapping) and path.get("path"):
         old_centre, new_centre = (
             mass_properties(outline).center

@@ -264,7 +264,7 @@ def take(data: Data, path: KeyPath) -> None:
         del holder[path[-1]]
 
 
-# Where an edit is written
+# The place of an edit in the file
 
 
 class Target:
@@ -391,7 +391,7 @@ def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]
 def _with_edits(whole: Data, edits: Mapping[str, Any]) -> Data:
     """Return the scene with the edits of a variant.
 
-    Wrong edits, which are reported as problems, are left out.
+    Wrong edits are left out, and reported as problems.
     """
     root = _node(whole)
     for key, value in edits.items():
@@ -574,7 +574,7 @@ def _is_of_force(key: KeyPath) -> bool:
 
 
 def _entries(data: Data, section: str) -> list[tuple[str, Data]]:
-    """Return the entries of a section that are mappings."""
+    """Return the mappings among the entries of a section."""
     section_data = data.get(section)
     return (
         [(k, v) for k, v in section_data.items() if isinstance(v, dict)]

@@ -74,7 +74,7 @@ class RenderJob:
     def command(
         self, variant: str | None = None, format: str = "mp4", refine: bool = True
     ) -> str:
-        """Return the command line that renders the same clip, quoted for a shell."""
+        """Return the command line to render the same clip, quoted for a shell."""
         return shlex.join(["physgen", *self._arguments(variant, format, refine)])
 
     def file(self, name: str) -> Path | None:

@@ -104,7 +104,7 @@ class History:
         )
 
     def push(self, state: State) -> None:
-        """Add a state after the present one, and remove the states that were undone.
+        """Add a state after the present one, and remove the undone states.
 
         A state with the tag of the present state replaces it, so that both are one
         step.
@@ -232,7 +232,7 @@ class Session:
             self.draft.close(keep=not self.is_saved)
             return None if self.is_saved else self.draft.folder
 
-    # What the page shows
+    # The contents of the page
 
     def state(self, variant: str | None = None) -> Data:
         """Return the data of the page for the present state, in a variant or in the

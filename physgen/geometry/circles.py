@@ -168,7 +168,7 @@ size.
 """
 
 _SLACK = 1e-9
-"""Distance that circles keep for rounding, px."""
+"""Distance between circles, for rounding, px."""
 
 
 @dataclass(frozen=True, eq=False)

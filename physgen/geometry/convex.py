@@ -34,9 +34,9 @@ class PieceTuning:
     """Limits of convex pieces."""
 
     seam: float = 0.5
-    """Gap between two pieces of one object that is an artefact, px."""
+    """Largest gap between two pieces of one object by an artefact, px."""
     flush: float = 0.02
-    """Depth of corners within the hull of merged pieces that is tolerated, px."""
+    """Largest tolerated depth of corners within the hull of merged pieces, px."""
     many: int = 200
     """Number of pieces of a body above which seams stay: all pairs would be
     compared.
@@ -46,7 +46,7 @@ class PieceTuning:
     flat: float = 1e-9
     """Area of a corner's triangle, px², below which the corner is straight."""
     rounding: float = 1e-9
-    """Area of an overlap, px², below which it is a rounding error."""
+    """Smallest area of an overlap beyond rounding errors, px²."""
     corners: int = 64
     """Number of corners of a quarter of a circle as a polygon."""
 

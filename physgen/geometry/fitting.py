@@ -282,7 +282,7 @@ def _fit_together(
     rough: dict[int, Disc],
     regions: dict[int, Region],
 ) -> dict[int, Disc]:
-    """Move discs such that they touch their neighbours, discs and regions."""
+    """Move discs until they touch their neighbours, discs and regions."""
     ids = list(rough)
     place = {i: k for k, i in enumerate(ids)}
     pairs = touching_masks(owned, [*ids, *regions])

@@ -146,7 +146,7 @@ def _open_loops(
 def _next_step(
     end: tuple[int, int, int], leaving: dict[tuple[int, int, int], Step]
 ) -> Step:
-    """Return the step that continues another one, with the label on the right."""
+    """Return the next step after another one, with the label on the right."""
     row, column, direction = end
     for turn in (3, 2, 1):
         step = leaving.get((row, column, (direction + turn) % 4))
@@ -291,7 +291,7 @@ def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
     columns = np.flatnonzero(labels.any(axis=0))
     if not len(rows):
         return {}
-    # Only the box around all labels is traced, which takes less time for small objects.
+    # To save time for small objects, trace only the box around all labels.
     part = labels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     offset = np.array([columns[0], rows[0]], dtype=np.float64)
     borders = trace_borders(part)

@@ -12,7 +12,7 @@ from physgen.arrays import Mask
 from physgen.geometry.polygon import Array, cross, polygon_moments
 
 _PRICE = 3.0
-"""Squared distance, in squared tolerances, that costs as much as another edge."""
+"""Squared distance with the cost of another edge, in squared tolerances."""
 
 _MOST_BREAKS = 600
 """Number of points above which only Douglas and Peucker's points may be breaks."""
@@ -28,7 +28,7 @@ def simplify(points: Array, tolerance: float, closed: bool) -> Array:
         if len(points) <= 2:
             return points.copy()
         return _straighten(points, tolerance, closed=False)
-    # Start a closed line at its farthest point from the mean, which is a convex corner.
+    # Start a closed line at its farthest point from the mean, a convex corner.
     area = abs(polygon_moments(points).area)
     squares = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
     points = np.roll(points, -int(np.argmax(squares)), axis=0)

@@ -175,7 +175,7 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
-    """Return the scene with the push of a short story that stays in the picture.
+    """Return the scene with the push of a short story inside the picture.
 
     Only objects of `only`, if any are named, are pushed. If no push moves an object, a
     held object is released and pushed alone.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from physgen.scene.scene import Scene
 
 Keep = Callable[[Path], None]
-"""Callback with the new name of every file that was renamed to make room."""
+"""Callback with the new name of every file renamed to make room."""
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class TrialLimits:
     picture.
     """
     verified: int = 3
-    """Maximum number of pushes that are simulated again at the scene's own rate."""
+    """Maximum number of second simulations at the scene's own rate."""
     tips: tuple[float, float] = (1.25, 2.0)
     """Range of speeds for a thin object, relative to its tipping speed."""
     thin: float = 3.0
@@ -110,15 +110,15 @@ class TrialLimits:
     visible: float = 0.0015
     """Distance from the last place above which an object still moves: 2 px of 1280."""
     falls: float = 0.5
-    """Score of each object that falls over; 1 is that of an object that moves far."""
+    """Score of each fallen object, relative to an object with a long path."""
     worth: float = 1.1
     """Gain of the score above which a harder push or another object is preferred."""
     enough: float = 0.85
     """Share of the best score above which a gentler push is preferred."""
     wrong_way: float = 0.3
-    """Factor of the score for a vehicle that drives backwards."""
+    """Factor of the score for a vehicle driving backwards."""
     rebound: float = 0.25
-    """Factor for an object that returns from an obstacle."""
+    """Factor for the return of an object from an obstacle."""
     border: float = 0.02
     """Gap to the picture's border below which an object ends crowded."""
     crowded: float = 0.8
@@ -130,7 +130,7 @@ class TrialLimits:
     tumbling: float = 0.3
     """Factor for a push by which a low object tumbles."""
     rise: float = 0.25
-    """Share of an object's height by which it climbs an obstacle or is thrown up."""
+    """Smallest climb over an obstacle or throw upwards, by an object's height."""
     edge: float = 0.02
     """Tolerance of the position on an edge."""
     thrown: float = 0.25
@@ -488,7 +488,7 @@ def _extent(body: Body) -> tuple[float, float]:
 
 
 def _tipping_speed(body: Body, gravity: float) -> float | None:
-    """Return the speed that tips a body over its lower corner, px/s.
+    """Return the tipping speed of a body over its lower corner, px/s.
 
     Its foot is stopped: angular momentum about the corner is conserved, and then
     energy. None for rolling bodies and in the top view.
@@ -537,7 +537,7 @@ def simulate_push(
     fallen_names = _fallen(world, motion)
     score = float(np.minimum(travel / _full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)
-    # Penalties for motion that looks wrong.
+    # Penalties for implausible motion.
     if any(_returns(motion, *push) for push in velocities.items()):
         score *= TRIAL.rebound
     is_thrown = any(_is_thrown(trials, motion, *push) for push in velocities.items())
@@ -725,7 +725,7 @@ def _moving_time(world: World, motion: Trajectory, least: float) -> float:
 
 
 def _fallen(world: World, motion: Trajectory) -> list[str]:
-    """Return the names of tall objects that have fallen over."""
+    """Return the names of fallen tall objects."""
     names = []
     for k, body in enumerate(world.bodies):
         turn = abs(float(motion.poses[-1, k, 2] - motion.poses[0, k, 2]))
@@ -850,15 +850,15 @@ class RankWeights:
     """
 
     room: float = 0.3
-    """Free distance ahead that counts in full."""
+    """Free distance ahead with full weight."""
     beyond: float = 0.1
-    """Weight of the room behind the last object ahead, into which it may fall."""
+    """Weight of the room behind the last object ahead, for its fall."""
     ahead: float = 1.5
     """Weight of objects ahead, relative to a free path: they will be struck."""
     loaded: float = 0.5
-    """Weight of an object that carries others in the side view, and is jammed."""
+    """Weight of an object jammed under others in the side view."""
     beside: float = 0.1
-    """Share of an object's width in the path above which it is ahead."""
+    """Smallest share of an object's width in the path to be ahead."""
     touch: float = 2.0
     """Gap between objects on each other, px."""
 

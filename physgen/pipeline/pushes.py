@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 WRITTEN = 0.01
-"""Relative tolerance of a speed that is written with three digits."""
+"""Relative tolerance of a speed with three digits."""
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
 _WORD = "(right|left|up|down)(?:wards?)?"
@@ -74,7 +74,7 @@ def default_push(
     facing: Mapping[str, str] | None = None,
     barred: Mapping[str, str] | None = None,
 ) -> Push | None:
-    """Return the push of a short story that stays in the picture.
+    """Return the push of a short story inside the picture.
 
     None if no push moves an object. In the side view a push goes left or right, in the
     top view towards other objects. `confidence` are confidences of objects by name.
@@ -344,7 +344,7 @@ def _is_way(text: str) -> bool:
 
 
 def _way_names() -> list[str]:
-    """Return all directions that are words."""
+    """Return all words for directions."""
     diagonals = [f"{y}-{x}" for y in ("up", "down") for x in ("right", "left")]
     return [*WORDS, *diagonals]
 

@@ -42,7 +42,7 @@ PerceiveObjects = Callable[
 ID_MAPS = ("masks", "shadows")
 """Maps of ids: they are resized without interpolation."""
 MASKED = ("objects", "boundaries", "doubtful")
-"""Sections with entries that may have an id in masks.png."""
+"""Sections of entries with possible ids in masks.png."""
 POINT_RADIUS = 4
 """Half the side, px, of the square for an object with a point, until it is
 segmented.
@@ -183,7 +183,7 @@ def _write_record(folder: Path, record: dict[str, Any]) -> None:
     (folder / RECORD).write_text(text, encoding="utf-8")
 
 
-# ---- assets that are missing
+# ---- missing assets
 
 
 def _write_missing(

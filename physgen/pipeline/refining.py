@@ -200,7 +200,7 @@ def refine_footage(
             clip(refined_frames), len(sample_order), "video", "refine", "decode"
         )[0]
     except InputError as error:
-        # Remove the files of the failed refinement, which are not complete.
+        # Remove the incomplete files of the failed refinement.
         for video_format in files.formats:
             path = files.folder / video_format.file_name("video")
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)

@@ -58,13 +58,13 @@ class ReleaseLimits:
     most: int = 3
     """Number of objects to try: each takes the time of a search."""
     rag: float = 0.04
-    """Share of an object's height within which its lower border is made level."""
+    """Height of an object's levelled lower border, by the object's height."""
     part: float = 0.35
     """Share of an object's area up to which an unsure object beside it is a part."""
     unsure: float = 0.7
     """Confidence below which an object can be such a part."""
     touch: float = 0.1
-    """Least share of a part's border that touches its object."""
+    """Smallest share of a part's border at its object."""
     friction: float = 0.6
     """Friction of the floor, equal to that of perceived floors."""
     floor_confidence: float = 0.3
@@ -112,7 +112,7 @@ def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
 def _with_parts(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     """Merge small unsure objects into the object that they touch.
 
-    A wheel that was detected as an object of its own would block its car.
+    A wheel detected as an object of its own would block its car.
     """
     objects = dict(photo_scene.document["objects"])
     parts = _parts(photo_scene, name)

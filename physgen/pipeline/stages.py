@@ -108,7 +108,7 @@ def compile(scene: Scene, maps: Percepts | None) -> CompiledScene:
 
 
 def _check_springs(scene: Scene, world: World) -> None:
-    """Refuse springs that are too stiff for the engine. Raises InputError."""
+    """Refuse springs too stiff for the engine. Raises InputError."""
     from physgen.scene.scene import SPRINGS
 
     if not any(joint.kind in SPRINGS for joint in world.joints):
@@ -495,7 +495,7 @@ class Maps:
 
 
 class Stages:
-    """The stages above, each of which runs only for new inputs."""
+    """The stages above; each runs only for new inputs."""
 
     def __init__(
         self, keep: Keep = Keep.RESULTS, *, reads_assets_cache: bool = False
@@ -506,7 +506,7 @@ class Stages:
         """
         self._reads_cache = reads_assets_cache
         self._cached: set[Path] = set()
-        """Assets folders to which this process has written a stage."""
+        """Assets folders with a stage written by this process."""
         few = 0 if keep is Keep.NOTHING else 4
         self._editing = keep is Keep.EDITING
         self._opened: Recent[OpenedScene] = Recent(few)
@@ -523,7 +523,7 @@ class Stages:
         variant: str | None,
         allow_outside: bool,
     ) -> Scene:
-        """Load a scene like `load`, from a parsed file that is still current."""
+        """Load a scene like `load`, from a parsed and unchanged file."""
         from physgen.scene.load import OpenedScene
 
         name = str(path)

@@ -24,7 +24,7 @@ class OutcomeLimits:
     """Limits of a doubtful outcome of a push; areas are shares of the photo."""
 
     brief: float = 0.5
-    """Duration of visible motion in the video, s, below which it is a jerk."""
+    """Smallest duration of visible motion in the video, s; below it is a jerk."""
     filled: float = 0.25
     """Area of filled background behind moving objects, on any ground."""
     busy_filled: float = 0.06
@@ -134,7 +134,7 @@ def with_toys_named(photo_scene: PerceivedScene) -> PerceivedScene:
 
 
 def living_doubts(perceived: PerceivedScene) -> list[str]:
-    """Return a reason with the names of people and animals, which are never pushed."""
+    """Return a reason with the names of people and animals; none is ever pushed."""
     objects = perceived.document["objects"].items()
     labels = {name: item.get("label", "") for name, item in objects}
     living_labels = {name: label for name, label in labels.items() if is_living(label)}

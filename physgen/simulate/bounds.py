@@ -376,7 +376,7 @@ class BoundedMotion(NamedTuple):
     work: float
     """Work of motors, g·px²/s²."""
     lost: float
-    """Energy taken by friction and by bounds that are met, g·px²/s²."""
+    """Energy taken by friction and by reached bounds, g·px²/s²."""
     early: float = 0.0
     """Part of `lost` that is already missing in the mean of the velocities before and
     after.
@@ -428,7 +428,7 @@ class BoundedGroup:
         early_loss = 0.0
         if within is not None:
             closing = (J @ within)[count:]
-            # Like a contact, a bound that is met does its work at the mean of the
+            # Like a contact, a reached bound does its work at the mean of the
             # velocities before and after the step.
             bound_works = impulse[count:] * (closing + (J @ after)[count:]) / 2
             is_movable = inverse_masses > 0
@@ -449,7 +449,7 @@ class BoundedGroup:
         return BoundedMotion(after, work, loss, early_loss)
 
     def _catches(self, holds: Flags, is_jerk: Flags) -> Flags:
-        """Return the mask of the bounds (B,) that are met in a step.
+        """Return the mask (B,) of the bounds reached in a step.
 
         `is_jerk`: an end that passes the point of a pulley meets its bound again.
         """

@@ -159,7 +159,7 @@ def simultaneous_impulses(
 
 
 def _gain(matrix: Array, before: Array, impulse: Array) -> float:
-    """Return the kinetic energy that impulses add, g·px²/s²; 0 within rounding
+    """Return the kinetic energy added by impulses, g·px²/s²; 0 within rounding
     errors.
     """
     change = impulse * (before + matrix @ impulse / 2)
@@ -480,7 +480,7 @@ class ImpactSolver:
         return self._v[body]
 
     def _velocity_allowed(self) -> Array:
-        """Return the velocities (N, 3) that joints permit in the middle of the step.
+        """Return the permitted velocities (N, 3) of joints in the middle of the step.
 
         The rest, by which a chord differs from a tangent, takes no part in impacts: it
         would create energy.
@@ -638,7 +638,7 @@ class ImpactSolver:
             energy_change = (
                 jn * (vn + leaving_speed) / 2 + jt * (vt + sliding_speed) / 2
             )
-            # A bumper adds energy, which counts as work.
+            # The energy of a bumper counts as work.
             if point.elasticity > 1 and energy_change > 0:
                 self._work += energy_change
             else:

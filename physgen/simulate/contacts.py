@@ -18,7 +18,7 @@ Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 LEAP = 2.0
-"""Displacement of a contact in a step, px, beyond which it is another contact."""
+"""Largest displacement of one contact in a step, px."""
 TURN = 0.02
 """Change of a normal in a step beyond which the contact has not just rolled on."""
 WORDS, NUMBERS = 3, 14

@@ -69,9 +69,9 @@ PHASE = 0.1
 step.
 """
 MOST_PARTS = 1024
-"""Largest number of parts into which springs and attractors divide a step."""
+"""Largest number of parts of a step, for springs and attractors."""
 ATTEMPTS = 8
-"""Largest number of trials of a step, which is repeated after impacts."""
+"""Largest number of trials of a step with impacts."""
 ABRUPT = 8.0
 """Ratio of a velocity's change in a step to that by gravity and lasting forces.
 
@@ -168,7 +168,7 @@ class Running:
 
     @property
     def work(self) -> float:
-        """Return the work so far, in steps, which is the same on every machine.
+        """Return the work so far, in steps, the same on every machine.
 
         A step without contacts takes about as long as 7 kB of contacts.
         """
@@ -497,7 +497,7 @@ class Stepper:
     def pull(self) -> Array:
         """Return the changes of velocity (M, 3) in the course of the last step.
 
-        They exclude changes that contacts caused at once.
+        They exclude sudden changes by contacts.
         """
         change, force_change, is_abrupt = self._changes()
         return np.where(is_abrupt[:, None], force_change, change)
@@ -905,7 +905,7 @@ class Stepper:
             points.closing[has_touched[points.row]] = 0.0
             if not (points.closing > threshold).any():
                 return None
-        # Only a body that flies freely falls further before its impact; contacts and
+        # Only a free body falls further before its impact; contacts and
         # joints carry the weight of all others.
         drift = np.zeros((len(poses), 2))
         drift[: len(self._dynamic)] = self._lasting.drift(load)

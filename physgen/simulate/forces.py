@@ -27,7 +27,7 @@ from physgen.simulate.moving_tables import MovingTable
 
 
 def spring_joints(world: World) -> list[Joint]:
-    """Return the joints of a world that are springs."""
+    """Return the springs among the joints of a world."""
     return [joint for joint in world.joints if joint.kind in SPRINGS]
 
 
@@ -177,7 +177,7 @@ class ForceFields:
         self.busy |= bool(self._pools or self._magnets)
 
     def release(self, joint: Joint, pose: Array, time: float) -> float:
-        """Remove a spring from a time on, s; return the energy that it has then."""
+        """Remove a spring from a time on, s; return its energy at that time."""
         if joint not in self._springs:
             return 0.0
         self._springs = [spring for spring in self._springs if spring is not joint]
@@ -343,7 +343,7 @@ class ForceFields:
         pull = finger.stiffness * (np.array([x, y]) - pose[body, :2] - arm)
         compliance = self._lightness[body] + self._ease[body] * float(arm @ arm)
         rate = max(finger.damping * compliance * h, 1e-300)
-        # The closed form of a damper that acts alone: it never overshoots.
+        # The closed form of a damper alone: it never overshoots.
         brake = finger.damping * float(-np.expm1(-rate) / rate)
         force = time_share * (pull - brake * speed)
         total.drive[body, :2] += force
@@ -446,7 +446,7 @@ class ForceFields:
 
 
 class Pool:
-    """Water, and the bodies that it may lift."""
+    """Water, and the bodies with buoyancy in it."""
 
     def __init__(self, field: Field, bodies: Sequence[Body]) -> None:
         self.field = field

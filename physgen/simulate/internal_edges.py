@@ -163,11 +163,11 @@ def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
 STILL = 1e-4
 """Distance, px, within which a contact at an internal edge stays one."""
 NEIGHBOURS = 2.0
-"""Distance around a shape, px, within which surfaces may continue it."""
+"""Largest distance of surfaces from a shape that they continue, px."""
 
 
 class Cover:
-    """The points of a contact that edges of third shapes cover."""
+    """The points of a contact covered by edges of third shapes."""
 
     __slots__ = (
         "_contact", "_exceptions", "_frame", "_shape", "_sides", "_slope", "_surface",
@@ -197,7 +197,7 @@ class Cover:
             self._slope = TOLERANCE.slope
         self.is_covered = [False] * len(contact.points)
         self.edges: list[Edge] = []
-        """Edges over a point, which they cover."""
+        """Edges over a covered point."""
         self.room = inf
         """Smallest cosine between the normal and an edge of the continued surface."""
 

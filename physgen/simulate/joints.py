@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 def find(root: dict[int, int], k: int) -> int:
-    """Return the root of the tree that contains `k`, and shorten its branch on
+    """Return the root of the tree of `k`, and shorten its branch on
     the way.
     """
     while root[k] != k:
@@ -534,7 +534,7 @@ def _few_changes(
             )
         diagonal = sum(map(mul, weighted_row, row))
         remainder = diagonal - sum(map(mul, triangle_row, triangle_row))
-        # A row that depends on those before it leaves no remainder.
+        # A row dependent on those before it leaves no remainder.
         if remainder <= 1e-9 * diagonal:
             return []
         y.append(

@@ -712,7 +712,7 @@ class Recorder:
         losses = -error * (before + after)[:, :, 2] / 2
         inertia = np.stack([self._mass, self._mass, self._moment], axis=1)
         weights = self._mass * float(np.hypot(*self.world.gravity))
-        # A fall by a pixel is the smallest energy that counts.
+        # The smallest energy for the balance is a fall by a pixel.
         energy = (inertia * np.maximum(before**2, after**2)).sum(axis=2) / 2 + weights
         is_unbraked = np.array([[step.braked is NOT_BRAKED] for step in steps])
         is_counted = is_unbraked & self._unheld

@@ -101,7 +101,7 @@ class Space:
         space = pymunk.Space()
         space.gravity = tuple(world.gravity.tolist())
         space.collision_slop = SLOP
-        # With a longer persistence, the batch reader lists contacts that have parted.
+        # With a longer persistence, the batch reader also lists former contacts.
         space.collision_persistence = 1
         self._space, self._gravity = space, world.gravity
         bodies = [_add_body(space, body) for body in world.bodies]
@@ -158,7 +158,7 @@ class Space:
         self._smooth = frozenset(
             len(bodies) + k for k, wall in enumerate(world.walls) if wall.is_smooth
         )
-        """Smooth curves, which have no internal edges."""
+        """Smooth curves, without internal edges."""
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """Orders by pymunk's list of contacts: a run has few different lists."""
@@ -324,7 +324,7 @@ class Space:
         return is_changed
 
     def review_internal_edges(self) -> None:
-        """Activate the contacts that are no longer at an internal edge."""
+        """Activate the contacts no longer at an internal edge."""
         frames = self._frames()
         ended_pairs: list[Pair] = []
         for key, (room, old_distances) in self.hidden.items():
@@ -711,7 +711,7 @@ def _add_joints(
                 else second_centre
             )
             first, second = middle - first_centre, middle - second_centre
-        # A weld is a pin together with a gear that keeps the relative angle.
+        # A weld is a pin together with a gear for the relative angle.
         parts: list[pymunk.Constraint] = [
             pymunk.PivotJoint(a, b, first.tolist(), second.tolist())
         ]

@@ -53,7 +53,7 @@ class SpecialSurfaces:
         self._normals: dict[Any, float] = {}
         """Mean of the recent normal impulses of two touching shapes, g·px/s."""
         self.passing: dict[Key, int] = {}
-        """Owners that pass through each other now, with the number of their shapes."""
+        """Owners now passing through each other, with the number of their shapes."""
 
     @staticmethod
     def owners_of(world: World) -> list[int]:

@@ -96,7 +96,7 @@ class Effort:
 
 
 def _unknown(times: Array) -> Trajectory:
-    """Refuse to sample a motion that was read from a file."""
+    """Refuse to sample a motion from a file."""
     raise ValueError(
         "a motion that was read from a file is known at its own times only"
     )
