@@ -164,6 +164,7 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     times = np.linspace(0, REST_SECONDS, REST_SAMPLES)
     rate = min(world.steps_per_second, REST_RATE)
     running = Running(replace(world, steps_per_second=rate), times)
+    # Simulate in blocks, to stop soon after the first motion.
     for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
         running.on(float(times[stop - 1]))
         positions = running.trajectory().poses[:stop, :, :2]

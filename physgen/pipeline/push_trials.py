@@ -453,6 +453,7 @@ def _speed_limits(trials: TrialScene, item: Object) -> tuple[float, float]:
     width, height = _extent(body)
     if tipping_speed is None:
         return gentlest, hardest
+    # A flat object slides before it tips; a tall one tips first.
     if height < TRIAL.thin * width:
         first_speed = min(
             tipping_speed, TRIAL.slides * _sliding_speed(trials, item.name)
@@ -918,6 +919,8 @@ def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]
     center = bodies[k].center
     others = [body.center for n, body in enumerate(bodies) if n != k]
     middle = (np.array(scene.size) - 1) / 2
+    # From above, push towards the nearest object, the middle of all others and the
+    # middle of the photo.
     goals = [middle]
     if others:
         distances = [float(np.hypot(*(other - center))) for other in others]

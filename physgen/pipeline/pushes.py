@@ -206,6 +206,7 @@ def _object_and_velocity(
 ) -> tuple[Object, tuple[float, float]]:
     """Return the object of NAME=DIRECTION[@SPEED] and its velocity, px/s."""
     name, _, rest = text.partition("=")
+    # Users confuse the order of direction and name: tell them.
     if _is_way(name) and any(item.name == rest.strip() for item in scene.objects):
         raise Message.DIRECTION_FIRST.error(
             "--push", quoted(text), name=rest.strip(), direction=name.strip()
@@ -363,6 +364,7 @@ def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
         for n, box in enumerate(boxes)
         if n != k and box[0] < right and box[2] > left
     ]
+    # An object above limits the height, if it spans the same columns.
     free_height = top - max([0.0, *(y for y in lower_edges if y <= top + 1)])
     x, y = compiled.world.bodies[k].center
     angle = item.place[2] if item.place else 0.0

@@ -136,6 +136,7 @@ def _write_resized(text: str, ground: Ground, folder: Path) -> str:
     _write_record(folder, record)
     old_document = mark_values(text).data()
     new_document = scale_scene(old_document, factor)
+    # Lengths in px have changed with the photo, lengths in metres have not.
     world = {**new_document.get("world", {})}
     world.setdefault("pixels_per_meter", stated_scale(old_document) * factor)
     return write(text, {**new_document, "world": world, "assets": folder.name})

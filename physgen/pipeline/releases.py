@@ -206,6 +206,7 @@ def _with_others_held(
     comments = dict(photo_scene.comments)
     for other, item in photo_scene.document["objects"].items():
         item = {key: value for key, value in item.items() if key != "motion"}
+        # Releasing one object among loose ones would topple the scene: hold the others.
         if other == name:
             item["velocity"] = [0, 0]
             item["shape"] = shape_entry(outline)

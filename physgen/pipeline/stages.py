@@ -382,6 +382,8 @@ def filled(
     from physgen import registry
     from physgen.perceive.inpaint.poisson import fill_behind
 
+    # Objects of the photo that the scene leaves out are also removed from the
+    # background.
     union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.cut_out))
     coverage = maps.coverage
     if coverage is None or not has_same_masks:

@@ -145,6 +145,7 @@ def living_doubts(perceived: PerceivedScene) -> list[str]:
     if kinds == {"animal"}:
         kind_words = "an animal"
     names = listed(list(living_labels), "and")
+    # A detected animal may be a toy, to be released by the user.
     for label in living_labels.values():
         if kind(label).noun == "animal":
             noun, note = label.split()[-1], Note.LIVING_OR_TOY

@@ -171,9 +171,11 @@ def restore_detail(
     guidance everywhere.
     """
     before = guidance.astype(np.float32) / np.float32(255)
+    # Autoencoders lose detail. The loss in the guidance is known: add it to the result.
     after = refined + np.float32(detail) * (before - guided)
     after = before + np.float32(1 - held) * (after - before)
     refined_rgb: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
+    # Where objects are locked, blend the guidance over the result in linear light.
     share = np.float32(lock) * coverage
     if not share.any():
         return refined_rgb

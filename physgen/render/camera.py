@@ -401,6 +401,7 @@ def _layers_seen(layering: Callable[[], Layers], matrix: Array, size: Size) -> L
     layers = layering()
     whole_picture = np.s_[0 : size[1], 0 : size[0]]
     sprites = []
+    # A layer covers only its box before the camera; afterwards it may lie anywhere.
     for sprite in layers.sprites:
         canvas = np.zeros((*layers.plate.shape[:2], 4), np.float32)
         canvas[sprite.box] = np.dstack([sprite.light, sprite.coverage])
@@ -494,6 +495,7 @@ def exposure_times(
         reaches.append(np.hypot(*np.concatenate(body.rings).T).max())
     vx, vy, spin = np.moveaxis(trajectory.velocities, -1, 0)
     speed = np.hypot(vx, vy) + np.abs(spin) * np.array(reaches)
+    # The fastest point of any body decides the number of samples of an exposure.
     farthest = float(speed.max()) * exposure
     count = np.ceil(farthest / STEP / FEWEST) * FEWEST
     parts = int(np.clip(count, FEWEST, MOST))

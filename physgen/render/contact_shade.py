@@ -68,6 +68,7 @@ class ContactShade:
             return factors
         for pair in combinations(sorted(parts), 2):
             first, second = parts[pair[0]], parts[pair[1]]
+            # The photo already shows the shade of pairs in contact there.
             if not _is_near(first[0], second[0]) or self._touches_in_photo(pair):
                 continue
             for k, shade in zip(pair, _shades(first, second), strict=True):

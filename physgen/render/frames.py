@@ -351,6 +351,7 @@ class _Painter:
         trails: Mapping[int, Trail],
     ) -> U8:
         """Return a frame (H, W, 3) in sRGB codes."""
+        # The background first, then shadows on it, then halos, and the objects on top.
         background_boxes = self._background.update(stands)
         shaded_tiles = self._shadows.throw(
             self._canvas, stands, pictures, trails, background_boxes
@@ -364,6 +365,7 @@ class _Painter:
         boxes += self._paint_surroundings(stands, pictures)
         boxes += self._paint_objects(stands, pictures, trails)
         self._painted_tiles = touched_tiles(boxes, self.size)
+        # Encode only touched tiles; the codes of the background serve for all others.
         rgb = self._background.codes.copy()
         for box in boxes_of_tiles(self._painted_tiles, self.size):
             rgb[box] = encode_picture(self._canvas[box])
@@ -512,6 +514,7 @@ class _Shadows:
                 continue
             exposure = _along(trails.get(stand.k, ()), stand)
             exposures += exposure
+            # Shadows that only slide are drawn together at the end, from an atlas.
             if lit.casts[stand.k].sliding is not None:
                 continue
             for moment, weight in exposure:
@@ -566,6 +569,7 @@ def _trails(stage: Stage, poses: NDArray[np.float64]) -> Mapping[int, Trail]:
     ways[is_ball, :, 2] = 0  # The picture of a ball never turns as a whole.
     reach = np.array([max(sprite.coverage.shape) / 2 for sprite in sprites])[:, None]
     x, y, turn = np.moveaxis(np.diff(ways, axis=1), 2, 0)
+    # A point at the border of the sprite moves farthest: add the path of its rotation.
     lengths = (np.hypot(x, y) + reach * np.abs(turn)).sum(axis=1)
     trails: dict[int, Trail] = {}
     for k in np.flatnonzero(lengths > EXPOSURE.sharp).tolist():

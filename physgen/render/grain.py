@@ -191,6 +191,8 @@ def remove_noise(rgb: U8, grain: Grain) -> U8:
     Levels are first rescaled such that the noise is 1 everywhere.
     """
     floor = np.maximum(grain.deviation, GRAIN.least)
+    # Scale the levels such that noise has the deviation 1 at every brightness, so that
+    # one filter fits all of them. The scale is the sum of the steps between levels.
     scales = np.cumsum(1 / floor, axis=0).astype(np.float32)
     planes = [scales[rgb[..., k], k] for k in range(3)]
     scaled_levels = np.asarray(cv2.merge(planes), np.float32)

@@ -230,6 +230,7 @@ def _surface(
     rows = onto.corner[1] + step * (np.arange(-(-height // step)) + 0.5) - 0.5
     x, y = (np.asarray(part, kind) for part in np.meshgrid(columns, rows))
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
+    # A face is flat and parallel to the photo, a ball has its own normal at each point.
     if onto.radius is None:
         viewer_distance = np.full(x.shape, face(onto, setting.top), np.float32)
         light_cosine = np.full(x.shape, max(lz, 0), np.float32)

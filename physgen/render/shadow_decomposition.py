@@ -565,6 +565,7 @@ def _matched_shadows(
     is_compared = is_open & (total > least_darkness)
     if np.count_nonzero(is_compared) <= least_count:
         return setting, firsts, total
+    # Compare shares of light taken away: expm1 converts darkness to them.
     ratios = np.expm1(-darkness[is_compared]) / np.expm1(-total[is_compared])
     median_ratio, upper_ratio = np.quantile(ratios, (0.5, quantile))
     depth_ratio = float(max(min(upper_ratio, 1.0), median_ratio, least_ratio))
@@ -712,6 +713,7 @@ def unbounded_shadow(
     silhouette: Silhouette, setting: ShadowSetting, step: int
 ) -> tuple[PixelBox, F32]:
     """Return an object's whole shadow on a table, also beyond the photo's border."""
+    # Move the object into a setting so large that its whole shadow lies inside.
     reach = 10 * max(silhouette.coverage.shape) + 64
     margin = step * ceil(reach / step)
     (x, y), (cx, cy) = silhouette.corner, silhouette.center

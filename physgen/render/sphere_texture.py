@@ -104,6 +104,8 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
     u = (columns - center[0]) / radius
     v = (rows - center[1]) / radius
     z = np.clip(1 - u * u - v * v, -1, 1)
+    # Lambert's azimuthal equal-area projection keeps pixels of equal size up to the
+    # rim.
     factor = np.sqrt(1 + z)
     sides = []
     for side in (1.0, -1.0):
@@ -162,6 +164,8 @@ class _Source:
         """Return log light of points `(h, w, 3)` of the unit sphere."""
         distance = np.hypot(points[..., 0], points[..., 1])
         is_near_side = points[..., 2] > 0
+        # Near the rim the photo blends into the continuation, since its pixels are
+        # compressed.
         blend_radius = (TEXTURE.visible + TEXTURE.sure) / 2
         share = (
             np.clip((blend_radius - distance) / (blend_radius - TEXTURE.sure), 0, 1)

@@ -248,6 +248,8 @@ class Sides:
         """
         height = round(self.share(turn) * self.depth) + 1
         column = np.ones((height, 1), np.uint8)
+        # The side is the area that the front sweeps on its way backwards, which is
+        # upwards in the photo.
         swept_cover = cv2.dilate(coverage, column, anchor=(0, 0))
         block = np.asarray(swept_cover, np.float32)
         sides = np.asarray(block - coverage, np.float32)
@@ -883,6 +885,8 @@ def _compose(
         remaining = (1 - alpha[..., None]) * composite[place]
         composite[place] = sprite.light[box.sprite] + remaining
         largest[place] *= 1 - alpha
+        # The number of a pixel is that of the sprite with the largest visible share
+        # there.
         is_ahead = (alpha > 0) & (alpha >= largest[place])
         top[place][is_ahead] = number
         largest[place][is_ahead] = alpha[is_ahead]
@@ -909,6 +913,7 @@ def _halo(
     margin = max(ceil(4 * CUT.shared), CUT.gap)
     x0, y0 = max(x - margin, 0), max(y - margin, 0)
     box = np.s_[y0 : y + height + margin, x0 : x + width + margin]
+    # Neighbours share the rest softly: all shares at a pixel add up to 1.
     own_share = _soft(is_own[box], CUT.shared) / np.maximum(all_near[box], 1e-6)
     share = np.where(near[box] > 0, own_share, 0)
     others = np.where(top[box] == number, 0, top[box])

@@ -176,12 +176,14 @@ def flat_background(world: World, pen: float = 1.0) -> U8:
     Lines are on the side of the walls away from the objects.
     """
     width, height = world.size
+    # Draw small pictures four times as large and reduce them, for smooth lines.
     scale = 4 if width * height <= 4_000_000 else 1
     canvas = np.empty((height * scale, width * scale, 3), np.uint8)
     canvas[:] = PAPER
     line_width = round(2 * scale * pen)
     for wall in world.walls:
         for chain in wall.chains:
+            # OpenCV draws from integers with a fixed number of binary digits.
             points = np.rint((chain + 0.5) * scale * 2**SHIFT_BITS).astype(np.int64)
             corners = np.clip(points, -FARTHEST, FARTHEST).astype(np.int32)
             line_type = cv2.LINE_AA
@@ -721,6 +723,8 @@ def passed(ground: Array, labels: U16, shadows: U16) -> bool:
         if not len(rows):
             continue
         bottom = float(rows.max())
+        # Only objects that stand on a floor tell whether shadows fall on it or pass
+        # below.
         floor = ground_below([ground], float(columns.mean()), bottom - SUNK)
         if floor is None or floor[0] - bottom >= 2 * SUNK:
             continue
@@ -794,6 +798,7 @@ def _robust_weights(terms: Array, level: Array) -> Array:
     Iteratively reweighted least squares.
     """
     count = len(level)
+    # A weak ridge decides where terms cannot be told apart.
     stiffness = 1e-3 * count * np.diag([0.0, 1, 1, 0.1])
     trust: Array = np.ones(count)
     weights: Array = np.zeros(4)
@@ -804,6 +809,7 @@ def _robust_weights(terms: Array, level: Array) -> Array:
             np.linalg.solve(normal, weighted_terms.T @ level), np.float64
         )
         errors = np.abs(level - terms @ weights)
+        # Huber weights: paint that does not follow the terms counts less.
         trust = 1 / np.maximum(errors / VEIL_NOISE, 1)
     return weights
 

@@ -209,9 +209,11 @@ def _turning_part(
     is_inner = (distances < 0.9 * radius) & (alpha > 0.5)
     radii = [max(part * radius, 2.0) for part in WHEEL.rims]
     votes = circle_votes(codes, is_inner, radii)
+    # The centre of the turning part lies near the axle.
     votes[:, distances > WHEEL.steered * radius] = 0
     ring, y, x = np.unravel_index(int(votes.argmax()), votes.shape)
     is_sure = votes[ring, y, x] >= WHEEL.edge
+    # Without a clear rim, or with a centred one, the wheel turns as a whole.
     if not is_sure or distances[y, x] <= WHEEL.concentric * radius:
         return _Ellipse(axle[0], axle[1], radius, 1.0)
     first = _Ellipse(float(x), float(y), radii[ring], 1.0)
@@ -347,6 +349,8 @@ class _Rings:
         turn = 2 * pi * np.arange(steps) / steps
         brightness = self.paint.mean(axis=2) + WHEEL.dark
         mean = brightness.mean(axis=1, keepdims=True)
+        # Light from one side changes once around the axle: take the first harmonic of
+        # each ring.
         cosine_part = 2 * (brightness * np.cos(turn)).mean(axis=1, keepdims=True) / mean
         sine_part = 2 * (brightness * np.sin(turn)).mean(axis=1, keepdims=True) / mean
         sigma = max(0.15 * len(brightness), 1.0)

@@ -207,6 +207,7 @@ def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
     scheduler's `set_timesteps`.
     """
     scheduler.set_timesteps(steps, **settings)
+    # The noise levels have one more entry than the steps: the end of the last.
     times, sigmas = (
         scheduler.timesteps[-count:],
         scheduler.sigmas[-count - 1 :].numpy().astype(np.float32),

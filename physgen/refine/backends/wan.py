@@ -110,6 +110,8 @@ class Wan:
         stride = self.pipe.vae_scale_factor_temporal
         count = 1 + (latents - 1) * stride
         video = torch.zeros((1, 3, count, *frame.shape[1:]), device=self._device)
+        # The network expects a video of the first frame and grey, and a mask of known
+        # frames.
         video[0, :, 0] = frame
         encoded = self._encode(video)
         mask = torch.zeros((1, stride, *encoded.shape[2:]), device=self._device)
@@ -191,6 +193,8 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     (weights_name,) = weights
     index = pipeline_index(weights_name, WHAT)
     check_pipeline_class(weights_name, str(index.get("_class_name")), KNOWN, WHAT)
+    # A pipeline may have two networks, for different levels of noise, or only the
+    # second.
     has_first = index.get("transformer", [None, None])[1]
     part = "transformer" if has_first else "transformer_2"
     vae, network = (
