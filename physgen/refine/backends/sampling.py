@@ -230,8 +230,9 @@ OPTIONS: Options = {
 }
 """Each backend's section of physgen.toml.
 
-`resolution`: px, the side of the square whose area the model is shown at most; `window`: frames that it sees at a
-time; both as it was trained if left out.
+`resolution`: side, px, of a square with the largest area of a frame in the model;
+`window`: number of frames in the model at a time. Both are those of its training by
+default.
 """
 
 
@@ -312,7 +313,7 @@ class Run:
 
 
 class Sampler:
-    """A backend of `refine`, which loads its model for the first video."""
+    """A backend of `refine`; it loads its model for the first video."""
 
     def __init__(self, kind: Kind, setup: Setup) -> None:
         """Check device, type, options and weights. Raises InputError; loads no weights
