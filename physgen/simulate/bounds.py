@@ -151,12 +151,14 @@ def _rail(
     other, x0, y0, *_ = end(joint, 1, spots)
     ux, uy = joint.guide[0].tolist()
     arm2 = (0.0, 0.0)
+    # A rail on a moving body turns with it.
     if other is not None:
         pose, ux, uy = spots.find(other, joint.guide[0])
         arm2 = x - pose[0], y - pose[1]
     length = hypot(ux, uy)
     ux, uy = ux / length, uy / length
     along_row, across_row = [0.0] * size, [0.0] * size
+    # Both rows measure the relative speed: one along the rail, one across it.
     for row, (wx, wy) in ((along_row, (ux, uy)), (across_row, (-uy, ux))):
         _add(row, place, body, (wx, wy), (arm[0], arm[1]))
         _add(row, place, other, (-wx, -wy), arm2)

@@ -506,6 +506,8 @@ class ImpactSolver:
             point = self._point(k)
             for body in (point.a, point.b):
                 largest_times[body] = max(largest_times.get(body, -1.0), times[k])
+        # Times count back from the end of the step, so that the first impact of a body
+        # has the largest time. Points within the slack close together.
         slack = TUNING.together * self._h
         leading_points = []
         for k in closing:
@@ -527,6 +529,8 @@ class ImpactSolver:
             for body in (point.a, point.b):
                 if body not in self._when and self._free(body):
                     self._when[body] = times[k]
+                    # Velocities are those at the middle of the step. Gravity changes
+                    # them until the impact.
                     time_from_middle = self._h / 2 - times[k]
                     leap = (
                         float(self._drift[body, 0]) * time_from_middle,
@@ -652,6 +656,7 @@ class ImpactSolver:
         """Add the changes of velocity by an impulse on two free bodies, times
         `part`.
         """
+        # Rotate the impulse from normal and tangent to the axes of the image.
         fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
         for body, m, turn, sign in (
             (p.a, p.ma, p.ea * (p.na * jn + p.ta * jt) * part, -1.0),

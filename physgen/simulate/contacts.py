@@ -100,6 +100,8 @@ class Order:
         fastest_speed = 0.0
         for pair, contact in zip(self.listed[rows].tolist(), contacts, strict=True):
             for k in range(pair[2]):
+                # The velocity of a body's point is v + spin * (-dy, dx); take its
+                # normal component.
                 px, py = contact[4 + 5 * k], contact[5 + 5 * k]
                 closing = 0.0
                 for owner, sign in ((pair[0], 1.0), (pair[1], -1.0)):

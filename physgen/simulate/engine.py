@@ -212,11 +212,13 @@ class Running:
         """Return the motion at the times `times`, s, rising, to the same bits as
         `simulate`.
         """
+        # The steps may already be known: continue only as far as the times require.
         until, ledger = float(times.max(initial=0.0)), self._recorder(times)
         last = (ceil(until / self._base - 1e-9) + 1e-6) * self._base
         with self._lock:
             self.on(until, enough=lambda: self._bytes > self._most)
             records = list(takewhile(lambda kept: kept[0].time < last, self._kept))
+            # Too many steps to store: simulate once more, for these times alone.
             if self._bytes > self._most:
                 return simulate(self._vehicles, times)
         begin, effort = self._begun
@@ -234,6 +236,7 @@ class Running:
             self._governor,
             self._reach.overworked_by,
         )
+        # Report the pair of the used up budget, or the body of the used up parts.
         pair = stepper.budget.exceeded_by or (-1, -1)
         if fast_row is not None:
             pair = int(self._space.moving[fast_row]), -1
@@ -298,7 +301,8 @@ class Running:
         begin, end = self._number * self._base, (self._number + 1) * self._base
         h = end - begin
         parts = self._stiff
-        # Compute speeds only every LOOK steps while nothing changes them at once, to save
+        # Compute speeds only every LOOK steps while nothing changes them at once, to
+        # save
         # time in quiet scenes.
         if not self._reach.watchful and (
             self._stepper.stirred or self._restless or self._stepper.steps % LOOK == 0

@@ -550,9 +550,12 @@ def _integral(profile: Profile, time: float) -> float:
             rate = 2 * pi * first
             return float((1 - np.cos(rate * time)) / rate)
         case ProfileKind.PULSE:
+            # A pulse is on for the first seconds of each period, and off for the
+            # others.
             rounds, rest = divmod(time, first + second)
             return rounds * first + min(rest, first)
         case _:
+            # Factors between knots are linear, and constant after the last.
             times, factors = np.array(profile.numbers).T
             knot_times = np.clip(times, 0.0, time)
             values = np.interp(knot_times, times, factors)

@@ -65,8 +65,11 @@ class Resistance:
         """Return the brakes of contacts (K, 3): one for each pair of bodies."""
         levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
         partners = listed.tolist()
+        # Sort the contacts, so that the brakes of equal contacts are equal in any
+        # order.
         for k in np.lexsort(listed.T[2::-1]).tolist():
             a, b, _ = partners[k]
+            # The first body of a pair has rolling resistance.
             if (self._lever[a] == 0, a) > (self._lever[b] == 0, b):
                 a, b = b, a
             if self._lever[a] > 0:

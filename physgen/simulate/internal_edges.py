@@ -428,6 +428,7 @@ class InternalEdges:
         """Return the edges near a static shape, of other static shapes, in the world's
         frame.
         """
+        # Static shapes never move: find their neighbours once.
         if shape not in self._static_edges:
             outline = self._outlines[shape]
             frame = frames.of(outline.owner)

@@ -337,6 +337,7 @@ class Assemblies:
         for joint in joints:
             joint_rows, gaps = _rows(joint, place, spots, size)
             rows += joint_rows
+            # Each gap should be closed at the end of the step.
             speeds += [-gap / h if strength is not None else 0.0 for gap in gaps]
             bounds += bounds_of(joint, place, spots, size, h, strength)
             if strength is not None and joint.kind is JointKind.MOTOR:
@@ -400,6 +401,7 @@ class Assemblies:
             )
             for number in self._bounded:
                 joints, members, _ = self._held[number]
+                # Groups without any of these bodies do not matter.
                 if not first_column.keys() & set(members):
                     continue
                 for joint in joints:

@@ -134,6 +134,7 @@ class ContactLog:
         """
         merged_touches: list[tuple[int, float, float]] = []
         for pair, begin, end in touches:
+            # Contacts at rest flicker: a short gap does not end a touch.
             if (
                 merged_touches
                 and merged_touches[-1][0] == pair
@@ -730,6 +731,8 @@ class Recorder:
         body_count = pose.shape[1]
         torque, leeway = np.zeros(pose.shape[:2]), np.zeros(pose.shape[:2])
         points = (touch.on_first + touch.on_second) / 2
+        # The engine reports one impulse for both points of a contact. It may act
+        # anywhere between them, so that its torque has a range.
         offsets = np.where(
             (touch.count == 2)[:, None], points[:, 1] - points[:, 0], 0.0
         )

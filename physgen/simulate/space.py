@@ -476,10 +476,12 @@ class Space:
             for key in pairs:
                 if key not in self._brakes:
                     other = self._anchor if key[1] < 0 else self._bodies[key[1]]
+                    # A motor of speed 0 with a limited torque is a brake.
                     motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
                     self._space.add(motor)
                     self._brakes[key] = motor, motor._constraint
             self._motors = [self._brakes[key][1] for key in pairs]
+            # Unused motors stay in the space, without torque.
             for motor in old_motors:
                 lib.cpConstraintSetMaxForce(motor, 0.0)
         for motor, torque in zip(self._motors, torques, strict=True):
