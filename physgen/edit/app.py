@@ -81,6 +81,8 @@ def page(served: Served, once: str | None = None) -> Response:
 
     A one-time key is exchanged for the token by a redirection.
     """
+    # A one-time key opens the page once: exchange it for the token, so that the key in
+    # the history of the browser is worthless.
     if once is not None and once in served.once:
         served.once.discard(once)
         return RedirectResponse(f"/?token={served.token}", 303)
@@ -105,6 +107,7 @@ def static(name: str) -> Response:
     data = None
     with suppress(FileNotFoundError):
         if name == "player.js":
+            # The player of reports and the editor share these scripts.
             scripts = [
                 resource("templates", "player", f"{script}.js").read_bytes()
                 for script in PLAYER
@@ -436,7 +439,9 @@ class Editor:
 
 
 def _listening(host: str, port: int | None) -> socket.socket:
-    """Open a listening TCP socket. Raises InputError, which names the option to change."""
+    """Open a listening TCP socket. Raises InputError, which names the option to
+    change.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # If the protocol is named, asyncio sets TCP_NODELAY; otherwise small answers wait
     # for 40 ms.

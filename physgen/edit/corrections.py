@@ -366,6 +366,7 @@ def _set_provenance(work: Correction, name: str, made: Data) -> None:
         for key, value in (made.pop("from", None) or {}).items()
         if key != "mask"
     }
+    # The old prompt found the old mask.
     made.pop("prompt", None)
     if name in work.found:
         confidence, prompt = work.found[name]
@@ -463,6 +464,7 @@ def _window(mask: Mask) -> Window:
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, mask.shape[0]), slice(0, mask.shape[1])
+    # The surroundings grow with the object, since its shadow and reflections do.
     margin = max(
         AROUND, int(rows[-1] - rows[0]) // 2, int(columns[-1] - columns[0]) // 2
     )

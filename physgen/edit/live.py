@@ -105,6 +105,7 @@ def doubtful_data(scene: Scene, percepts: Percepts | None) -> list[Data]:
         rings = []
         for ring in region.rings:
             points = ring.astype(np.float32)[:, None]
+            # The page needs outlines at the accuracy of its display only.
             simple = cv2.approxPolyDP(points, RING_TOLERANCE, True)
             rings.append(simple[:, 0].tolist())
         text = doubt_text(region.name, region.confidence)

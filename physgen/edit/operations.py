@@ -130,6 +130,7 @@ def edited(
             titles.append(_make(target, parsed_op))
         except ValueError as error:  # of the writer: a key that is too long
             raise Message.UNUSABLE_VALUE.impossible(reason=str(error)) from None
+        # The next operation applies to the result of this one.
         text = target.text
     return Edited(text, ", ".join(dict.fromkeys(titles))[:200])
 
@@ -352,6 +353,7 @@ class Target:
                 for key, value in self._edits.items()
                 if not _is_below(key, [path])
             }
+            # Without an edit at the path, the variant has the value of the file.
             if edits != self._edits:
                 self._write_edits(edits)
                 return
@@ -425,6 +427,8 @@ def _remove(target: Target, path: KeyPath) -> str:
     else:
         data = deepcopy(target.data)
         take(data, path)
+        # Forces have numbers instead of names, so that edits of later forces would now
+        # refer to others: remove all of them.
         if len(path) == 2 and path[0] == "forces":
             names += _change_edits(data, lambda key: None if _is_of_force(key) else key)
         elif len(path) == 2 and path[0] in NAMED:
