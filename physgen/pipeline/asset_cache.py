@@ -161,6 +161,7 @@ def make_cache(percepts: Percepts, text: str, target: Path | None) -> None:
         return
     cache = AssetCache(assets)
     cache.create()
+    # A full disk must not spoil the scene: the cache can be computed again.
     with suppress(OSError):
         files = [photo, *sorted(assets.glob("*.png"))]
         pictures = stored_pictures(percepts)[0] | {PHOTO: percepts.rgb}

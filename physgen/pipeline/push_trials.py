@@ -772,6 +772,8 @@ def _overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
             continue
         places = _placed(_corners(body), motion.poses[-1:, k])[0]
         foot, left, right = places[:, 1].max(), places[:, 0].min(), places[:, 0].max()
+        # An end of a wall below the body, away from both of its sides, is an edge under
+        # it.
         for x, y in ends:
             if abs(y - foot) < tolerance and left + tolerance < x < right - tolerance:
                 return True
@@ -787,6 +789,7 @@ def _crowds_border(trials: TrialScene, world: World, motion: Trajectory) -> bool
             continue
         places = _placed(_corners(body), motion.poses[[0, -1], k])
         gaps = np.minimum(places, size - places).min(axis=(1, 2))
+        # A body that begins at the border may stay there.
         if gaps[1] < min(smallest_gap, gaps[0] - 1):
             return True
     return False
@@ -902,6 +905,8 @@ def _is_loaded(scene: Scene, corners: Sequence[Array], k: int) -> bool:
     right = corners[k][:, 0].max()
     for n, points in enumerate(corners):
         (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+        # Boxes around outlines meet only roughly: allow a tenth of the upper object's
+        # height.
         is_near = abs(y1 - top) < RANK.touch + 0.1 * (y1 - y0)
         if n != k and is_near and x0 < right and x1 > left:
             return True

@@ -230,6 +230,7 @@ def _gentle_speed(
 
     None if no push in this direction moves an object.
     """
+    # Choose the speed for this push alone, in a scene at rest.
     others = [replace(other, velocity=(0.0, 0.0)) for other in scene.objects]
     released_objects = [
         replace(other, motion=Motion.DYNAMIC) if other.name == item.name else other

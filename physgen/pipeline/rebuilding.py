@@ -245,6 +245,7 @@ def _perceive_prompted(
     """
     assert ground.image is not None
     prompts = _prompts(data)
+    # Without a prompt for each object, perceive all objects and match them by name.
     if len(prompts) < len(data["objects"]):
         return perceive_objects(ground.image, (), ()), {}
     boxes = [tuple(prompt["box"]) for prompt in prompts.values() if "box" in prompt]

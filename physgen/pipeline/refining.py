@@ -57,6 +57,7 @@ class MostChanged:
         mean_difference = float(
             np.abs(np.subtract(refined, guidance, dtype=np.int16)).mean()
         )
+        # The largest difference so far makes the best example for the report.
         if mean_difference > self._largest:
             self._largest, self.index, self.refined = (
                 mean_difference,

@@ -105,6 +105,7 @@ def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
         is_unsure = confidence < RELEASE.confidence
         if name in refused or is_cut or is_unsure or is_living(item["label"]):
             continue
+        # The square root of the area is a length: size counts, but less than by area.
         weights[name] = confidence * sqrt(float(areas[item["mask"]]))
     return sorted(weights, key=lambda name: weights[name], reverse=True)
 
@@ -181,6 +182,7 @@ def _released(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     photo_scene = _with_others_held(photo_scene, name, outline)
     floor = _guessed_floor(photo_scene.percepts.labels.shape[1], ground)
     walls = photo_scene.document["boundaries"]
+    # Other walls of the scene could block the guessed floor.
     other_walls = {key: wall for key, wall in walls.items() if key == "bottom"}
     document = photo_scene.document | {"boundaries": other_walls | {FLOOR: floor}}
     comment = f"a guess: through the lowest point of {name}"

@@ -828,6 +828,7 @@ class Film:
         """Return the samples for motion blur, and their number per frame."""
         from physgen.render.camera import exposure_times
 
+        # Frames may be read more than once: keep the samples of the last motion.
         if self._fine is None or self._fine[0] is not trajectory:
             moments, parts = exposure_times(
                 trajectory, self.compiled.world, self.scene.render.motion_blur

@@ -160,6 +160,7 @@ def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> lis
         for name in photo_scene.document["objects"]
         if "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
     ]
+    # Objects at the border of the photo are not pushed, since their shapes are unknown.
     if names and set(names) <= set(border_names):
         verb = "is" if len(names) == 1 else "are"
         cut_names = listed(sorted(names), "and")

@@ -36,6 +36,8 @@ def atlas_groups(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
     """Group pictures by size, (columns, rows), for one atlas each."""
     by_size: dict[int, list[int]] = {}
     for k, size in enumerate(sizes):
+        # Pictures of one class have similar sizes, so that their cells waste little
+        # room.
         size_class = ceil(log(max(*size, 1)) / log(ALIKE))
         by_size.setdefault(size_class, []).append(k)
     groups = []
@@ -237,6 +239,7 @@ class _Atlas:
         centre, radius = 2 * (self.center[k] - self.corner[k]), 2 * ball.radius
         near_side, far_side = self.skin[:height], self.skin[height:]
         skin = near_side[place][..., :3].copy()
+        # A painted ball has its pattern on the far side, another ball a continuation.
         if ball.is_continued:
             sides = continue_skin(np.ascontiguousarray(skin), centre, radius)
         else:

@@ -327,6 +327,7 @@ class Pattern:
         middle, upward = self.disc.normal, self.border.normal
         upward = upward - (upward @ middle) * middle
         upward = upward / np.linalg.norm(upward)
+        # The rear shows the same disc, turned by half a turn about the vertical.
         rear_places = 2 * (points @ upward)[..., None] * upward - points
         is_front = (points @ middle)[..., None] > 0
         places = np.where(is_front, points, rear_places)
@@ -377,6 +378,7 @@ def _contrasting_pair(skin: F32, colours: F32) -> F32 | None:
     if not is_other.any():
         return None
     squares = ((colours - first) ** 2).sum(axis=1)
+    # The second paint is frequent and far from the first in colour.
     second = colours[np.argmax(is_other * counts * squares)]
     return np.stack([first, second])
 

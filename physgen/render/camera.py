@@ -302,6 +302,7 @@ def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
         aims.append(Aim(sight.time, sight.zoom, way))
     times = trajectory.times
     order = play_order(scene.render.play, len(times))
+    # Seconds of video per second of motion: a hand trembles in the time of the video.
     pace = 1.0
     if len(times) > 1 and times[-1] > times[0]:
         pace = (len(times) - 1) / float(times[-1] - times[0]) / scene.render.fps

@@ -672,6 +672,7 @@ def _swept_box(
         [[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64
     )
     places = corners @ moves.transpose(0, 2, 1) + corner
+    # The corners of all positions bound the sweep, clipped to the canvas.
     low = np.maximum(np.floor(places.min(axis=(0, 1))).astype(int), 0)
     high = np.ceil(places.max(axis=(0, 1))).astype(int) + 1
     high = np.minimum(high, size)

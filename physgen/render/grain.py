@@ -179,6 +179,7 @@ def remove_map_noise(maps: Percepts, grain: Grain) -> Percepts:
         if picture is None:
             pictures.append(None)
             continue
+        # Pixels of the background equal to the photo must stay equal to it.
         is_photo = (picture == maps.rgb).all(axis=2, keepdims=True)
         pictures.append(np.where(is_photo, photo, remove_noise(picture, grain)))
     background, clean_photo = pictures
@@ -221,6 +222,7 @@ class GrainField:
         white_noise = random.standard_normal((side, side, 3), np.float32)
         factor = _root(grain.channels).astype(np.float32)
         field = white_noise @ factor.T
+        # Correlate neighbours by a small kernel, as demosaicing does in a camera.
         weight = _neighbour_weight(grain.neighbours)
         kernel = np.array([weight, 1, weight]) / sqrt(1 + 2 * weight**2)
         correlated_noise = cv2.sepFilter2D(field, cv2.CV_32F, kernel, kernel)

@@ -119,6 +119,7 @@ def _boxes_meet(
     upper_corners = lower_corners + [figure.coverage.shape[::-1] for figure in figures]
     may_meet = np.ones(path.shape, bool)
     for axis, component in enumerate(setting.light.direction[:2]):
+        # A shadow moves away from the light along its path: sweep the box to its end.
         shift = -component * path
         shadow_low = lower_corners[:, axis][None] + np.minimum(shift, 0) - spread
         shadow_high = upper_corners[:, axis][None] + np.maximum(shift, 0) + spread
@@ -267,6 +268,7 @@ def _remaining_light(
             blocked_share = _behind_slab(other, x, y, depths, step, setting)
         else:
             blocked_share = next(behind_balls)
+        # Several blockers multiply: each takes a share of the light behind the others.
         remaining *= 1 - np.float32(MOST_BLOCKED) * surface.direct * blocked_share
     return remaining
 

@@ -318,6 +318,7 @@ class LitBackground:
         if start.floor is None or now.floor is None:
             distance = np.hypot(dx, dy)
             return strength * _bell(distance / (SHADOW.lift * size)), (0.0, 0.0)
+        # A shadow on the floor stays valid while its object keeps its height over it.
         lift = (start.floor - start.center[1]) - (now.floor - now.center[1])
         strength *= _bell(lift / (SHADOW.lift * size))
         return strength, (dx, now.floor - start.floor)
@@ -741,6 +742,8 @@ def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
     y0, y1 = int(rows[0]), int(rows[-1]) + 1
     x0, x1 = int(columns[0]), int(columns[-1]) + 1
     part = picture[y0:y1, x0:x1]
+    # Reduce all values by the visible limit, so that the picture ends at 0 without a
+    # step.
     size = np.maximum(np.abs(part) - np.float32(SHADOW.faint), 0)
     part_box = (box[0] + x0, box[1] + y0, box[0] + x1, box[1] + y1)
     return part_box, np.asarray(np.sign(part) * size, np.float32)

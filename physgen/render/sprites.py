@@ -189,6 +189,7 @@ def _carried_normals(normals: F32, known: Mask) -> F32:
     """
     weight = known.astype(np.float32)
     result = np.where(known[..., None], normals, np.float32(0))
+    # Blur in growing widths: the nearest known normals reach a pixel first.
     for sigma in (1.0, 3.0):
         norm = cv2.GaussianBlur(weight, (0, 0), sigma)
         spread = cv2.GaussianBlur(result * weight[..., None], (0, 0), sigma)
@@ -1028,6 +1029,7 @@ def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:
     """
     light: F32 = photo.copy()
     weight, is_known = reliable.astype(np.float32), reliable.copy()
+    # Blur in growing widths: the nearest reliable light reaches a pixel first.
     for sigma in (1.0, 2.0, 4.0, 8.0):
         if is_known[needed].all():
             break
