@@ -37,6 +37,7 @@ from physgen.perceive.roles import (
 from physgen.refine.denoiser import PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
 from physgen.registry import Backend, Choice, Plan, Setup
+from physgen.weights import offline_hub
 
 SIZE = (128, 96)
 """px, width and height of the photo: a detector finds its shapes, and a model on a CPU takes seconds."""
@@ -257,7 +258,7 @@ def check_backends(
     The plan has weights, device and options. Nothing is fetched.
     """
     for role, choice in pairs or _all_choices(plan):
-        with registry.offline_hub():
+        with offline_hub():
             yield _check(replace(plan, choices={role: choice}), role)
 
 

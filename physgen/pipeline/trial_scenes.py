@@ -12,10 +12,13 @@ if TYPE_CHECKING:
 
 
 def open_trial(photo_scene: PerceivedScene, *more: str) -> OpenedScene:
-    """A scene for trials, without maps, with `more` keys of objects. Raises InputError."""
+    """Create a scene for trials, without maps. Raises InputError.
+
+    `more` are keys of objects that are copied in addition to those of shape and matter.
+    """
     document = photo_scene.document
     height, width = photo_scene.percepts.labels.shape
-    kept = (
+    object_keys = (
         "shape",
         "solid",
         "mass",
@@ -28,12 +31,13 @@ def open_trial(photo_scene: PerceivedScene, *more: str) -> OpenedScene:
         "wheels",
         *more,
     )
-    heads = ("physgen", "world", "boundaries", "render")
-    bare = {key: document[key] for key in heads if key in document} | {
+    sections = ("physgen", "world", "boundaries", "render")
+    # Without maps and sources, a trial compiles in milliseconds.
+    trial_document = {key: document[key] for key in sections if key in document} | {
         "size": [width, height],
         "objects": {
-            name: {key: item[key] for key in kept if key in item}
+            name: {key: item[key] for key in object_keys if key in item}
             for name, item in document["objects"].items()
         },
     }
-    return OpenedScene("scene.yaml", text=scene_text(bare))
+    return OpenedScene("scene.yaml", text=scene_text(trial_document))

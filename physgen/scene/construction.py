@@ -15,6 +15,7 @@ import numpy as np
 
 from physgen.problems import Place
 from physgen.scene import scene as parts
+from physgen.scene.checked_tree import Ground
 from physgen.scene.document import (
     Node,
     Source,
@@ -23,7 +24,6 @@ from physgen.scene.document import (
     to_plain_data,
 )
 from physgen.scene.files import Record
-from physgen.scene.rules import Ground
 from physgen.scene.schema import (
     with_defaults,
 )

@@ -13,6 +13,7 @@ from physgen.files import file_stamp
 from physgen.messages import Message, one_of
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.scene import scene as parts
+from physgen.scene.checked_tree import Ground
 from physgen.scene.construction import _shape, scene_from_tree
 from physgen.scene.document import (
     Node,
@@ -32,7 +33,7 @@ from physgen.scene.overlay import (
     targets,
     variants_of,
 )
-from physgen.scene.rules import Files, Ground, check_rules
+from physgen.scene.rules import Files, check_rules
 from physgen.scene.schema import (
     with_defaults,
 )

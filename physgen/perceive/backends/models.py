@@ -19,7 +19,8 @@ import torch
 
 from physgen.messages import Message
 from physgen.problems import InputError
-from physgen.registry import Setup, describe_error, find, in_hub_cache
+from physgen.registry import Setup, describe_error, find
+from physgen.weights import in_hub_cache
 
 T = TypeVar("T")
 
