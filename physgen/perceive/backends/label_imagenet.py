@@ -323,13 +323,9 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
     """
     x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
     span = max(w, h) * (1 + 2 * CROP.margin)
-    left, top = (
-        max(int(x + w / 2 - span / 2), 0),
-        max(int(y + h / 2 - span / 2), 0),
-    )
+    left, top = max(int(x + w / 2 - span / 2), 0), max(int(y + h / 2 - span / 2), 0)
     part = np.s_[
-        top : int(y + h / 2 + span / 2) + 2,
-        left : int(x + w / 2 + span / 2) + 2,
+        top : int(y + h / 2 + span / 2) + 2, left : int(x + w / 2 + span / 2) + 2
     ]
     inside = mask[part].astype(np.float32)
     scale = CROP.side / span
@@ -344,15 +340,13 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
         max(round(picture.shape[0] * scale), 1),
     )
     small = cv2.resize(
-        picture,
-        size,
-        interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR,
+        picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     )
     centre = (x + w / 2 - left) * scale, (y + h / 2 - top) * scale
+    # Shift the object's centre to the centre of the crop.
     move = np.array(
         [[1, 0, CROP.side / 2 - centre[0]], [0, 1, CROP.side / 2 - centre[1]]]
     )
-    # Shift the object's centre to the centre of the crop.
     square = cv2.warpAffine(
         small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
     )
