@@ -37,9 +37,7 @@ FREE_SECTIONS = ("refine",)
 
 @dataclass
 class Carried:
-    """A scene with values of an old one, and the dotted keys that were kept and
-    dropped.
-    """
+    """A scene with values of an old one, and the kept and dropped dotted keys."""
 
     perceived: PerceivedScene
     kept: list[str] = field(default_factory=list)

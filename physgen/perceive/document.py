@@ -67,14 +67,14 @@ GENERIC = ("object", "thing")
 USUAL = ("friction", "elasticity")
 """Numbers that the file omits at their defaults, the values of an unknown material."""
 PERHAPS = 0.2
-"""Least confidence of a region that gets an entry."""
+"""Least confidence of a region with an entry."""
 LIKELY = 0.1
 """Least probability of an alternative label in a comment."""
 TABLE = {"friction": 0.2}
 """The table's entry in new scenes seen from above."""
 SCHEMA = "scene-1.schema.json"
-"""Copied into the assets, so that editors complete and check the scene offline and at
-any path.
+"""A copy in the assets lets editors complete and check the scene offline and at any
+path.
 """
 BARE = {"mask", "from", "confidence"}
 """Keys of an object that the user took from `doubtful:` or gave by its mask alone; a
@@ -211,7 +211,9 @@ def label_confidences(
 
 
 def unknown_label(label: str) -> Problem | None:
-    """Return a warning about a label that is missing in the material table, or None."""
+    """Return a warning about a label without an entry in the material table, or
+    None.
+    """
     label_kind = kind(label)
     if label_kind.noun or label_kind.material.name != "unknown" or label in GENERIC:
         return None
@@ -932,7 +934,7 @@ def short_entries(
 
 
 def _free_of_maps(name: str) -> str:
-    """Return a name for the photo among the assets that differs from all maps."""
+    """Return a name for the photo, different from all maps of the assets."""
     map_names = {*MAPS, Path(OVERVIEW).stem}
     return f"photo-{name}" if Path(name).stem.lower() in map_names else name
 

@@ -99,16 +99,16 @@ ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
     "shadow", "inpaint",
 )  # fmt: skip
-"""The roles in the order in which they run."""
+"""The roles in their order of execution."""
 KEPT = ("inpaint", "normals", "label")
-"""Roles that are called again or share a model with the next role, so that they are
-released later.
+"""Roles with a late release, because they are called again or share a model with the
+next role.
 """
 
 
 @dataclass(frozen=True)
 class KnownFacts:
-    """Facts that are known before perception; None is estimated."""
+    """Facts known before perception; None is estimated."""
 
     view: BoundaryGuess | None = None
     pixels_per_meter: float | None = None

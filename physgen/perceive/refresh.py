@@ -63,7 +63,7 @@ class RefreshStart:
     """
 
     found: Detections
-    # Objects whose pixels come from a prompt, old or new.
+    # Objects with pixels from a prompt, old or new.
     prompted: frozenset[str]
     # Objects that a new prompt absorbed.
     gone: tuple[str, ...]
@@ -71,7 +71,7 @@ class RefreshStart:
 
 @dataclass(frozen=True)
 class PromptFrames:
-    """The photos in whose pixels prompts are given."""
+    """The photos of the prompts' pixels."""
 
     # Photo of new boxes and points.
     new: PromptFrame
@@ -127,9 +127,9 @@ def start_refresh(
     """Keep objects without a prompt, segment objects with a prompt again, and add new
     ones.
 
-    New boxes and points replace the objects that they cover. `old` is the scene's data
-    with its sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks
-    stay. Raises InputError as `from_prompts`.
+    New boxes and points replace the covered objects. `old` is the scene's data with its
+    sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay.
+    Raises InputError as `from_prompts`.
     """
     ids = _mask_ids(objects)
     by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
@@ -302,7 +302,7 @@ def _nearest_wall(wall: Entry, others: Iterable[Entry]) -> Entry:
 def true_comments(
     comments: Entry, merged: Entry, seen: Entry, world: Entry
 ) -> dict[str, str]:
-    """Return the comments that are still true for the `merged` scene.
+    """Return the still true comments for the `merged` scene.
 
     A comment is true if its value equals the value in `seen`, the new scene. Comments
     on whole sections stay; the comment on the view requires a recorded reason in

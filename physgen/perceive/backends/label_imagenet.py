@@ -113,7 +113,7 @@ class Heads:
     own: F32
     # (L + 1,) log odds without features.
     shift: F32
-    # Least mean probability of a label that is written.
+    # Least mean probability of a written label.
     sure: float
     # (80,) label index of each COCO class, L if there is none.
     coco: Any

@@ -197,7 +197,7 @@ class UnusableAnswerError(Exception):
 
 
 class _Role:
-    """A role whose questions go to one model."""
+    """A role with questions to one model."""
 
     role = ""
 

@@ -28,7 +28,7 @@ because of contact shadow.
 The paper dilates by a kernel of 40 px at 512 px (appendix, background inpainting).
 """
 EVEN = 4.0
-"""px: standard deviation of the blur that separates a shift of colour from detail."""
+"""px: standard deviation of the blur for the separation of colour shift and detail."""
 
 
 def inpaint_windows(rgb: Rgb, hole: Mask, paint: Painter, least: int) -> Rgb:

@@ -64,7 +64,7 @@ VEHICLES = tuple(range(1, 9))
 WITHIN = 0.85
 # Least ratio of the areas of a whole and its part.
 LARGER = 1.5
-# Least score of a box that is likely a movable whole.
+# Least score of a likely movable whole.
 LIKELY = 0.3
 COLOUR_STEPS = 2**14
 """Number of colours: 16 steps of lightness x 32 x 32 of both hues."""
@@ -76,7 +76,7 @@ APART = 0.1
 MOST_ALIKE = 6.0
 # Largest area of a part over the whole's.
 PART = 0.7
-# Least first fit of a part that counts.
+# Least first fit of a counted part.
 GOOD_PART = 0.35
 # Least common share of the smaller box of two equal parts.
 COMMON = 0.25

@@ -24,7 +24,7 @@ ANGLES = np.arange(72) * 2 * np.pi / 72
 RIM = np.stack([np.cos(ANGLES), np.sin(ANGLES), np.ones(72)], 1)
 """(72, 3): outward motion of the rim at each angle if x, y or the radius grows by 1."""
 LEAST = 0.13
-"""Least share of a rim that votes for a circle."""
+"""Least share of votes from the rim of a circle."""
 
 
 def discs(
@@ -194,7 +194,7 @@ COLOUR_WEIGHT = 0.25
 chosen on photos.
 """
 STALE = 0.05
-"""CIELAB units: growth of a queued difference above which it is queued again."""
+"""CIELAB units: largest tolerated growth of a queued difference."""
 EDGE_CAP = 20.0
 """CIELAB units: limit of edge strength."""
 

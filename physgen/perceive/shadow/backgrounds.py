@@ -86,7 +86,7 @@ def fill_backgrounds(
 
 
 def find_scenery(labels: Labels, fixed: Sequence[int]) -> list[int]:
-    """Return the ids of `fixed` objects that are near others in the label map (H, W).
+    """Return the ids of `fixed` objects near others in the label map (H, W).
 
     A distant object, e.g. a cup behind a pot, is not part of the background that others
     hide.

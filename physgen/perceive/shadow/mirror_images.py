@@ -29,7 +29,7 @@ class MirrorLimits:
     shallow: float = 0.15
     """Least height of the ground below an object."""
     beside: float = 0.25
-    """Width of the ground on either side that shows its own colour."""
+    """Width of the visible ground on either side."""
     gap: float = 0.03
     """Height below the foot that contact shadows may spoil."""
     near: float = 0.5
@@ -52,7 +52,7 @@ class MirrorLimits:
     covered: float = 0.05
     """Largest share of the mirror image behind other objects."""
     margin: float = 0.06
-    """Width around the mirror image that is removed as well."""
+    """Removed width around the mirror image."""
     smallest: int = 400
     """px: least area of a mirror image."""
 

@@ -53,7 +53,7 @@ class _FootLimits:
     short: float = 8.0
     # px by which a mask's straight edge bulges.
     ragged: float = 1.5
-    # px: largest distance of points from a line that replaces them.
+    # px: largest distance of points from a line in their place.
     invisible: float = 0.06
     # Largest slope of a floor through only two objects.
     two_tilt: float = 0.04
@@ -61,7 +61,7 @@ class _FootLimits:
 
 @dataclass(frozen=True)
 class _LevelLimits:
-    """Limits of feet that are made level, and of their heights; px.
+    """Limits of levelled feet and of their heights; px.
 
     The lowest border of a mask is ragged, and an object on two stray pixels rocks.
     Also, the front edge of an object is nearer to a camera that looks down slightly, so
@@ -76,7 +76,7 @@ class _LevelLimits:
     max_lift: float = 2.0
     # Largest distance of a round object from the common line, as a share of its radius.
     disc: float = 0.145
-    # Largest rise of the foot of a narrow object that counts as level.
+    # Largest rise of a level foot of a narrow object.
     askew: float = 2.5
     # Largest distance of a flat foot below the others' line for a lift to that line.
     nearer: float = 4.0

@@ -38,7 +38,7 @@ class _Limits:
     step: float = 0.5
     # Depth of a chain inside an outline that rounding explains.
     skin: float = 0.05
-    # Shortest piece of a chain that can carry an object.
+    # Shortest supporting piece of a chain.
     shortest: float = 1.5
     # Friction assumed for stability; less than most objects have, so that stable
     # objects are certain.
