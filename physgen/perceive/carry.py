@@ -89,6 +89,7 @@ def _carry_object(name: str, was: Entry, wrote: Entry, carried: Carried) -> None
         key: origin for key, origin in current["from"].items() if key not in values
     }
     objects[name] = {**current, **values, "from": sources}
+    # Density and mass exclude each other.
     if "density" in values:
         objects[name].pop("mass", None)
     wrote_now = {key: current[key] for key in values if key in current}

@@ -264,6 +264,7 @@ def object_entries(
         name, its = called[item.id], matter[item.id]
         path = f"objects.{name}"
         sources = {"mask": _mask_source(found, item.id)}
+        # Only labels of perception have a source and alternatives.
         if labels.sources[item.id]:
             guess = labels.names[item.id]
             sources["label"] = provenance(
@@ -299,6 +300,7 @@ def object_entries(
             boundaries.view is View.SIDE or its.solid is Solid.SPHERE
         )
         vehicle = None if is_static else vehicles.get(item.id)
+        # Wheels roll even if the object is not a circle.
         if vehicle is not None:
             entry["rolling"] = max(its.rolling, kind("wheel").material.rolling)
         elif rolls and not (item.cut or is_static):
@@ -317,6 +319,7 @@ def object_entries(
             )
             entry["motion"] = "static"
             comments[f"{path}.motion"] = f"{reason}, so it is held; dynamic lets it go"
+        # An object at rest on a slope proves a friction of at least the slope.
         if its.friction < grip:
             sources["friction"] = provenance("lies on a slope", 0.5)
             comments[f"{path}.friction"] = (
@@ -333,6 +336,7 @@ def object_entries(
             comments[f"{path}.facing"] = (
                 "a guess: the cabin is behind the middle; left or right"
             )
+        # Layers are written only if the order of drawing differs from the default.
         if item.id in layer_of:
             orders = [order for order in kept if order.front == item.id]
             entry["layer"] = layer_of[item.id]
@@ -700,6 +704,7 @@ def write_scene(
     target = output or stdout or Path(f"{name}.yaml")
     folder = target.parent
     inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
+    # A copy of the pixels does not contain the photo's metadata, such as the place.
     copy = "" if inside else _free_of_maps(f"{name}.png")
     heads = ("physgen", "image", "assets", "maps")
     body = {key: value for key, value in perceived.document.items() if key not in heads}
@@ -753,6 +758,7 @@ def write_scene(
         ):
             # Delete only files with unchanged content: users may have painted in a map.
             (assets / file).unlink()
+    # The maps come first, because the record lists their ranges.
     ranges = write_assets(perceived.percepts, assets, keep)
     if copy:
         write_png(assets / copy, perceived.percepts.rgb, keep)
@@ -763,6 +769,7 @@ def write_scene(
     write_with_backup(assets / SCHEMA, resource("schemas", SCHEMA).read_bytes(), keep)
     per_meter = stated_scale(perceived.document)
     slow = slow_motion(max(perceived.percepts.labels.shape), per_meter)
+    # The record tells a later refresh which values are perception's.
     record: dict[str, Any] = {
         "physgen": __version__,
         "steps": list(perceived.record),
@@ -799,10 +806,12 @@ def write_scene(
     if description is not None:
         record["summary"] = list(description.summary)
     asset_files = sorted(file for file in assets.iterdir() if file.name in file_names)
+    # Checksums tell unchanged files from files edited by the user.
     record["files"] = {file.name: crc32(file.read_bytes()) for file in asset_files}
     write_atomic(
         assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n"
     )
+    # The scene file comes last, so that an interrupted run leaves the old scene intact.
     text = written(assets)
     note_files(assets, {*file_names, RECORD, copy} - {""})
     if output is None:

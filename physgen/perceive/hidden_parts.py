@@ -86,6 +86,7 @@ def continue_outlines(
         circle = full_outline
         if not isinstance(full_outline, Disc):
             circle = _border_circle(labels, item, fronts[item.id])
+        # The engine gets a disc without overlap, the renderer the full outline.
         if isinstance(circle, Disc):
             others = [other for other in result if other.id != item.id]
             disc = _free_disc(circle, others)

@@ -140,6 +140,7 @@ def start_refresh(
     ]
     frames = frames or PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
     new = from_prompts(rgb, boxes, points, segment, frames.new)
+    # Stored prompts select whole objects, whatever the choice for the new prompts.
     whole_segmenter = replace(segment, is_smallest_meant=False)
     new_detections = from_prompts(
         rgb, *prompts_of(objects), whole_segmenter, frames.old
@@ -150,6 +151,7 @@ def start_refresh(
     owner = {i: k for k, i in enumerate(ids)}
     confidence: dict[int, float] = {}
     prompts: dict[int, Mapping[str, Any]] = {}
+    # Masks without a prompt stay; masks with a prompt are drawn over them.
     for k, i in enumerate(ids):
         if objects[k].prompt is None:
             result[labels == k + 1] = i
@@ -192,6 +194,7 @@ def start_refresh(
         i: old["objects"].get(item.name, {}).get("from", {})
         for i, item in items.items()
     }
+    # Masks with a new prompt have no old source.
     masks = {
         i: origins.get("mask", "") for i, origins in sources.items() if i not in prompts
     }
@@ -347,6 +350,7 @@ def merge_documents(
     and `record` belongs to `old`.
     """
     objects: dict[str, Any] = {}
+    # Start from the user's entries and replace the values of perception.
     for name, old_entry in old["objects"].items():
         if name not in start.gone:
             new_entry = new["objects"].get(name)
@@ -398,6 +402,7 @@ def merge_documents(
     for key in ("table", "tilt"):
         if has_new_view and key in new_world and key not in world:
             world[key] = new_world[key]
+    # Boundaries are merged by position, since their names may change.
     walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
     result = {**old, "objects": objects} | ({"world": world} if world else {})
     return result | ({"boundaries": walls} if walls or "boundaries" in old else {})

@@ -168,8 +168,7 @@ class Heads:
             detector_chances[:, label] = np.maximum(
                 detector_chances[:, label], detected[:, k]
             )
-        # Network and detector err independently: the joint probability is 1 - (1 - p)(1
-        # - q).
+        # Network and detector are assumed to err independently: 1 - (1 - p)(1 - q).
         joint = np.asarray(
             1 - (1 - network_chances) * (1 - detector_chances), np.float32
         )

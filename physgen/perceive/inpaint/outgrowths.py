@@ -236,6 +236,7 @@ class _Beside:
             piece = names == k
             if np.count_nonzero(piece) < OUTGROWTHS.smallest:
                 continue
+            # Try the piece with its continuation first, then the piece alone.
             for part in (self._whole(piece, like), piece):
                 is_small = np.count_nonzero(part) <= OUTGROWTHS.part * area
                 if is_small and self._is_part(part):

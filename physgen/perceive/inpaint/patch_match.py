@@ -145,6 +145,7 @@ def patch_match_fill(picture: F32, hole: Mask) -> PatchFill:
         harmonic_fill(last.picture, last.hole & ~last.drawn),
         level_fill(last.picture, last.hole),
     )
+    # The first guess keeps continued edges, the second one continues rows.
     fills = [started(edges, keep=True)]
     if np.abs(edges - rows).max() > TUNING.same:
         fills.append(started(rows, keep=False))

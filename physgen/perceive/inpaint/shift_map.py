@@ -89,6 +89,7 @@ def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
         window = _Window(picture[part], guide[part], piece, hole[part])
         copies, joint_copies = window.fill()
         strong_fill = window.strengthened(joint_copies)
+        # Copies replace the guide only if contrast and seams improve.
         gain = window.contrast_error() - window.contrast_error(strong_fill)
         gain -= TUNING.seam_weight * window.seam_growth(strong_fill)
         gain -= TUNING.copy_seam_weight * window.seam_growth(copies)
@@ -262,6 +263,7 @@ class _Window:
         """
         shifts = np.zeros((*self.hole.shape, 2), np.int64)
         composition = _Composed(self.picture.copy(), ~self.blocked)
+        # Large pieces are placed first; smaller ones adapt to them.
         for number, piece in _pieces_by_size(labels, scale, self.hole):
             offset = None
             if number < len(offsets):

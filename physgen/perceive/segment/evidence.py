@@ -145,6 +145,7 @@ def find_edges(rgb: NDArray[np.uint8], shape: tuple[int, int]) -> F32:
     x_gradient = cv2.Sobel(lab, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     down = cv2.Sobel(lab, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
     strength = np.sqrt((x_gradient**2 + down**2).sum(axis=2))
+    # Half of a photo is below the median: grain and smooth shading.
     noise = max(0.25, float(np.median(strength)))
     strongest = strength.reshape(height, 2, width, 2).max(axis=(1, 3))
     return np.asarray(strongest / (strongest + 3 * noise + 1), np.float32)

@@ -139,6 +139,7 @@ def smoothed(mask: Mask) -> Mask:
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(
         1 - inside, connectivity=4
     )
+    # Small holes are closed, but not the region around the mask.
     small = [
         k
         for k in range(1, count)
@@ -223,6 +224,7 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
     dropped.
     """
     rest = list(cuts)
+    # Drop the most hidden object and start again, since others then become visible.
     while True:
         left = [
             _behind(cut, [other for other in rest if other is not cut]) for cut in rest

@@ -324,6 +324,7 @@ def from_prompts(
         labels[masks[k].mask] = k + 1
     places: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
     places += [("point", point) for point in points]
+    # A prompt whose object is hidden by the others repeats one of them.
     for k in range(1, len(places) + 1):
         least_area = max(
             RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT

@@ -39,6 +39,7 @@ def discs(
         gradient,
         vote(gradient, np.sqrt(smallest / np.pi), np.sqrt(largest / np.pi), 4 * most),
     )
+    # The mean significance of edges along the rim rates a circle.
     support = gradient.support(
         _across_rim(gradient, circles, np.linspace(0.97, 1.03, 5)).max(1)
     ).mean(1)
@@ -164,6 +165,7 @@ def fit(gradient: Gradient, circles: Circles) -> Circles:
             factor[best_step] - 1
         )  # (n, 72) px by which the rim should move
         weight = base_weight = np.minimum(strength, 5) * (strength > 2 * gradient.noise)
+        # Reweighted least squares: distant edges belong to other objects.
         for _ in range(3):
             normal = np.einsum("nt,ti,tj->nij", weight, RIM, RIM) + 1e-3 * np.eye(3)
             move = np.linalg.solve(
@@ -459,6 +461,7 @@ def tree_regions(
 
     Areas are between `smallest` and `largest` px.
     """
+    # In the tree's order each node is an interval of ranks.
     ranks = tree.rank[labels]
     sizes = np.concatenate(
         [[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))]

@@ -303,6 +303,8 @@ def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[
             np.array([f.lowest for f in left]),
             np.array([f.slope for f in left]),
         )
+        # The largest group is taken first; its feet are removed, and the search
+        # repeats.
         lines = _largest_groups(points, slopes, tolerance)
         line, group = max(lines, key=lambda found: _quality(found[0], found[1], points))
         groups.append((line, [left[i] for i in group]))
@@ -620,6 +622,7 @@ def straighten_foot(outline: Region, line: Line, band: float = LEVEL.band) -> Re
         distances = (ring.outer - start) @ normal
         low = distances >= -band
         points = ring.outer - np.where(low, distances, 0.0)[:, None] * normal
+        # Inside a straight run, points are redundant.
         inner = low & np.roll(low, 1) & np.roll(low, -1)
         if np.ptp(distances) > band and (~inner).sum() >= 3:
             rings.append(Ring(points[~inner], ring.holes))
@@ -726,6 +729,7 @@ def add_base(foot: Foot, line: Line) -> Region | None:
     left = max(min(middle - reach, float(foot.left[0])), float(foot.hull[0, 0]))
     right = min(max(middle + reach, float(foot.right[0])), float(foot.hull[-1, 0]))
     inner = foot.hull[(foot.hull[:, 0] > left) & (foot.hull[:, 0] < right)]
+    # The base follows the lower outline at its top and the ground at its bottom.
     xs = np.array([left, *inner[:, 0], right])
     ys = np.interp(xs, foot.hull[:, 0], foot.hull[:, 1])
     ground = line.slope * xs + line.height
