@@ -198,7 +198,7 @@ def run_note(
 
 
 def free_memory() -> None:
-    """Release the memory of models without references to the operating system."""
+    """Release the memory of unreferenced models."""
     gc.collect()
     if torch.cuda.is_available():
         torch.cuda.empty_cache()
