@@ -1,6 +1,6 @@
 """Breaking joints: their forces follow from the momentum balance of the bodies.
 
-The part of a body's momentum that contacts and lasting forces do not explain comes from
+The part of a body's momentum beyond contacts and lasting forces comes from
 its joints.
 """
 

@@ -244,7 +244,7 @@ class Points:
     on_first: Array  # (P, 2) px
     on_second: Array
     depth: Array
-    closing: Array  # (P,) px/s at which they close, by velocities before contacts
+    closing: Array  # (P,) px/s: closing speeds by velocities before contacts
 
     def sorted(self) -> Points:
         """Sort the points by objects, pairs of shapes and place; objects and pairs are
@@ -300,7 +300,7 @@ class ContactProperties:
     friction: list[float]  # factors; a pair's coefficient is their product
     elasticity: list[float]
     radius: list[float]  # px; NaN except for circles
-    conveyor: list[float]  # px/s of a surface that runs around the body
+    conveyor: list[float]  # px/s of a surface running around the body
 
 
 @dataclass(slots=True)

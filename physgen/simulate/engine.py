@@ -87,7 +87,7 @@ LEFT = 0.5
 HIDINGS = 4
 """Largest number of repetitions of a step for contacts at internal edges."""
 JUST_BEFORE = 4e-9
-"""s from an event to the sample at the end of its step, which shows it."""
+"""s from an event to the first sample with it, at the end of its step."""
 LOOK = 8
 """Number of steps between two searches for fast bodies."""
 
@@ -437,7 +437,7 @@ class Stepper:
         )
         self._reach = np.array([b.reach for b in bodies]).reshape(-1)
         self._weight = max(float(np.hypot(*world.gravity)), world.press)
-        """px/s²: acceleration that presses bodies on each other."""
+        """px/s²: acceleration of bodies towards their supports."""
         self._last: tuple[float, Forces | None, float] = (0.0, None, 1.0)
         """Length of the last step, s, its lasting forces, and the factor on its
         gravity.
@@ -709,7 +709,7 @@ class Stepper:
                         ),
                         EnergyEvent(end, late_loss, led_share * late_loss),
                     ]
-                # Joints have moved bodies, whose contacts may now close again under a
+                # Joints have moved bodies: their contacts may now close again under a
                 # load.
                 step_velocity = self.state()[:, 3:] if before is None else before
                 load_impacts = self._carry(exact, step_velocity, order, numbers, h)
@@ -818,7 +818,7 @@ class Stepper:
         contacts: tuple[Order, bytes],
         impacts: list[Impacts],
     ) -> list[EnergyEvent]:
-        """Release the joints that break in a step; return the energy that they lose.
+        """Release the breaking joints of a step; return their loss of energy.
 
         `begun` (M, 3): velocities before the step.
         """
@@ -850,7 +850,7 @@ class Stepper:
         them.
 
         `state` (M, 6): after the joints; `within` (M, 3): velocities within the step.
-        The engine solves contacts and joints in turns, which does not carry a heavy
+        The engine solves contacts and joints in turns, and so cannot carry a heavy
         load on light bodies. The rest is solved here with the joints' responses,
         without rebound.
         """

@@ -116,7 +116,7 @@ class LoadSum:
     """Loads on the N bodies, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
 
     hold: Array  # loads with a potential: springs, attractors
-    drive: Array  # loads that do work: pushes, wind
+    drive: Array  # loads with work: pushes, wind
     spend: Array  # loads that dissipate energy: dampers
 
 

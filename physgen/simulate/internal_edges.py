@@ -1,4 +1,4 @@
-"""Contacts at internal edges: their normals point into a surface that continues.
+"""Contacts at internal edges: their normals point into the continued surface.
 
 An object that slides from one block or segment to the next first touches the side of
 the next one, which the engine takes for a wall (Box2D's ghost collisions). Such a side

@@ -283,7 +283,7 @@ class Assemblies:
                 and not is_driven
                 and is_jolt(inverse_masses, velocities_before, change, self._jolt * h)
             ):
-                # Near a pose in which joints contradict each other, closing a gap
+                # Near a pose of contradictory joints, closing a gap
                 # within
                 # a step would take a speed that the motion never had. The gap is closed
                 # by a displacement without velocity instead.
@@ -431,8 +431,8 @@ class Assemblies:
                 )
                 pulls = [bound.row for bound in bounds] if joint.kind in GUIDES else []
                 rows += [*joint_rows, *pulls]
-                # The first rows of a joint are its forces; later ones are torques,
-                # which do not count.
+                # Only the first rows of a joint count, its forces; later ones are
+                # torques.
                 count = min(len(joint_rows), 1 if joint.kind in GUIDES else 2)
                 owners += [joint.name] * count + [""] * (len(joint_rows) - count)
                 owners += [joint.name] * len(pulls)

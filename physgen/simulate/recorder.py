@@ -230,7 +230,7 @@ class Recorder:
     """Record of a run: samples, contacts and the energy balance."""
 
     world: World
-    moving: Index  # (M,): bodies that states list
+    moving: Index  # (M,): bodies in the order of states
     loads: ForceFields
     scripts: ScriptedMotion
     times: Array  # (T,) s to sample at

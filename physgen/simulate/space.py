@@ -583,7 +583,7 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
 def _add_wall(
     space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]
 ) -> pymunk.Body:
-    """Add a wall as a body of its own, so that contacts identify the wall."""
+    """Add a wall as a body of its own, to identify the wall in contacts."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
     solid_shapes: list[pymunk.Shape] = [
@@ -686,7 +686,7 @@ def _add_joints(
     bodies: list[pymunk.Body],
     world: pymunk.Body,
 ) -> dict[str, list[pymunk.Constraint]]:
-    """Add pins and welds, so that contacts are solved together with them.
+    """Add pins and welds, to solve contacts together with them.
 
     They only constrain velocities: joints.py solves positions and motors exactly after
     each step, and springs are loads. The place of a weld is arbitrary; between the two

@@ -216,7 +216,7 @@ class Governor:
             self.sweeps,
             TUNING.many if overlap > TUNING.deep or self._jointed else TUNING.fewest,
         )
-        # Grow fast and shrink slowly, so that sweeps do not oscillate.
+        # Grow fast and shrink slowly, against oscillations of the sweeps.
         if residual > limit:
             sweeps += sweeps // 2
         elif residual < limit / 10:

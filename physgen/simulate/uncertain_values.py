@@ -130,7 +130,7 @@ def uncertain_values(
 ) -> tuple[UncertainValue, ...]:
     """List all uncertain values of objects, then of boundaries.
 
-    Values of `variant`, which was applied to the scene, are certain.
+    Values of the applied `variant` are certain.
     """
     provenance = Provenance(scene, variant)
     of_objects = [
