@@ -132,7 +132,7 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
     )
 
 
-DELIVERED = {"hold", "grain"}
+DELIVERED = {"hold", "grain", "squash"}
 """Keys of `video` in a manifest: see `render.grain.Delivery`."""
 
 

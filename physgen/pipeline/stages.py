@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from physgen.pipeline.asset_cache import AssetCache
     from physgen.render.camera import Shot
     from physgen.render.grain import Delivery
+    from physgen.render.squash import Squashes
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
     from physgen.scene.load import Opened
@@ -715,8 +716,21 @@ class Film:
         if order is not None:
             through = replace(through, order=tuple(order))
         fine, parts = self.exposed(trajectory)
-        stage = replace(self.stage, keeps_layers=self.keeps_layers)
+        stage = replace(
+            self.stage,
+            keeps_layers=self.keeps_layers,
+            squashes=self._squashes(trajectory),
+        )
         return render(matte_stage(stage) if matte else stage, fine, parts, through)
+
+    def _squashes(self, trajectory: Trajectory) -> Squashes | None:
+        """Return the soft bodies that impacts flatten, in a delivered video that asks for it."""
+        if self._delivery is None or not self._delivery.squash:
+            return None
+        from physgen.render.squash import find_squashes
+
+        labels = [item.label for item in self.scene.objects]
+        return find_squashes(self.compiled.world, labels, trajectory)
 
     def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Samples for motion blur, and how many a frame has."""

@@ -31,6 +31,7 @@ from physgen.render.occlusion import (
 )
 from physgen.render.shadow_decomposition import LitBackground, shaded_background
 from physgen.render.sprites import CUT, Sides
+from physgen.render.squash import squash_picture
 from physgen.render.stage import (
     Cover,
     Frame,
@@ -224,6 +225,8 @@ class Picture:
     """
     factor: F32 | None = None
     """(h, w) by which `light` was multiplied for the shadows of others."""
+    is_flat: bool = False
+    """Whether an impact has flattened it, so that it is not as its placement draws it."""
 
 
 @dataclass(frozen=True)
@@ -269,6 +272,7 @@ def render_frames(
             exposure = list(samples[index * parts : (index + 1) * parts])
             trails = _trails(stage, ways[exposure])
             pictures = list(_pictures(stage, painter.balls, stands))
+            _flatten(stage, pictures, time)
             rgb = painter.paint(stands, pictures, trails)
             covers = _covers(stage, pictures)
             yield Frame(
@@ -717,6 +721,35 @@ def _pictures(
         yield Picture(stand, placement, light, coverage, border)
 
 
+def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
+    """Flatten the soft objects that an impact presses at a time, s."""
+    if stage.squashes is None:
+        return
+    squashes = stage.squashes.find(time)
+    if not squashes:
+        return
+    size = (stage.background.shape[1], stage.background.shape[0])
+    for picture in pictures:
+        sprite, pose = stage.sprites[picture.stand.k], picture.stand.pose
+        squash = squashes.get(sprite.body)
+        if squash is None or picture.where.own is not None:
+            continue
+        center = (pose.x, pose.y + sprite.face)
+        flat = squash_picture(
+            squash.scaled(stage.scale),
+            center,
+            picture.where.box,
+            picture.light,
+            picture.coverage,
+            size,
+        )
+        if flat is None:
+            continue
+        box, picture.light, picture.coverage = flat
+        picture.where = replace(picture.where, box=box)
+        picture.is_flat = True
+
+
 def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
     """Add the sides of blocks that turned, where no front of another object is: fronts are in one plane."""
     turned = []
@@ -815,7 +848,7 @@ def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouet
     figures = {}
     for picture in pictures:
         stand, coverage = picture.stand, picture.coverage
-        if stage.supersample != 1:
+        if stage.supersample != 1 and not picture.is_flat:
             coverage = sprite_coverage(stage.sprites[stand.k], picture.where)
         figures[stand.k] = sprite_silhouette(stage, stand, picture.where, coverage)
     return figures

@@ -268,10 +268,10 @@ def add_grain(
 
 
 class Delivery:
-    """Hold and noise of a video."""
+    """Hold, noise and flattened objects of a video."""
 
-    def __init__(self, hold: int, grain: Grain | None) -> None:
-        self.hold, self.grain = hold, grain
+    def __init__(self, hold: int, grain: Grain | None, *, squash: bool) -> None:
+        self.hold, self.grain, self.squash = hold, grain, squash
         self._photos: tuple[U8, U8] | None = None
 
     @classmethod
@@ -279,16 +279,18 @@ class Delivery:
         """Return the delivery that a scene asks for; no `photo` has no noise."""
         hold = settings.hold if settings.play is not Play.BACKWARD else 0
         if settings.grain is not Noise.MATCH or photo is None:
-            return cls(hold, None)
-        return cls(hold, measure_grain(photo))
+            return cls(hold, None, squash=settings.squash)
+        return cls(hold, measure_grain(photo), squash=settings.squash)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return hold and noise for the manifest; nothing if there are none."""
+        """Return hold, noise and flattening for the manifest; nothing if there are none."""
         parts: dict[str, Any] = {}
         if self.hold:
             parts["hold"] = self.hold
         if self.grain is not None:
             parts["grain"] = Noise.MATCH.value
+        if self.squash:
+            parts["squash"] = True
         return parts
 
     def remove_noise(self, maps: Percepts) -> Percepts:

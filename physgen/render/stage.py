@@ -16,6 +16,7 @@ from physgen.geometry.polygon import Pose, rotation
 from physgen.maps import U8, U16
 from physgen.render.shadow_decomposition import LitBackground
 from physgen.render.sprites import Sprite
+from physgen.render.squash import Squashes
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.trajectory import rotation_matrices as in_space
 
@@ -440,6 +441,8 @@ class Stage:
     """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
     contact_depth: float = 0.0
     """Share of light that objects lose where they come to touch each other."""
+    squashes: Squashes | None = None
+    """Soft bodies that impacts flatten; None: no body is flattened."""
     keeps_layers: bool = False
     """Whether frames can be taken apart into layers."""
 

@@ -601,6 +601,8 @@ class Render:
     chroma: int = 420
     """420 or 444: colours of an mp4 at every second pixel of each side, or at all."""
     contact_shade: bool = False
+    squash: bool = False
+    """Soft objects are flat for two frames after an impact."""
     sound: SoundLevel | None = None
     """None: silent."""
 
