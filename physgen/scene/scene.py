@@ -657,6 +657,8 @@ class Settings:
     """degrees by which the camera looks down on the floor, seen from the side."""
     backdrop: float | None
     """px from the objects back to an upright wall; None: none is near."""
+    ramp: float = 0.0
+    """s in which objects reach their velocity and spin; 0: at once."""
     gravity_in_units: bool = False
     """Whether gravity was written with a unit, such as 9.81 m/s²."""
 

@@ -24,6 +24,7 @@ from physgen.scene.scene import (
 )
 from physgen.simulate.friction import Resistance, Table
 from physgen.simulate.moving_tables import MovingTable
+from physgen.simulate.ramps import Ramps, is_ramped
 
 
 def spring_joints(world: World) -> list[Joint]:
@@ -164,7 +165,8 @@ class ForceFields:
         self.busy = bool(
             self._pushes or self._springs or self._winds or self._attractors
         ) or bool(self._lifts or len(self._damped) or self._fingers)
-        self.busy |= bool(self._pools or self._magnets)
+        self.ramps = Ramps(world)
+        self.busy |= bool(self._pools or self._magnets or self.ramps.busy)
 
     def release(self, joint: Joint, pose: Array, time: float) -> float:
         """Let a spring pull no more from a time on, s; return the energy that it has then."""
@@ -253,6 +255,8 @@ class ForceFields:
             self._attract(magnet, pose, total)
         for pool in self._pools:
             self._float(pool, pose, velocity, h, total)
+        if self.ramps.busy:
+            self.ramps.add(velocity, begin, end, total.drive)
         for finger in self._fingers:
             self._lead(finger, pose, velocity, (begin, end), total)
         return total
@@ -532,7 +536,8 @@ class StepForces:
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
         self._falls = bool(world.gravity.any())
-        self.roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
+        rolls = [0 * b.roll if is_ramped(b) else b.roll for b in bodies]
+        self.roll = np.array(rolls).reshape(-1, 2)
         """(N, 2) rad/s: how spheres on a table roll now."""
         self._foreseen: list[tuple[Array, Array]] = []
         """What the table does in the next steps while nothing touches, the last first."""
@@ -594,13 +599,23 @@ class StepForces:
                 )
                 ground = self._belts.velocities(middle[:, :2])
                 trial = trial - ground
+            roll, made = self.roll, None
+            if self._loads.ramps.busy:
+                begin = end if first else end - h / 2
+                made = self._loads.ramps.roll_change(begin, end + h / 2, len(roll))
+                roll = roll + made
             if not (alone and self._foreseen):
                 self._foreseen = self._table.foreseen(
-                    trial, self.roll, part, 32 if alone else 1
+                    trial, roll, part, 32 if alone else 1
                 )
             change, rolled = self._foreseen.pop()
+            if made is not None:
+                rolled = rolled + made
             grip = change * self._weight
             carried = 0.0 if ground is None else float((grip * ground).sum())
+            if made is not None:
+                middle_roll = self.roll + rolled / 2
+                carried += float((self._weight[:, 2:] * middle_roll * made).sum())
             grip /= h
             spend = grip if load.spend is None else load.spend + grip
             load = Forces(

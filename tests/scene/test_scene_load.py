@@ -58,6 +58,7 @@ def test_everything_that_is_written() -> None:
         480,
         4,
         None,
+        0.25,
     )
     ball, blob, crate, kite, ring = found.objects
     assert ball == scene.Object(
