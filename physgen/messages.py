@@ -702,6 +702,10 @@ class Message(Enum):
         "has no effect: the motion of {name} is {motion}",
         "remove it, or write motion: dynamic",
     )
+    NOTHING_TO_STRIKE = (
+        "has no effect: {why}",
+        "remove it, or give an object in a photo a velocity",
+    )
     FORCE_AFTER_END = (
         "begins after the end of the clip at {end:g} s",
         "begin earlier or lengthen the duration",

@@ -132,7 +132,7 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
     )
 
 
-DELIVERED = {"hold", "grain", "squash"}
+DELIVERED = {"hold", "grain", "squash", "enter"}
 """Keys of `video` in a manifest: see `render.grain.Delivery`."""
 
 

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from physgen.render.grain import Delivery
     from physgen.render.squash import Squashes
     from physgen.render.stage import Frame, Stage
+    from physgen.render.striker import StruckScene
     from physgen.report.record import RunRecord
     from physgen.scene.load import Opened
     from physgen.scene.scene import Scene
@@ -721,7 +722,26 @@ class Film:
             keeps_layers=self.keeps_layers,
             squashes=self._squashes(trajectory),
         )
+        if order is None and not matte:
+            struck = self._struck(stage, (fine, parts), through)
+            if struck is not None:
+                return render(struck.stage, struck.trajectory, parts, struck.shot)
         return render(matte_stage(stage) if matte else stage, fine, parts, through)
+
+    def _struck(
+        self, stage: Stage, exposed: tuple[Trajectory, int], through: Shot
+    ) -> StruckScene | None:
+        """Return the scene with what comes in and pushes; None if nothing does."""
+        from physgen.render.striker import with_strikers
+        from physgen.scene.scene import Striker
+
+        delivery = self._delivery
+        if delivery is None or delivery.enter is Striker.NONE:
+            return None
+        world, hold = self.compiled.world, delivery.hold
+        struck = with_strikers(stage, world, delivery.enter, exposed, through, hold)
+        delivery.draws_hold = struck is not None
+        return struck
 
     def _squashes(self, trajectory: Trajectory) -> Squashes | None:
         """Return the soft bodies that impacts flatten, in a delivered video that asks for it."""

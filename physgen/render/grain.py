@@ -16,7 +16,7 @@ from physgen.arrays import F32, F64
 from physgen.maps import U8, Percepts
 from physgen.render.camera import Shot
 from physgen.render.stage import Frame
-from physgen.scene.scene import Noise, Play, Render
+from physgen.scene.scene import Noise, Play, Render, Striker
 
 
 @dataclass(frozen=True)
@@ -267,20 +267,35 @@ def add_grain(
         yield replace(frame, rgb=rgb)
 
 
-class Delivery:
-    """Hold, noise and flattened objects of a video."""
+ENTERING = 8
+"""Frames in which a striker comes in, at least."""
 
-    def __init__(self, hold: int, grain: Grain | None, *, squash: bool) -> None:
-        self.hold, self.grain, self.squash = hold, grain, squash
+
+class Delivery:
+    """Hold, noise, flattened objects and strikers of a video."""
+
+    def __init__(
+        self, hold: int, grain: Grain | None, *, squash: bool, enter: Striker
+    ) -> None:
+        self.hold, self.grain, self.squash, self.enter = hold, grain, squash, enter
+        self.draws_hold = False
+        """Whether the frames of the hold are drawn, as something comes in during them."""
         self._photos: tuple[U8, U8] | None = None
 
     @classmethod
     def of(cls, settings: Render, photo: U8 | None) -> Delivery:
         """Return the delivery that a scene asks for; no `photo` has no noise."""
-        hold = settings.hold if settings.play is not Play.BACKWARD else 0
-        if settings.grain is not Noise.MATCH or photo is None:
-            return cls(hold, None, squash=settings.squash)
-        return cls(hold, measure_grain(photo), squash=settings.squash)
+        hold, enter = settings.hold, settings.enter
+        if photo is None:
+            enter = Striker.NONE
+        if enter is not Striker.NONE:
+            hold = max(hold, ENTERING)
+        if settings.play is Play.BACKWARD:
+            hold, enter = 0, Striker.NONE
+        grain = None
+        if settings.grain is Noise.MATCH and photo is not None:
+            grain = measure_grain(photo)
+        return cls(hold, grain, squash=settings.squash, enter=enter)
 
     def as_dict(self) -> dict[str, Any]:
         """Return hold, noise and flattening for the manifest; nothing if there are none."""
@@ -291,6 +306,8 @@ class Delivery:
             parts["grain"] = Noise.MATCH.value
         if self.squash:
             parts["squash"] = True
+        if self.enter is not Striker.NONE:
+            parts["enter"] = self.enter.value
         return parts
 
     def remove_noise(self, maps: Percepts) -> Percepts:
@@ -303,7 +320,7 @@ class Delivery:
 
     def deliver_frames(self, frames: Iterator[Frame], shot: Shot) -> Iterator[Frame]:
         """Yield the frames of the video."""
-        if self.hold:
+        if self.hold and not self.draws_hold:
             frames = hold_frames(frames, self.hold)
         if self.grain is None:
             return frames

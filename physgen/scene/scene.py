@@ -561,6 +561,15 @@ class Noise(Enum):
     MATCH = "match"
 
 
+class Striker(Enum):
+    """What comes into the picture and pushes."""
+
+    NONE = "none"
+    FINGER = "finger"
+    CUE = "cue"
+    STICK = "stick"
+
+
 @dataclass(frozen=True)
 class CameraView:
     """One view of the camera; one alone holds from the first frame to the last."""
@@ -603,6 +612,8 @@ class Render:
     contact_shade: bool = False
     squash: bool = False
     """Soft objects are flat for two frames after an impact."""
+    enter: Striker = Striker.NONE
+    """What pushes the objects that move at t = 0."""
     sound: SoundLevel | None = None
     """None: silent."""
 
