@@ -1326,6 +1326,10 @@ class Message(Enum):
         "objects",
     )
     NOTHING_MOVES = ("nothing moves in this clip", "{fix}")
+    HARDLY_MOVES = (
+        "the push moves nothing by 5 % of the picture",
+        "push faster, or push another object: --push NAME=DIRECTION",
+    )
     NOTHING_TO_MOVE = ("nothing moves in this clip: the scene has no objects", "{fix}")
 
     NO_DEPTH_FOR_BOUNDARY = (

@@ -244,6 +244,8 @@ UNMOVED = 1.0
 """px: a displacement of a point of an object that nobody sees."""
 HARDLY = 0.005
 """Of the longer side: the same where something is pushed."""
+LITTLE = 0.05
+"""Of the longer side, by which a push should move something."""
 DEPARTED = 0.2
 """Of the clip, from its beginning: a picture that is still from then on is seldom meant."""
 UNBALANCED = 0.03
@@ -544,6 +546,9 @@ class _Run:
             self.warn(nothing.warning(scene.place("objects"), fix=fix))
         else:  # at rest, no energy flows; a body's fall by a pixel is the least that counts
             record.imbalance = imbalance(world, trajectory)
+            if pushed and moved.max() < LITTLE * max(scene.size):
+                place = scene.place(f"objects.{pushed[0].name}.velocity")
+                self.warn(Message.HARDLY_MOVES.warning(place, pushed[0].name))
             for problem in departure_warnings(scene, world, trajectory):
                 self.warn(problem)
         record.samples, record.effort = (

@@ -303,14 +303,22 @@ def import_physgen(
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
     stdout: Path | None = None,
+    *,
+    faithful: bool = False,
 ) -> str:
-    """A folder of the paper's public code -> the scene's text; writes as `perceive` does."""
+    """A folder of the paper's public code -> the scene's text; writes as `perceive` does.
+
+    As a shot, unless it is to be `faithful` to the frames and discs of that code.
+    """
     from physgen.perceive.document import write_scene
     from physgen.perceive.import_physgen import import_physgen as run
+    from physgen.perceive.import_shot import as_shot
 
     check_text_names(folder, output)
     check_writable((output or stdout or Path()).parent)
     imported = run(folder, progress=progress)
+    if not faithful:
+        imported = as_shot(imported)
     for problem in imported.warnings:
         warn(problem)
     return write_scene(

@@ -254,6 +254,7 @@ def choose_push(
     tried = [one for one in tried if one.outcome.grade > Grade.NOTHING]
     if not tried:
         return None
+    tried = list(_free_of_load(trials, tried))
     tried = [_weighted(one, confidence) for one in tried]
     ordered = sorted(tried, key=_preference, reverse=True)
     verified: list[Candidate] = []
@@ -267,6 +268,20 @@ def choose_push(
         verified.append(again)
     moving = [one for one in verified if one.outcome.grade > Grade.NOTHING]
     return max(moving, key=_preference, default=ordered[0])
+
+
+def _free_of_load(
+    trials: TrialScene, tried: Sequence[Candidate]
+) -> Sequence[Candidate]:
+    """Return the pushes of what carries nothing, if one of them tells a story, else all."""
+    corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
+    loaded = set()
+    for k, item in enumerate(trials.scene.objects):
+        if _is_loaded(trials.scene, corners, k):
+            loaded.add(item.name)
+    free = [one for one in tried if one.item.name not in loaded]
+    has_story = any(one.outcome.grade is Grade.STORY for one in free)
+    return free if has_story else tried
 
 
 def _weighted(candidate: Candidate, confidence: Mapping[str, float]) -> Candidate:
