@@ -44,6 +44,7 @@ Data = dict[str, Any]
 
 _OBJECT = re.compile(r"(?:^|\.)objects\.([\w-]+)")
 SECTIONS = (
+    "title",
     "world",
     "objects",
     "boundaries",

@@ -725,6 +725,8 @@ class Scene:
     """The resolved document as plain YAML data, defaults filled in: what a clip's manifest has."""
     variants: tuple[str, ...] = ()
     """Names of the variants that the file offers."""
+    title: str | None = None
+    """Of the clip; None: made of the name."""
     files: tuple[Path, ...] = field(default=(), compare=False, repr=False)
     """The file and those that it extends, as they were opened."""
 

@@ -45,7 +45,7 @@ def test_a_star_sets_no_more_than_a_scene_may_hold(tmp_path: Path) -> None:
 
 def test_everything_that_is_written() -> None:
     found = load(FULL)
-    assert found.name == "full"
+    assert (found.name, found.title) == ("full", "A ball and a crate")
     assert (found.size, found.image, found.assets) == ((512, 384), None, None)
     assert found.world == scene.Settings(
         scene.View.TOP,
