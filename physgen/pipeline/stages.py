@@ -813,17 +813,27 @@ class Film:
 
         As a `matte`, a frame shows the coverage of objects as light.
         """
+        from physgen.geometry.polygon import Pose
+        from physgen.render.camera import blur_first_frame
         from physgen.render.staging import matte_stage
 
         camera_shot = self.shot(trajectory)
         if order is not None:
             camera_shot = replace(camera_shot, order=tuple(order))
         exposure_samples, parts = self.exposed(trajectory)
+        settings = self.scene.render
         stage = replace(
             self.stage,
             keeps_layers=self.keeps_layers,
             squashes=self._squashes(trajectory),
         )
+        if self._delivery is not None and settings.first_blur:
+            exposure_samples = blur_first_frame(
+                exposure_samples, self.compiled.world, parts, settings.motion_blur
+            )
+            # The first sample is not the photo's any more.
+            photo_poses = [Pose(*pose) for pose in trajectory.poses[0].tolist()]
+            stage = replace(stage, starts=stage.starts or photo_poses)
         if order is None and not matte:
             struck = self._struck(stage, (exposure_samples, parts), camera_shot)
             if struck is not None:

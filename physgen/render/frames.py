@@ -418,9 +418,11 @@ class _Painter:
                 cv2.multiply(under, three_channels(1 - coverage), dst=under)
                 cv2.add(under, light, dst=under)
                 boxes.append(box)
-            if picture is not None and picture.rest is not None:
-                self._shadows.add_border(self._canvas, *picture.rest)
-                boxes.append(picture.rest[0])
+            is_blurred_photo = stand.k in trails and stand.start == stand.pose
+            rest = None if picture is None or is_blurred_photo else picture.rest
+            if rest is not None:
+                self._shadows.add_border(self._canvas, *rest)
+                boxes.append(rest[0])
         return boxes
 
     def _layer(

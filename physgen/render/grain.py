@@ -298,6 +298,8 @@ class Delivery:
         self, hold: int, grain: Grain | None, *, squash: bool, enter: Striker
     ) -> None:
         self.hold, self.grain, self.squash, self.enter = hold, grain, squash, enter
+        self.first_blur = False
+        """Whether the first frame is an exposure, too."""
         self.draws_hold = False
         """Whether the frames of the hold are drawn, as something comes in during them."""
         self._photos: tuple[U8, U8] | None = None
@@ -317,7 +319,9 @@ class Delivery:
         grain = None
         if settings.grain is Noise.MATCH and photo is not None:
             grain = measure_grain(photo)
-        return cls(hold, grain, squash=settings.squash, enter=enter)
+        delivery = cls(hold, grain, squash=settings.squash, enter=enter)
+        delivery.first_blur = settings.first_blur
+        return delivery
 
     def as_dict(self) -> dict[str, Any]:
         """Return the settings for the manifest; empty without any."""
@@ -328,6 +332,8 @@ class Delivery:
             parts["grain"] = Noise.MATCH.value
         if self.squash:
             parts["squash"] = True
+        if self.first_blur:
+            parts["first_blur"] = True
         if self.enter is not Striker.NONE:
             parts["enter"] = self.enter.value
         return parts

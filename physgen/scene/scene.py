@@ -612,6 +612,8 @@ class Render:
     contact_shade: bool = False
     squash: bool = False
     """Soft objects are flat for two frames after an impact."""
+    first_blur: bool = False
+    """What is in the air at t = 0 is blurred in the first frame, too."""
     enter: Striker = Striker.NONE
     """What pushes the objects that move at t = 0."""
     sound: SoundLevel | None = None
