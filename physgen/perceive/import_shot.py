@@ -39,8 +39,15 @@ class ShotTuning:
 
 
 SHOT = ShotTuning()
-FPS = 30
-"""Frames a second."""
+RENDER = {
+    "fps": 30,
+    "motion_blur": MOTION_BLUR,
+    "grain": "match",
+    "hold": HOLD,
+    "contact_shade": True,
+    "squash": True,
+}
+"""Settings of the video, as `perceive` writes them."""
 
 
 def as_shot(imported: PerceivedScene) -> PerceivedScene:
@@ -52,19 +59,7 @@ def as_shot(imported: PerceivedScene) -> PerceivedScene:
     for name, entry in document["objects"].items():
         objects[name] = _natural_form(entry, floors)
     _push_by_velocity(document["forces"], objects)
-    world = dict(document["world"]) | {"duration": "auto", "ramp": SHOT.ramp}
-    boundaries = document["boundaries"]
-    if world["view"] == "top":
-        world.pop("gravity", None)
-        per_meter, why = scale_entry(max(width, height), None, None)
-        world["pixels_per_meter"] = per_meter
-        world["table"] = {"friction": SHOT.table}
-        comments["world.pixels_per_meter"] = why
-        comments["world.table"] = "as of cloth"
-        comments["world.view"] = "gravity 0: seen from above"
-        boundaries = _with_cushions(boundaries, comments)
-    else:
-        boundaries = _with_long_floors(boundaries, width)
+    world, boundaries = _natural_world(document, comments, (width, height))
     comments.pop("forces", None)
     comments["objects"] = "--faithful keeps the discs and outlines of the paper's code"
     document |= {
@@ -72,16 +67,27 @@ def as_shot(imported: PerceivedScene) -> PerceivedScene:
         "objects": objects,
         "boundaries": boundaries,
         "forces": [],
-        "render": {
-            "fps": FPS,
-            "motion_blur": MOTION_BLUR,
-            "grain": "match",
-            "hold": HOLD,
-            "contact_shade": True,
-            "squash": True,
-        },
+        "render": dict(RENDER),
     }
     return replace(imported, document=document, comments=comments)
+
+
+def _natural_world(
+    document: Mapping[str, Any], comments: dict[str, str], size: tuple[int, int]
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Return world and boundaries for a photo of `size` (W, H), and write their comments."""
+    world = dict(document["world"]) | {"duration": "auto", "ramp": SHOT.ramp}
+    boundaries = document["boundaries"]
+    if world["view"] != "top":
+        return world, _with_long_floors(boundaries, size[0])
+    world.pop("gravity", None)
+    per_meter, reason = scale_entry(max(size), None, None)
+    world["pixels_per_meter"] = per_meter
+    world["table"] = {"friction": SHOT.table}
+    comments["world.pixels_per_meter"] = reason
+    comments["world.table"] = "as of cloth"
+    comments["world.view"] = "gravity 0: seen from above"
+    return world, _with_cushions(boundaries, comments)
 
 
 def _natural_form(

@@ -677,11 +677,10 @@ class StepForces:
                 )
                 table_velocity = self._belts.velocities(middle[:, :2])
                 predicted_velocity = predicted_velocity - table_velocity
-            roll, pushed_roll = self.roll, None
-            if self._loads.ramps.busy:
-                begin = end if first else end - h / 2
-                ramps = self._loads.ramps
-                pushed_roll = ramps.roll_change(begin, end + h / 2, len(roll))
+            roll = self.roll
+            begin = end if first else end - h / 2
+            pushed_roll = self._loads.ramps.roll_change(begin, end + h / 2, len(roll))
+            if pushed_roll is not None:
                 roll = roll + pushed_roll
             if not (alone and self._foreseen):
                 self._foreseen = self._table.foreseen(

@@ -87,8 +87,13 @@ class Ramps:
             self._losses[k] = begin, loss
         return loss
 
-    def roll_change(self, begin: float, end: float, count: int) -> Array:
-        """Return (N, 2) rad/s by which `count` bodies are made to roll on a table in a step."""
+    def roll_change(self, begin: float, end: float, count: int) -> Array | None:
+        """Return (N, 2) rad/s by which `count` bodies are made to roll on a table in a step.
+
+        None without ramps.
+        """
+        if not self.busy:
+            return None
         change = np.zeros((count, 2))
         for k, body in self._ramped:
             if begin < body.ramp and body.roll.any():
